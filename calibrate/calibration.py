@@ -1,0 +1,194 @@
+"""From an Experiment to a Model: the one path that the command line, the studies and the tests use.
+
+In: an Experiment and `Options`. Out: `Calibration` with the model, its residuals, forces predicted and measured,
+and a loss that is a reduced chi-square where the noise is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import errors, fit, paper_loss, pann, reduction
+from calibrate.basis import Basis, basis_for
+from calibrate.equilibrium import Equilibrium, equilibrium
+from calibrate.experiment import Experiment
+from calibrate.kinematics import INVARIANTS, invariants_and_derivatives
+from calibrate.model import Model
+
+Array = NDArray[np.float64]
+LOSSES = ("weighted", "paper")
+QUANTILE = 0.999
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to calibrate. inputs and layers: PANN_inputs^layers. loss: 'weighted' (virtual fields, noise) or 'paper'.
+
+    scaling: the paper's C_F, 'frozen' or 'dependent'. spacing: of the virtual fields, mm (None: from the noise).
+    starts, seed: random starts of the network. passes: of the weighting.
+    """
+
+    inputs: str = "I1"
+    layers: tuple[int, ...] = (4, 4)
+    loss: str = "weighted"
+    scaling: str = "frozen"
+    spacing: float | None = None
+    starts: int = 20
+    seed: int = 0
+    passes: int = 2
+
+    def __post_init__(self) -> None:
+        if self.loss not in LOSSES:
+            raise errors.ConfigError(f"loss '{self.loss}' unknown; choose one of {', '.join(LOSSES)}")
+        if self.scaling not in paper_loss.SCALINGS:
+            raise errors.ConfigError(f"scaling '{self.scaling}' unknown; choose one of {paper_loss.SCALINGS}")
+        if self.starts < 1 or self.passes < 1:
+            raise errors.ConfigError("starts and passes must be at least 1")
+        if self.spacing is not None and not self.spacing > 0:
+            raise errors.ConfigError(f"spacing of the virtual fields must be positive, not {self.spacing} mm")
+        pann.Architecture(self.inputs, tuple(self.layers))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Result of `calibrate`.
+
+    model: the PANN. spline: coefficients of the convex spline it was distilled from (None for SLSQP).
+    losses: of all starts. reduced_chi_square: loss / (equations - parameters), NaN where the noise is unknown.
+    predicted_forces, measured_forces: {boundary: (n_increments, 2)} N.
+    imbalance (n_increments, 2, n_fields): unexplained virtual work of the virtual fields, N.
+    """
+
+    experiment: Experiment
+    options: Options
+    model: Model
+    basis: Basis
+    spline: Array | None
+    losses: Array
+    loss: float
+    reduced_chi_square: float
+    reason: str
+    predicted_forces: dict[str, Array]
+    measured_forces: dict[str, Array]
+    imbalance: Array
+    system: Equilibrium = field(repr=False)
+
+    def summary(self) -> dict[str, Any]:
+        """Numbers for a manifest."""
+        return {
+            "experiment": self.experiment.name,
+            "options": asdict(self.options),
+            "loss": self.loss,
+            "losses_of_starts": np.sort(self.losses).tolist(),
+            "reduced_chi_square": None if np.isnan(self.reduced_chi_square) else self.reduced_chi_square,
+            "relative_force_error": relative_force_error(self.predicted_forces, self.measured_forces),
+            "calibrated_range": {k: list(v) for k, v in self.model.calibrated_range.items()},
+            "reason": self.reason,
+        }
+
+
+def calibrated_range(system: Equilibrium, quantile: float = QUANTILE) -> dict[str, tuple[float, float]]:
+    """Range of I1 and I2 in the data: from rest to the area-weighted `quantile` over all increments."""
+    values = np.asarray(invariants_and_derivatives(jnp.asarray(system.deformation_gradients))[0])
+    weights = np.broadcast_to(system.areas, values.shape[:2]).ravel()
+    result = {}
+    for i, name in enumerate(INVARIANTS):
+        flat = values[..., i].ravel()
+        order = np.argsort(flat)
+        share = np.cumsum(weights[order]) / weights.sum()
+        index = min(int(np.searchsorted(share, quantile)), len(order) - 1)
+        result[name] = (3.0, float(flat[order[index]]))
+    return result
+
+
+def relative_force_error(predicted: dict[str, Array], measured: dict[str, Array]) -> float:
+    """Root of sum (predicted - measured)^2 / sum measured^2 over every measured component."""
+    a = np.concatenate([predicted[name].ravel() for name in predicted])
+    b = np.concatenate([measured[name].ravel() for name in predicted])
+    known = np.isfinite(b)
+    return float(np.linalg.norm((a - b)[known]) / np.linalg.norm(b[known]))
+
+
+def predict_forces(system: Equilibrium, model: Model) -> tuple[dict[str, Array], Array]:
+    """Forces {boundary: (n_increments, 2)} N from the measured displacements, and all residuals (n_inc, rows)."""
+    work = system.internal_forces(model.nominal_stress(system.deformation_gradients))
+    n = system.fields.n_fields
+    forces = {}
+    for column in np.flatnonzero(system.fields.boundary >= 0):
+        name = system.experiment.loaded[system.fields.boundary[column]].name
+        forces[name] = np.stack([work[:, column], work[:, n + column]], axis=1)
+    return forces, work - system.loads
+
+
+def calibrate(
+    experiment: Experiment, options: Options = Options(), progress: Callable[[int, int], None] | None = None
+) -> Calibration:
+    """Identify a PANN from one Experiment.
+
+    progress: called with (done, total) increments while the equations are assembled.
+    Raises `ForceSignError`, `FitError`.
+    """
+    system = equilibrium(experiment, options.spacing)
+    basis = basis_for(options.inputs, system.deformation_gradients.reshape(-1, 2, 2))
+    if options.loss == "paper" and options.scaling == "dependent":
+        return _calibrate_slsqp(system, basis, options)
+    if options.loss == "paper":
+        quadratic = paper_loss.reduced(paper_loss.nodal_system(experiment), basis)
+        spline = fit.convex_spline(quadratic, options.inputs)
+        known = False
+    else:
+        assembled = reduction.assemble(system, basis, progress)
+        spline, known = assembled.first_guess(), assembled.noise_is_known
+        for _ in range(options.passes):
+            quadratic = assembled.quadratic(spline)
+            spline = fit.convex_spline(quadratic, options.inputs)
+    architecture, result = fit.fit_network(
+        quadratic, options.inputs, options.layers, spline, options.starts, options.seed
+    )
+    freedom = max(1, quadratic.n_rows - architecture.n_parameters)
+    best = int(np.nanargmin(result.losses))
+    return _collect(
+        system, basis, options, architecture, result.parameters, spline, result.losses, result.loss,
+        result.loss / freedom if known else np.nan, result.reasons[best],
+    )
+
+
+def _calibrate_slsqp(system: Equilibrium, basis: Basis, options: Options) -> Calibration:
+    """The paper's loss with its dependent scaling, SLSQP on the full data from random starts."""
+    nodal = paper_loss.nodal_system(system.experiment)
+    inputs = np.nan_to_num(basis.site_inputs)
+    scales = 1.0 / np.maximum(np.abs(inputs).max(axis=0), 1e-300)
+    level = paper_loss.best_shear_modulus_of(system) * float(np.max(1.0 / scales[list(pann.INPUT_SETS[options.inputs])]))
+    architecture = pann.Architecture(options.inputs, tuple(options.layers), tuple(map(float, scales)), level)
+    loss = paper_loss.full_loss(nodal, architecture, options.scaling)
+    keys = jax.random.split(jax.random.key(options.seed), options.starts)
+    fits = [paper_loss.slsqp(loss, architecture, np.asarray(architecture.random_start(k))) for k in keys]
+    best = min(fits, key=lambda f: f.loss)
+    losses = np.array([f.loss for f in fits])
+    return _collect(
+        system, basis, options, architecture, best.parameters, None, losses, best.loss, np.nan, best.message
+    )
+
+
+def _collect(
+    system: Equilibrium, basis: Basis, options: Options, architecture: pann.Architecture, parameters: Array,
+    spline: Array | None, losses: Array, loss: float, reduced_chi_square: float, reason: str,
+) -> Calibration:
+    experiment = system.experiment
+    model = Model(
+        architecture, parameters, experiment.stress_unit, calibrated_range(system),
+        {"loss": loss, "reason": reason, "options": asdict(options)},
+        {"experiment": experiment.name, **experiment.provenance},
+    )
+    forces, residuals = predict_forces(system, model)
+    return Calibration(
+        experiment, options, model, basis, spline, losses, loss, reduced_chi_square, reason, forces,
+        {b.name: b.force for b in experiment.loaded}, residuals.reshape(len(residuals), 2, -1), system,
+    )

@@ -1,0 +1,157 @@
+"""Equilibrium of measured fields: internal virtual work against the work of the measured forces.
+
+In: an Experiment, virtual fields, a spline basis. Out: the linear system
+
+    residual[increment] = G[increment] c - load[increment],
+    G_(v i, j) = t sum_e A_e P^j_(iJ, e) dv/dX_J,     load = measured force of a loaded boundary, else 0,
+
+one row a virtual field v and component i, in N; c are the spline coefficients of the energy derivatives (MPa).
+With unknown thickness t = 1 mm is used and c is stiffness times thickness (N/mm).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from calibrate import errors, kinematics
+from calibrate.basis import Basis, SingleBasis
+from calibrate.experiment import Experiment
+from calibrate.virtual_fields import VirtualFields, virtual_fields
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """The virtual-work equations of one Experiment; rows are ordered component-major: all x, then all y."""
+
+    experiment: Experiment
+    fields: VirtualFields
+
+    @cached_property
+    def gradient(self) -> sp.csr_array:
+        """Nodal values to gradients (2 n_triangles, n_nodes)."""
+        return kinematics.gradient_operator(self.experiment.points, self.experiment.triangles)
+
+    @cached_property
+    def areas(self) -> Array:
+        return kinematics.shape_gradients(self.experiment.points, self.experiment.triangles)[1]
+
+    @cached_property
+    def virtual_gradients(self) -> sp.csr_array:
+        """(n_fields, 2 n_triangles): thickness x area x gradient of each virtual field, mm^2."""
+        weights = np.repeat(self.areas * (self.experiment.thickness or 1.0), 2)
+        return sp.csr_array((sp.diags_array(weights) @ (self.gradient @ self.fields.values)).T)
+
+    @cached_property
+    def loads(self) -> Array:
+        """Measured force of each row (n_increments, 2 n_fields), N; NaN where it was not measured."""
+        n = self.fields.n_fields
+        loads = np.zeros((self.experiment.n_increments, 2 * n))
+        for column in np.flatnonzero(self.fields.boundary >= 0):
+            force = self.experiment.loaded[self.fields.boundary[column]].force
+            loads[:, column], loads[:, n + column] = force[:, 0], force[:, 1]
+        return loads
+
+    @cached_property
+    def deformation_gradients(self) -> Array:
+        """F (n_increments, n_triangles, 2, 2)."""
+        return kinematics.deformation_gradients(self.gradient, self.experiment.displacements)
+
+    def matrix(self, basis: Basis, F: Array) -> Array:
+        """G (2 n_fields, n_functions) of one increment with F (n_triangles, 2, 2), N per MPa."""
+        P, columns = basis.local(F)
+        m, q = columns.shape
+        indptr = np.arange(0, 2 * m * q + 1, q)
+        indices = np.repeat(columns, 2, axis=0).ravel()
+        blocks = []
+        for i in (0, 1):
+            values = P[:, :, i].transpose(0, 2, 1).ravel()
+            stress = sp.csr_array((values, indices, indptr), shape=(2 * m, basis.n_functions))
+            blocks.append((self.virtual_gradients @ stress).toarray())
+        return np.concatenate(blocks)
+
+    def tangent(self, basis: Basis, F: Array, c: Array) -> list[list[sp.csr_array]]:
+        """d residual / d displacement of one increment: blocks [i][k] (n_fields, n_nodes), N/mm."""
+        tensor = tangent_modulus(basis, F, c)
+        m = len(F)
+        rows = np.repeat(np.arange(2 * m), 2)
+        columns = np.tile(np.arange(2 * m).reshape(m, 1, 2), (1, 2, 1)).ravel()
+        blocks: list[list[sp.csr_array]] = [[], []]
+        for i in (0, 1):
+            for k in (0, 1):
+                modulus = sp.csr_array((tensor[:, i, :, k, :].ravel(), (rows, columns)), shape=(2 * m, 2 * m))
+                blocks[i].append(self.virtual_gradients @ modulus @ self.gradient)
+        return blocks
+
+    def internal_forces(self, P: Array) -> Array:
+        """Internal virtual work (..., 2 n_fields), N, of first Piola-Kirchhoff stresses (..., m, 2, 2)."""
+        leading = P.shape[:-3]
+        flat = P.reshape(-1, P.shape[-3], 2, 2)
+        work = [
+            np.concatenate([self.virtual_gradients @ p[:, i].ravel() for i in (0, 1)]) for p in flat
+        ]
+        return np.array(work).reshape(*leading, -1)
+
+
+def equilibrium(experiment: Experiment, spacing: float | None = None) -> Equilibrium:
+    """Virtual-work equations on coarse virtual fields, after checking the sign of the forces.
+
+    Raises `ForceSignError` when the measured forces oppose the deformation.
+    """
+    system = Equilibrium(experiment, virtual_fields(experiment, spacing))
+    check_force_sign(system)
+    return system
+
+
+def tangent_modulus(basis: Basis, F: Array, c: Array) -> Array:
+    """dP/dF (m, 2, 2, 2, 2) of coefficients c at F (m, 2, 2), MPa."""
+    psi, second = basis.second(F, c)
+    values, first = map(np.asarray, kinematics.invariants_and_derivatives(F))
+    hessians = np.asarray(kinematics.invariant_hessians(F))
+    # J2 = I2^(3/2): chain rule from I2
+    dJ = first * np.stack([np.ones(len(F)), 1.5 * np.sqrt(values[:, 1])], axis=1)[:, :, None, None]
+    slope = psi * np.stack([np.ones(len(F)), 1.5 * np.sqrt(values[:, 1])], axis=1)
+    curvature = psi[:, 1] * 0.75 / np.sqrt(values[:, 1])
+    tensor = np.einsum("mk,mkiajb->miajb", slope, hessians)
+    tensor += np.einsum("m,mia,mjb->miajb", curvature, first[:, 1], first[:, 1])
+    return tensor + np.einsum("mkl,mkia,mljb->miajb", second, dJ, dJ)
+
+
+def neo_hooke(basis: Basis, shear_modulus: float = 1.0) -> Array:
+    """Coefficients of a constant psi_k (neo-Hooke for J1: psi_1 = mu / 2)."""
+    sites = np.zeros((len(basis.site_inputs), 2))
+    sites[:, basis.k if isinstance(basis, SingleBasis) else 0] = 0.5 * shear_modulus
+    return basis.interpolation @ sites.ravel()
+
+
+def best_shear_modulus(system: Equilibrium, basis: Basis) -> tuple[float, float]:
+    """Least-squares neo-Hookean modulus from the measured forces alone, and their correlation with the model's."""
+    c = neo_hooke(basis)
+    rows = np.tile(system.fields.boundary >= 0, 2)
+    predicted = np.array([system.matrix(basis, F)[rows] @ c for F in system.deformation_gradients])
+    measured = system.loads[:, rows]
+    known = np.isfinite(measured)
+    a, b = predicted[known], measured[known]
+    return float(a @ b / (a @ a)), float(a @ b / np.sqrt((a @ a) * (b @ b) + 1e-300))
+
+
+def check_force_sign(system: Equilibrium) -> None:
+    """Compare measured forces with those of a neo-Hookean solid under the measured deformation."""
+    basis = SingleBasis(0, 1.0, 8)
+    modulus, correlation = best_shear_modulus(system, basis)
+    if modulus < 0 and correlation < -0.3:
+        raise errors.ForceSignError(
+            f"measured forces oppose the measured deformation (correlation {correlation:.2f}): internal and external "
+            "power have opposite signs; a force is that of the grip ON the specimen, positive along +x, +y"
+        )
+    if not modulus > 0 or correlation < 0.3:
+        raise errors.ForceSignError(
+            f"measured forces and deformation do not belong together (correlation {correlation:.2f}); check which "
+            "boundary carries which force, the synchronisation of images and forces, and their signs"
+        )

@@ -1,0 +1,200 @@
+"""Fitting on the reduction: a convex monotone spline first (global), then the network from it.
+
+In: a `Quadratic`. Out: spline coefficients; PANN parameters with the reason why the optimiser stopped.
+
+- `convex_spline`: psi as a sum of functions of single inputs, each convex and non-decreasing: non-negative least
+  squares, hence one global solution.
+- `fit_network`: several starts at once, bounded Levenberg-Marquardt; first on the energy derivatives of the
+  spline (distillation), then on the loss itself. Random starts alone sit on a neo-Hookean plateau whose loss is
+  within 0.2 % of the best while the material is missed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from calibrate import errors, pann
+from calibrate.basis import Spline
+from calibrate.reduction import Quadratic
+
+Array = NDArray[np.float64]
+
+
+def monotone_functions(basis, k: int, n: int = 24) -> Array:
+    """Non-decreasing functions psi_k(J_k), sampled at the basis' sites: (n, n_sites, 2).
+
+    The first is constant, the others are integrated cubic B-splines of s = sqrt((J - J(I)) / range).
+    """
+    x = np.maximum(basis.site_inputs[:, k], 0.0)
+    s = np.sqrt(x / x.max())
+    values = Spline(n).matrix(s)
+    cumulative = np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
+    functions = np.zeros((n, len(x), 2))
+    functions[:, :, k] = cumulative.T
+    return functions
+
+
+def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24) -> Array:
+    """Coefficients (n_functions,) of the best energy that is a sum of convex non-decreasing functions of J_k.
+
+    Raises `FitError` when the loss has no information at all.
+    """
+    basis = quadratic.basis
+    columns = np.concatenate([monotone_functions(basis, k, n) for k in pann.INPUT_SETS[inputs]])
+    E = basis.interpolation @ columns.reshape(len(columns), -1).T
+    R, d = quadratic.factor()
+    if R.shape[0] == 0:
+        raise errors.FitError("the data do not constrain the material: forces or displacements are all noise")
+    A = R @ E
+    scale = np.linalg.norm(A, axis=0)
+    scale[scale == 0] = 1.0
+    weights, _ = nnls(A / scale, d, maxiter=50 * A.shape[1])
+    return E @ (weights / scale)
+
+
+@dataclass(frozen=True)
+class NetworkFit:
+    """Result of `fit_network`: best parameters, the loss of every start, and why each stopped.
+
+    reasons: 'converged' (relative decrease below tolerance) or 'iteration limit'.
+    """
+
+    parameters: Array
+    loss: float
+    losses: Array
+    iterations: Array
+    reasons: tuple[str, ...]
+    spline_loss: float
+
+
+def _damped_step(J: jax.Array, r: jax.Array, damping: jax.Array) -> jax.Array:
+    """(J^T J + diag(damping))^-1 J^T r, solved in the smaller of the two spaces."""
+    rows, columns = J.shape
+    if columns <= rows:
+        return jnp.linalg.solve(J.T @ J + jnp.diag(damping), J.T @ r)
+    scaled = J / damping
+    return scaled.T @ jnp.linalg.solve(jnp.eye(rows) + scaled @ J.T, r)
+
+
+@partial(jax.jit, static_argnums=(0, 4))
+def _levenberg_marquardt(residual, data, starts, lower, limit: int, floor=0.0):
+    """Bounded Levenberg-Marquardt from every start: (parameters, losses, iterations, converged).
+
+    floor: the part of the loss that no parameter can change; decreases are judged against loss + floor.
+    """
+    tolerance = 1e-6
+
+    def solve(start):
+        r0 = residual(start, data)
+        state = (start, r0 @ r0, 1e-2, 0, jnp.array(0))
+
+        def proceed(state):
+            _, _, damping, count, quiet = state
+            return (count < limit) & (quiet < 3) & (damping < 1e12)
+
+        def step(state):
+            theta, loss, damping, count, quiet = state
+            r, J = residual(theta, data), jax.jacfwd(residual)(theta, data)
+            J = J * ~((theta <= lower) & (J.T @ r > 0))  # active bounds stay where they are
+            scale = jnp.sum(J * J, axis=0)
+            trial = jnp.maximum(theta - _damped_step(J, r, damping * (scale + 1e-12 * jnp.max(scale) + 1e-30)), lower)
+            rt = residual(trial, data)
+            new = rt @ rt
+            good = jnp.isfinite(new) & (new < loss)
+            small = good & (loss - new < tolerance * (loss + floor))
+            quiet = jnp.where(good, jnp.where(small, quiet + 1, 0), quiet)
+            damping = jnp.where(good, jnp.maximum(damping / 5, 1e-12), damping * 4)
+            return jnp.where(good, trial, theta), jnp.where(good, new, loss), damping, count + 1, quiet
+
+        theta, loss, damping, count, quiet = jax.lax.while_loop(proceed, step, state)
+        return theta, loss, count, (quiet >= 3) | (damping >= 1e12)
+
+    return jax.vmap(solve)(starts)
+
+
+@dataclass(frozen=True)
+class _Residual:
+    """Residual functions of a network, hashable so that JAX compiles once for each architecture."""
+
+    architecture: pann.Architecture
+    distil: bool
+
+    def __call__(self, theta, data):
+        sites, weights, target, R, d, scales = data
+        sampled = self._derivatives(theta, sites, scales)
+        if self.distil:
+            return ((sampled - target) * weights).ravel()
+        return R @ sampled.ravel() - d
+
+    def _derivatives(self, theta, sites, scales):
+        """psi_k at the sites (n, 2): derivative by J_k, zero for an input that is not used."""
+        index = list(pann.INPUT_SETS[self.architecture.inputs])
+        x = (sites * scales)[:, jnp.array(index)]
+        gradient = jax.vmap(jax.grad(lambda y: pann._network(self.architecture, theta, y)))(x)
+        result = jnp.zeros(sites.shape)
+        for position, k in enumerate(index):
+            result = result.at[:, k].set(gradient[:, position] * scales[k])
+        return result
+
+
+def fit_network(
+    quadratic: Quadratic,
+    inputs: str,
+    layers: tuple[int, ...],
+    spline: Array,
+    n_starts: int = 20,
+    seed: int = 0,
+    limit: int = 300,
+) -> tuple[pann.Architecture, NetworkFit]:
+    """Fit PANN_inputs^layers to a reduced loss, starting from `spline` coefficients of `convex_spline`.
+
+    n_starts random starts (JAX key `seed`) are distilled from the spline and polished on the loss; the one with
+    the lowest loss is returned. limit: iterations of each stage. Raises `FitError` when no start converged to a
+    finite loss.
+    """
+    basis = quadratic.basis
+    unit = pann.Architecture(inputs, tuple(layers))
+    sites = np.nan_to_num(basis.site_inputs)
+    scales = 1.0 / np.maximum(np.abs(sites).max(axis=0), 1e-300)
+    inverse = np.linalg.pinv(basis.interpolation)
+    target = (inverse @ spline).reshape(len(sites), 2)
+    index = list(pann.INPUT_SETS[inputs])
+    level = max(float(np.abs(target[:, k]).max() / scales[k]) for k in index)
+    if not level > 0:
+        raise errors.FitError("the convex spline fit is zero: forces do not grow with deformation")
+    R, d = quadratic.factor()
+    R = R @ basis.interpolation
+    weights = np.zeros_like(target)
+    weights[:, index] = 1.0 / scales[index]
+    magnitude = np.linalg.norm(d)
+    data = tuple(map(jnp.asarray, (sites, weights, target / level, R * level / magnitude, d / magnitude, scales)))
+    lower = jnp.where(jnp.asarray(unit.nonnegative), 0.0, -jnp.inf)
+    keys = jax.random.split(jax.random.key(seed), n_starts)
+    starts = jnp.stack([unit.random_start(key) for key in keys])
+    distilled = _levenberg_marquardt(_Residual(unit, True), data, starts, lower, limit)[0]
+    offset = quadratic.constant - magnitude**2
+    floor = max(offset, 0.0) / magnitude**2
+    theta, losses, counts, converged = map(
+        np.asarray, _levenberg_marquardt(_Residual(unit, False), data, distilled, lower, limit, floor)
+    )
+    if not np.isfinite(losses).any():
+        raise errors.FitError("no start reached a finite loss; check the data for extreme deformations")
+    best = int(np.nanargmin(losses))
+    architecture = pann.Architecture(inputs, tuple(layers), tuple(map(float, scales)), level)
+    result = NetworkFit(
+        parameters=theta[best],
+        loss=float(losses[best] * magnitude**2 + offset),
+        losses=losses * magnitude**2 + offset,
+        iterations=counts,
+        reasons=tuple("converged" if ok else "iteration limit" for ok in converged),
+        spline_loss=quadratic.loss(spline),
+    )
+    return architecture, result
+

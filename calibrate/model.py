@@ -1,0 +1,148 @@
+"""Model file: a calibrated PANN as one documented JSON that `forward` and `predict` read.
+
+Keys: ``format`` = "equigap-model", ``version`` = 1, ``kind`` = "pann"; ``inputs`` ("I1" | "I2" | "I1I2");
+``layers`` [N...]; ``scales`` [s_1, s_2]; ``energy_scale``; ``hidden`` [{"weights": [[...]], "biases": [...]}];
+``output`` [...] (w); ``skip`` [...] (v); ``unit`` ("MPa", or "N/mm" where the thickness was unknown);
+``calibrated_range`` {"I1": [min, max], "I2": [min, max]}; ``fit`` and ``provenance`` (free JSON).
+The formula is in `calibrate.pann`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import errors, kinematics, pann
+
+FORMAT, VERSION = "equigap-model", 1
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A calibrated PANN. parameters (n_parameters,); calibrated_range: (min, max) of I1 and I2 in the data."""
+
+    architecture: pann.Architecture
+    parameters: Array
+    unit: str = "MPa"
+    calibrated_range: dict[str, tuple[float, float]] = field(default_factory=dict)
+    fit: dict[str, Any] = field(default_factory=dict)
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def energy(self, invariants: jax.Array) -> jax.Array:
+        """Strain energy at one (I1, I2) (2,), MPa (or N/mm)."""
+        return pann.energy(self.architecture, jnp.asarray(self.parameters), invariants)
+
+    def derivatives(self, invariants: Array) -> Array:
+        """d psi / d(I1, I2) (..., 2) at invariants (..., 2)."""
+        return np.asarray(
+            pann.energy_derivatives(self.architecture, jnp.asarray(self.parameters), jnp.asarray(invariants))
+        )
+
+    def nominal_stress(self, F: Array) -> Array:
+        """In-plane first Piola-Kirchhoff stress (..., 2, 2) at F (..., 2, 2), MPa (or N/mm)."""
+        values, derivatives = kinematics.invariants_and_derivatives(jnp.asarray(F))
+        psi = self.derivatives(np.asarray(values))
+        return np.einsum("...k,...kij->...ij", psi, np.asarray(derivatives))
+
+    def homogeneous(self, mode: str, stretch: Array) -> Array:
+        """Nominal stress (k,) along the pull in 'uniaxial', 'equibiaxial' or 'pure_shear' at stretches (k,)."""
+        F = kinematics.stretches_to_gradient(mode, stretch)
+        return self.nominal_stress(F)[:, 0, 0]
+
+    def in_range(self, invariants: Array) -> NDArray[np.bool_]:
+        """Whether invariants (..., 2) lie within the calibrated range of the inputs the model uses."""
+        inside = np.ones(invariants.shape[:-1], bool)
+        for i in pann.INPUT_SETS[self.architecture.inputs]:
+            low, high = self.calibrated_range.get(kinematics.INVARIANTS[i], (-np.inf, np.inf))
+            inside &= (invariants[..., i] >= low) & (invariants[..., i] <= high)
+        return inside
+
+    def to_dict(self) -> dict[str, Any]:
+        hidden, output, skip = self.architecture.unpack(np.asarray(self.parameters))
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "kind": "pann",
+            "inputs": self.architecture.inputs,
+            "layers": list(self.architecture.layers),
+            "scales": list(self.architecture.scales),
+            "energy_scale": self.architecture.energy_scale,
+            "hidden": [{"weights": W.tolist(), "biases": b.tolist()} for W, b in hidden],
+            "output": output.tolist(),
+            "skip": skip.tolist(),
+            "unit": self.unit,
+            "calibrated_range": {k: list(v) for k, v in self.calibrated_range.items()},
+            "fit": self.fit,
+            "provenance": self.provenance,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the JSON atomically."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
+        try:
+            with os.fdopen(handle, "w") as file:
+                json.dump(self.to_dict(), file, indent=1)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+
+    @classmethod
+    def load(cls, path: str | Path) -> Model:
+        """Read a model file. Raises `ModelFileError` naming the key that is wrong."""
+        path = Path(path)
+        if not path.exists():
+            raise errors.DataNotFoundError(f"{path}: no such model file; `equigap calibrate` writes one")
+        try:
+            content = json.loads(path.read_text())
+        except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise errors.ModelFileError(f"{path}: not a JSON model file ({error})") from error
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            raise errors.ModelFileError(f"{path}: 'format' is not '{FORMAT}'; `equigap calibrate` writes model files")
+        if content.get("version") != VERSION:
+            raise errors.ModelFileError(f"{path}: version {content.get('version')}, this program reads {VERSION}")
+        try:
+            return cls._from_dict(content)
+        except KeyError as error:
+            raise errors.ModelFileError(f"{path}: key {error} is missing") from error
+        except (TypeError, ValueError) as error:
+            raise errors.ModelFileError(f"{path}: {error}") from error
+
+    @classmethod
+    def _from_dict(cls, content: dict[str, Any]) -> Model:
+        architecture = pann.Architecture(
+            inputs=content["inputs"],
+            layers=tuple(content["layers"]),
+            scales=tuple(content["scales"]),
+            energy_scale=float(content["energy_scale"]),
+        )
+        parts: list[Array] = []
+        for layer in content["hidden"]:
+            parts += [np.ravel(np.asarray(layer["weights"], float)), np.ravel(np.asarray(layer["biases"], float))]
+        parts += [np.asarray(content["output"], float), np.asarray(content["skip"], float)]
+        parameters = np.concatenate(parts)
+        if parameters.shape != (architecture.n_parameters,) or not np.isfinite(parameters).all():
+            raise ValueError(f"{parameters.size} weights, but layers {architecture.layers} need "
+                             f"{architecture.n_parameters} finite ones")
+        if (parameters[architecture.nonnegative] < 0).any():
+            raise ValueError("a weight is negative: the energy would not be convex and non-decreasing")
+        return cls(
+            architecture=architecture,
+            parameters=parameters,
+            unit=content["unit"],
+            calibrated_range={k: (float(v[0]), float(v[1])) for k, v in content["calibrated_range"].items()},
+            fit=content.get("fit", {}),
+            provenance=content.get("provenance", {}),
+        )

@@ -1,0 +1,129 @@
+"""Reduction of the weighted equilibrium-gap loss to a small quadratic form in spline coefficients.
+
+In: an Experiment and a basis. Out: `Quadratic`, loss(c) = c^T Q c - 2 q^T c + constant, with which any model is
+fitted in milliseconds, whatever the mesh. The weights derive from the noise: residuals are divided by the
+Cholesky factor of their covariance K Sigma_u K^T + Sigma_force, with K the tangent at the current estimate. With
+the true K the fit is one Gauss-Newton step of FEMU, and at the true material the loss is chi-square distributed
+with one degree of freedom an equation.
+
+The covariance is held while the loss is minimised and updated between passes. Letting it follow the parameters,
+or subtracting the attenuation that noise in G causes (corrected score), was tried and did not lower the bias
+(docs/method.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from calibrate import noise_model
+from calibrate.basis import Basis
+from calibrate.equilibrium import Equilibrium, best_shear_modulus, neo_hooke
+from calibrate.experiment import Noise
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """loss(c) = c^T Q c - 2 q^T c + constant; dimensionless, from `n_rows` equations."""
+
+    basis: Basis
+    Q: Array
+    q: Array
+    constant: float
+    n_rows: int
+
+    def loss(self, c: Array) -> float:
+        """The loss of spline coefficients c (n_functions,)."""
+        return float(c @ self.Q @ c - 2 * self.q @ c + self.constant)
+
+    def factor(self) -> tuple[Array, Array]:
+        """R (r, n), d (r,) with loss = |R c - d|^2 + constant - |d|^2; directions without information dropped."""
+        scale = np.sqrt(np.maximum(np.diag(self.Q), 1e-14 * np.diag(self.Q).max()))
+        values, vectors = np.linalg.eigh(self.Q / np.outer(scale, scale))
+        keep = values > 1e-12 * values.max()
+        root = np.sqrt(values[keep])
+        return (vectors[:, keep] * root).T * scale, (vectors[:, keep].T @ (self.q / scale)) / root
+
+    def __add__(self, other: Quadratic) -> Quadratic:
+        """The loss of two experiments together; both must have been assembled with the same basis."""
+        if self.basis != other.basis:
+            raise ValueError("two losses can be added only on the same basis: assemble both with one `basis`")
+        return Quadratic(
+            self.basis, self.Q + other.Q, self.q + other.q, self.constant + other.constant, self.n_rows + other.n_rows
+        )
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """What does not depend on the weights: assembled once, weighted many times.
+
+    matrices[i] (rows, n_functions): G of increment i. noise_factor: see `noise_model.noise_factor`.
+    """
+
+    system: Equilibrium
+    basis: Basis
+    noise: Noise
+    noise_is_known: bool
+    matrices: list[Array]
+    noise_factor: sp.csr_array = field(repr=False)
+
+    def quadratic(self, c: Array) -> Quadratic:
+        """The noise-weighted loss, weights taken at coefficients c (n_functions,)."""
+        n = self.basis.n_functions
+        Q, q, constant, n_rows = np.zeros((n, n)), np.zeros(n), 0.0, 0
+        for G, load in self.whitened(c):
+            Q += G.T @ G
+            q += G.T @ load
+            constant += float(load @ load)
+            n_rows += len(load)
+        return Quadratic(self.basis, Q, q, constant, n_rows)
+
+    def whitened(self, c: Array):
+        """Yield G and load of each increment with residuals of unit covariance; unmeasured rows left out."""
+        for i, F in enumerate(self.system.deformation_gradients):
+            load = self.system.loads[i]
+            known = np.isfinite(load)
+            covariance = noise_model.residual_covariance(
+                self.system, self.basis, c, F, load, self.noise_factor, self.noise
+            )
+            lower = whitening(covariance[np.ix_(known, known)])
+            both = np.column_stack([self.matrices[i][known], load[known]])
+            both = scipy.linalg.solve_triangular(lower, both, lower=True)
+            yield both[:, :-1], both[:, -1]
+
+    def first_guess(self) -> Array:
+        """Neo-Hooke with the modulus that fits the forces: start of the weighting."""
+        return neo_hooke(self.basis, best_shear_modulus(self.system, self.basis)[0])
+
+
+def whitening(covariance: Array) -> Array:
+    """Lower Cholesky factor of a covariance, with a floor of 1e-10 of each variance against round-off."""
+    variance = np.diag(covariance)
+    return np.linalg.cholesky(covariance + np.diag(1e-10 * variance + 1e-14 * variance.max()))
+
+
+def assemble(system: Equilibrium, basis: Basis, progress: Progress | None = None) -> Assembled:
+    """Assemble G of every increment. progress: called with (done, total) after each increment.
+
+    Where the noise is unknown, `noise_model.default_noise` weights the equations and the loss is no chi-square.
+    """
+    experiment = system.experiment
+    noise = experiment.noise
+    noise_is_known = noise is not None and noise.displacement_std > 0
+    if noise is None or not noise_is_known:
+        noise = noise_model.default_noise(experiment, system.fields.spacing)
+    matrices = []
+    for i, F in enumerate(system.deformation_gradients):
+        matrices.append(system.matrix(basis, F))
+        if progress:
+            progress(i + 1, experiment.n_increments)
+    factor = noise_model.noise_factor(experiment.points, noise)
+    return Assembled(system, basis, noise, noise_is_known, matrices, factor)

@@ -1,0 +1,21 @@
+"""Specimen geometry in, meshes with named boundaries out. Lengths in mm."""
+
+from meshes.errors import MeshError
+from meshes.generate import area_deficit, quads, triangles
+from meshes.mesh import Mesh
+from meshes.specimens import Cross, PlateWithHole, PureShearSheet, Specimen, SquareSheet, Strip, specimen_from_dict
+
+__all__ = [
+    "Cross",
+    "Mesh",
+    "MeshError",
+    "PlateWithHole",
+    "PureShearSheet",
+    "Specimen",
+    "SquareSheet",
+    "Strip",
+    "area_deficit",
+    "quads",
+    "specimen_from_dict",
+    "triangles",
+]

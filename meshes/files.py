@@ -1,0 +1,47 @@
+"""Named arrays in, one .npz file out, and back; written atomically, so that a kill leaves no half file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meshes.errors import MeshDataError
+
+VERSION = 1
+
+
+def write_npz(path: str | Path, format_name: str, **arrays: Any) -> None:
+    """Write `arrays` with the format's name and version; the folder is made where needed."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez_compressed(file, format=format_name, version=VERSION, **arrays)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def read_npz(path: str | Path, format_name: str, required: Iterable[str]) -> dict[str, Any]:
+    """Arrays of a file that `write_npz` wrote. Raises `MeshDataError` if it is missing, broken or another."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            content = dict(file)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise MeshDataError(f"{path}: cannot be read as {format_name} ({error}); write it again") from error
+    if str(content.pop("format", "")) != format_name:
+        raise MeshDataError(f"{path}: this is no {format_name} file")
+    if int(content.pop("version", -1)) != VERSION:
+        raise MeshDataError(f"{path}: this program reads version {VERSION} of {format_name}")
+    missing = [key for key in required if key not in content]
+    if missing:
+        raise MeshDataError(f"{path}: {', '.join(missing)} missing; the file is damaged, write it again")
+    return content

@@ -1,0 +1,182 @@
+"""Noise of a full-field record, estimated from the record itself.
+
+In: points (n, 2) mm and the displacements of all frames (n_frames, n, 2) mm; the load-cell record.
+Out: standard deviation and correlation length of the displacement error, and the force error.
+
+A smooth field is taken away at every point by a local cubic fit to its 25 nearest neighbours; what is left,
+r = R u with R known, has the covariance R S R^T for an error of covariance S = std^2 exp(-d^2 / (2 l^2)). Its
+empirical autocovariance, binned by distance, is fitted with exactly this expression, so that what the filter
+removes is accounted for. Two numbers follow:
+
+- total: from the frames themselves; includes errors that persist from frame to frame (a speckle pattern is
+  matched with the same error while it deforms slowly) and fine structure of the specimen that no smooth model
+  describes. This is what an equilibrium equation sees, and the default.
+- temporal: from second differences in time, (u_(k-1) - 2 u_k + u_(k+1)) / sqrt(6); only what changes from one
+  frame to the next. A global affine part, removed first, is reported as jitter (vibration, frame timing).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from calibrate import errors
+
+Array = NDArray[np.float64]
+NEIGHBOURS, LARGEST_PATCH, REACH = 25, 1500, 6.0
+SECOND_DIFFERENCE = np.sqrt(6.0)
+
+
+@dataclass(frozen=True)
+class FieldNoise:
+    """std, mm, per component; correlation_length l, mm, of std^2 exp(-d^2 / (2 l^2)); misfit: relative, of the fit."""
+
+    std: float
+    correlation_length: float
+    misfit: float
+
+
+@dataclass(frozen=True)
+class DisplacementNoise:
+    """total, temporal: see the module. jitter, mm: affine motion from frame to frame.
+
+    frame_std (n_frames,), mm: total std of each frame at the common correlation length.
+    """
+
+    total: FieldNoise
+    temporal: FieldNoise | None
+    jitter: float
+    frame_std: Array
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "total": asdict(self.total),
+            "temporal": None if self.temporal is None else asdict(self.temporal),
+            "jitter_mm": self.jitter,
+            "total_std_first_and_last_frames_mm": [float(self.frame_std[0]), float(self.frame_std[-1])],
+        }
+
+
+def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise:
+    """Estimate the displacement noise of points (n, 2) and displacements (n_frames, n, 2), both mm, no NaN.
+
+    A frame that is zero everywhere (the reference) is left out of the total. Raises `ExperimentError` with fewer
+    than 100 points.
+    """
+    if len(points) < 100:
+        raise errors.ExperimentError(
+            f"{len(points)} points are too few to estimate noise from (100 needed); state the noise instead"
+        )
+    patch = _patch(points)
+    frames = displacements[:, patch]
+    operator = local_residual_operator(points[patch])
+    filtered = _Filtered(points[patch], operator)
+    moving = frames[np.abs(frames).max(axis=(1, 2)) > 0]
+    total = filtered.fit(moving)
+    frame_std = filtered.scale(moving, total.correlation_length)
+    if len(moving) < 5:
+        return DisplacementNoise(total, None, float("nan"), frame_std)
+    second = (moving[2:] - 2 * moving[1:-1] + moving[:-2]) / SECOND_DIFFERENCE
+    rest = second - _affine(points[patch], second)
+    jitter = float(np.sqrt(np.mean((second - rest) ** 2)))
+    return DisplacementNoise(total, filtered.fit(rest), jitter, frame_std)
+
+
+def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> sp.csr_array:
+    """R (n_inner, n): value minus local cubic fit, at points (n, 2) whose neighbours surround them."""
+    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    _, index = cKDTree(points).query(points, k=neighbours)
+    offset = (points[index] - points[:, None]) / (2 * pitch)
+    inner = np.flatnonzero(np.linalg.norm(offset.mean(axis=1), axis=1) < 0.1)
+    if inner.size < 30:
+        raise errors.ExperimentError("the points are too scattered to estimate noise from; state the noise instead")
+    x, y = offset[inner, :, 0], offset[inner, :, 1]
+    powers = [x**i * y**j for i in range(4) for j in range(4 - i)]
+    # weight of each neighbour in the fitted value at the point itself: first row of the pseudo-inverse
+    fit = np.linalg.pinv(np.stack(powers, axis=-1))[:, 0]
+    rows = np.repeat(np.arange(inner.size), neighbours)
+    smooth = sp.csr_array((fit.ravel(), (rows, index[inner].ravel())), shape=(inner.size, len(points)))
+    pick = sp.csr_array((np.ones(inner.size), (np.arange(inner.size), inner)), shape=smooth.shape)
+    return sp.csr_array(pick - smooth)
+
+
+class _Filtered:
+    """Autocovariance of R u, empirical and expected, binned by distance."""
+
+    def __init__(self, points: Array, operator: sp.csr_array):
+        self.points, self.operator = points, operator
+        self.pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+        centre = np.asarray(abs(operator).argmax(axis=1)).ravel()
+        distance = cdist(points[centre], points[centre]) / self.pitch
+        self.near = np.nonzero(distance < REACH)
+        self.bins = np.rint(2 * distance[self.near]).astype(int)
+        self.counts = np.maximum(np.bincount(self.bins), 1)
+        self.distances = cdist(points, points)
+
+    def _binned(self, covariance: Array) -> Array:
+        return np.bincount(self.bins, covariance[self.near]) / self.counts
+
+    def empirical(self, frames: Array) -> Array:
+        r = np.concatenate([self.operator @ frames[..., i].T for i in (0, 1)], axis=1)
+        return self._binned(r @ r.T / r.shape[1])
+
+    def expected(self, length: float) -> Array:
+        """For unit std; `length` mm."""
+        ratio = self.distances / max(length, 1e-3 * self.pitch)
+        covariance = np.exp(-0.5 * ratio**2)
+        return self._binned(self.operator @ (self.operator @ covariance).T)
+
+    def fit(self, frames: Array) -> FieldNoise:
+        measured, weight = self.empirical(frames), np.sqrt(self.counts)
+
+        def misfit(length: float) -> float:
+            model = self.expected(length)
+            scale = (weight * model) @ (weight * measured) / ((weight * model) @ (weight * model))
+            return float(np.linalg.norm(weight * (measured - scale * model)) / np.linalg.norm(weight * measured))
+
+        if not measured[0] > 0:
+            return FieldNoise(0.0, 0.0, 0.0)
+        bounds = (0.0, 3.0 * self.pitch)
+        found = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 0.02 * self.pitch})
+        model = self.expected(found.x)
+        variance = (weight**2 * model) @ measured / ((weight**2 * model) @ model)
+        return FieldNoise(float(np.sqrt(max(variance, 0.0))), float(found.x), float(found.fun))
+
+    def scale(self, frames: Array, length: float) -> Array:
+        """Std of each frame (n_frames,), mm, at a given correlation length."""
+        unit = self.expected(length)[0]
+        r = np.stack([self.operator @ frames[..., i].T for i in (0, 1)])
+        return np.sqrt((r**2).mean(axis=(0, 1)) / unit)
+
+
+def _patch(points: Array) -> NDArray[np.int64]:
+    """The points nearest to the centre, at most LARGEST_PATCH of them."""
+    distance = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    return np.sort(np.argsort(distance, kind="stable")[:LARGEST_PATCH])
+
+
+def _affine(points: Array, fields: Array) -> Array:
+    """The best affine part of fields (k, n, 2) at points (n, 2)."""
+    centred = (points - points.mean(axis=0)) / np.ptp(points, axis=0).max()
+    q, _ = np.linalg.qr(np.column_stack([np.ones(len(points)), centred]))
+    return np.einsum("np,mp,kmi->kni", q, q, fields, optimize=True)
+
+
+def force_noise(time: Array, force: Array) -> float:
+    """Standard deviation, N, of a load-cell record time (n,) s, force (n,) N that rises smoothly.
+
+    Each reading against the straight line through its two neighbours, in units of what white noise would give;
+    1.4826 times the median of the absolute values, so that a few jumps do not count.
+    """
+    if len(time) < 5:
+        return 0.0
+    w = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])
+    rest = force[1:-1] - (1 - w) * force[:-2] - w * force[2:]
+    return float(1.4826 * np.median(np.abs(rest) / np.sqrt(1 + w**2 + (1 - w) ** 2)))
