@@ -1,7 +1,7 @@
 """Specimen geometry in, meshes with named boundaries out. Lengths in mm."""
 
 from meshes.errors import MeshError
-from meshes.generate import area_deficit, quads, triangles
+from meshes.generate import area_excess, quads, triangles
 from meshes.mesh import Mesh
 from meshes.specimens import Cross, PlateWithHole, PureShearSheet, Specimen, SquareSheet, Strip, specimen_from_dict
 
@@ -14,7 +14,7 @@ __all__ = [
     "Specimen",
     "SquareSheet",
     "Strip",
-    "area_deficit",
+    "area_excess",
     "quads",
     "specimen_from_dict",
     "triangles",

@@ -49,8 +49,8 @@ def triangles(
 ) -> Mesh:
     """Straight triangles, `n_nodes` of them within 5 % if given, else with sizes scaled by `size_factor`.
 
-    `n_nodes` counts the nodes of the mesh that is returned. Straight edges cut across the holes; `area_deficit`
-    tells how much is missing. Raises `MeshQualityError` for a quality below 0.3 or a target out of reach.
+    `n_nodes` counts the nodes of the mesh that is returned. Straight edges cut across the holes; `area_excess`
+    tells how much is added. Raises `MeshQualityError` for a quality below 0.3 or a target out of reach.
     """
     if n_nodes is None:
         mesh = _quadrant(specimen, "triangle", size_factor)
@@ -69,9 +69,9 @@ def triangles(
     )
 
 
-def area_deficit(mesh: Mesh, specimen: Specimen) -> float:
-    """1 - area / exact area of a full mesh."""
-    return 1 - mesh.area() / specimen.exact_area()
+def area_excess(mesh: Mesh, specimen: Specimen) -> float:
+    """area / exact area - 1 of a full mesh; positive where straight edges cut across the holes."""
+    return mesh.area() / specimen.exact_area() - 1
 
 
 def _checked_triangles(mesh: Mesh, specimen: Specimen) -> Mesh:

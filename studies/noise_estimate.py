@@ -96,7 +96,9 @@ def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> sp.c
     offset = (points[index] - points[:, None]) / (2 * pitch)
     inner = np.flatnonzero(np.linalg.norm(offset.mean(axis=1), axis=1) < 0.1)
     if inner.size < 30:
-        raise errors.ExperimentError("the points are too scattered to estimate noise from; state the noise instead")
+        raise errors.ExperimentError(
+            "the points are too scattered to estimate noise from; state the noise instead"
+        )
     x, y = offset[inner, :, 0], offset[inner, :, 1]
     powers = [x**i * y**j for i in range(4) for j in range(4 - i)]
     # weight of each neighbour in the fitted value at the point itself: first row of the pseudo-inverse
@@ -139,7 +141,9 @@ class _Filtered:
         def misfit(length: float) -> float:
             model = self.expected(length)
             scale = (weight * model) @ (weight * measured) / ((weight * model) @ (weight * model))
-            return float(np.linalg.norm(weight * (measured - scale * model)) / np.linalg.norm(weight * measured))
+            return float(
+                np.linalg.norm(weight * (measured - scale * model)) / np.linalg.norm(weight * measured)
+            )
 
         if not measured[0] > 0:
             return FieldNoise(0.0, 0.0, 0.0)

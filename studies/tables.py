@@ -35,7 +35,9 @@ class Layout:
     missing_allowed: bool = False
 
 
-def read_table(path: str | Path, columns: Sequence[str] | None = None, layout: Layout = Layout()) -> dict[str, Array]:
+def read_table(
+    path: str | Path, columns: Sequence[str] | None = None, layout: Layout = Layout()
+) -> dict[str, Array]:
     """Read `columns` (all by default) of a text table: {name: (n_rows,)}.
 
     Raises `DataNotFoundError` (no such file), `DecimalCommaError` and `FileFormatError` with file and line:
@@ -47,7 +49,7 @@ def read_table(path: str | Path, columns: Sequence[str] | None = None, layout: L
     wanted = list(names if columns is None else columns)
     index = [_find(path, names, name) for name in wanted]
     values: list[list[float]] = []
-    for line, fields in rows:
+    for line, fields in rows[layout.header_line + layout.units_row :]:
         if len(fields) != len(names):
             raise _wrong_length(path, line, fields, len(names))
         try:
@@ -65,8 +67,8 @@ def read_table(path: str | Path, columns: Sequence[str] | None = None, layout: L
     return {name: table[:, i] for i, name in enumerate(wanted)}
 
 
-def _rows(path: Path, layout: Layout):
-    """[(line number, fields)] of all lines that are neither blank nor comments, as an iterator."""
+def _rows(path: Path, layout: Layout) -> list[tuple[int, list[str]]]:
+    """[(line number, fields)] of all lines that are neither blank nor comments."""
     if not path.is_file():
         raise errors.DataNotFoundError(f"{path}: no such file")
     raw = path.read_bytes()
@@ -74,12 +76,11 @@ def _rows(path: Path, layout: Layout):
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
-    lines = [
-        (number, line)
+    return [
+        (number, _split(line, layout.delimiter))
         for number, line in enumerate(text.splitlines(), 1)
         if line.strip() and not (layout.comment and line.lstrip().startswith(layout.comment))
     ]
-    return iter([(number, _split(line, layout.delimiter)) for number, line in lines])
 
 
 def _split(line: str, delimiter: str) -> list[str]:
@@ -90,19 +91,14 @@ def _split(line: str, delimiter: str) -> list[str]:
     return [field.strip() for field in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
 
 
-def _header(path: Path, rows, layout: Layout) -> list[str]:
-    names: list[str] = []
-    for _ in range(layout.header_line):
-        line, names = next(rows, (0, []))
+def _header(path: Path, rows: list[tuple[int, list[str]]], layout: Layout) -> list[str]:
+    if len(rows) < max(layout.header_line, 1):
+        raise errors.FileFormatError(
+            f"{path}: no header in line {layout.header_line}; the file is empty or truncated"
+        )
     if layout.header_line == 0:
-        first = path.read_text(encoding="latin-1").splitlines()
-        data = [s for s in first if s.strip() and not (layout.comment and s.lstrip().startswith(layout.comment))]
-        names = [str(i + 1) for i in range(len(_split(data[0], layout.delimiter)))] if data else []
-    if not names:
-        raise errors.FileFormatError(f"{path}: no header in line {layout.header_line}; the file is empty or truncated")
-    if layout.units_row:
-        next(rows, None)
-    return names
+        return [str(i + 1) for i in range(len(rows[0][1]))]
+    return rows[layout.header_line - 1][1]
 
 
 def _find(path: Path, names: list[str], name: str) -> int:
@@ -142,4 +138,6 @@ def _wrong_length(path: Path, line: int, fields: list[str], expected: int) -> er
             f"{path}, line {line}: {len(fields)} fields where the header has {expected}, as decimal commas make; "
             "export with decimal points"
         )
-    return errors.FileFormatError(f"{path}, line {line}: {len(fields)} fields where the header has {expected}")
+    return errors.FileFormatError(
+        f"{path}, line {line}: {len(fields)} fields where the header has {expected}; stray delimiters or decimal commas?"
+    )

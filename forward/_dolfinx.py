@@ -1,0 +1,29 @@
+"""The only place that imports DOLFINx. The binary wheel wants `dolfinx_solver` before `dolfinx`."""
+
+from __future__ import annotations
+
+import contextlib
+
+from forward.errors import MissingSolverError
+
+with contextlib.suppress(ModuleNotFoundError):  # absent where DOLFINx comes from conda-forge, Debian, a container
+    import dolfinx_solver  # noqa: F401
+
+try:
+    import basix.ufl
+    import dolfinx
+    import dolfinx.fem.petsc
+    import ufl
+    from mpi4py import MPI
+    from petsc4py import PETSc
+except ImportError as error:
+    raise MissingSolverError(
+        f"DOLFINx 0.11 with PETSc is not installed ({error}); run `make setup` (Linux x86-64) or use the container"
+    ) from error
+
+# Quadrature must be stated: the energy is a high power, for which FFCx would take thousands of points.
+QUADRATURE_DEGREE = 5
+JIT_OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"]}
+
+__all__ = ["JIT_OPTIONS", "MPI", "PETSC_VERSION", "QUADRATURE_DEGREE", "PETSc", "basix", "dolfinx", "ufl"]
+PETSC_VERSION = ".".join(str(n) for n in PETSc.Sys.getVersion())

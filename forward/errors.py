@@ -1,0 +1,31 @@
+"""Named errors of the forward models: each message says what is wrong and what to do."""
+
+from typing import Any
+
+
+class ForwardError(Exception):
+    """Base of every error of this package."""
+
+
+class MaterialError(ForwardError, ValueError):
+    """Parameters, or a model file, that make no material."""
+
+
+class LoadingError(ForwardError, ValueError):
+    """A loading that does not fit the mesh."""
+
+
+class ConvergenceError(ForwardError, RuntimeError):
+    """No equilibrium was found, even with the smallest load step. `solution`: the increments reached."""
+
+    def __init__(self, message: str, solution: Any = None) -> None:
+        super().__init__(message)
+        self.solution = solution
+
+
+class SolutionError(ForwardError, ValueError):
+    """A solution or checkpoint file that is damaged or belongs to another problem."""
+
+
+class MissingSolverError(ForwardError, RuntimeError):
+    """DOLFINx or its PETSc is not installed."""

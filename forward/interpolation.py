@@ -1,0 +1,95 @@
+"""Points in the plane in; cell and local coordinates of a biquadratic mesh out, and values and gradients there.
+
+A point outside the mesh (in the sliver between a chord and a curved rim, say) goes to the nearest cell, whose
+polynomial is continued.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from forward.errors import SolutionError
+from meshes import Mesh
+from meshes.mesh import quad_shape_gradients, quad_shapes
+
+Array = NDArray[np.float64]
+INSIDE = 1e-9
+CANDIDATES = (6, 40)
+NEWTON_STEPS = 12
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where points lie: cell (k,), local coordinates (k, 2) in [-1, 1]^2, how far outside (0 inside)."""
+
+    cells: NDArray[np.int64]
+    local: Array
+    excess: Array
+
+
+def locate(mesh: Mesh, points: Array) -> Places:
+    """Find points (k, 2), mm. Raises `SolutionError` for points that are not finite or far outside."""
+    points = np.asarray(points, float).reshape(-1, 2)
+    if not np.isfinite(points).all():
+        raise SolutionError("points to evaluate must be finite numbers (k, 2), mm")
+    tree = cKDTree(mesh.points[mesh.cells[:, 8]])
+    cells = np.zeros(len(points), np.int64)
+    local = np.zeros((len(points), 2))
+    excess = np.full(len(points), np.inf)
+    for k in CANDIDATES:
+        lost = np.flatnonzero(excess > INSIDE)
+        if not lost.size:
+            break
+        _, near = tree.query(points[lost], k=min(k, len(mesh.cells)))
+        for candidate in near.reshape(len(lost), -1).T:
+            _improve(mesh, points, lost, candidate, cells, local, excess)
+    if excess.size and excess.max() > 1:
+        far = points[excess.argmax()]
+        raise SolutionError(f"point ({far[0]:g}, {far[1]:g}) is more than half a cell outside the mesh")
+    return Places(cells, local, np.where(excess > INSIDE, excess, 0.0))
+
+
+def values_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
+    """Values (..., k, c) of nodal fields (..., n, c)."""
+    return np.einsum("kn,...knc->...kc", quad_shapes(places.local), nodal[..., mesh.cells[places.cells], :])
+
+
+def gradients_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
+    """Derivatives to x and y, (..., k, c, 2), of nodal fields (..., n, c)."""
+    slopes = quad_shape_gradients(places.local)
+    cells = mesh.cells[places.cells]
+    to_local = np.linalg.inv(np.einsum("kni,knj->kij", mesh.points[cells], slopes))
+    return np.einsum("knj,kji,...knc->...kci", slopes, to_local, nodal[..., cells, :])
+
+
+def _improve(mesh, points, which, candidate, cells, local, excess) -> None:
+    """Take the candidate cell for those points that it holds, or to which it is nearer than the best so far."""
+    open_ = excess[which] > INSIDE
+    which, candidate = which[open_], candidate[open_]
+    xi = _invert(mesh.points[mesh.cells[candidate]], points[which])
+    outside = np.maximum(np.abs(xi) - 1, 0).max(axis=1)
+    better = outside < excess[which]
+    cells[which[better]] = candidate[better]
+    local[which[better]] = xi[better]
+    excess[which[better]] = outside[better]
+
+
+def _invert(nodes: Array, points: Array) -> Array:
+    """Local coordinates (k, 2) of points (k, 2) in cells with nodes (k, 9, 2); 9 where Newton's method fails."""
+    xi = np.zeros_like(points)
+    for _ in range(NEWTON_STEPS):
+        error = points - np.einsum("kn,kni->ki", quad_shapes(xi), nodes)
+        J = np.einsum("kni,knj->kij", nodes, quad_shape_gradients(xi))
+        singular = np.abs(np.linalg.det(J)) < 1e-12
+        J[singular] = np.eye(2)
+        step = np.linalg.solve(J, error[..., None])[..., 0]
+        xi = np.clip(xi + step, -3, 3)
+        if np.abs(step).max(initial=0) < 1e-13:
+            break
+    error = np.linalg.norm(points - np.einsum("kn,kni->ki", quad_shapes(xi), nodes), axis=1)
+    size = np.ptp(nodes, axis=1).max(axis=1)
+    return np.where((error > 1e-9 * size)[:, None], 9.0, xi)

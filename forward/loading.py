@@ -1,0 +1,99 @@
+"""Loading: which boundaries move, and how far; mesh in, prescribed nodes and their displacements out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forward.errors import LoadingError
+from meshes import Mesh
+
+Component = float | None
+OUTWARD = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "bottom": (0.0, -1.0), "top": (0.0, 1.0)}
+SYMMETRY: dict[str, tuple[Component, Component]] = {"symmetry_x": (0.0, None), "symmetry_y": (None, 0.0)}
+
+
+@dataclass(frozen=True)
+class Loading:
+    """Final displacements of boundaries, reached in proportion to the load.
+
+    displacements: boundary name to (u_x, u_y), mm; None leaves a component free. The symmetry boundaries of a
+    quarter are held by themselves. Raises `LoadingError` for values that are not finite.
+    """
+
+    displacements: Mapping[str, tuple[Component, Component]]
+
+    def __post_init__(self) -> None:
+        if not self.displacements:
+            raise LoadingError("no boundary is loaded; name at least one and its displacement")
+        for name, components in self.displacements.items():
+            if len(components) != 2:
+                raise LoadingError(f"{name}: give two components (u_x, u_y), None where free")
+            if not all(c is None or math.isfinite(c) for c in components):
+                raise LoadingError(f"{name}: displacement {components} must be finite, in mm")
+
+    @classmethod
+    def clamped(cls, boundaries: Iterable[str], displacement: float) -> Loading:
+        """Sides held by rigid grips that move outward by `displacement`, mm, each."""
+        try:
+            return cls({n: (displacement * OUTWARD[n][0], displacement * OUTWARD[n][1]) for n in boundaries})
+        except KeyError as error:
+            raise LoadingError(f"side {error} is unknown; choose from {', '.join(OUTWARD)}") from error
+
+    def on(self, mesh: Mesh) -> Loading:
+        """The loading of this mesh: a quarter keeps the sides it has and gains its symmetry conditions.
+
+        Raises `LoadingError` for a boundary that is not on the mesh.
+        """
+        quarter = "symmetry_x" in mesh.boundaries
+        there = {n: c for n, c in self.displacements.items() if n in mesh.boundaries}
+        missing = [n for n in self.displacements if n not in there and not (quarter and n in ("left", "bottom"))]
+        if missing:
+            raise LoadingError(
+                f"boundary '{missing[0]}' is not on this mesh, which has {', '.join(mesh.boundaries)}"
+            )
+        if not there:
+            raise LoadingError("a quarter has the sides 'right' and 'top' only; load one of these")
+        return Loading({**there, **{n: c for n, c in SYMMETRY.items() if n in mesh.boundaries}})
+
+    def prescribed(self, mesh: Mesh) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+        """Which components of which nodes (n, 2) are prescribed, and their final values (n, 2), mm.
+
+        Raises `LoadingError` where two boundaries ask for different values, or nothing holds the specimen.
+        """
+        held = np.zeros(mesh.points.shape, bool)
+        values = np.zeros(mesh.points.shape)
+        for name, components in self.displacements.items():
+            nodes = mesh.boundary_nodes(name)
+            for axis, value in enumerate(components):
+                if value is None:
+                    continue
+                clash = held[nodes, axis] & (np.abs(values[nodes, axis] - value) > 1e-12)
+                if clash.any():
+                    at = mesh.points[nodes[clash][0]]
+                    raise LoadingError(
+                        f"'{name}' meets another boundary at ({at[0]:g}, {at[1]:g}) with a different displacement; "
+                        "free a component of one of them"
+                    )
+                held[nodes, axis], values[nodes, axis] = True, value
+        if _can_move_rigidly(mesh.points, held):
+            raise LoadingError("the specimen can move as a rigid body; prescribe more components")
+        return held, values
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain dictionary for a manifest."""
+        return {name: list(components) for name, components in self.displacements.items()}
+
+
+def _can_move_rigidly(points: NDArray[np.float64], held: NDArray[np.bool_]) -> bool:
+    """Whether a translation or rotation respects all held components: rank of the three modes there."""
+    centred = (points - points.mean(axis=0)) / np.ptp(points)
+    modes = np.zeros((3, *points.shape))
+    modes[0, :, 0] = modes[1, :, 1] = 1.0
+    modes[2] = np.column_stack([-centred[:, 1], centred[:, 0]])
+    return bool(np.linalg.matrix_rank(modes[:, held], tol=1e-8) < 3)

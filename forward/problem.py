@@ -1,0 +1,223 @@
+"""The plane-stress boundary value problem in DOLFINx: mesh, energy and supports in; equilibrium at a load out.
+
+Total Lagrangian, biquadratic quads, 3 x 3 Gauss points. The sheet is incompressible and thin: F33 = 1 / det F,
+which leaves no pressure (it follows from P33 = 0). With C2 the in-plane right Cauchy-Green tensor,
+I1 = tr C2 + 1 / det C2 and I2 = det C2 + tr C2 / det C2, and the energy of the sheet is h int psi(I1, I2) dA.
+Forces and tangent are its first and second derivative, so the tangent is symmetric.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import count
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forward._dolfinx import JIT_OPTIONS, MPI, QUADRATURE_DEGREE, PETSc, basix, dolfinx, ufl
+from forward.materials import Material
+from meshes import Mesh
+
+Array = NDArray[np.float64]
+
+# Node order of a quad in DOLFINx (tensor product), in numbers of the mesh's order.
+DOLFINX_NODES = [0, 1, 3, 2, 4, 7, 5, 6, 8]
+PETSC_OPTIONS = {
+    "snes_type": "newtonls",
+    "snes_linesearch_type": "bt",
+    "ksp_type": "preonly",
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 60,  # spare memory, %
+}
+_numbers = count()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a Newton solve ended: reason (PETSc's, > 0 is converged), iterations, text for the user."""
+
+    reason: int
+    iterations: int
+    text: str
+
+    @property
+    def converged(self) -> bool:
+        return self.reason > 0
+
+
+@dataclass(frozen=True)
+class _Support:
+    """Dirichlet condition of one component: the function it reads, its dofs there, their final values, mm."""
+
+    bc: Any
+    target: Any
+    dofs: NDArray[np.int32]
+    values: Array
+
+
+def invariants(u: Any) -> tuple[Any, Any]:
+    """I1 and I2 in UFL of the incompressible sheet displaced by u."""
+    F = ufl.Identity(2) + ufl.grad(u)
+    C = F.T * F
+    det_C, tr_C = ufl.det(F) ** 2, ufl.tr(C)
+    return tr_C + 1 / det_C, det_C + tr_C / det_C
+
+
+def stored_energy(u: Any, material: Material, domain: Any, thickness: float) -> Any:
+    """UFL form of the stored energy, N mm; parameters are constants, so that its compiled code is reused."""
+    parameters = dolfinx.fem.Constant(domain, np.array(material.parameters))
+    h = dolfinx.fem.Constant(domain, float(thickness))
+    dx = ufl.dx(domain=domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+    return h * material.energy(*invariants(u), parameters) * dx
+
+
+def create_domain(mesh: Mesh, comm: Any) -> Any:
+    """DOLFINx mesh of a quad mesh, spread over the ranks; rank 0 gives the arrays."""
+    element = basix.ufl.element("Lagrange", "quadrilateral", 2, shape=(2,))
+    first = comm.rank == 0
+    cells = mesh.cells[:, DOLFINX_NODES] if first else np.empty((0, 9), np.int64)
+    points = mesh.points if first else np.empty((0, 2))
+    return dolfinx.mesh.create_mesh(comm, cells, element, points)
+
+
+class PlaneStressProblem:
+    """Displacement u of a sheet whose components `held` (n, 2) move to load_factor * `values` (n, 2), mm."""
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        material: Material,
+        thickness: float,
+        held: NDArray[np.bool_],
+        values: Array,
+        tolerance: float,
+        max_iterations: int,
+        comm: Any = MPI.COMM_WORLD,
+    ) -> None:
+        self.mesh, self.comm, self.tolerance, self.max_iterations = mesh, comm, tolerance, max_iterations
+        self.domain = create_domain(mesh, comm)
+        self.V = dolfinx.fem.functionspace(self.domain, ("Lagrange", 2, (2,)))
+        self.u = dolfinx.fem.Function(self.V)
+        self.nodes = self._nodes()
+        self.supports = self._make_supports(held, values)
+        energy = stored_energy(self.u, material, self.domain, thickness)
+        forces = ufl.derivative(energy, self.u, ufl.TestFunction(self.V))
+        self._energy = dolfinx.fem.form(energy, jit_options=JIT_OPTIONS)
+        self.problem = dolfinx.fem.petsc.NonlinearProblem(
+            forces,
+            self.u,
+            bcs=[support.bc for support in self.supports],
+            petsc_options_prefix=f"plane_stress_{next(_numbers)}_",
+            petsc_options=PETSC_OPTIONS,
+            jit_options=JIT_OPTIONS,
+        )
+        self.problem.A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._raw = self.problem.b.duplicate()
+        self._is_held = self._held_entries()
+        self.problem.solver.setConvergenceTest(self._test)
+
+    @property
+    def displacements(self) -> Array:
+        """Displacements (n, 2) at the mesh's nodes, mm, on every rank."""
+        return self._gather(self.u.x.array)
+
+    @displacements.setter
+    def displacements(self, values: Array) -> None:
+        self.u.x.array[:] = values[self.nodes].ravel()
+
+    def solve(self, load_factor: float) -> Outcome:
+        """Newton's method from the present u. The caller checks the outcome and rolls u back if need be."""
+        for support in self.supports:
+            support.target.x.array[support.dofs] = load_factor * support.values
+        self.problem.solve()
+        solver = self.problem.solver
+        reason, iterations = solver.getConvergedReason(), solver.getIterationNumber()
+        if reason > 0 and not self._admissible():
+            return Outcome(PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_DOMAIN, iterations, "det F <= 0")
+        return Outcome(reason, iterations, REASONS.get(reason, f"reason {reason}"))
+
+    def nodal_forces(self) -> Array:
+        """Internal forces (n, 2), N, on every rank: what grips exert on held nodes, zero at free ones."""
+        self._assemble_raw()
+        local = np.zeros_like(self.u.x.array)
+        local[: self._raw.getLocalSize()] = self._raw.getArray(readonly=True)
+        return self._gather(local)
+
+    def energy(self) -> float:
+        """Stored energy, N mm."""
+        return float(self.comm.allreduce(dolfinx.fem.assemble_scalar(self._energy), op=MPI.SUM))
+
+    def _nodes(self) -> NDArray[np.int64]:
+        """Mesh node of each local dof block: the displacement and the geometry are both biquadratic."""
+        nodes = np.zeros(self.V.dofmap.index_map.size_local + self.V.dofmap.index_map.num_ghosts, np.int64)
+        geometry = self.domain.geometry
+        nodes[self.V.dofmap.list] = np.asarray(geometry.input_global_indices)[geometry.dofmap]
+        return nodes
+
+    def _make_supports(self, held: NDArray[np.bool_], values: Array) -> list[_Support]:
+        """Dirichlet conditions of x and y."""
+        supports = []
+        for axis in range(2):
+            V_axis, to_V = self.V.sub(axis).collapse()
+            to_V = np.concatenate([np.ravel(part) for part in to_V]).astype(np.int32)
+            nodes = self.nodes[to_V // 2]
+            dofs = np.flatnonzero(held[nodes, axis]).astype(np.int32)
+            target = dolfinx.fem.Function(V_axis)
+            bc = dolfinx.fem.dirichletbc(target, [to_V[dofs], dofs], self.V.sub(axis))
+            supports.append(_Support(bc, target, dofs, values[nodes[dofs], axis]))
+        return supports
+
+    def _held_entries(self) -> NDArray[np.int32]:
+        """Owned entries of the residual that belong to supports."""
+        entries = []
+        for support in self.supports:
+            dofs, owned = support.bc.dof_indices()
+            entries.append(dofs[:owned])
+        return np.concatenate(entries)
+
+    def _assemble_raw(self) -> None:
+        """Internal forces without regard to the supports."""
+        with self._raw.localForm() as local:
+            local.set(0.0)
+        dolfinx.fem.petsc.assemble_vector(self._raw, self.problem.F)
+        self._raw.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+
+    def _test(self, solver: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        """Converged when the imbalance is below `tolerance` times the norm of the nodal reactions."""
+        reasons = PETSc.SNES.ConvergedReason
+        imbalance = norms[2]
+        if not np.isfinite(imbalance):
+            return reasons.DIVERGED_FNORM_NAN
+        self._assemble_raw()
+        reactions = self._raw.getArray(readonly=True)[self._is_held]
+        scale = np.sqrt(self.comm.allreduce(float(reactions @ reactions), op=MPI.SUM))
+        if imbalance <= self.tolerance * scale or imbalance == 0:
+            return reasons.CONVERGED_FNORM_RELATIVE
+        if iteration >= self.max_iterations:
+            return reasons.DIVERGED_MAX_IT
+        return reasons.ITERATING
+
+    def _admissible(self) -> bool:
+        """Finite displacements, and no cell turned inside out."""
+        u = self.displacements
+        if not np.isfinite(u).all():
+            return False
+        deformed = Mesh(self.mesh.points + u, self.mesh.cells, self.mesh.cell_type, {})
+        return bool(deformed.quality.min() > 0)
+
+    def _gather(self, local: Array) -> Array:
+        """Owned entries of a vector (all ranks) as (n, 2) in the order of the mesh."""
+        owned = self.V.dofmap.index_map.size_local
+        full = np.zeros(self.mesh.points.shape)
+        full[self.nodes[:owned]] = local.reshape(-1, 2)[:owned]
+        self.comm.Allreduce(MPI.IN_PLACE, full, op=MPI.SUM)
+        return full
+
+
+REASONS = {
+    value: name.replace("_", " ").lower()
+    for name, value in vars(PETSc.SNES.ConvergedReason).items()
+    if isinstance(value, int) and name.isupper()
+}

@@ -1,0 +1,124 @@
+"""A solved experiment: nodal displacements and reactions of each increment; evaluation, mirror images and a file.
+
+Needs no finite-element package.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forward import interpolation
+from forward.errors import SolutionError
+from meshes import Mesh
+from meshes.errors import MeshDataError
+from meshes.files import read_npz, write_npz
+
+Array = NDArray[np.float64]
+FORMAT = "equigap-plane-stress"
+REQUIRED = ("points", "cells", "displacements", "time", "energy", "iterations", "thickness", "description")
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneStressSolution:
+    """Equilibrium states of a sheet.
+
+    mesh: biquadratic quads; displacements (n_inc, n, 2) at its nodes, mm; reactions: side to (n_inc, 2), the
+    force of the grip on the specimen, N; time (n_inc,): load factor, 1 at the end; energy (n_inc,): stored,
+    N mm; iterations (n_inc,) of the solver; thickness, mm; description: material, loading, program versions.
+    """
+
+    mesh: Mesh
+    displacements: Array
+    reactions: dict[str, Array]
+    time: Array
+    energy: Array
+    iterations: NDArray[np.int64]
+    thickness: float
+    description: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def points(self) -> Array:
+        """Nodes (n, 2), mm."""
+        return self.mesh.points
+
+    @property
+    def cells(self) -> NDArray[np.int64]:
+        """Nine nodes of each cell (m, 9): corners anticlockwise, edge middles 01, 12, 23, 30, centre."""
+        return self.mesh.cells
+
+    def evaluate(self, points: Array) -> Array:
+        """Displacements (n_inc, k, 2), mm, at reference points (k, 2), mm. Raises `SolutionError` far outside."""
+        return interpolation.values_at(self.mesh, interpolation.locate(self.mesh, points), self.displacements)
+
+    def deformation_gradient(self, points: Array) -> Array:
+        """In-plane deformation gradient (n_inc, k, 2, 2) at reference points (k, 2), mm."""
+        places = interpolation.locate(self.mesh, points)
+        return np.eye(2) + interpolation.gradients_at(self.mesh, places, self.displacements)
+
+    def mirrored(self) -> PlaneStressSolution:
+        """The full specimen of a quarter. Raises `SolutionError` if this is not a quarter.
+
+        A quarter's side carries half the arm's force; the transverse force of the arm vanishes by symmetry.
+        """
+        try:
+            mesh, source, signs = self.mesh.mirrored()
+        except MeshDataError as error:
+            raise SolutionError(f"cannot mirror: {error}") from error
+        reactions = {}
+        for side, opposite, axis in (("right", "left", 0), ("top", "bottom", 1)):
+            if side in self.reactions:
+                force = np.zeros_like(self.reactions[side])
+                force[:, axis] = 2 * self.reactions[side][:, axis]
+                reactions |= {opposite: -force, side: force}
+        displacements = self.displacements[:, source] * signs
+        description = {**self.description, "mirrored": True}
+        return PlaneStressSolution(
+            mesh,
+            displacements,
+            reactions,
+            self.time,
+            4 * self.energy,
+            self.iterations,
+            self.thickness,
+            description,
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write a .npz atomically."""
+        write_npz(
+            path,
+            FORMAT,
+            points=self.mesh.points,
+            cells=self.mesh.cells,
+            displacements=self.displacements,
+            time=self.time,
+            energy=self.energy,
+            iterations=self.iterations,
+            thickness=self.thickness,
+            description=json.dumps(self.description),
+            **{f"reaction_{name}": force for name, force in self.reactions.items()},
+            **{f"boundary_{name}": edges for name, edges in self.mesh.boundaries.items()},
+        )
+
+    @classmethod
+    def load(cls, path: str | Path) -> PlaneStressSolution:
+        """Read what `save` wrote. Raises `SolutionError`."""
+        try:
+            content = read_npz(path, FORMAT, REQUIRED)
+            mesh = Mesh(content["points"], content["cells"], "quad", _part(content, "boundary_"))
+            description = json.loads(str(content["description"]))
+        except (MeshDataError, json.JSONDecodeError) as error:
+            raise SolutionError(str(error)) from error
+        arrays = (content[key] for key in ("time", "energy", "iterations"))
+        forces = _part(content, "reaction_")
+        return cls(mesh, content["displacements"], forces, *arrays, float(content["thickness"]), description)
+
+
+def _part(content: dict[str, Any], prefix: str) -> dict[str, Any]:
+    return {key.removeprefix(prefix): value for key, value in content.items() if key.startswith(prefix)}

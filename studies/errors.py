@@ -1,0 +1,17 @@
+"""Named errors of the studies: each message says what is wrong and what to do."""
+
+
+class StudyError(Exception):
+    """Base of every error of this package that a user can mend."""
+
+
+class OutputFolderError(StudyError, RuntimeError):
+    """The output folder belongs to something else, or to a run with other settings."""
+
+
+class OutputWriteError(StudyError, OSError):
+    """An output file or folder cannot be written: no permission, no space."""
+
+
+class OptionError(StudyError, ValueError):
+    """An unknown or impossible option on the command line or in a configuration file."""

@@ -1,0 +1,286 @@
+"""`equigap import`: measured full-field data to an Experiment.
+
+In: a published sheet by name, a packed ``.npz``, a folder of DIC frames with a machine record, or a column map
+(TOML). Out: a folder with ``experiment.npz``, a picture of it, and a manifest with every decision taken.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibrate import errors
+from calibrate.experiment import Experiment, Noise
+from studies import column_import, data, dic_csv
+from studies.folder import open_output_folder
+from studies.manifest import Manifest
+from studies.output import write_figure
+from studies.series import Selection, Series, to_experiment
+
+DESCRIPTION = "Read measured full-field data into an Experiment (docs/import.md)."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `equigap import`."""
+    parser.add_argument(
+        "source",
+        help=f"a published sheet ({', '.join(data.SHEETS)}), a packed .npz, a folder of frames, or a column map .toml",
+    )
+    parser.add_argument("-o", "--output", type=Path, help="output folder (default: results/import-NAME)")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier import in that folder")
+    parser.add_argument("--name", help="name of the experiment (default: from the source)")
+    parser.add_argument(
+        "--record", type=Path, help="machine record (CSV: Time, Displacement, Force) of a folder"
+    )
+    _add_frames(parser.add_argument_group("which frames"))
+    _add_sheet(
+        parser.add_argument_group("sheets in pixels (not for column maps, which say this in the TOML)")
+    )
+    _add_noise(parser.add_argument_group("noise (default: estimated from all frames)"))
+
+
+def _add_frames(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--frames", default="12", metavar="N|I,J,...",
+        help="how many, spread evenly over the loading, or a list of frame numbers (default: 12)",
+    )  # fmt: skip
+    group.add_argument(
+        "--until", type=float, metavar="S", help="last time used, s on the clock of the machine"
+    )
+    group.add_argument(
+        "--tare", type=float, metavar="N", help="force that counts as zero (default: that of frame 0)"
+    )
+
+
+def _add_sheet(group: argparse._ArgumentGroup) -> None:
+    default = dic_csv.SheetOptions()
+    group.add_argument(
+        "--scale", type=float, default=default.scale, metavar="MM", help="mm per pixel (%(default)s)"
+    )
+    group.add_argument(
+        "--frame-rate", type=float, metavar="HZ", help="frames per second (default: file's own, else 5)"
+    )
+    group.add_argument(
+        "--offset",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="time of frame 0 on the clock of the machine (0)",
+    )
+    group.add_argument(
+        "--drop-rows", type=int, default=default.drop_rows, help="unreliable rows a side (%(default)s)"
+    )
+    group.add_argument(
+        "--drop-columns",
+        type=int,
+        default=default.drop_columns,
+        help="unreliable columns a side (%(default)s)",
+    )
+    group.add_argument(
+        "--edge-columns", choices=dic_csv.EDGE_COLUMNS, default=default.edge_columns,
+        help="unreliable columns are replaced from their neighbours, left out, or trusted (%(default)s)",
+    )  # fmt: skip
+    group.add_argument(
+        "--free-edges", choices=dic_csv.FREE_EDGES, default=default.free_edges,
+        help="whether the left and right rim carry no traction (auto: yes)",
+    )  # fmt: skip
+    group.add_argument("--thickness", type=float, metavar="MM", help="thickness (default: unknown)")
+
+
+def _add_noise(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--noise", choices=("total", "temporal"), default="total",
+        help="estimate all errors of a frame, or only those that change from frame to frame (%(default)s)",
+    )  # fmt: skip
+    group.add_argument(
+        "--displacement-std", type=float, metavar="MM", help="state the noise instead of estimating it"
+    )
+    group.add_argument(
+        "--correlation-length", type=float, metavar="MM", default=0.0, help="of the stated noise (0)"
+    )
+    group.add_argument("--force-std", type=float, metavar="N", default=0.0, help="of the stated noise (0)")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Import, write, and print a summary. Raises named errors of `calibrate.errors` and `studies.errors`."""
+    series, selection, noise, kind, inputs = _read(args)
+    experiment = to_experiment(series, selection, noise, kind)
+    settings = {
+        key: value for key, value in vars(args).items() if not callable(value) and key not in _NOT_SETTINGS
+    }
+    folder = open_output_folder(
+        args.output or Path("results") / f"import-{experiment.name}",
+        args.overwrite,
+        {"study": "import", **settings},
+    )
+    manifest = Manifest(settings=settings, inputs=inputs)
+    target = folder / "experiment.npz"
+    experiment.save(target)
+    picture(experiment, series, folder / "experiment.png")
+    manifest.beside(target, folder / "experiment.png", **summary(experiment))
+    report(experiment, target)
+    return 0
+
+
+_NOT_SETTINGS = {"output", "overwrite", "command"}
+
+
+def import_experiment(source: str | Path, **options: Any) -> Experiment:
+    """The Experiment that `equigap import SOURCE` makes; options as on the command line, '_' for '-'."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    args = parser.parse_args([str(source)])
+    for key, value in options.items():
+        if not hasattr(args, key):
+            raise errors.ConfigError(f"option '{key}' unknown; see `equigap import --help`")
+        setattr(args, key, value)
+    series, selection, noise, kind, _ = _read(args)
+    return to_experiment(series, selection, noise, kind)
+
+
+Read = tuple[Series, Selection, Noise | None, str, list[Path]]
+
+
+def _read(args: argparse.Namespace) -> Read:
+    source = Path(args.source)
+    if source.suffix == ".toml":
+        return _read_map(args, source)
+    if str(args.source) in data.SHEETS and not source.exists():
+        reader: Callable[..., Any] = _read_packed
+        source = data.sheet(str(args.source))
+    elif source.suffix == ".npz":
+        reader = _read_packed
+    elif source.is_dir():
+        reader = _read_folder
+    else:
+        raise errors.DataNotFoundError(
+            f"{source}: neither a published sheet ({', '.join(data.SHEETS)}) nor a file or folder that exists"
+        )
+    frames, record, inputs = reader(source, args.record)
+    options = dic_csv.SheetOptions(
+        args.scale, args.frame_rate, args.offset, args.drop_rows, args.drop_columns, args.edge_columns,
+        args.free_edges, args.thickness,
+    )  # fmt: skip
+    series = dic_csv.sheet_series(frames, record, options, args.name or source.stem)
+    series.provenance["source"] = source.name
+    return series, _selection(args), _stated(args), args.noise, inputs
+
+
+def _read_packed(source: Path, record_file: Path | None) -> tuple[Any, Any, list[Path]]:
+    frames, record = dic_csv.read_packed(source)
+    inputs = [source]
+    if record_file is not None:
+        record = dic_csv.read_record(record_file)
+        inputs.append(record_file)
+    if record is None:
+        raise errors.MissingForceError(f"{source} holds no force record; give one with --record")
+    return frames, record, inputs
+
+
+def _read_folder(source: Path, record_file: Path | None) -> tuple[Any, Any, list[Path]]:
+    if record_file is None:
+        record_file = source / "force_disp.csv"
+        if not record_file.is_file():
+            raise errors.MissingForceError(
+                f"{source} holds no force_disp.csv; give the machine record with --record"
+            )
+    record = dic_csv.read_record(record_file)
+    return dic_csv.read_frames(source), record, [*dic_csv.frame_files(source), record_file]
+
+
+def _read_map(args: argparse.Namespace, source: Path) -> Read:
+    column_map = column_import.read_map(source)
+    series = column_import.column_series(column_map, source.parent)
+    series.provenance.update(source=source.name, map=asdict(column_map))
+    return series, column_map.selection, column_map.stated_noise, column_map.noise.kind, [source]
+
+
+def _selection(args: argparse.Namespace) -> Selection:
+    text = str(args.frames)
+    try:
+        numbers = tuple(int(part) for part in text.split(",") if part.strip())
+    except ValueError:
+        raise errors.ConfigError(
+            f"--frames {text}: give a number, or frame numbers separated by commas"
+        ) from None
+    if not numbers:
+        raise errors.ConfigError("--frames is empty; give a number, or frame numbers separated by commas")
+    if "," in text:
+        return Selection(frames=numbers, until=args.until, tare=args.tare)
+    return Selection(count=numbers[0], until=args.until, tare=args.tare)
+
+
+def _stated(args: argparse.Namespace) -> Noise | None:
+    if args.displacement_std is None:
+        return None
+    return Noise(args.displacement_std, args.correlation_length, 0.0, args.force_std)
+
+
+def summary(experiment: Experiment) -> dict[str, Any]:
+    """Numbers of an Experiment for a manifest."""
+    assert experiment.noise is not None
+    return {
+        "points": len(experiment.points),
+        "triangles": len(experiment.triangles),
+        "increments": experiment.n_increments,
+        "size_mm": np.ptp(experiment.points, axis=0).tolist(),
+        "largest_force_N": {b.name: float(np.nanmax(np.abs(b.force))) for b in experiment.loaded},
+        "largest_displacement_mm": float(np.abs(experiment.displacements).max()),
+        "stress_unit": experiment.stress_unit,
+        "noise": asdict(experiment.noise),
+        "provenance": experiment.provenance,
+    }
+
+
+def report(experiment: Experiment, target: Path) -> None:
+    """Print what was imported."""
+    size, noise = np.ptp(experiment.points, axis=0), experiment.noise
+    assert noise is not None
+    print(
+        f"{experiment.name}: {len(experiment.points)} points, {size[0]:.1f} x {size[1]:.1f} mm, "
+        f"{experiment.n_increments} increments"
+    )
+    for b in experiment.loaded:
+        print(f"  {b.name}: {len(b.nodes)} nodes, force up to {np.nanmax(np.abs(b.force)):.3g} N")
+    print(
+        f"  noise: {1e3 * noise.displacement_std:.2g} um over {noise.correlation_length:.2g} mm, "
+        f"force {noise.force_std:.2g} N ({experiment.provenance['noise']['kind']})"
+    )
+    if experiment.thickness is None:
+        print("  thickness unknown: stiffness times thickness (N/mm) can be identified")
+    for note in experiment.provenance["notes"]:
+        print(f"  note: {note}")
+    print(f"wrote {target}")
+
+
+def picture(experiment: Experiment, series: Series, path: Path) -> None:
+    """Deformed mesh of the last increment over the reference, and the force record with the chosen frames."""
+    from matplotlib.figure import Figure  # slow to import, and only needed here
+
+    figure = Figure(figsize=(9.5, 4.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    moved = experiment.points + experiment.displacements[-1]
+    size = np.linalg.norm(experiment.displacements[-1], axis=1)
+    left.triplot(*experiment.points.T, experiment.triangles, color="0.8", linewidth=0.3)
+    mapped = left.tripcolor(*moved.T, experiment.triangles, size, shading="gouraud", cmap="viridis")
+    for b in experiment.loaded:
+        left.plot(*moved[b.nodes].T, ".", markersize=2, color="tab:red")
+    left.plot(*moved[experiment.free_nodes].T, ".", markersize=2, color="tab:blue")
+    figure.colorbar(mapped, ax=left, label="displacement (mm)")
+    left.set(
+        aspect="equal", xlabel="x (mm)", ylabel="y (mm)", title="last increment; red: loaded, blue: free"
+    )
+    right.plot(series.record.time, series.record.force, color="0.6", label="load cell")
+    if experiment.time is not None:
+        for b in experiment.loaded:
+            known = np.isfinite(b.force).all(axis=0)
+            for k in np.flatnonzero(known):
+                right.plot(experiment.time, np.abs(b.force[:, k]), ".", label=f"{b.name}, {'xy'[k]}")
+    right.set(xlabel="time (s)", ylabel="force (N)", title=experiment.name)
+    right.legend()
+    write_figure(path, figure, dpi=150)

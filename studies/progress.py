@@ -1,0 +1,91 @@
+"""Progress: steps done in; a bar on a terminal, a line now and then elsewhere (log files, pipes)."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from types import TracebackType
+from typing import Self, TextIO, TypeVar
+
+from tqdm import tqdm
+
+T = TypeVar("T")
+INTERVAL = 20.0
+
+
+class Progress:
+    """Progress of `total` steps on stderr: tqdm on a terminal, else a line at most every 20 s and at the end.
+
+    A task that ends within the first 20 s writes no line to a log.
+    """
+
+    def __init__(self, description: str, total: int | None = None, unit: str = "it", stream: TextIO | None = None):
+        self.description, self.total, self.unit = description, total, unit
+        self.stream = stream or sys.stderr
+        self.done = 0
+        self._start = self._last = time.monotonic()
+        self._bar = None
+        if self.stream.isatty():
+            self._bar = tqdm(desc=description, total=total, unit=unit, file=self.stream, dynamic_ncols=True)
+
+    def update(self, steps: int = 1) -> None:
+        """Count `steps` more."""
+        self.done += steps
+        if self._bar is not None:
+            self._bar.update(steps)
+        elif time.monotonic() - self._last >= INTERVAL:
+            self._line()
+
+    def to(self, done: int, total: int | None = None) -> None:
+        """Set the steps done; fits callbacks of the form callback(done, total)."""
+        if total is not None and total != self.total:
+            self.total = total
+            if self._bar is not None:
+                self._bar.total = total
+        self.update(done - self.done)
+
+    def close(self) -> None:
+        """End the bar, or write the last line."""
+        if self._bar is not None:
+            self._bar.close()
+        elif self._last > self._start:
+            self._line()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _line(self) -> None:
+        self._last = time.monotonic()
+        share = f"{self.done}/{self.total}" if self.total else str(self.done)
+        seconds = self._last - self._start
+        print(f"{self.description}: {share} {self.unit}, {seconds:.0f} s", file=self.stream, flush=True)
+
+
+def track(items: Iterable[T], description: str, total: int | None = None, unit: str = "it") -> Iterator[T]:
+    """Iterate over `items` with progress."""
+    if total is None and hasattr(items, "__len__"):
+        total = len(items)
+    with Progress(description, total, unit) as progress:
+        for item in items:
+            yield item
+            progress.update()
+
+
+def callback(description: str, unit: str = "increments") -> Callable[[int, int], None]:
+    """A function (done, total) that shows progress and closes itself when done reaches total."""
+    shown: list[Progress] = []
+
+    def show(done: int, total: int) -> None:
+        if not shown:
+            shown.append(Progress(description, total, unit))
+        shown[0].to(done, total)
+        if done >= total:
+            shown.pop().close()
+
+    return show
