@@ -4,7 +4,7 @@ In: points and a `Noise`. Out: a sparse factor B (n_nodes, n_sources) with B B^T
 samples of the field, and the covariance of the residuals.
 
 A squared-exponential field is the convolution of white noise with a Gaussian of length l / sqrt(2); sources on
-a grid of 0.7 l reproduce its covariance to 1e-4, whatever the number of points.
+a grid of 0.7 l reproduce its covariance to 3e-4, whatever the number of points.
 """
 
 from __future__ import annotations

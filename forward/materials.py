@@ -22,6 +22,7 @@ class Material:
     """Base of the materials. Raises `MaterialError` if a parameter is no finite number."""
 
     name: ClassVar[str]
+    unit = "MPa"
 
     def __post_init__(self) -> None:
         for key, value in asdict(self).items():

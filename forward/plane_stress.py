@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from forward._dolfinx import MPI, PETSC_VERSION, QUADRATURE_DEGREE, dolfinx
-from forward.errors import ConvergenceError, LoadingError, SolutionError
+from forward.errors import ConvergenceError, LoadingError, MaterialError, SolutionError
 from forward.loading import SYMMETRY, Loading
 from forward.materials import ArrudaBoyce, Material
 from forward.problem import PlaneStressProblem
@@ -58,6 +58,8 @@ def solve(
         raise LoadingError("the forward model needs quads; make the mesh with meshes.quads")
     if n_increments < 1 or not (math.isfinite(thickness) and thickness > 0):
         raise LoadingError(f"{n_increments} increments, thickness {thickness} mm: both must be positive")
+    if material.unit == "N/mm" and thickness != 1:
+        raise MaterialError("the model was calibrated without a thickness and includes it; solve with thickness 1")
     mesh = comm.bcast(mesh)
     loading = loading.on(mesh)
     record = _Record(mesh, material, loading, n_increments, thickness, options)

@@ -57,9 +57,8 @@ class _Support:
     values: Array
 
 
-def invariants(u: Any) -> tuple[Any, Any]:
-    """I1 and I2 in UFL of the incompressible sheet displaced by u."""
-    F = ufl.Identity(2) + ufl.grad(u)
+def invariants(F: Any) -> tuple[Any, Any]:
+    """I1 and I2 in UFL of an incompressible sheet with the in-plane deformation gradient F."""
     C = F.T * F
     det_C, tr_C = ufl.det(F) ** 2, ufl.tr(C)
     return tr_C + 1 / det_C, det_C + tr_C / det_C
@@ -70,7 +69,8 @@ def stored_energy(u: Any, material: Material, domain: Any, thickness: float) -> 
     parameters = dolfinx.fem.Constant(domain, np.array(material.parameters))
     h = dolfinx.fem.Constant(domain, float(thickness))
     dx = ufl.dx(domain=domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
-    return h * material.energy(*invariants(u), parameters) * dx
+    F = ufl.Identity(2) + ufl.grad(u)
+    return h * material.energy(*invariants(F), parameters) * dx
 
 
 def create_domain(mesh: Mesh, comm: Any) -> Any:
@@ -153,7 +153,7 @@ class PlaneStressProblem:
         """Mesh node of each local dof block: the displacement and the geometry are both biquadratic."""
         nodes = np.zeros(self.V.dofmap.index_map.size_local + self.V.dofmap.index_map.num_ghosts, np.int64)
         geometry = self.domain.geometry
-        nodes[self.V.dofmap.list] = np.asarray(geometry.input_global_indices)[geometry.dofmap]
+        nodes[self.V.dofmap.list] = np.asarray(geometry.input_global_indices)[np.asarray(geometry.dofmaps[0])]
         return nodes
 
     def _make_supports(self, held: NDArray[np.bool_], values: Array) -> list[_Support]:

@@ -20,9 +20,10 @@ from meshes.specimens import Specimen
 MIN_QUALITY = 0.3
 AREA_TOLERANCE = 1e-3
 NODE_TOLERANCE = 0.05
-RETRIES = (1.0, 0.95, 0.9, 0.85)  # a bad cell is often gone when all sizes change a little
+RETRIES = (1.0, 0.97, 1.04, 0.93, 0.9, 0.86)  # a bad cell is often gone when all sizes change a little
 GROWTH = 0.3
 EDGES_PER_FILLET_RADIUS = 6
+EDGE_PER_TIP_RADIUS = 1.2  # longer edges around the tip of an ellipse make cells bent beyond use
 GMSH_TYPES = {2: "triangle", 10: "quad"}
 
 
@@ -153,6 +154,7 @@ def _draw_outline(occ: ModuleType, specimen: Specimen) -> list[int]:
 def _set_sizes(gmsh: ModuleType, specimen: Specimen, size_factor: float) -> None:
     """Small at holes and fillets, growing with the distance to them."""
     near, far = (size_factor * size for size in specimen.sizes)
+    near = min([near, *(EDGE_PER_TIP_RADIUS * hole.tip_radius for hole in specimen.holes())])
     radii = [c.radius for c in specimen.corners() if c.radius]
     fillet = min([far, *(max(near, size_factor * r / EDGES_PER_FILLET_RADIUS) for r in radii)])
     rims, arcs = [], []

@@ -36,6 +36,11 @@ class Ellipse:
         """Area pi a b, mm^2."""
         return math.pi * self.a * self.b
 
+    @property
+    def tip_radius(self) -> float:
+        """Smallest radius of curvature b^2 / a, mm."""
+        return self.b**2 / self.a
+
     def level(self, points: Array) -> Array:
         """(n,): 1 on the rim, smaller inside, for points (n, 2)."""
         c, s = math.cos(self.angle), math.sin(self.angle)

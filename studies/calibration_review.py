@@ -1,29 +1,306 @@
 """What a calibration explains and what it leaves: the numbers behind its report.
 
 In: a Calibration and the whole Experiment, of which some increments may have been held out. Out: `Review` with
-predicted forces, residuals of every virtual-work equation and, where the noise is known, how large they should
-be; tables and plain-language remarks made from them.
+predicted forces, the residual of every virtual-work equation and, where the noise is known, how large these
+should be; the tables and remarks made from them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from calibrate import noise_model, pann, reduction
-from calibrate.basis import Basis, basis_for
-from calibrate.calibration import Calibration, predict_forces
-from calibrate.equilibrium import Equilibrium, best_shear_modulus_and_forces, equilibrium
+from calibrate.basis import Basis, SingleBasis, basis_for
+from calibrate.calibration import Calibration, predict_forces, relative_force_error
+from calibrate.equilibrium import Equilibrium, best_shear_modulus, equilibrium
 from calibrate.experiment import Experiment
-from calibrate.kinematics import invariants_and_derivatives, stretches_to_gradient
+from calibrate.kinematics import INVARIANTS, invariants_and_derivatives, stretches_to_gradient
 from calibrate.model import Model
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 MODES = {"uniaxial": "uniaxial", "equibiaxial": "equi-biaxial", "pure_shear": "pure shear"}
 COMPONENTS = ("x", "y")
+SAME_LOSS, SAME_CHI_SQUARE = 1e-3, 4.0  # relative, or where the loss is a chi-square: two standard deviations
+
+
+@dataclass(frozen=True)
+class Review:
+    """A calibration seen on all increments of its experiment.
+
+    fitted (n_increments,): whether the increment was used for the fit. forces: {boundary: (n_increments, 2)} N,
+    predicted from the measured displacements. residuals, deviations (n_increments, rows): internal minus external
+    virtual work and its standard deviation from the noise, N; chi_square (n_increments,): per equation, 1 where
+    noise is all there is. The last two are None where the noise is unknown.
+    """
+
+    calibration: Calibration
+    experiment: Experiment
+    system: Equilibrium
+    fitted: NDArray[np.bool_]
+    forces: dict[str, Array]
+    residuals: Array
+    deviations: Array | None
+    chi_square: Array | None
+    neo_hooke_error: float
+
+    @property
+    def model(self) -> Model:
+        return self.calibration.model
+
+    @property
+    def measured(self) -> dict[str, Array]:
+        return {b.name: b.force for b in self.experiment.loaded}
+
+    def force_error(self, increments: NDArray[np.bool_]) -> float:
+        """Relative force error over some of the increments."""
+        return relative_force_error(
+            {name: f[increments] for name, f in self.forces.items()},
+            {name: f[increments] for name, f in self.measured.items()},
+        )
+
+    @property
+    def held_out(self) -> dict[str, Any] | None:
+        """Errors on the increments that were held out; None where none were."""
+        held = ~self.fitted
+        if not held.any():
+            return None
+        return {
+            "increments": int(held.sum()),
+            "relative_force_error": self.force_error(held),
+            "chi_square_per_equation": None if self.chi_square is None else float(self.chi_square[held].mean()),
+        }
+
+    @property
+    def same_loss(self) -> float:
+        """Difference of losses below which two starts count as alike."""
+        if np.isfinite(self.calibration.reduced_chi_square):
+            return SAME_CHI_SQUARE
+        return SAME_LOSS * abs(float(np.nanmin(self.calibration.losses)))
+
+    @property
+    def starts_alike(self) -> int:
+        """Number of starts that ended as low as the best."""
+        losses = self.calibration.losses
+        return int((losses <= np.nanmin(losses) + self.same_loss).sum())
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the numbers mean, in sentences."""
+        result = [_fit_remark(self), _starts_remark(self), _force_remark(self), _held_out_remark(self)]
+        if self.experiment.thickness is None:
+            result.append(
+                "The thickness is unknown: stresses are stress times thickness, in N/mm. Divide by the thickness in mm "
+                "to get MPa."
+            )
+        return result
+
+    def summary(self) -> dict[str, Any]:
+        """Numbers for a manifest."""
+        return {
+            **self.calibration.summary(),
+            "initial_shear_modulus": initial_shear_modulus(self.model),
+            "unit": self.model.unit,
+            "neo_hooke_force_error": self.neo_hooke_error,
+            "starts_alike": self.starts_alike,
+            "held_out": self.held_out,
+            "remarks": self.remarks,
+        }
+
+    def row(self, name: str, component: int) -> int:
+        """Row of the equation of a loaded boundary and component (0: x, 1: y)."""
+        index = [b.name for b in self.experiment.loaded].index(name)
+        column = int(np.flatnonzero(self.system.fields.boundary == index)[0])
+        return component * self.system.fields.n_fields + column
+
+    def force_deviation(self, name: str, component: int) -> Array | None:
+        """Standard deviation (n_increments,) of predicted minus measured force that the noise explains, N."""
+        return None if self.deviations is None else self.deviations[:, self.row(name, component)]
+
+
+def review(
+    calibration: Calibration,
+    experiment: Experiment | None = None,
+    fitted: NDArray[np.bool_] | None = None,
+    progress: Progress | None = None,
+) -> Review:
+    """Evaluate a calibration on all increments of `experiment` (None: on those it was fitted to).
+
+    progress: called with (done, total) increments while the covariance of the residuals is computed.
+    """
+    if experiment is None or fitted is None or experiment is calibration.experiment:
+        experiment, system = calibration.experiment, calibration.system
+        fitted = np.ones(experiment.n_increments, bool)
+    else:
+        system = equilibrium(experiment, calibration.system.fields.spacing)
+    forces, residuals = predict_forces(system, calibration.model)
+    deviations, chi_square = _expected(system, calibration, residuals, progress)
+    return Review(
+        calibration, experiment, system, fitted, forces, residuals, deviations, chi_square,
+        _neo_hooke_error(calibration.system),
+    )  # fmt: skip
+
+
+def coefficients(model: Model, basis: Basis) -> Array:
+    """Spline coefficients (n_functions,) of the energy derivatives of `model`."""
+    inputs = np.nan_to_num(basis.site_inputs) + pann.REFERENCE
+    invariants = np.stack([inputs[:, 0], inputs[:, 1] ** (2 / 3)], axis=1)
+    slopes = model.derivatives(invariants).copy()
+    slopes[:, 1] /= 1.5 * np.sqrt(invariants[:, 1])
+    return basis.interpolation @ slopes.ravel()
+
+
+def _expected(
+    system: Equilibrium, calibration: Calibration, residuals: Array, progress: Progress | None
+) -> tuple[Array | None, Array | None]:
+    noise = system.experiment.noise
+    if noise is None or noise.displacement_std == 0:
+        return None, None
+    F = system.deformation_gradients
+    basis = basis_for(calibration.options.inputs, F.reshape(-1, 2, 2))
+    c = coefficients(calibration.model, basis)
+    factor = noise_model.noise_factor(system.experiment.points, noise)
+    deviations, chi_square = np.empty_like(residuals), np.empty(len(F))
+    for i, residual in enumerate(residuals):
+        covariance = noise_model.residual_covariance(system, basis, c, F[i], system.loads[i], factor, noise)
+        deviations[i] = np.sqrt(np.diag(covariance))
+        known = np.isfinite(residual)
+        lower = reduction.whitening(covariance[np.ix_(known, known)])
+        white = scipy.linalg.solve_triangular(lower, residual[known], lower=True)
+        chi_square[i] = np.mean(white**2)
+        if progress:
+            progress(i + 1, len(F))
+    return deviations, chi_square
+
+
+def _neo_hooke_error(system: Equilibrium) -> float:
+    """Relative force error of the best neo-Hookean modulus: what one number would do."""
+    modulus = best_shear_modulus(system, SingleBasis(0, 1.0, 8))[0]
+    _, first = invariants_and_derivatives(jnp.asarray(system.deformation_gradients))
+    work = system.internal_forces(0.5 * modulus * np.asarray(first)[:, :, 0])
+    rows = np.tile(system.fields.boundary >= 0, 2)
+    return relative_force_error({"all": work[:, rows]}, {"all": system.loads[:, rows]})
+
+
+def initial_shear_modulus(model: Model) -> float:
+    """mu = 2 (psi_1 + psi_2) at rest, MPa or N/mm."""
+    return float(2 * model.derivatives(np.array([[3.0, 3.0]])).sum())
+
+
+def largest_stretch(model: Model, mode: str) -> float:
+    """Largest stretch of a homogeneous mode within the calibrated range of the model."""
+    stretch = np.linspace(1.0, 12.0, 11001)
+    invariants = np.asarray(invariants_and_derivatives(stretches_to_gradient(mode, stretch))[0])
+    outside = np.flatnonzero(~model.in_range(np.maximum(invariants, 3.0)))
+    return float(stretch[max(outside[0] - 1, 0)] if outside.size else stretch[-1])
+
+
+def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows: quantity, value, unit."""
+    model, chi_square = view.model, view.calibration.reduced_chi_square
+    rows: list[list[Any]] = [
+        ["initial shear modulus", initial_shear_modulus(model), model.unit],
+        ["relative force error, fitted increments", 100 * view.force_error(view.fitted), "%"],
+        ["best neo-Hooke, the same error", 100 * view.neo_hooke_error, "%"],
+        ["loss", view.calibration.loss, ""],
+    ]
+    if np.isfinite(chi_square):
+        rows.append(["reduced chi-square", chi_square, ""])
+    held = view.held_out
+    if held is not None:
+        rows.append(["relative force error, held-out increments", 100 * held["relative_force_error"], "%"])
+        if held["chi_square_per_equation"] is not None:
+            rows.append(["chi-square per equation, held-out increments", held["chi_square_per_equation"], ""])
+    for i in pann.INPUT_SETS[model.architecture.inputs]:
+        name = INVARIANTS[i]
+        rows.append([f"calibrated to {name}", model.calibrated_range[name][1], ""])
+    rows += [[f"calibrated to stretch, {title}", largest_stretch(model, mode), ""] for mode, title in MODES.items()]
+    return ["quantity", "value", "unit"], rows
+
+
+def force_table(view: Review) -> tuple[list[str], list[list[float | str]]]:
+    """Columns and rows: each measured force component, its largest value and how far the prediction is off."""
+    columns = ["boundary", "component", "largest force, N", "rms error, N", "rms error, % of boundary's largest", "largest error, N"]
+    if view.deviations is not None:
+        columns.append("expected from noise, N")
+    rows: list[list[float | str]] = []
+    for name, force in view.measured.items():
+        for k, component in enumerate(COMPONENTS):
+            known = np.isfinite(force[:, k])
+            if not known.any():
+                continue
+            error = (view.forces[name] - force)[known, k]
+            largest, rms = float(np.abs(force[known, k]).max()), float(np.sqrt(np.mean(error**2)))
+            share = 100 * rms / float(np.nanmax(np.abs(force)) or np.nan)
+            row: list[float | str] = [name, component, largest, rms, share, float(np.abs(error).max())]
+            deviation = view.force_deviation(name, k)
+            if deviation is not None:
+                row.append(float(np.sqrt(np.mean(deviation[known] ** 2))))
+            rows.append(row)
+    return columns, rows
+
+
+def _fit_remark(view: Review) -> str:
+    value = view.calibration.reduced_chi_square
+    if view.chi_square is None:
+        return (
+            "The noise of this experiment is unknown: the loss is no chi-square, and how much of the residual is noise "
+            "cannot be said. Give the noise to the Experiment to know."
+        )
+    note = "" if np.isfinite(value) else " (judged with the noise weights, although this loss does not use them)"
+    value = value if np.isfinite(value) else float(view.chi_square[view.fitted].mean())
+    text = f"Reduced chi-square {value:.2f}{note}: "
+    if value > 1.5:
+        return text + (
+            "above 1, the residuals are larger than the stated noise explains. Either the model leaves something out "
+            "(another invariant, time dependence, thickness, a boundary that slips, a hole edge the camera does not "
+            "see) or the noise is underestimated. The map of residuals shows where: scattered over the specimen "
+            "points to noise, at holes or grips or growing with load to the model."
+        )
+    if value < 0.6:
+        return text + "below 1, the residuals are smaller than the stated noise: the noise is overestimated."
+    return text + "close to 1, what is left is as large as the stated noise and no larger."
+
+
+def _starts_remark(view: Review) -> str:
+    n, alike = len(view.calibration.losses), view.starts_alike
+    text = f"{alike} of {n} starts ended as low as the best ({view.calibration.reason})."
+    if n > 1 and alike < max(2, n // 5):
+        return text + " Few agree: take more starts or a smaller network before trusting the shape of the curve."
+    return text
+
+
+def _force_remark(view: Review) -> str:
+    error, simple = view.force_error(view.fitted), view.neo_hooke_error
+    return (
+        f"Forces are met to {100 * error:.2g} % (root mean square); the best neo-Hookean modulus alone would give "
+        f"{100 * simple:.2g} %."
+    )
+
+
+def _held_out_remark(view: Review) -> str:
+    held = view.held_out
+    if held is None:
+        return (
+            "A low loss is no proof of a good model: no data were held out, so nothing here shows how it predicts. "
+            "Fit again with --hold-out, or compare the model with another test of the same material."
+        )
+    numbers = np.flatnonzero(~view.fitted) + 1
+    last = numbers.size == numbers[-1] - numbers[0] + 1 and numbers[-1] == view.experiment.n_increments
+    text = (
+        f"Held out: {'the last ' if last else ''}{held['increments']} of {view.experiment.n_increments} increments; "
+        f"force error there {100 * held['relative_force_error']:.2g} %, "
+        f"on the fitted ones {100 * view.force_error(view.fitted):.2g} %."
+    )
+    if held["chi_square_per_equation"] is not None:
+        text += f" Chi-square per equation there: {held['chi_square_per_equation']:.2f}."
+    if last:
+        return text + " They reach larger strains than the fit has seen, so this is a test of extrapolation."
+    return text + " They lie between fitted ones, and camera noise may be correlated in time: a mild test."

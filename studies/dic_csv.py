@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from studies.series import ForceRecord, Grip, Series
+from studies.series import Grip, Series
+from studies.synchronise import ForceRecord
 from studies.tables import Layout, read_table
 
 Array = NDArray[np.float64]

@@ -15,3 +15,7 @@ class OutputWriteError(StudyError, OSError):
 
 class OptionError(StudyError, ValueError):
     """An unknown or impossible option on the command line or in a configuration file."""
+
+
+class WorkflowError(StudyError, RuntimeError):
+    """A job of a study's workflow failed."""

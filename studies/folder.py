@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.errors import OutputFolderError
-from studies.output import plain, write_error, write_json
+from studies.writing import plain, write_error, write_json
 
 RUN_FILE = "run.json"
 FORMAT = "equigap-run"

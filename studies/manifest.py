@@ -18,7 +18,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from studies.output import write_json
+from studies.writing import write_json
 
 PACKAGES = (
     "equigap", "numpy", "scipy", "jax", "jaxlib", "gmsh", "matplotlib", "fenics-dolfinx", "dolfinx-solver-real",

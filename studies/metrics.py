@@ -42,6 +42,8 @@ def first_invariant(mode: str, stretch: Array) -> Array:
 
 def largest_stretch(mode: str, I1: float) -> float:
     """Stretch > 1 at which a homogeneous mode reaches the first invariant `I1`."""
+    if I1 <= 3.0:
+        return 1.0
     return float(brentq(lambda x: float(first_invariant(mode, x)[0]) - I1, 1.0, 20.0))
 
 
@@ -57,22 +59,27 @@ class Agreement:
     to the largest stress."""
 
     mode: str
-    stretch: float
+    stretch: float  # where the comparison ends
     bias: float
     r2: float
     max_error: float
 
 
-def agreement(model: Model, truth: Derivatives, I1: float, n: int = 200) -> list[Agreement]:
-    """Compare on `n` equidistant stretches of each mode from 1 to where I1 is reached."""
+def agreement(model: Model, truth: Derivatives, I1: float, start: float = 3.0, n: int = 200) -> list[Agreement]:
+    """Compare on `n` equidistant stretches of each mode, from first invariant `start` to `I1`."""
     result = []
     for mode in MODES:
-        stretch = np.linspace(1.0, largest_stretch(mode, I1), n)
+        stretch = np.linspace(largest_stretch(mode, start), largest_stretch(mode, I1), n)
         expected, found = nominal_stress(truth, mode, stretch), model.homogeneous(mode, stretch)
-        result.append(Agreement(
-            mode, float(stretch[-1]), float((found - expected).sum() / expected.sum()), r2(expected, found),
-            float(np.abs(found - expected).max() / expected.max()),
-        ))
+        result.append(
+            Agreement(
+                mode,
+                float(stretch[-1]),
+                float((found - expected).sum() / expected.sum()),
+                r2(expected, found),
+                float(np.abs(found - expected).max() / expected.max()),
+            )
+        )
     return result
 
 

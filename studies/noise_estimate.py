@@ -12,11 +12,13 @@ removes is accounted for. Two numbers follow:
   matched with the same error while it deforms slowly) and fine structure of the specimen that no smooth model
   describes. This is what an equilibrium equation sees, and the default.
 - temporal: from second differences in time, (u_(k-1) - 2 u_k + u_(k+1)) / sqrt(6); only what changes from one
-  frame to the next. A global affine part, removed first, is reported as jitter (vibration, frame timing).
+  frame to the next. The smooth field taken away is one cubic over all points, so that long correlation lengths
+  stay visible; it is reported as jitter (vibration, frame timing).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -30,7 +32,10 @@ from scipy.spatial.distance import cdist
 from calibrate import errors
 
 Array = NDArray[np.float64]
-NEIGHBOURS, LARGEST_PATCH, REACH = 25, 1500, 6.0
+Index = NDArray[np.int64]
+NEIGHBOURS, LARGEST_PATCH = 25, 1500
+# reach of the covariances of local and overall filter, and length below which noise counts as white, in spacings
+NEAR, FAR, WHITE = 6.0, 15.0, 0.3
 SECOND_DIFFERENCE = np.sqrt(6.0)
 
 
@@ -45,7 +50,7 @@ class FieldNoise:
 
 @dataclass(frozen=True)
 class DisplacementNoise:
-    """total, temporal: see the module. jitter, mm: affine motion from frame to frame.
+    """total, temporal: see the module. jitter, mm: smooth motion from frame to frame.
 
     frame_std (n_frames,), mm: total std of each frame at the common correlation length.
     """
@@ -75,22 +80,30 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
             f"{len(points)} points are too few to estimate noise from (100 needed); state the noise instead"
         )
     patch = _patch(points)
-    frames = displacements[:, patch]
-    operator = local_residual_operator(points[patch])
-    filtered = _Filtered(points[patch], operator)
+    points, frames = points[patch], displacements[:, patch]
     moving = frames[np.abs(frames).max(axis=(1, 2)) > 0]
-    total = filtered.fit(moving)
-    frame_std = filtered.scale(moving, total.correlation_length)
+    local, inner = local_residual_operator(points)
+    detail = _Filtered(points, lambda values: local @ values, inner, NEAR)
+    total = detail.fit(moving)
     if len(moving) < 5:
-        return DisplacementNoise(total, None, float("nan"), frame_std)
+        return DisplacementNoise(total, None, float("nan"), detail.scale(moving, total.correlation_length))
     second = (moving[2:] - 2 * moving[1:-1] + moving[:-2]) / SECOND_DIFFERENCE
-    rest = second - _affine(points[patch], second)
-    jitter = float(np.sqrt(np.mean((second - rest) ** 2)))
-    return DisplacementNoise(total, filtered.fit(rest), jitter, frame_std)
+    smooth = _cubic(points)
+    overall = _Filtered(
+        points, lambda values: values - smooth @ (smooth.T @ values), np.arange(len(points)), FAR
+    )
+    temporal = overall.fit(second)
+    jitter = float(
+        np.sqrt(np.mean(np.einsum("np,kni->kpi", smooth, second) ** 2) * smooth.shape[1] / len(points))
+    )
+    if temporal.std > total.std:  # its correlation is too long for the local filter
+        total = temporal
+    return DisplacementNoise(total, temporal, jitter, detail.scale(moving, total.correlation_length))
 
 
-def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> sp.csr_array:
-    """R (n_inner, n): value minus local cubic fit, at points (n, 2) whose neighbours surround them."""
+def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> tuple[sp.csr_array, Index]:
+    """R (n_inner, n): value minus local cubic fit, at those of points (n, 2) whose neighbours surround them; and
+    which these are (n_inner,)."""
     pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
     _, index = cKDTree(points).query(points, k=neighbours)
     offset = (points[index] - points[:, None]) / (2 * pitch)
@@ -106,34 +119,36 @@ def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> sp.c
     rows = np.repeat(np.arange(inner.size), neighbours)
     smooth = sp.csr_array((fit.ravel(), (rows, index[inner].ravel())), shape=(inner.size, len(points)))
     pick = sp.csr_array((np.ones(inner.size), (np.arange(inner.size), inner)), shape=smooth.shape)
-    return sp.csr_array(pick - smooth)
+    return sp.csr_array(pick - smooth), inner
 
 
 class _Filtered:
-    """Autocovariance of R u, empirical and expected, binned by distance."""
+    """Autocovariance of filtered fields, empirical and expected, binned by distance up to `reach` spacings.
 
-    def __init__(self, points: Array, operator: sp.csr_array):
-        self.points, self.operator = points, operator
+    apply: the linear filter, (n, k) to (m, k); places (m,): nodes at which its results are.
+    """
+
+    def __init__(self, points: Array, apply: Callable[[Array], Array], places: Index, reach: float):
+        self.apply, self.reach = apply, reach
         self.pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
-        centre = np.asarray(abs(operator).argmax(axis=1)).ravel()
-        distance = cdist(points[centre], points[centre]) / self.pitch
-        self.near = np.nonzero(distance < REACH)
+        self.distances = cdist(points, points)
+        distance = self.distances[np.ix_(places, places)] / self.pitch
+        self.near = np.nonzero(distance < reach)
         self.bins = np.rint(2 * distance[self.near]).astype(int)
         self.counts = np.maximum(np.bincount(self.bins), 1)
-        self.distances = cdist(points, points)
 
     def _binned(self, covariance: Array) -> Array:
         return np.bincount(self.bins, covariance[self.near]) / self.counts
 
     def empirical(self, frames: Array) -> Array:
-        r = np.concatenate([self.operator @ frames[..., i].T for i in (0, 1)], axis=1)
+        r = np.concatenate([self.apply(frames[..., i].T) for i in (0, 1)], axis=1)
         return self._binned(r @ r.T / r.shape[1])
 
     def expected(self, length: float) -> Array:
         """For unit std; `length` mm."""
         ratio = self.distances / max(length, 1e-3 * self.pitch)
         covariance = np.exp(-0.5 * ratio**2)
-        return self._binned(self.operator @ (self.operator @ covariance).T)
+        return self._binned(self.apply(self.apply(covariance).T))
 
     def fit(self, frames: Array) -> FieldNoise:
         measured, weight = self.empirical(frames), np.sqrt(self.counts)
@@ -147,16 +162,17 @@ class _Filtered:
 
         if not measured[0] > 0:
             return FieldNoise(0.0, 0.0, 0.0)
-        bounds = (0.0, 3.0 * self.pitch)
+        bounds = (0.0, 0.5 * self.reach * self.pitch)
         found = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 0.02 * self.pitch})
-        model = self.expected(found.x)
-        variance = (weight**2 * model) @ measured / ((weight**2 * model) @ model)
-        return FieldNoise(float(np.sqrt(max(variance, 0.0))), float(found.x), float(found.fun))
+        length = float(found.x) if found.x > WHITE * self.pitch else 0.0
+        model = self.expected(length)
+        variance = float((weight**2 * model) @ measured / ((weight**2 * model) @ model))
+        return FieldNoise(float(np.sqrt(max(variance, 0.0))), length, misfit(length))
 
     def scale(self, frames: Array, length: float) -> Array:
         """Std of each frame (n_frames,), mm, at a given correlation length."""
         unit = self.expected(length)[0]
-        r = np.stack([self.operator @ frames[..., i].T for i in (0, 1)])
+        r = np.stack([self.apply(frames[..., i].T) for i in (0, 1)])
         return np.sqrt((r**2).mean(axis=(0, 1)) / unit)
 
 
@@ -166,11 +182,10 @@ def _patch(points: Array) -> NDArray[np.int64]:
     return np.sort(np.argsort(distance, kind="stable")[:LARGEST_PATCH])
 
 
-def _affine(points: Array, fields: Array) -> Array:
-    """The best affine part of fields (k, n, 2) at points (n, 2)."""
-    centred = (points - points.mean(axis=0)) / np.ptp(points, axis=0).max()
-    q, _ = np.linalg.qr(np.column_stack([np.ones(len(points)), centred]))
-    return np.einsum("np,mp,kmi->kni", q, q, fields, optimize=True)
+def _cubic(points: Array) -> Array:
+    """Orthonormal cubic polynomials (n, 10) at points (n, 2)."""
+    x, y = ((points - points.mean(axis=0)) / np.ptp(points, axis=0).max()).T
+    return np.linalg.qr(np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=1))[0]
 
 
 def force_noise(time: Array, force: Array) -> float:

@@ -6,11 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
-from typing import Self, TextIO, TypeVar
+from typing import Self, TextIO
 
 from tqdm import tqdm
 
-T = TypeVar("T")
 INTERVAL = 20.0
 
 
@@ -67,7 +66,7 @@ class Progress:
         print(f"{self.description}: {share} {self.unit}, {seconds:.0f} s", file=self.stream, flush=True)
 
 
-def track(items: Iterable[T], description: str, total: int | None = None, unit: str = "it") -> Iterator[T]:
+def track[T](items: Iterable[T], description: str, total: int | None = None, unit: str = "it") -> Iterator[T]:
     """Iterate over `items` with progress."""
     if total is None and hasattr(items, "__len__"):
         total = len(items)

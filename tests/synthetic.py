@@ -36,6 +36,17 @@ class MooneyRivlin:
 
 
 @dataclass(frozen=True)
+class HartmannNeff:
+    """psi = c1 (I1 - 3) + c2 (I2^(3/2) - 3^(3/2)), MPa: polyconvex (2003), so that a PANN can represent it."""
+
+    c1: float = 0.1
+    c2: float = 0.01
+
+    def __call__(self, invariants: jax.Array) -> jax.Array:
+        return self.c1 * (invariants[0] - 3) + self.c2 * (invariants[1] ** 1.5 - 3**1.5)
+
+
+@dataclass(frozen=True)
 class ArrudaBoyce:
     """Five-term series of Arruda and Boyce 1993 in I1, MPa; coefficients from Steinmann et al. 2012."""
 

@@ -1,0 +1,158 @@
+"""`equigap simulate`: a specimen, a material and a pull in, the Experiment a camera would have recorded out.
+
+Also leaves the exact solution, pictures of both, the force curve and a report.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import TYPE_CHECKING, Any
+
+from studies.errors import OptionError
+from studies.options import add_output, count, nearest, output_folder, positive, settings
+
+if TYPE_CHECKING:
+    from forward.materials import Material
+    from forward.solution import PlaneStressSolution
+
+DESCRIPTION = """\
+Solve a tension test of a thin rubber sheet (plane stress, finite elements) and record it with a synthetic
+camera and load cell. Default: the cross, 60 mm at each arm in 10 increments, Arruda-Boyce rubber, noise of
+0.1 mm with a correlation length of 4 mm, force noise of 1e-4. Lengths in mm, forces in N, stresses in MPa."""
+EXTENT = {"cross": 60.0, "strip": 60.0, "pure_shear": 10.0, "square": 50.0, "plate_with_hole": 40.0}
+QUICK = {"increments": 4, "nodes": 900, "size_factor": 2.5}
+FULL = {"increments": 10, "nodes": 5000, "size_factor": 1.0}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `equigap simulate`."""
+    group = parser.add_argument_group("test")
+    group.add_argument("--specimen", default="cross", help=f"{', '.join(EXTENT)} (%(default)s)")
+    group.add_argument(
+        "--material", default="arruda_boyce", metavar="NAME|MODEL.json",
+        help="arruda_boyce, neo_hooke, mooney_rivlin, yeoh, or a calibrated model (%(default)s)",
+    )  # fmt: skip
+    group.add_argument(
+        "--parameter", action="append", default=[], metavar="NAME=VALUE",
+        help="material parameter such as mu=0.3 (MPa) or N=25; may be repeated",
+    )  # fmt: skip
+    group.add_argument("--displacement", type=positive, metavar="MM", help="of each grip (cross: 60)")
+    group.add_argument("--increments", type=count, metavar="N", help="load steps (10; quick: 4)")
+    group.add_argument("--thickness", type=positive, default=1.0, metavar="MM", help="(%(default)s)")
+    group.add_argument("--size-factor", type=positive, metavar="X", help="of the element sizes (1; quick: 2.5)")
+    group = parser.add_argument_group("camera and load cell")
+    group.add_argument("--nodes", type=count, metavar="N", help="measured points (5000; quick: 900)")
+    group.add_argument("--seed", type=int, default=0, help="of the noise (%(default)s)")
+    group.add_argument("--no-noise", action="store_true", help="record the exact fields")
+    group.add_argument("--relative-noise", type=float, default=5e-4, metavar="X", help="of 200 mm (%(default)s)")
+    group.add_argument("--correlation-length", type=positive, default=4.0, metavar="MM", help="(%(default)s)")
+    group.add_argument("--force-noise", type=float, default=1e-4, metavar="X", help="relative (%(default)s)")
+    parser.add_argument("--quick", action="store_true", help="coarse, a few seconds")
+    add_output(parser, "simulate")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Solve, record, draw, report. Raises `OptionError` and the named errors of meshes, forward and calibrate."""
+    from calibrate.experiment import Experiment
+    from studies.output import Manifest, open_output_folder
+    from studies.simulation_report import write_report
+
+    _complete(args)
+    material = read_material(args.material, args.parameter)
+    key = settings(args) | {"material": material.to_dict()}
+    folder = open_output_folder(output_folder(args, "simulate"), args.overwrite, key)
+    manifest = Manifest(seed=None if args.no_noise else args.seed, settings=key)
+    solution = solve(args, material, folder / "checkpoint.npz")
+    solution.save(folder / "solution.npz")
+    (folder / "checkpoint.npz").unlink(missing_ok=True)
+    experiment = observe(args, solution)
+    experiment.save(folder / "experiment.npz")
+    manifest.beside(folder / "experiment.npz", folder / "solution.npz", **numbers(solution, experiment))
+    Experiment.load(folder / "experiment.npz")
+    print(f"experiment: {folder / 'experiment.npz'}")
+    print(f"report: {write_report(folder, solution, experiment, manifest)}")
+    return 0
+
+
+def _complete(args: argparse.Namespace) -> None:
+    """Fill in what depends on other options. Raises `OptionError`."""
+    if args.specimen not in EXTENT:
+        raise OptionError(
+            f"specimen '{args.specimen}' is unknown{nearest(args.specimen, EXTENT)}; choose from {', '.join(EXTENT)}"
+        )
+    for name, value in (QUICK if args.quick else FULL).items():
+        if getattr(args, name) is None:
+            setattr(args, name, value)
+    if args.displacement is None:
+        args.displacement = EXTENT[args.specimen]
+
+
+def read_material(name: str, parameters: list[str]) -> Material:
+    """A material by name and parameters ('mu=0.3'), or from a model file. Raises `OptionError`, `MaterialError`."""
+    from forward.materials import MATERIALS, material_from_dict
+    from forward.pann import Pann
+
+    if name.endswith(".json"):
+        if parameters:
+            raise OptionError(f"--parameter does not apply to the model file {name}; leave it out")
+        return Pann.from_file(name)
+    if name not in MATERIALS:
+        raise OptionError(
+            f"material '{name}' is unknown{nearest(name, MATERIALS)}; choose from {', '.join(MATERIALS)} or a model .json"
+        )
+    known, values = MATERIALS[name]().to_dict(), {}
+    for parameter in parameters:
+        key, _, value = parameter.partition("=")
+        if key not in known or key == "material":
+            names = [k for k in known if k != "material"]
+            raise OptionError(f"--parameter {parameter}: {name} has {', '.join(names)}{nearest(key, names)}")
+        try:
+            values[key] = float(value)
+        except ValueError:
+            raise OptionError(f"--parameter {parameter}: write NAME=VALUE, such as mu=0.3") from None
+    return material_from_dict({"material": name, **values})
+
+
+def solve(args: argparse.Namespace, material: Material, checkpoint: Any) -> PlaneStressSolution:
+    """Solve a quarter of the specimen and mirror it."""
+    from forward.loading import Loading
+    from forward.plane_stress import solve as solve_plane_stress
+    from meshes import quads
+    from meshes.specimens import SPECIMENS
+
+    specimen = SPECIMENS[args.specimen]()
+    return solve_plane_stress(
+        quads(specimen, quarter=True, size_factor=args.size_factor), material,
+        Loading.clamped(specimen.loaded, args.displacement), args.increments, args.thickness,
+        progress=True, checkpoint=checkpoint,
+    ).mirrored()  # fmt: skip
+
+
+def observe(args: argparse.Namespace, solution: PlaneStressSolution) -> Any:
+    """The Experiment that the camera records of a solution."""
+    from meshes import triangles
+    from meshes.specimens import SPECIMENS
+    from studies.camera import Camera, GaussianField
+    from studies.camera import observe as record
+
+    specimen = SPECIMENS[args.specimen]()
+    field = GaussianField(args.correlation_length, resolution=512 if args.quick else 2048)
+    camera = Camera(field, relative_noise=args.relative_noise, force_noise=args.force_noise)
+    provenance = {"specimen": specimen.to_dict(), "solution": solution.description}
+    return record(
+        solution, triangles(specimen, n_nodes=args.nodes), camera, None if args.no_noise else args.seed,
+        name=f"{args.specimen}, {args.displacement:g} mm", provenance=json.loads(json.dumps(provenance)),
+    )  # fmt: skip
+
+
+def numbers(solution: PlaneStressSolution, experiment: Any) -> dict[str, Any]:
+    """What a manifest and a report say about the test."""
+    return {
+        "points": len(experiment.points),
+        "triangles": len(experiment.triangles),
+        "increments": experiment.n_increments,
+        "final_forces_N": {side: force[-1] for side, force in solution.reactions.items()},
+        "solver_iterations": solution.iterations,
+        "stored_energy_Nmm": float(solution.energy[-1]),
+    }
