@@ -109,6 +109,11 @@ class SingleBasis:
     def n_functions(self) -> int:
         return self.n
 
+    @property
+    def input_tops(self) -> tuple[float, float]:
+        """Largest J_k - J_k(I) covered."""
+        return self.top, self.top
+
     @cached_property
     def site_inputs(self) -> Array:
         """(J1, J2) - rest (n, 2) at which a model is sampled; the other input is not used (NaN)."""
@@ -148,11 +153,15 @@ class SingleBasis:
 
 @dataclass(frozen=True)
 class TensorBasis:
-    """psi_1 and psi_2 as tensor splines in Hencky norm (0 to `top`) and Lode angle (-pi/6 to pi/6)."""
+    """psi_1 and psi_2 as tensor splines in Hencky norm (0 to `top`) and Lode angle (-pi/6 to pi/6).
+
+    input_tops: largest J_k - J_k(I) of the data; the norm and angle of many sites lie far beyond.
+    """
 
     top: float
     n_norm: int = 14
     n_angle: int = 7
+    input_tops: tuple[float, float] = (np.inf, np.inf)
 
     @cached_property
     def splines(self) -> tuple[Spline, Spline]:
@@ -230,6 +239,7 @@ def basis_for(inputs: str, F: Array, n: int = 32) -> Basis:
     if inputs not in pann.INPUT_SETS:
         raise errors.ConfigError(f"inputs '{inputs}' unknown; choose one of {', '.join(pann.INPUT_SETS)}")
     if inputs == "I1I2":
-        return TensorBasis(1.02 * float(hencky_to_lode(F)[0].max()))
+        tops = 1.02 * polyconvex(F)[0].max(axis=0)
+        return TensorBasis(1.02 * float(hencky_to_lode(F)[0].max()), input_tops=(float(tops[0]), float(tops[1])))
     k = pann.INPUT_SETS[inputs][0]
     return SingleBasis(k, 1.05 * float(polyconvex(F)[0][:, k].max()), n)

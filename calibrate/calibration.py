@@ -166,7 +166,7 @@ def _calibrate_slsqp(system: Equilibrium, basis: Basis, options: Options) -> Cal
     inputs = np.nan_to_num(basis.site_inputs)
     scales = 1.0 / np.maximum(np.abs(inputs).max(axis=0), 1e-300)
     level = paper_loss.best_shear_modulus_of(system) * float(np.max(1.0 / scales[list(pann.INPUT_SETS[options.inputs])]))
-    architecture = pann.Architecture(options.inputs, tuple(options.layers), tuple(map(float, scales)), level)
+    architecture = pann.Architecture(options.inputs, tuple(options.layers), (float(scales[0]), float(scales[1])), level)
     loss = paper_loss.full_loss(nodal, architecture, options.scaling)
     keys = jax.random.split(jax.random.key(options.seed), options.starts)
     fits = [paper_loss.slsqp(loss, architecture, np.asarray(architecture.random_start(k))) for k in keys]

@@ -30,10 +30,12 @@ Array = NDArray[np.float64]
 def monotone_functions(basis, k: int, n: int = 24) -> Array:
     """Non-decreasing functions psi_k(J_k), sampled at the basis' sites: (n, n_sites, 2).
 
-    The first is constant, the others are integrated cubic B-splines of s = sqrt((J - J(I)) / range).
+    The first is constant, the others are integrated cubic B-splines of s = sqrt((J - J(I)) / range), constant
+    beyond the range of the data: a function that rises only there would act on the data by the ripples of its
+    interpolant alone.
     """
     x = np.maximum(basis.site_inputs[:, k], 0.0)
-    s = np.sqrt(x / x.max())
+    s = np.sqrt(np.minimum(x / min(x.max(), basis.input_tops[k]), 1.0))
     values = Spline(n).matrix(s)
     cumulative = np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
     functions = np.zeros((n, len(x), 2))
@@ -170,7 +172,9 @@ def fit_network(
     if not level > 0:
         raise errors.FitError("the convex spline fit is zero: forces do not grow with deformation")
     R, d = quadratic.factor()
-    R = R @ basis.interpolation
+    # always n_functions rows: the rank varies with the data, and each new shape would be compiled again
+    missing = basis.n_functions - len(d)
+    R, d = np.pad(R, ((0, missing), (0, 0))) @ basis.interpolation, np.pad(d, (0, missing))
     weights = np.zeros_like(target)
     weights[:, index] = 1.0 / scales[index]
     magnitude = np.linalg.norm(d)
@@ -187,7 +191,7 @@ def fit_network(
     if not np.isfinite(losses).any():
         raise errors.FitError("no start reached a finite loss; check the data for extreme deformations")
     best = int(np.nanargmin(losses))
-    architecture = pann.Architecture(inputs, tuple(layers), tuple(map(float, scales)), level)
+    architecture = pann.Architecture(inputs, tuple(layers), (float(scales[0]), float(scales[1])), level)
     result = NetworkFit(
         parameters=theta[best],
         loss=float(losses[best] * magnitude**2 + offset),

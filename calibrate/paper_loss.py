@@ -27,7 +27,7 @@ from scipy.optimize import minimize
 
 from calibrate import errors, kinematics, pann
 from calibrate.basis import Basis, SingleBasis
-from calibrate.equilibrium import Equilibrium, best_shear_modulus, neo_hooke
+from calibrate.equilibrium import Equilibrium, best_shear_modulus
 from calibrate.experiment import Experiment
 from calibrate.reduction import Quadratic
 from calibrate.virtual_fields import nodal_fields
@@ -41,9 +41,10 @@ def nodal_system(experiment: Experiment) -> Equilibrium:
     return Equilibrium(experiment, nodal_fields(experiment))
 
 
-def force_scales(system: Equilibrium, basis: Basis, c: Array) -> tuple[float, float]:
-    """C_F at coefficients c and C_L, both N^2."""
-    psi = basis.second(system.deformation_gradients.reshape(-1, 2, 2), c)[0]
+def force_scales(system: Equilibrium) -> tuple[float, float]:
+    """C_F at the neo-Hookean start (whatever the inputs of the model) and C_L, both N^2."""
+    psi = np.zeros((*system.deformation_gradients.shape[:2], 2))
+    psi[..., 0] = 0.5 * best_shear_modulus_of(system)
     return float(_element_force_max(system, psi)), _load_max(system.experiment)
 
 
@@ -64,8 +65,7 @@ def _element_force_max(system: Equilibrium, psi: Array) -> float:
 
 def reduced(system: Equilibrium, basis: Basis) -> Quadratic:
     """The paper's loss with frozen C_F as a quadratic form in spline coefficients."""
-    start = neo_hooke(basis, best_shear_modulus(system, basis)[0])
-    c_f, c_l = force_scales(system, basis, start)
+    c_f, c_l = force_scales(system)
     n_t = system.experiment.n_increments
     weights = np.tile(np.where(system.fields.boundary >= 0, 1 / (c_l * n_t), 1 / (c_f * n_t)), 2)
     n = basis.n_functions
@@ -111,11 +111,7 @@ def full_loss(system: Equilibrium, architecture: pann.Architecture, scaling: str
     loaded = np.concatenate([b.nodes for b in experiment.loaded])
     free = jnp.asarray(np.isin(np.arange(n), loaded, invert=True).astype(float))
     measured = jnp.asarray(np.stack([b.force for b in experiment.loaded], axis=1))
-    c_l = _load_max(experiment)
-    frozen = 0.0
-    if scaling == "frozen":
-        modulus = best_shear_modulus_of(system)
-        frozen = _element_force_max(system, np.array([0.5 * modulus, 0.0]) * np.ones((*values.shape[:2], 2)))
+    frozen, c_l = force_scales(system)
 
     def element_forces(theta):
         slope = pann.energy_derivatives(architecture, theta, values)

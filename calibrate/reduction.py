@@ -46,6 +46,8 @@ class Quadratic:
 
     def factor(self) -> tuple[Array, Array]:
         """R (r, n), d (r,) with loss = |R c - d|^2 + constant - |d|^2; directions without information dropped."""
+        if not self.Q.any():
+            return np.zeros((0, len(self.q))), np.zeros(0)
         scale = np.sqrt(np.maximum(np.diag(self.Q), 1e-14 * np.diag(self.Q).max()))
         values, vectors = np.linalg.eigh(self.Q / np.outer(scale, scale))
         keep = values > 1e-12 * values.max()

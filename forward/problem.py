@@ -29,8 +29,8 @@ PETSC_OPTIONS = {
     "ksp_type": "preonly",
     "pc_type": "cholesky",
     "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_14": 60,  # spare memory, %
 }
+NOT_A_NUMBER = -4  # PETSc's reason; its name changes between versions
 _numbers = count()
 
 
@@ -113,7 +113,7 @@ class PlaneStressProblem:
             petsc_options=PETSC_OPTIONS,
             jit_options=JIT_OPTIONS,
         )
-        self.problem.A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._prepare_factorisation()
         self._raw = self.problem.b.duplicate()
         self._is_held = self._held_entries()
         self.problem.solver.setConvergenceTest(self._test)
@@ -177,6 +177,14 @@ class PlaneStressProblem:
             entries.append(dofs[:owned])
         return np.concatenate(entries)
 
+    def _prepare_factorisation(self) -> None:
+        """Tell PETSc that the tangent is symmetric, and give MUMPS spare memory for pivoting, %."""
+        self.problem.A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        linear_solver = self.problem.solver.getKSP()
+        linear_solver.setOperators(self.problem.A)
+        linear_solver.getPC().setFactorSetUpSolverType()
+        linear_solver.getPC().getFactorMatrix().setMumpsIcntl(14, 60)
+
     def _assemble_raw(self) -> None:
         """Internal forces without regard to the supports."""
         with self._raw.localForm() as local:
@@ -189,7 +197,7 @@ class PlaneStressProblem:
         reasons = PETSc.SNES.ConvergedReason
         imbalance = norms[2]
         if not np.isfinite(imbalance):
-            return reasons.DIVERGED_FNORM_NAN
+            return NOT_A_NUMBER
         self._assemble_raw()
         reactions = self._raw.getArray(readonly=True)[self._is_held]
         scale = np.sqrt(self.comm.allreduce(float(reactions @ reactions), op=MPI.SUM))

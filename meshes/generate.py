@@ -23,7 +23,7 @@ NODE_TOLERANCE = 0.05
 RETRIES = (1.0, 0.97, 1.04, 0.93, 0.9, 0.86)  # a bad cell is often gone when all sizes change a little
 GROWTH = 0.3
 EDGES_PER_FILLET_RADIUS = 6
-EDGE_PER_TIP_RADIUS = 1.2  # longer edges around the tip of an ellipse make cells bent beyond use
+EDGE_PER_TIP_RADIUS = 1.0  # of quads; longer edges around the tip of an ellipse bend the cells beyond use
 GMSH_TYPES = {2: "triangle", 10: "quad"}
 
 
@@ -104,7 +104,7 @@ def _quadrant(specimen: Specimen, cell_type: str, size_factor: float) -> Mesh:
         raise MeshDataError(f"size_factor = {size_factor}; give a positive number")
     with _gmsh.session(specimen.name) as gmsh:
         _draw_quadrant(gmsh, specimen)
-        _set_sizes(gmsh, specimen, size_factor)
+        _set_sizes(gmsh, specimen, size_factor, curved=cell_type == "quad")
         if cell_type == "quad":
             gmsh.option.setNumber("Mesh.Algorithm", 8)
             gmsh.option.setNumber("Mesh.RecombinationAlgorithm", 3)
@@ -151,10 +151,12 @@ def _draw_outline(occ: ModuleType, specimen: Specimen) -> list[int]:
     return [curve for arc, line in zip(arcs, lines, strict=True) for curve in (*arc, line)]
 
 
-def _set_sizes(gmsh: ModuleType, specimen: Specimen, size_factor: float) -> None:
+def _set_sizes(gmsh: ModuleType, specimen: Specimen, size_factor: float, curved: bool) -> None:
     """Small at holes and fillets, growing with the distance to them."""
     near, far = (size_factor * size for size in specimen.sizes)
-    near = min([near, *(EDGE_PER_TIP_RADIUS * hole.tip_radius for hole in specimen.holes())])
+    if curved:
+        far = min(far, *specimen.half_extent)
+        near = min([near, *(EDGE_PER_TIP_RADIUS * hole.tip_radius for hole in specimen.holes()), far])
     radii = [c.radius for c in specimen.corners() if c.radius]
     fillet = min([far, *(max(near, size_factor * r / EDGES_PER_FILLET_RADIUS) for r in radii)])
     rims, arcs = [], []

@@ -34,7 +34,7 @@ def forces(view: Review) -> Figure:
         axes[1, 0].set_ylabel("predicted - measured, N")
         axes[0, 0].legend(fontsize=8)
         if view.deviations is not None:
-            axes[1, 0].legend(fontsize=7, loc="upper right", ncols=2)
+            axes[1, 0].legend(fontsize=7, ncols=2)
     return figure
 
 
@@ -147,31 +147,31 @@ def curves(view: Review) -> Figure:
     model, modulus = view.model, initial_shear_modulus(view.model)
     with style.figure(9.6, 5.4) as figure:
         axes = figure.subplots(2, 3, sharex="col", sharey="row", height_ratios=(1.6, 1))
-        bounds = [modulus]
+        bounds, highest = [modulus], 0.0
         for column, mode in zip(axes.T, MODES, strict=True):
-            bounds += _curve_column(view, mode, modulus, *column)
+            stress, reduced = _curve_column(view, mode, modulus, *column)
+            bounds += [float(reduced.min()), float(reduced.max())]
+            highest = max(highest, float(stress[-1]))
         low, high = min(bounds), max(bounds)
         margin = max(0.1 * (high - low), 0.05 * high)
         axes[1, 0].set(ylabel=f"reduced stress, {model.unit}", ylim=(max(0.0, low - margin), high + margin))
-        axes[0, 0].set(ylabel=f"nominal stress, {model.unit}", ylim=(0.0, None))
+        axes[0, 0].set(ylabel=f"nominal stress, {model.unit}", ylim=(0.0, 1.5 * highest))
         axes[0, 0].legend(fontsize=8)
     return figure
 
 
-def _curve_column(view: Review, mode: str, modulus: float, top: Axes, bottom: Axes) -> list[float]:
-    """Draw one mode; returns the smallest and largest reduced stress within the calibrated range."""
+def _curve_column(view: Review, mode: str, modulus: float, top: Axes, bottom: Axes) -> tuple[Array, Array]:
+    """Draw one mode; returns stress and reduced stress (k,) within the calibrated range."""
     model, colour, exponent = view.model, style.MODES[mode]["color"], NEO_HOOKE[mode]
     limit = max(largest_stretch(model, mode), 1.001)
     end = 1 + 1.25 * (limit - 1)
-    bounds: list[float] = []
-    for low, high, line, label in ((1.0, limit, "-", "model"), (limit, end, "--", "extrapolated")):
-        stretch = np.linspace(low, high, 201)[1:]
-        stress = model.homogeneous(mode, stretch)
-        reduced = stress / (stretch - stretch**exponent)
-        top.plot(stretch, stress, line, color=colour, label=label)
-        bottom.plot(stretch, reduced, line, color=colour)
-        bounds += [float(reduced.min()), float(reduced.max())] if line == "-" else []
-    stretch = np.linspace(1.0, end, 200)
+    stretch = np.linspace(1.0, end, 501)[1:]
+    stress = model.homogeneous(mode, stretch)
+    reduced = stress / (stretch - stretch**exponent)
+    inside = stretch <= limit
+    for part, line, label in ((inside, "-", "model"), (~inside, "--", "extrapolated")):
+        top.plot(stretch[part], stress[part], line, color=colour, label=label)
+        bottom.plot(stretch[part], reduced[part], line, color=colour)
     neo_hooke = modulus * (stretch - stretch**exponent)
     top.plot(stretch, neo_hooke, ":", color="0.4", lw=1, label="neo-Hooke, same initial modulus")
     bottom.axhline(modulus, color="0.4", ls=":", lw=1)
@@ -179,7 +179,7 @@ def _curve_column(view: Review, mode: str, modulus: float, top: Axes, bottom: Ax
         style.mark_range(ax, 1.0, limit)
     top.set(title=f"{MODES[mode]}, calibrated to a stretch of {limit:.2f}", xlim=(1.0, end))
     bottom.set_xlabel("stretch")
-    return bounds
+    return stress[inside], reduced[inside]
 
 
 def coverage(view: Review) -> Figure:

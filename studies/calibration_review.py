@@ -29,6 +29,10 @@ Progress = Callable[[int, int], None]
 MODES = {"uniaxial": "uniaxial", "equibiaxial": "equi-biaxial", "pure_shear": "pure shear"}
 COMPONENTS = ("x", "y")
 SAME_LOSS, SAME_CHI_SQUARE = 1e-3, 4.0  # relative, or where the loss is a chi-square: two standard deviations
+TOO_SOFT = (
+    " A misfit this large biases the stiffness downwards, because equations without a measured force are met best by "
+    "no stiffness at all: trust the model only where predicted and measured forces agree."
+)
 
 
 @dataclass(frozen=True)
@@ -81,8 +85,9 @@ class Review:
     @property
     def same_loss(self) -> float:
         """Difference of losses below which two starts count as alike."""
-        if np.isfinite(self.calibration.reduced_chi_square):
-            return SAME_CHI_SQUARE
+        chi_square = self.calibration.reduced_chi_square
+        if np.isfinite(chi_square):
+            return SAME_CHI_SQUARE * max(1.0, chi_square)
         return SAME_LOSS * abs(float(np.nanmin(self.calibration.losses)))
 
     @property
@@ -262,7 +267,7 @@ def _fit_remark(view: Review) -> str:
             "above 1, the residuals are larger than the stated noise explains. Either the model leaves something out "
             "(another invariant, time dependence, thickness, a boundary that slips, a hole edge the camera does not "
             "see) or the noise is underestimated. The map of residuals shows where: scattered over the specimen "
-            "points to noise, at holes or grips or growing with load to the model."
+            "points to noise, at holes or grips or growing with load to the model." + (TOO_SOFT if value > 10 else "")
         )
     if value < 0.6:
         return text + "below 1, the residuals are smaller than the stated noise: the noise is overestimated."
@@ -279,10 +284,13 @@ def _starts_remark(view: Review) -> str:
 
 def _force_remark(view: Review) -> str:
     error, simple = view.force_error(view.fitted), view.neo_hooke_error
-    return (
+    text = (
         f"Forces are met to {100 * error:.2g} % (root mean square); the best neo-Hookean modulus alone would give "
         f"{100 * simple:.2g} %."
     )
+    if error > max(1.3 * simple, 0.02):
+        text += " One modulus does better: equilibrium inside the specimen and the measured forces disagree."
+    return text
 
 
 def _held_out_remark(view: Review) -> str:

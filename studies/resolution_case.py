@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -46,9 +47,11 @@ class Settings:
     @classmethod
     def read(cls, folder: Path) -> Settings:
         """Settings of an output folder."""
-        content = json.loads((folder / "run.json").read_text())["settings"]
+        content: dict[str, Any] = json.loads((folder / "run.json").read_text())["settings"]
         content.pop("study")
-        return cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in content.items()})
+        for key in ("levels", "seeds", "layers"):
+            content[key] = tuple(content[key])
+        return cls(**content)
 
     @property
     def noise_seeds(self) -> list[str]:
@@ -166,7 +169,7 @@ def format_level(level: float) -> str:
 
 def main() -> None:
     """Run one step from the command line."""
-    steps = {"forward": forward, "mesh": mesh, "observe": observe, "case": case}
+    steps: dict[str, Callable[..., None]] = {"forward": forward, "mesh": mesh, "observe": observe, "case": case}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("step", choices=steps)
     parser.add_argument("folder", type=Path)

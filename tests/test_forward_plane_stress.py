@@ -54,13 +54,13 @@ def test_equibiaxial_sheet(material):
 
 
 def test_stored_energy_is_external_work():
-    """Work of the grips, integrated by a spline through 12 increments; their error falls as its 4th power."""
+    """Work of the grips, integrated by a cubic spline through 24 increments, whose error is of fourth order."""
     mesh = quads(Cross(), quarter=True, size_factor=4.0)
-    solution = solve(mesh, ArrudaBoyce(), Loading.clamped(Cross.loaded, 60.0), 12)
+    solution = solve(mesh, ArrudaBoyce(), Loading.clamped(Cross.loaded, 60.0), 24)
     force = solution.reactions["right"][:, 0] + solution.reactions["top"][:, 1]
     work = CubicSpline(np.r_[0, solution.time] * 60.0, np.r_[0, force]).antiderivative()
-    np.testing.assert_allclose(solution.energy, work(solution.time * 60.0), rtol=3e-4)
-    assert solution.energy[-1] == pytest.approx(work(60.0), rel=1e-5)
+    np.testing.assert_allclose(solution.energy, work(solution.time * 60.0), rtol=1e-4)
+    assert solution.energy[-1] == pytest.approx(work(60.0), rel=1e-6)
 
 
 def test_quarter_is_full_model(quarter_cross):
@@ -135,5 +135,5 @@ def test_a_full_model_is_not_mirrored():
 def test_default_experiment_in_small():
     solution = default_experiment(size_factor=4.0, n_increments=3)
     assert set(solution.reactions) == set(Cross.loaded)
-    I1_like = np.linalg.norm(solution.deformation_gradient([[85.0, 0.0]])[-1])
-    assert 1.5 < I1_like < 2.5
+    F = solution.deformation_gradient([[85.0, 0.0], [0.0, 85.0]])[-1]
+    np.testing.assert_allclose([F[0, 0, 0], F[1, 1, 1]], 1.68, atol=0.05)

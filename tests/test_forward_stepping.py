@@ -1,0 +1,139 @@
+"""What happens when a step fails, when a run is cut off, and when the input makes no sense."""
+
+import numpy as np
+import pytest
+
+from forward import ArrudaBoyce, Loading, NeoHooke, PlaneStressSolution
+from forward.errors import ConvergenceError, LoadingError, SolutionError
+from forward.plane_stress import Options, _Record, solve
+from forward.stepping import State, predict, steps
+from meshes import Cross, SquareSheet, Strip, quads, triangles
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return quads(Cross(), quarter=True, size_factor=4.0)
+
+
+@pytest.fixture(scope="module")
+def reference(mesh):
+    return solve(mesh, ArrudaBoyce(), Loading.clamped(Cross.loaded, 20.0), 4)
+
+
+class FailsAbove:
+    """A problem u = t whose solver only manages steps up to a limit."""
+
+    def __init__(self, limit, wall=np.inf):
+        self.displacements, self.at, self.limit, self.wall, self.tried = np.zeros((1, 2)), 0.0, limit, wall, []
+
+    def solve(self, load_factor):
+        self.tried.append(load_factor)
+        converged = load_factor - self.at <= self.limit and load_factor <= self.wall
+        if converged:
+            self.at = load_factor
+            self.displacements = np.full((1, 2), load_factor)
+        else:
+            self.displacements = np.full((1, 2), np.nan)
+        return type("Outcome", (), {"converged": converged, "iterations": 2, "text": "too far"})()
+
+
+def test_failed_steps_are_rolled_back_and_halved():
+    problem = FailsAbove(0.3)
+    states = list(steps(problem, [0.5, 1.0], [State(0.0, np.zeros((1, 2)))], 4))
+    assert problem.tried == [0.5, 0.25, 0.5, 1.0, 0.75, 1.0]
+    assert [s.load_factor for s in states] == [0.5, 1.0]
+    assert [s.iterations for s in states] == [6, 6]
+    np.testing.assert_array_equal(states[-1].displacements, 1.0)
+
+
+def test_bisection_ends_with_a_named_error():
+    problem = FailsAbove(1.0, wall=0.6)
+    walk = steps(problem, [0.5, 1.0], [State(0.0, np.zeros((1, 2)))], 3)
+    next(walk)
+    with pytest.raises(ConvergenceError, match=r"beyond 0\.5625 of the load: too far"):
+        next(walk)
+    np.testing.assert_array_equal(problem.displacements, 0.5625)
+
+
+def test_secant_prediction():
+    known = [State(0.2, np.array([1.0])), State(0.4, np.array([2.0]))]
+    assert predict(known, 0.5)[0] == pytest.approx(2.5)
+    assert predict(known[:1], 0.5)[0] == 1.0
+
+
+def test_bisection_reaches_the_same_state(mesh, reference):
+    """Two Newton iterations are not enough for a quarter of the load; smaller steps are."""
+    loading, options = Loading.clamped(Cross.loaded, 20.0), Options(max_iterations=3, tolerance=1e-9)
+    solution = solve(mesh, ArrudaBoyce(), loading, 1, options=options)
+    assert solution.iterations[0] > 3
+    np.testing.assert_allclose(solution.displacements[-1], reference.displacements[-1], atol=1e-7)
+
+
+def test_impossible_load_names_the_error_and_keeps_the_last_state(mesh, tmp_path):
+    """Arms of 60 mm cannot be pushed in by 110 mm."""
+    path = tmp_path / "run.npz"
+    options = Options(max_iterations=8, max_bisections=2)
+    with pytest.raises(ConvergenceError, match=r"no equilibrium beyond .* of the load") as caught:
+        solve(mesh, ArrudaBoyce(), Loading.clamped(Cross.loaded, -110.0), 10, options=options, checkpoint=path)
+    reached = len(caught.value.solution.time)
+    assert 0 < reached < 10
+    assert str(path) in str(caught.value)
+    np.testing.assert_array_equal(
+        PlaneStressSolution.load(path).displacements, caught.value.solution.displacements
+    )
+
+
+def test_resume_after_a_kill(mesh, reference, tmp_path, monkeypatch):
+    path, loading = tmp_path / "run.npz", Loading.clamped(Cross.loaded, 20.0)
+    add, calls = _Record.add, []
+
+    def killed(record, *arguments):
+        calls.append(0)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        add(record, *arguments)
+
+    monkeypatch.setattr(_Record, "add", killed)
+    with pytest.raises(KeyboardInterrupt):
+        solve(mesh, ArrudaBoyce(), loading, 4, checkpoint=path)
+    monkeypatch.undo()
+    assert len(PlaneStressSolution.load(path).time) == 2
+    resumed = solve(mesh, ArrudaBoyce(), loading, 4, checkpoint=path)
+    np.testing.assert_allclose(resumed.displacements, reference.displacements, atol=1e-10)
+    np.testing.assert_allclose(resumed.reactions["right"], reference.reactions["right"], rtol=1e-10)
+    again = solve(mesh, ArrudaBoyce(), loading, 4, checkpoint=path)
+    np.testing.assert_array_equal(again.displacements, resumed.displacements)
+    with pytest.raises(SolutionError, match="another mesh, material"):
+        solve(mesh, NeoHooke(), loading, 4, checkpoint=path)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
+
+
+def test_loading_errors(mesh):
+    with pytest.raises(LoadingError, match="finite"):
+        Loading({"right": (np.nan, 0.0)})
+    with pytest.raises(LoadingError, match="two components"):
+        Loading({"right": (1.0,)})
+    with pytest.raises(LoadingError, match="no boundary"):
+        Loading({})
+    with pytest.raises(LoadingError, match="'arm' is not on this mesh, which has right"):
+        Loading({"arm": (1.0, 0.0)}).on(mesh)
+    with pytest.raises(LoadingError, match="side 'arm' is unknown"):
+        Loading.clamped(["arm"], 1.0)
+    with pytest.raises(LoadingError, match="load one of these"):
+        Loading.clamped(["left"], 1.0).on(mesh)
+    with pytest.raises(LoadingError, match="different displacement"):
+        sheet = quads(SquareSheet(far_size=50.0))
+        Loading.clamped(SquareSheet.loaded, 1.0).prescribed(sheet)
+    with pytest.raises(LoadingError, match="rigid body"):
+        strip = quads(Strip(far_size=20.0))
+        Loading({"left": (-1.0, None), "right": (1.0, None)}).prescribed(strip)
+
+
+def test_solve_refuses_what_it_cannot_do(mesh):
+    loading = Loading.clamped(Cross.loaded, 1.0)
+    with pytest.raises(LoadingError, match="needs quads"):
+        solve(triangles(Cross(), size_factor=4.0), ArrudaBoyce(), loading)
+    with pytest.raises(LoadingError, match="must be positive"):
+        solve(mesh, ArrudaBoyce(), loading, thickness=-1.0)
+    with pytest.raises(LoadingError, match="must be positive"):
+        solve(mesh, ArrudaBoyce(), loading, n_increments=0)
