@@ -7,7 +7,7 @@ and a loss that is a reduced chi-square where the noise is known.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import jax
@@ -149,9 +149,13 @@ def calibrate(
         for _ in range(options.passes):
             quadratic = assembled.quadratic(spline)
             spline = fit.convex_spline(quadratic, options.inputs)
+            spline = quadratic.stiffness_factor(spline) * spline
     architecture, result = fit.fit_network(
         quadratic, options.inputs, options.layers, spline, options.starts, options.seed
     )
+    if options.loss == "weighted":
+        factor = quadratic.stiffness_factor(result.coefficients)
+        architecture = replace(architecture, energy_scale=factor * architecture.energy_scale)
     freedom = max(1, quadratic.n_rows - architecture.n_parameters)
     best = int(np.nanargmin(result.losses))
     return _collect(

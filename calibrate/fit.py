@@ -63,12 +63,13 @@ def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24) -> Array:
 
 @dataclass(frozen=True)
 class NetworkFit:
-    """Result of `fit_network`: best parameters, the loss of every start, and why each stopped.
+    """Result of `fit_network`: best parameters, their spline coefficients, the loss of every start, why each stopped.
 
     reasons: 'converged' (relative decrease below tolerance) or 'iteration limit'.
     """
 
     parameters: Array
+    coefficients: Array
     loss: float
     losses: Array
     iterations: Array
@@ -192,8 +193,10 @@ def fit_network(
         raise errors.FitError("no start reached a finite loss; check the data for extreme deformations")
     best = int(np.nanargmin(losses))
     architecture = pann.Architecture(inputs, tuple(layers), (float(scales[0]), float(scales[1])), level)
+    derivatives = _Residual(unit, False)._derivatives(theta[best], data[0], data[-1])
     result = NetworkFit(
         parameters=theta[best],
+        coefficients=level * basis.interpolation @ np.asarray(derivatives).ravel(),
         loss=float(losses[best] * magnitude**2 + offset),
         losses=losses * magnitude**2 + offset,
         iterations=counts,

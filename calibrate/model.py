@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from calibrate import errors, kinematics, pann
 
 FORMAT, VERSION = "equigap-model", 1
+UNITS = ("MPa", "N/mm")
 Array = NDArray[np.float64]
 
 
@@ -122,27 +123,62 @@ class Model:
 
     @classmethod
     def _from_dict(cls, content: dict[str, Any]) -> Model:
+        if content["kind"] != "pann":
+            raise ValueError(f"kind '{content['kind']}' unknown; this program reads 'pann'")
+        if content["unit"] not in UNITS:
+            raise ValueError(f"unit '{content['unit']}' unknown; choose one of {', '.join(UNITS)}")
         architecture = pann.Architecture(
             inputs=content["inputs"],
             layers=tuple(content["layers"]),
-            scales=tuple(content["scales"]),
+            scales=_scales(content["scales"]),
             energy_scale=float(content["energy_scale"]),
         )
-        parts: list[Array] = []
-        for layer in content["hidden"]:
-            parts += [np.ravel(np.asarray(layer["weights"], float)), np.ravel(np.asarray(layer["biases"], float))]
-        parts += [np.asarray(content["output"], float), np.asarray(content["skip"], float)]
-        parameters = np.concatenate(parts)
-        if parameters.shape != (architecture.n_parameters,) or not np.isfinite(parameters).all():
-            raise ValueError(f"{parameters.size} weights, but layers {architecture.layers} need "
-                             f"{architecture.n_parameters} finite ones")
+        if not 0 < architecture.energy_scale < np.inf:
+            raise ValueError(f"energy_scale {architecture.energy_scale} is not a positive number")
+        parameters = _parameters(architecture, content)
         if (parameters[architecture.nonnegative] < 0).any():
             raise ValueError("a weight is negative: the energy would not be convex and non-decreasing")
         return cls(
             architecture=architecture,
             parameters=parameters,
             unit=content["unit"],
-            calibrated_range={k: (float(v[0]), float(v[1])) for k, v in content["calibrated_range"].items()},
+            calibrated_range=_range(content["calibrated_range"]),
             fit=content.get("fit", {}),
             provenance=content.get("provenance", {}),
         )
+
+
+def _scales(values: Any) -> tuple[float, float]:
+    scales = tuple(map(float, values))
+    if len(scales) != 2 or not all(0 < s < np.inf for s in scales):
+        raise ValueError(f"scales {values} are not two positive numbers")
+    return scales[0], scales[1]
+
+
+def _range(content: Any) -> dict[str, tuple[float, float]]:
+    if not isinstance(content, dict) or not all(isinstance(v, list) and len(v) == 2 for v in content.values()):
+        raise ValueError("calibrated_range is not a table of [min, max]")
+    result = {name: (float(low), float(high)) for name, (low, high) in content.items()}
+    if not all(low <= high for low, high in result.values()):
+        raise ValueError(f"calibrated_range {content}: min must not exceed max")
+    return result
+
+
+def _parameters(architecture: pann.Architecture, content: dict[str, Any]) -> Array:
+    """Parameter vector of the weights in a file; every array must have the shape that `layers` and `inputs` imply."""
+    expected: list[tuple[str, Any, tuple[int, ...]]] = []
+    if len(content["hidden"]) != len(architecture.layers):
+        raise ValueError(f"{len(content['hidden'])} hidden layers, but 'layers' has {len(architecture.layers)}")
+    for i, (layer, shape) in enumerate(zip(content["hidden"], architecture.shapes, strict=True), start=1):
+        expected += [
+            (f"weights of layer {i}", layer["weights"], shape),
+            (f"biases of layer {i}", layer["biases"], shape[:1]),
+        ]
+    expected += [
+        ("output", content["output"], architecture.layers[-1:]),
+        ("skip", content["skip"], (architecture.n_inputs,)),
+    ]
+    for name, values, shape in expected:
+        if np.shape(values) != shape or not np.isfinite(np.asarray(values, float)).all():
+            raise ValueError(f"{name}: need {shape} finite numbers, found shape {np.shape(values)}")
+    return np.concatenate([np.ravel(np.asarray(values, float)) for _, values, _ in expected])

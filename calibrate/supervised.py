@@ -49,9 +49,7 @@ def check_curves(curves: Curves) -> None:
         if mode not in MODES:
             raise errors.ConfigError(f"mode '{mode}' unknown; choose one of {', '.join(MODES)}")
         if stretch.shape != stress.shape or stretch.ndim != 1 or stretch.size < 2:
-            raise errors.ExperimentError(
-                f"{mode}: stretch {stretch.shape} and stress {stress.shape} do not match"
-            )
+            raise errors.ExperimentError(f"{mode}: stretch {stretch.shape} and stress {stress.shape} do not match")
         if not (np.isfinite(stretch).all() and np.isfinite(stress).all()):
             raise errors.ExperimentError(f"{mode}: values are not finite; leave such rows out")
         if not (stretch > 0).all() or stretch.max() > 20:
@@ -66,9 +64,7 @@ def gradients(curves: Curves) -> tuple[Array, Array, Array]:
     """F (m, 2, 2), nominal stress (m,) MPa and weight (m,) 1/MPa of all points of all modes."""
     F = np.concatenate([stretches_to_gradient(mode, stretch) for mode, (stretch, _) in curves.items()])
     stress = np.concatenate([stress for _, stress in curves.values()])
-    weight = np.concatenate(
-        [np.full(s.size, 1 / (np.abs(s).max() * np.sqrt(s.size))) for _, s in curves.values()]
-    )
+    weight = np.concatenate([np.full(s.size, 1 / (np.abs(s).max() * np.sqrt(s.size))) for _, s in curves.values()])
     return F, stress, weight
 
 
@@ -144,9 +140,7 @@ def fit_supervised(
         {"loss": float(losses[best]), "kind": "supervised", "seed": seed, "starts": n_starts},
         {"modes": sorted(curves)},
     )
-    return SupervisedFit(
-        model, float(losses[best]), losses, "converged" if converged[best] else "iteration limit"
-    )
+    return SupervisedFit(model, float(losses[best]), losses, "converged" if converged[best] else "iteration limit")
 
 
 def _embedded(single: Model, architecture: pann.Architecture) -> Array:

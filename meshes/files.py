@@ -33,8 +33,8 @@ def write_npz(path: str | Path, format_name: str, **arrays: Any) -> None:
 def read_npz(path: str | Path, format_name: str, required: Iterable[str]) -> dict[str, Any]:
     """Arrays of a file that `write_npz` wrote. Raises `MeshDataError` if it is missing, broken or another."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            content = dict(file)
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+            content = dict(archive)
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise MeshDataError(f"{path}: cannot be read as {format_name} ({error}); write it again") from error
     if str(content.pop("format", "")) != format_name:

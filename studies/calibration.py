@@ -124,7 +124,7 @@ def held_in(experiment: Experiment, hold_out: str | None, seed: int) -> NDArray[
 def write(folder: Path, view: Review, manifest: Any) -> None:
     """Write model, figures, table of forces, report and manifest into `folder`."""
     from studies import calibration_figures
-    from studies.calibration_review import force_table, summary_table
+    from studies.calibration_words import force_table, remarks, summary, summary_table
     from studies.output import write_csv, write_figure
     from studies.report import Report
 
@@ -133,7 +133,7 @@ def write(folder: Path, view: Review, manifest: Any) -> None:
     calibration.model.save(model)
     report = Report(f"Calibration on {experiment.name}", model_name(view))
     report.heading("Result").table(*summary_table(view))
-    for remark in view.remarks:
+    for remark in remarks(view):
         report.paragraph(remark)
     report.table(*force_table(view), "Forces on the loaded edges; the rms is over all increments.")
     report.heading("Evidence")
@@ -150,7 +150,7 @@ def write(folder: Path, view: Review, manifest: Any) -> None:
     report.details("Versions", record["versions"])
     report.save(folder / "report.html")
     # the manifest is written last: where it is, everything is
-    manifest.beside(folder / "report.html", model, folder / "forces.csv", **view.summary())
+    manifest.beside(folder / "report.html", model, folder / "forces.csv", **summary(view))
 
 
 def model_name(view: Review) -> str:
@@ -166,7 +166,7 @@ def model_name(view: Review) -> str:
 
 def print_summary(view: Review) -> None:
     """Print the numbers and what they mean."""
-    from studies.calibration_review import summary_table
+    from studies.calibration_words import remarks, summary_table
 
     print(f"{view.experiment.name}: {model_name(view)}")
     _, rows = summary_table(view)
@@ -174,7 +174,7 @@ def print_summary(view: Review) -> None:
     for name, value, unit in rows:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         print(f"  {name:{width}}  {text} {unit}".rstrip())
-    for remark in view.remarks:
+    for remark in remarks(view):
         print(f"- {remark}")
 
 

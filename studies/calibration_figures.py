@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
@@ -137,7 +138,7 @@ def starts(view: Review) -> Figure:
             ax.axhline(freedom, color="0.4", ls="--", lw=0.9, label="expected from the noise alone")
         spread = losses[-1] > 3 * losses[0] > 0
         ax.set(xlabel="start, sorted", ylabel="loss", yscale="log" if spread else "linear")
-        ax.xaxis.get_major_locator().set_params(integer=True)
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.legend(fontsize=8)
     return figure
 

@@ -2,7 +2,7 @@
 
 In: a Calibration and the whole Experiment, of which some increments may have been held out. Out: `Review` with
 predicted forces, the residual of every virtual-work equation and, where the noise is known, how large these
-should be; the tables and remarks made from them.
+should be.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from calibrate.basis import Basis, SingleBasis, basis_for
 from calibrate.calibration import Calibration, predict_forces, relative_force_error
 from calibrate.equilibrium import Equilibrium, best_shear_modulus, equilibrium
 from calibrate.experiment import Experiment
-from calibrate.kinematics import INVARIANTS, invariants_and_derivatives, stretches_to_gradient
+from calibrate.kinematics import invariants_and_derivatives, stretches_to_gradient
 from calibrate.model import Model
 
 Array = NDArray[np.float64]
@@ -29,10 +29,6 @@ Progress = Callable[[int, int], None]
 MODES = {"uniaxial": "uniaxial", "equibiaxial": "equi-biaxial", "pure_shear": "pure shear"}
 COMPONENTS = ("x", "y")
 SAME_LOSS, SAME_CHI_SQUARE = 1e-3, 4.0  # relative, or where the loss is a chi-square: two standard deviations
-TOO_SOFT = (
-    " A misfit this large biases the stiffness downwards, because equations without a measured force are met best by "
-    "no stiffness at all: trust the model only where predicted and measured forces agree."
-)
 
 
 @dataclass(frozen=True)
@@ -95,29 +91,6 @@ class Review:
         """Number of starts that ended as low as the best."""
         losses = self.calibration.losses
         return int((losses <= np.nanmin(losses) + self.same_loss).sum())
-
-    @property
-    def remarks(self) -> list[str]:
-        """What the numbers mean, in sentences."""
-        result = [_fit_remark(self), _starts_remark(self), _force_remark(self), _held_out_remark(self)]
-        if self.experiment.thickness is None:
-            result.append(
-                "The thickness is unknown: stresses are stress times thickness, in N/mm. Divide by the thickness in mm "
-                "to get MPa."
-            )
-        return result
-
-    def summary(self) -> dict[str, Any]:
-        """Numbers for a manifest."""
-        return {
-            **self.calibration.summary(),
-            "initial_shear_modulus": initial_shear_modulus(self.model),
-            "unit": self.model.unit,
-            "neo_hooke_force_error": self.neo_hooke_error,
-            "starts_alike": self.starts_alike,
-            "held_out": self.held_out,
-            "remarks": self.remarks,
-        }
 
     def row(self, name: str, component: int) -> int:
         """Row of the equation of a loaded boundary and component (0: x, 1: y)."""
@@ -205,110 +178,3 @@ def largest_stretch(model: Model, mode: str) -> float:
     invariants = np.asarray(invariants_and_derivatives(stretches_to_gradient(mode, stretch))[0])
     outside = np.flatnonzero(~model.in_range(np.maximum(invariants, 3.0)))
     return float(stretch[max(outside[0] - 1, 0)] if outside.size else stretch[-1])
-
-
-def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
-    """Columns and rows: quantity, value, unit."""
-    model, chi_square = view.model, view.calibration.reduced_chi_square
-    rows: list[list[Any]] = [
-        ["initial shear modulus", initial_shear_modulus(model), model.unit],
-        ["relative force error, fitted increments", 100 * view.force_error(view.fitted), "%"],
-        ["best neo-Hooke, the same error", 100 * view.neo_hooke_error, "%"],
-        ["loss", view.calibration.loss, ""],
-    ]
-    if np.isfinite(chi_square):
-        rows.append(["reduced chi-square", chi_square, ""])
-    held = view.held_out
-    if held is not None:
-        rows.append(["relative force error, held-out increments", 100 * held["relative_force_error"], "%"])
-        if held["chi_square_per_equation"] is not None:
-            rows.append(["chi-square per equation, held-out increments", held["chi_square_per_equation"], ""])
-    for i in pann.INPUT_SETS[model.architecture.inputs]:
-        name = INVARIANTS[i]
-        rows.append([f"calibrated to {name}", model.calibrated_range[name][1], ""])
-    rows += [[f"calibrated to stretch, {title}", largest_stretch(model, mode), ""] for mode, title in MODES.items()]
-    return ["quantity", "value", "unit"], rows
-
-
-def force_table(view: Review) -> tuple[list[str], list[list[float | str]]]:
-    """Columns and rows: each measured force component, its largest value and how far the prediction is off."""
-    columns = ["boundary", "component", "largest force, N", "rms error, N", "rms error, % of boundary's largest", "largest error, N"]
-    if view.deviations is not None:
-        columns.append("expected from noise, N")
-    rows: list[list[float | str]] = []
-    for name, force in view.measured.items():
-        for k, component in enumerate(COMPONENTS):
-            known = np.isfinite(force[:, k])
-            if not known.any():
-                continue
-            error = (view.forces[name] - force)[known, k]
-            largest, rms = float(np.abs(force[known, k]).max()), float(np.sqrt(np.mean(error**2)))
-            share = 100 * rms / float(np.nanmax(np.abs(force)) or np.nan)
-            row: list[float | str] = [name, component, largest, rms, share, float(np.abs(error).max())]
-            deviation = view.force_deviation(name, k)
-            if deviation is not None:
-                row.append(float(np.sqrt(np.mean(deviation[known] ** 2))))
-            rows.append(row)
-    return columns, rows
-
-
-def _fit_remark(view: Review) -> str:
-    value = view.calibration.reduced_chi_square
-    if view.chi_square is None:
-        return (
-            "The noise of this experiment is unknown: the loss is no chi-square, and how much of the residual is noise "
-            "cannot be said. Give the noise to the Experiment to know."
-        )
-    note = "" if np.isfinite(value) else " (judged with the noise weights, although this loss does not use them)"
-    value = value if np.isfinite(value) else float(view.chi_square[view.fitted].mean())
-    text = f"Reduced chi-square {value:.2f}{note}: "
-    if value > 1.5:
-        return text + (
-            "above 1, the residuals are larger than the stated noise explains. Either the model leaves something out "
-            "(another invariant, time dependence, thickness, a boundary that slips, a hole edge the camera does not "
-            "see) or the noise is underestimated. The map of residuals shows where: scattered over the specimen "
-            "points to noise, at holes or grips or growing with load to the model." + (TOO_SOFT if value > 10 else "")
-        )
-    if value < 0.6:
-        return text + "below 1, the residuals are smaller than the stated noise: the noise is overestimated."
-    return text + "close to 1, what is left is as large as the stated noise and no larger."
-
-
-def _starts_remark(view: Review) -> str:
-    n, alike = len(view.calibration.losses), view.starts_alike
-    text = f"{alike} of {n} starts ended as low as the best ({view.calibration.reason})."
-    if n > 1 and alike < max(2, n // 5):
-        return text + " Few agree: take more starts or a smaller network before trusting the shape of the curve."
-    return text
-
-
-def _force_remark(view: Review) -> str:
-    error, simple = view.force_error(view.fitted), view.neo_hooke_error
-    text = (
-        f"Forces are met to {100 * error:.2g} % (root mean square); the best neo-Hookean modulus alone would give "
-        f"{100 * simple:.2g} %."
-    )
-    if error > max(1.3 * simple, 0.02):
-        text += " One modulus does better: equilibrium inside the specimen and the measured forces disagree."
-    return text
-
-
-def _held_out_remark(view: Review) -> str:
-    held = view.held_out
-    if held is None:
-        return (
-            "A low loss is no proof of a good model: no data were held out, so nothing here shows how it predicts. "
-            "Fit again with --hold-out, or compare the model with another test of the same material."
-        )
-    numbers = np.flatnonzero(~view.fitted) + 1
-    last = numbers.size == numbers[-1] - numbers[0] + 1 and numbers[-1] == view.experiment.n_increments
-    text = (
-        f"Held out: {'the last ' if last else ''}{held['increments']} of {view.experiment.n_increments} increments; "
-        f"force error there {100 * held['relative_force_error']:.2g} %, "
-        f"on the fitted ones {100 * view.force_error(view.fitted):.2g} %."
-    )
-    if held["chi_square_per_equation"] is not None:
-        text += f" Chi-square per equation there: {held['chi_square_per_equation']:.2f}."
-    if last:
-        return text + " They reach larger strains than the fit has seen, so this is a test of extrapolation."
-    return text + " They lie between fitted ones, and camera noise may be correlated in time: a mild test."

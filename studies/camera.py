@@ -120,9 +120,7 @@ def interpolate(values: NDArray, position: Array) -> NDArray:
     cell = np.floor(position).astype(np.int64)
     s, t = (position - cell).T
     (i, j), (i1, j1) = (cell % len(values)).T, ((cell + 1) % len(values)).T
-    return (1 - t) * ((1 - s) * values[i, j] + s * values[i1, j]) + t * (
-        (1 - s) * values[i, j1] + s * values[i1, j1]
-    )
+    return (1 - t) * ((1 - s) * values[i, j] + s * values[i1, j]) + t * ((1 - s) * values[i, j1] + s * values[i1, j1])
 
 
 @dataclass(frozen=True)
@@ -165,7 +163,11 @@ class Camera:
         return Noise(std, self.field.correlation_length, float(self.force_noise / np.sqrt(3)))
 
     def to_dict(self) -> dict[str, Any]:
-        return {**asdict(self), "covariance": "exp(-r^2 / (2 l^2))", "displacement_amplitude_mm": self.amplitude}
+        return {
+            **asdict(self),
+            "covariance": "exp(-r^2 / (2 l^2))",
+            "displacement_amplitude_mm": self.amplitude,
+        }
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:

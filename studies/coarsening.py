@@ -86,7 +86,10 @@ class Coarsening:
             loaded=loaded,
             free_nodes=free,
             noise=None if fine.noise is None else noise,
-            provenance={**fine.provenance, "coarsening": {"nodes": len(self.mesh.points), "of": len(fine.points)}},
+            provenance={
+                **fine.provenance,
+                "coarsening": {"nodes": len(self.mesh.points), "of": len(fine.points)},
+            },
         )
 
 

@@ -57,9 +57,7 @@ class SheetOptions:
     def __post_init__(self) -> None:
         for name, choices in (("edge_columns", EDGE_COLUMNS), ("free_edges", FREE_EDGES)):
             if getattr(self, name) not in choices:
-                raise errors.ConfigError(
-                    f"{name} '{getattr(self, name)}' unknown; choose one of {', '.join(choices)}"
-                )
+                raise errors.ConfigError(f"{name} '{getattr(self, name)}' unknown; choose one of {', '.join(choices)}")
         if not self.scale > 0 or (self.frame_rate is not None and not self.frame_rate > 0):
             raise errors.ConfigError("scale (mm per pixel) and frame rate (Hz) must be positive")
         if self.drop_rows < 0 or self.drop_columns < 0:
@@ -83,9 +81,7 @@ def read_frames(folder: str | Path) -> Frames:
     folder = Path(folder)
     paths = frame_files(folder)
     if len(paths) < 2:
-        raise errors.DataNotFoundError(
-            f"{folder}: {len(paths)} frames found; expected *.csv with a number each"
-        )
+        raise errors.DataNotFoundError(f"{folder}: {len(paths)} frames found; expected *.csv with a number each")
     tables = [read_frame(path) for path in paths]
     points = tables[0][:, :2]
     if len(np.unique(points, axis=0)) < len(points):
@@ -128,16 +124,12 @@ def read_record(path: str | Path) -> ForceRecord:
 def read_packed(path: str | Path) -> tuple[Frames, ForceRecord | None]:
     """Frames and machine record of one packed ``.npz``."""
     try:
-        with np.load(path, allow_pickle=False) as data:
-            content = {
-                key: data[key].astype(np.float64) for key in data.files if data[key].dtype.kind in "fiu"
-            }
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            content = {key: data[key].astype(np.float64) for key in data.files if data[key].dtype.kind in "fiu"}
         points = np.stack([content["x_px"], content["y_px"]], axis=1)
         displacements = np.stack([content["ux_px"], content["uy_px"]], axis=-1)
     except KeyError as error:
-        raise errors.FileFormatError(
-            f"{path}: array {error} is missing; is this a packed DIC sheet?"
-        ) from None
+        raise errors.FileFormatError(f"{path}: array {error} is missing; is this a packed DIC sheet?") from None
     except (OSError, ValueError) as error:
         raise errors.FileFormatError(f"{path}: not a readable .npz ({error})") from error
     if displacements.shape[1] != len(points):
@@ -163,9 +155,7 @@ def sheet_series(
     points = (pixels - 0.5 * (low + high)) * options.scale * np.array([1.0, -1.0])
     down, across = options.drop_rows, options.drop_columns
     if rows - 2 * down < 5 or columns - 2 * across < 12:
-        raise errors.ConfigError(
-            f"dropping {down} rows and {across} columns leaves too little of {columns} x {rows}"
-        )
+        raise errors.ConfigError(f"dropping {down} rows and {across} columns leaves too little of {columns} x {rows}")
     if options.edge_columns == "extrapolate":
         u = _extrapolated(u, across)
         across = 0
@@ -222,15 +212,28 @@ def _grid(points: Array) -> tuple[NDArray[np.int64], int, int]:
 
 
 def _extrapolated(u: Array, count: int) -> Array:
-    """u (n_frames, rows, columns, 2) with the outermost `count` columns from a quadratic through the next seven."""
+    """u (n_frames, rows, columns, 2) with the outermost `count` columns from a quadratic through the next seven.
+
+    Failed points (NaN) are left out of the quadratic; with fewer than four points left the result is NaN.
+    """
     if count == 0:
         return u
-    known, wanted = np.arange(count, count + 7), np.arange(count)
-    weights = np.vander(wanted, 3, increasing=True) @ np.linalg.pinv(np.vander(known, 3, increasing=True))
+    known = np.arange(count, count + 7)
     u = u.copy()
     for side in (u, u[:, :, ::-1]):
-        side[:, :, :count] = np.einsum("ek,frkc->frec", weights, side[:, :, known])
+        values = side[:, :, known]
+        good = np.isfinite(values).all(axis=3)
+        side[:, :, :count] = np.einsum("ek,frkc->frec", _quadratic(known, count), values)
+        for frame, row in np.argwhere(~good.all(axis=2)):
+            left = good[frame, row]
+            fit = _quadratic(known[left], count) @ values[frame, row, left] if left.sum() >= 4 else np.nan
+            side[frame, row, :count] = fit
     return u
+
+
+def _quadratic(known: NDArray[np.int64], count: int) -> Array:
+    """Weights (count, k): values at columns 0 to count - 1 of the quadratic through values at columns `known` (k,)."""
+    return np.vander(np.arange(count), 3, increasing=True) @ np.linalg.pinv(np.vander(known, 3, increasing=True))
 
 
 def sha256(path: str | Path) -> str:

@@ -81,10 +81,7 @@ def run(case: Case, starts: int = 10, seed: int = 0) -> Result:
     """Fit one case and measure r2 in every mode."""
     curves = curves_of(case.data)
     fitted = fit_supervised(curves, case.inputs, case.layers, starts, seed)
-    quality = {
-        mode: r2(stress, fitted.model.homogeneous(mode, stretch))
-        for mode, (stretch, stress) in curves.items()
-    }
+    quality = {mode: r2(stress, fitted.model.homogeneous(mode, stretch)) for mode, (stretch, stress) in curves.items()}
     return Result(case, fitted.model, quality, fitted.loss, fitted.reason)
 
 
@@ -105,12 +102,8 @@ def figure(name: str, results: list[Result]) -> Any:
 
     curves = curves_of(name)
     drawn = Figure(figsize=(11, 3.6), layout="constrained")
-    for ax, (mode, (stretch, stress)) in zip(
-        drawn.subplots(1, len(curves), squeeze=False)[0], curves.items()
-    ):
-        ax.plot(
-            stretch, stress, "o", color="0.3", markersize=3.5, label="truth" if name == TRUTH else "measured"
-        )
+    for ax, (mode, (stretch, stress)) in zip(drawn.subplots(1, len(curves), squeeze=False)[0], curves.items()):
+        ax.plot(stretch, stress, "o", color="0.3", markersize=3.5, label="truth" if name == TRUTH else "measured")
         fine = np.linspace(min(1.0, float(stretch.min())), float(stretch.max()), 200)
         for r in results:
             layers = ", ".join(map(str, r.case.layers))
@@ -135,18 +128,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data", nargs="+", metavar="NAME", help=f"data sets: {TRUTH}, {', '.join(homogeneous.COLLECTIONS)}"
     )
-    parser.add_argument(
-        "--inputs", choices=("I1", "I2", "I1I2"), help="one set of inputs instead of the default cases"
-    )
-    parser.add_argument(
-        "--layers", type=_layers, metavar="N,N", help="one network size instead of the default cases"
-    )
+    parser.add_argument("--inputs", choices=("I1", "I2", "I1I2"), help="one set of inputs instead of the default cases")
+    parser.add_argument("--layers", type=_layers, metavar="N,N", help="one network size instead of the default cases")
     parser.add_argument("--starts", type=int, default=10, help="random starts (%(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the starts (%(default)s)")
     parser.add_argument("--quick", action="store_true", help="fewer cases and starts")
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("results/supervised"), help="folder (%(default)s)"
-    )
+    parser.add_argument("-o", "--output", type=Path, default=Path("results/supervised"), help="folder (%(default)s)")
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier run in that folder")
 
 
@@ -161,9 +148,7 @@ def cases_of(args: argparse.Namespace) -> list[Case]:
         known = {TRUTH, *homogeneous.COLLECTIONS}
         for name in args.data:
             if name not in known:
-                raise errors.ConfigError(
-                    f"data set '{name}' unknown; choose one of {', '.join(sorted(known))}"
-                )
+                raise errors.ConfigError(f"data set '{name}' unknown; choose one of {', '.join(sorted(known))}")
         networks = list(dict.fromkeys((c.inputs, c.layers) for c in cases))
         cases = [Case(name, *network) for name in args.data for network in networks]
     if args.inputs or args.layers:

@@ -140,7 +140,11 @@ class Sheet:
 
 @cache
 def plate_experiment(
-    energy: Energy = ArrudaBoyce(), pull: float = 18.0, n_increments: int = 3, n_theta: int = 40, n_radial: int = 7
+    energy: Energy = ArrudaBoyce(),
+    pull: float = 18.0,
+    n_increments: int = 3,
+    n_theta: int = 40,
+    n_radial: int = 7,
 ) -> Experiment:
     """The plate gripped left and right and pulled apart by `pull` mm at each side; forces of both grips."""
     points, triangles, ring = plate(n_theta, n_radial)

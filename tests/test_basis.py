@@ -14,9 +14,7 @@ def psi_of_inputs(energy, site_inputs):
     """d psi / d(J1, J2) (n, 2) of an energy at sampling points J - J(I) (n, 2)."""
     J = np.nan_to_num(site_inputs) + pann.REFERENCE
     invariants = np.stack([J[:, 0], J[:, 1] ** (2 / 3)], axis=1)
-    return derivatives(energy, invariants) / np.stack(
-        [np.ones(len(J)), 1.5 * np.sqrt(invariants[:, 1])], axis=1
-    )
+    return derivatives(energy, invariants) / np.stack([np.ones(len(J)), 1.5 * np.sqrt(invariants[:, 1])], axis=1)
 
 
 def basis_and_coefficients(inputs, F):
@@ -90,9 +88,7 @@ def test_unknown_inputs_are_refused():
         bases.basis_for("I4", random_gradients(3))
 
 
-@pytest.mark.parametrize(
-    ("mode", "angle"), [("uniaxial", -np.pi / 6), ("pure_shear", 0.0), ("equibiaxial", np.pi / 6)]
-)
+@pytest.mark.parametrize(("mode", "angle"), [("uniaxial", -np.pi / 6), ("pure_shear", 0.0), ("equibiaxial", np.pi / 6)])
 def test_lode_angle_of_homogeneous_states(mode, angle):
     F = kinematics.stretches_to_gradient(mode, np.array([1.2, 2.0, 3.0]))
     # arcsin has a vertical slope at +-pi/6: round-off of 1e-16 becomes 1e-8

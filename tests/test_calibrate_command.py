@@ -18,7 +18,7 @@ from calibrate.calibration import Options, calibrate
 from calibrate.errors import ConfigError
 from calibrate.experiment import Experiment, LoadedBoundary, Noise
 from calibrate.model import Model
-from studies import calibration, calibration_figures
+from studies import calibration, calibration_figures, calibration_words
 from studies import calibration_review as reviews
 from studies.cli import main
 
@@ -38,10 +38,12 @@ def view(known=True):
 
 
 @pytest.fixture
-def run(tmp_path, capsys):
-    """Run the command on an experiment: exit code, folder, what was printed."""
+def run(tmp_path, capsys, monkeypatch):
+    """Run the command on an experiment: exit code, folder, what was printed. Draws one figure unless told."""
+    every = calibration_figures.FIGURES
 
-    def command(experiment, *words, folder="out"):
+    def command(experiment, *words, folder="out", figures=("starts",)):
+        monkeypatch.setattr(calibration_figures, "FIGURES", {name: every[name] for name in figures})
         path = tmp_path / "experiment.npz"
         if experiment is not None:
             experiment.save(path)
@@ -66,7 +68,7 @@ def test_help_needs_no_heavy_package():
 
 
 def test_everything_is_written(run):
-    code, folder, said = run(noisy())
+    code, folder, said = run(noisy(), figures=tuple(calibration_figures.FIGURES))
     assert code == 0, said
     model = Model.load(folder / "model.json")
     assert model.unit == "MPa"
@@ -124,7 +126,8 @@ def test_spread_ends_with_the_last_increment(n, most):
 
 
 @pytest.mark.parametrize(
-    ("choice", "held"), [("last", 2), ("last:0.5", 2), ("random:0.4", 2), ("last:0.01", 1), ("random:0.99", 4)]
+    ("choice", "held"),
+    [("last", 2), ("last:0.5", 2), ("random:0.4", 2), ("last:0.01", 1), ("random:0.99", 4)],
 )
 def test_hold_out_leaves_increments_on_both_sides(choice, held):
     fitted = calibration.held_in(noisy(), choice, 0)
@@ -245,7 +248,7 @@ def test_coefficients_stand_for_the_model(inputs):
 def test_chi_square_is_one_where_the_noise_is_stated_right():
     assert view().calibration.reduced_chi_square == pytest.approx(1, abs=0.35)
     assert view().chi_square.mean() == pytest.approx(1, abs=0.35)
-    assert "close to 1" in view().remarks[0]
+    assert "close to 1" in calibration_words.remarks(view())[0]
 
 
 def test_chi_square_of_the_review_is_that_of_the_fit():
@@ -259,18 +262,18 @@ def test_underestimated_noise_is_said():
     experiment = replace(noisy(), noise=Noise(NOISE.displacement_std / 5, 3.0, 2e-4, 2e-4))
     found = reviews.review(calibrate(experiment, Options(layers=(2,), starts=3)))
     assert found.calibration.reduced_chi_square > 10
-    assert "noise is underestimated" in found.remarks[0]
-    assert "downwards" in found.remarks[0]
+    assert "noise is underestimated" in calibration_words.remarks(found)[0]
+    assert "downwards" in calibration_words.remarks(found)[0]
 
 
 def test_unknown_noise_is_said():
     assert view(False).chi_square is None
-    assert "is unknown" in view(False).remarks[0]
-    assert len(reviews.force_table(view(False))[0]) == len(reviews.force_table(view())[0]) - 1
+    assert "is unknown" in calibration_words.remarks(view(False))[0]
+    assert len(calibration_words.force_table(view(False))[0]) == len(calibration_words.force_table(view())[0]) - 1
 
 
 def test_force_table_is_the_error_of_the_forces():
-    columns, rows = reviews.force_table(view())
+    columns, rows = calibration_words.force_table(view())
     assert [row[:2] for row in rows] == [["left", "x"], ["left", "y"], ["right", "x"], ["right", "y"]]
     error = view().forces["left"][:, 0] - view().measured["left"][:, 0]
     assert rows[0][columns.index("rms error, N")] == pytest.approx(np.sqrt(np.mean(error**2)))
@@ -320,8 +323,7 @@ def test_figures_of_a_poor_record(tmp_path):
     found = reviews.review(calibrate(experiment, Options(layers=(2,), starts=3)))
     for name, (draw, _) in calibration_figures.FIGURES.items():
         draw(found).savefig(tmp_path / f"{name}.png")
-    columns, rows = reviews.force_table(found)
-    assert [row[:2] for row in rows] == [["right", "x"]]
+    assert [row[:2] for row in calibration_words.force_table(found)[1]] == [["right", "x"]]
 
 
 def test_residual_map_points_at_the_fault():

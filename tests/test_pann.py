@@ -41,7 +41,8 @@ def test_parameter_vector_has_the_stated_layout(network):
     hidden, w, v = architecture.unpack(parameters[0])
     assert parameters.shape[1] == architecture.n_parameters == architecture.nonnegative.size
     assert [W.shape for W, _ in hidden] == architecture.shapes
-    assert w.shape == (architecture.layers[-1],) and v.shape == (architecture.n_inputs,)
+    assert w.shape == (architecture.layers[-1],)
+    assert v.shape == (architecture.n_inputs,)
     assert (np.asarray(parameters)[:, architecture.nonnegative] >= 0).all()
 
 

@@ -9,7 +9,7 @@ import pytest
 from synthetic import ArrudaBoyce, moved, plate_experiment, renumbered
 
 from calibrate import basis as bases
-from calibrate import errors, paper_loss, pann
+from calibrate import errors, pann, paper_loss
 
 ARCHITECTURES = [
     pann.Architecture("I1", (4, 4), (0.2, 0.05), 0.5),
@@ -119,7 +119,8 @@ def test_slsqp_decreases_the_loss_within_its_bounds(system):
     result = paper_loss.slsqp(loss, architecture, start, limit=60)
     assert result.loss < 1e-2 * float(loss(jnp.asarray(start))[0])
     assert (result.parameters[architecture.nonnegative] >= 0).all()
-    assert result.evaluations > 1 and result.message
+    assert result.evaluations > 1
+    assert result.message
 
 
 def test_unknown_scaling_and_missing_components_are_refused(system, experiment):
