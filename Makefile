@@ -1,44 +1,51 @@
-# make study | make test | make quick | make setup | make lint | make test-all | make clean
-PYTHON := $(shell for p in python3.12 python3.13 python3.14 python3; do \
-	$$p -c 'import sys; sys.exit(not (3, 12) <= sys.version_info[:2] < (3, 15))' >/dev/null 2>&1 && echo $$p && break; done)
-BIN := .venv/bin
-STAMP := .venv/.installed
+# Two commands: `make study` and `make test`; both set up .venv first. `make help` lists the rest.
+SHELL := /bin/sh
+.DEFAULT_GOAL := help
+PYTHON := .venv/bin/python
+EQUIGAP := $(PYTHON) -m studies.cli
+QUICK := results/quick
+JOBS ?= $(shell nproc)
+WORKERS ?= 2
+TESTS ?= tests
+# cases run side by side, so each takes one thread
 export OMP_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: study test quick setup lint test-all clean
+.PHONY: help setup study quick test test-all lint format clean
 
-study: setup
-	$(BIN)/equigap resolution --output results/resolution
+help: ## list the commands
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 18
 
-quick: setup
-	$(BIN)/equigap resolution --quick --output results/quick
+setup: ## set up .venv from requirements.lock (nothing else is installed)
+	@.ci/setup
 
-test: setup
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+study: setup ## run the resolution study at its default setting and name its report
+	$(EQUIGAP) resolution --jobs $(JOBS)
 
-test-all: setup
-	$(BIN)/python -m pytest -n 2
+quick: setup ## everything at its smallest, about two minutes
+	$(EQUIGAP) specimens --quick -o $(QUICK)/specimens
+	$(EQUIGAP) simulate --quick -o $(QUICK)/simulate
+	$(EQUIGAP) calibrate $(QUICK)/simulate/experiment.npz --quick -o $(QUICK)/calibrate
+	$(EQUIGAP) predict $(QUICK)/calibrate/model.json --against arruda_boyce -o $(QUICK)/predict
+	$(EQUIGAP) supervised --quick --data arruda_boyce -o $(QUICK)/supervised
+	$(EQUIGAP) resolution --quick --jobs $(JOBS) --output $(QUICK)/resolution
 
-lint: setup
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/mypy meshes forward calibrate studies
+test: setup ## the test suite, without the slowest tests
+	$(PYTHON) -m pytest -n $(WORKERS) --dist worksteal -m "not slow" $(TESTS)
 
-setup: $(STAMP)
+test-all: setup ## every test
+	$(PYTHON) -m pytest -n $(WORKERS) --dist worksteal $(TESTS)
 
-$(STAMP): requirements.lock pyproject.toml
-	@test -n "$(PYTHON)" || { echo "equigap needs Python 3.12 to 3.14 on the PATH (Debian/Ubuntu: apt-get install python3.12 python3.12-venv; pyenv: pyenv install 3.12)"; exit 1; }
-	@$(PYTHON) .ci/preflight.py
-	@if command -v uv >/dev/null; then \
-		uv venv --quiet --allow-existing --python "$$($(PYTHON) -c 'import sys; print(sys.executable)')" .venv && \
-		uv pip install --python $(BIN)/python --require-hashes -r requirements.lock && \
-		uv pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation -e . ; \
-	else \
-		$(PYTHON) -m venv .venv && \
-		$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements.lock && \
-		$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . ; \
-	fi
-	@touch $(STAMP)
+lint: setup ## style and types
+	$(PYTHON) -m ruff check .
+	$(PYTHON) -m ruff format --check .
+	$(PYTHON) -m mypy meshes forward calibrate studies
 
-clean:
-	rm -rf .venv results *.egg-info .pytest_cache .mypy_cache .ruff_cache
+format: setup ## put the source into its style
+	$(PYTHON) -m ruff check --fix .
+	$(PYTHON) -m ruff format .
+
+clean: ## remove .venv and caches; results/ is kept
+	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -not -path './.git/*' -prune -exec rm -rf {} +

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate import errors, fit, paper_loss, pann, reduction
+from calibrate import errors, fit, pann, paper_loss, reduction
 from calibrate.basis import Basis, basis_for
 from calibrate.equilibrium import Equilibrium, equilibrium
 from calibrate.experiment import Experiment

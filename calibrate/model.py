@@ -169,10 +169,10 @@ def _parameters(architecture: pann.Architecture, content: dict[str, Any]) -> Arr
     expected: list[tuple[str, Any, tuple[int, ...]]] = []
     if len(content["hidden"]) != len(architecture.layers):
         raise ValueError(f"{len(content['hidden'])} hidden layers, but 'layers' has {len(architecture.layers)}")
-    for i, (layer, shape) in enumerate(zip(content["hidden"], architecture.shapes, strict=True), start=1):
+    for i, (layer, widths) in enumerate(zip(content["hidden"], architecture.shapes, strict=True), start=1):
         expected += [
-            (f"weights of layer {i}", layer["weights"], shape),
-            (f"biases of layer {i}", layer["biases"], shape[:1]),
+            (f"weights of layer {i}", layer["weights"], widths),
+            (f"biases of layer {i}", layer["biases"], widths[:1]),
         ]
     expected += [
         ("output", content["output"], architecture.layers[-1:]),

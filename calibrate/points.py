@@ -105,9 +105,7 @@ def _triangulate(points: Array, triangles: Index, indices: Index) -> Index:
     try:
         new = Delaunay(kept).simplices.astype(np.int64)
     except QhullError as error:
-        raise errors.LostPointsError(
-            "the points that are left cannot be triangulated: they lie on a line"
-        ) from error
+        raise errors.LostPointsError("the points that are left cannot be triangulated: they lie on a line") from error
     area = signed_areas(kept, new)
     new[area < 0] = new[area < 0][:, ::-1]
     centres = kept[new].mean(axis=1)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors, fit, pann
-from calibrate.basis import basis_for
+from calibrate.basis import basis_for, polyconvex
 from calibrate.kinematics import INVARIANTS, invariants_and_derivatives, stretches_to_gradient
 from calibrate.model import Model
 from calibrate.reduction import Quadratic
@@ -87,8 +87,8 @@ class _StressResidual:
     ridge: float
 
     def __call__(self, theta, data):
-        invariants, slopes, stress, weight = data
-        psi = pann.energy_derivatives(self.architecture, theta, invariants)
+        sites, slopes, stress, weight, scales = data
+        psi = fit._Residual(self.architecture, True)._derivatives(theta, sites, scales)
         misfit = weight * (jnp.sum(psi * slopes, axis=-1) - stress)
         weights = theta[np.flatnonzero(self.architecture.nonnegative)]
         return jnp.concatenate([misfit, jnp.sqrt(self.ridge) * weights])
@@ -114,8 +114,9 @@ def fit_supervised(
     spline = fit.convex_spline(reduced, inputs)
     architecture, first = fit.fit_network(reduced, inputs, tuple(layers), spline, n_starts, seed)
     F, stress, weight = gradients(curves)
-    invariants, derivatives = invariants_and_derivatives(jnp.asarray(F))
-    data = (invariants, derivatives[:, :, 0, 0], jnp.asarray(stress), jnp.asarray(weight))
+    sites, derivatives = polyconvex(F)
+    slopes = architecture.energy_scale * derivatives[:, :, 0, 0]
+    data = tuple(map(jnp.asarray, (sites, slopes, stress, weight, np.array(architecture.scales))))
     keys = jax.random.split(jax.random.key(seed), n_starts)
     starts = [jnp.asarray(first.parameters), *(architecture.random_start(key) for key in keys)]
     if len(pann.INPUT_SETS[inputs]) > 1:
@@ -123,15 +124,16 @@ def fit_supervised(
         single = fit_supervised(curves, "I1", layers, n_starts, seed, limit, ridge).model
         embedded = _embedded(single, architecture)
         starts += [jnp.asarray(embedded), *_perturbed(embedded, architecture, keys)]
+    unit = pann.Architecture(inputs, tuple(layers))
     lower = jnp.where(jnp.asarray(architecture.nonnegative), 0.0, -jnp.inf)
     theta, losses, _, converged = map(
         np.asarray,
-        fit._levenberg_marquardt(_StressResidual(architecture, ridge), data, jnp.stack(starts), lower, limit),
+        fit._levenberg_marquardt(_StressResidual(unit, ridge), data, jnp.stack(starts), lower, limit),
     )
     if not np.isfinite(losses).any():
         raise errors.FitError("no start reached a finite loss; check the data for extreme stretches")
     best = int(np.nanargmin(losses))
-    values = np.asarray(invariants)
+    values = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])
     model = Model(
         architecture,
         theta[best],

@@ -54,9 +54,7 @@ class Loading:
         there = {n: c for n, c in self.displacements.items() if n in mesh.boundaries}
         missing = [n for n in self.displacements if n not in there and not (quarter and n in ("left", "bottom"))]
         if missing:
-            raise LoadingError(
-                f"boundary '{missing[0]}' is not on this mesh, which has {', '.join(mesh.boundaries)}"
-            )
+            raise LoadingError(f"boundary '{missing[0]}' is not on this mesh, which has {', '.join(mesh.boundaries)}")
         if not there:
             raise LoadingError("a quarter has the sides 'right' and 'top' only; load one of these")
         return Loading({**there, **{n: c for n, c in SYMMETRY.items() if n in mesh.boundaries}})

@@ -70,7 +70,7 @@ class PlaneStressSolution:
             mesh, source, signs = self.mesh.mirrored()
         except MeshDataError as error:
             raise SolutionError(f"cannot mirror: {error}") from error
-        reactions = {}
+        reactions: dict[str, Array] = {}
         for side, opposite, axis in (("right", "left", 0), ("top", "bottom", 1)):
             if side in self.reactions:
                 force = np.zeros_like(self.reactions[side])
@@ -115,9 +115,16 @@ class PlaneStressSolution:
             description = json.loads(str(content["description"]))
         except (MeshDataError, json.JSONDecodeError) as error:
             raise SolutionError(str(error)) from error
-        arrays = (content[key] for key in ("time", "energy", "iterations"))
-        forces = _part(content, "reaction_")
-        return cls(mesh, content["displacements"], forces, *arrays, float(content["thickness"]), description)
+        return cls(
+            mesh=mesh,
+            displacements=content["displacements"],
+            reactions=_part(content, "reaction_"),
+            time=content["time"],
+            energy=content["energy"],
+            iterations=content["iterations"],
+            thickness=float(content["thickness"]),
+            description=description,
+        )
 
 
 def _part(content: dict[str, Any], prefix: str) -> dict[str, Any]:

@@ -45,9 +45,7 @@ def quads(specimen: Specimen, quarter: bool = False, size_factor: float = 1.0) -
     return mesh if quarter else _full(mesh, specimen)
 
 
-def triangles(
-    specimen: Specimen, n_nodes: int | None = None, quarter: bool = False, size_factor: float = 1.0
-) -> Mesh:
+def triangles(specimen: Specimen, n_nodes: int | None = None, quarter: bool = False, size_factor: float = 1.0) -> Mesh:
     """Straight triangles, `n_nodes` of them within 5 % if given, else with sizes scaled by `size_factor`.
 
     `n_nodes` counts the nodes of the mesh that is returned. Straight edges cut across the holes; `area_excess`
@@ -159,7 +157,8 @@ def _set_sizes(gmsh: ModuleType, specimen: Specimen, size_factor: float, curved:
         near = min([near, *(EDGE_PER_TIP_RADIUS * hole.tip_radius for hole in specimen.holes()), far])
     radii = [c.radius for c in specimen.corners() if c.radius]
     fillet = min([far, *(max(near, size_factor * r / EDGES_PER_FILLET_RADIUS) for r in radii)])
-    rims, arcs = [], []
+    rims: list[int] = []
+    arcs: list[int] = []
     for _, curve in gmsh.model.getEntities(1):
         if gmsh.model.getType(1, curve) == "Line":
             continue

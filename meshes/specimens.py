@@ -47,9 +47,7 @@ class Specimen:
             if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
                 raise SpecimenError(f"{self.name}: {key} = {value}; give a positive length in mm")
         if self.sizes[0] > self.sizes[1]:
-            raise SpecimenError(
-                f"{self.name}: hole_size exceeds far_size; the mesh is graded towards the holes"
-            )
+            raise SpecimenError(f"{self.name}: hole_size exceeds far_size; the mesh is graded towards the holes")
         self._check_shape()
         self._check_corners()
         self._check_holes()
@@ -103,9 +101,7 @@ class Specimen:
         for before, corner, after in triples(self.corners()):
             tangent = corner.radius * abs(math.tan(turn_angle(before, corner, after) / 2))
             if tangent > min(distance(before, corner), distance(corner, after)):
-                raise SpecimenError(
-                    f"{self.name}: a fillet of radius {corner.radius:g} does not fit; make it smaller"
-                )
+                raise SpecimenError(f"{self.name}: a fillet of radius {corner.radius:g} does not fit; make it smaller")
 
     def _check_holes(self) -> None:
         outline, holes = self.outline(), self.holes()

@@ -31,12 +31,20 @@ def forces(view: Review) -> Figure:
         for column, name in zip(axes.T, names, strict=True):
             _force_column(view, name, x, *column)
             column[1].set_xlabel("increment" if time is None else "time, s")
+        _clip(axes, max(float(np.nanmax(np.abs(view.measured[name]))) for name in names))
         axes[0, 0].set_ylabel("force of the grip on the specimen, N")
         axes[1, 0].set_ylabel("predicted - measured, N")
         axes[0, 0].legend(fontsize=8)
         if view.deviations is not None:
             axes[1, 0].legend(fontsize=7, ncols=2)
     return figure
+
+
+def _clip(axes: NDArray, largest: float) -> None:
+    """Keep measured forces up to `largest`, N, readable where a prediction runs away."""
+    for ax, limit in ((axes[0, 0], 1.5 * largest), (axes[1, 0], largest)):
+        low, high = ax.get_ylim()
+        ax.set_ylim(max(low, -limit), min(high, limit))
 
 
 def _force_column(view: Review, name: str, x: Array, top: Axes, bottom: Axes) -> None:

@@ -13,10 +13,7 @@ from calibrate import pann
 from calibrate.kinematics import INVARIANTS
 from studies.calibration_review import COMPONENTS, MODES, Review, initial_shear_modulus, largest_stretch
 
-TOO_SOFT = (
-    " A misfit this large biases the stiffness downwards, because equations without a measured force are met best by "
-    "no stiffness at all: trust the model only where predicted and measured forces agree."
-)
+CAUTION = " Trust the model only where predicted and measured forces agree."
 
 
 def summary(view: Review) -> dict[str, Any]:
@@ -110,7 +107,7 @@ def _fit_remark(view: Review) -> str:
             "above 1, the residuals are larger than the stated noise explains. Either the model leaves something out "
             "(another invariant, time dependence, thickness, a boundary that slips, a hole edge the camera does not "
             "see) or the noise is underestimated. The map of residuals shows where: scattered over the specimen "
-            "points to noise, at holes or grips or growing with load to the model." + (TOO_SOFT if value > 10 else "")
+            "points to noise, at holes or grips or growing with load to the model." + (CAUTION if value > 10 else "")
         )
     if value < 0.6:
         return text + "below 1, the residuals are smaller than the stated noise: the noise is overestimated."
@@ -152,6 +149,8 @@ def _held_out_remark(view: Review) -> str:
     )
     if held["chi_square_per_equation"] is not None:
         text += f" Chi-square per equation there: {held['chi_square_per_equation']:.2f}."
+    if held["relative_force_error"] > max(0.05, 3 * view.force_error(view.fitted)):
+        text += " The model does not carry over to them: do not use it beyond its calibrated range."
     if last:
         return text + " They reach larger strains than the fit has seen, so this is a test of extrapolation."
     return text + " They lie between fitted ones, and camera noise may be correlated in time: a mild test."

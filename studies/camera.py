@@ -42,9 +42,14 @@ class Solution(Protocol):
     reactions: {boundary: (n_increments, 2)}, force of the grip on the specimen, N; thickness mm; time (n_increments,).
     """
 
-    reactions: dict[str, Array]
-    thickness: float
-    time: Array
+    @property
+    def reactions(self) -> dict[str, Array]: ...
+
+    @property
+    def thickness(self) -> float: ...
+
+    @property
+    def time(self) -> Array: ...
 
     def evaluate(self, points: Array) -> Array:
         """Displacements (n_increments, n, 2), mm, at points (n, 2), mm."""

@@ -140,7 +140,8 @@ def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, Any]:
     _check_options(rest, parser)
     if parser.reads_config:
         for path in _config_files(rest):
-            rest = [*read_config(path, parser), *rest]
+            # an option in between ends lists of values, before the command line's own words
+            rest = [*read_config(path, parser), f"--config={path}", *rest]
     args, unknown = parser.parse_known_args(rest)
     if unknown:
         raise OptionError(f"unexpected '{unknown[0]}'; see `{parser.prog} --help`")

@@ -96,9 +96,7 @@ def _read_frames(p: PointsTable, paths: list[Path]) -> tuple[Array, Array, int]:
     distance = cKDTree(points).query(points, k=2)[0][:, 1]
     if distance.min() < 1e-6 * np.median(distance) or not np.median(distance) > 0:
         raise errors.DegenerateMeshError(f"{paths[0]}: points are listed twice; export each point once")
-    displacements = np.stack(
-        [_matched(points, *frame, path) for frame, path in zip(frames, paths, strict=True)]
-    )
+    displacements = np.stack([_matched(points, *frame, path) for frame, path in zip(frames, paths, strict=True)])
     return points, displacements, len(points)
 
 
@@ -145,9 +143,7 @@ def _edges(table: EdgesTable, points: Array, triangles: Index) -> tuple[tuple[Gr
     taken = np.concatenate([nodes[side] for side in table.loaded])
     if len(np.unique(taken)) < len(taken):
         corners = f"{', '.join(table.loaded)}"
-        raise errors.ConfigError(
-            f"edges.loaded: sides {corners} share corner nodes; only opposite sides can be loaded"
-        )
+        raise errors.ConfigError(f"edges.loaded: sides {corners} share corner nodes; only opposite sides can be loaded")
     grips = []
     for side in table.loaded:
         axis, sign = SIDES[side]
@@ -167,7 +163,8 @@ def _force(m: ColumnMap, folder: Path, n_frames: int) -> tuple[ForceRecord, Arra
     force = f.sign * FORCE_UNITS[f.unit] * table[f.force]
     source = str(folder / f.file)
     if not f.per_frame:
-        assert f.time is not None and m.frames.rate_hz is not None
+        assert f.time is not None
+        assert m.frames.rate_hz is not None
         record = ForceRecord(TIME_UNITS[f.time_unit] * table[f.time], force, source)
         return record, np.arange(n_frames) / m.frames.rate_hz + m.frames.offset_s
     if len(force) != n_frames:

@@ -228,11 +228,5 @@ def _store(relative: str, write: Callable[[Path], object]) -> Path:
 
 def _not_found(relative: str, why: str) -> errors.DataNotFoundError:
     root = os.environ.get(VARIABLE)
-    place = (
-        f"{root}/{relative}"
-        if root
-        else f"{cache()}/{relative}, or set {VARIABLE} to a folder that has {relative}"
-    )
-    return errors.DataNotFoundError(
-        f"data file {relative} not found ({why}); put it at {place}; see docs/import.md"
-    )
+    place = f"{root}/{relative}" if root else f"{cache()}/{relative}, or set {VARIABLE} to a folder that has {relative}"
+    return errors.DataNotFoundError(f"data file {relative} not found ({why}); put it at {place}; see docs/import.md")

@@ -34,9 +34,7 @@ def _collection(folder: str) -> Curves:
     layout = Layout(delimiter=" ", header_line=0)
     curves = {}
     for mode, short in MODE_FOLDERS.items():
-        table = read_table(
-            data.find(f"chongran_zhao_homogeneous/{folder}/{short}/stress_stretch.txt"), None, layout
-        )
+        table = read_table(data.find(f"chongran_zhao_homogeneous/{folder}/{short}/stress_stretch.txt"), None, layout)
         curves[mode] = _sorted(table["2"], table["1"])
     return curves
 

@@ -67,9 +67,7 @@ def picture(experiment: Experiment, series: Series, path: Path) -> None:
         left.plot(*moved[b.nodes].T, ".", markersize=2, color="tab:red")
     left.plot(*moved[experiment.free_nodes].T, ".", markersize=2, color="tab:blue")
     figure.colorbar(mapped, ax=left, label="displacement (mm)")
-    left.set(
-        aspect="equal", xlabel="x (mm)", ylabel="y (mm)", title="last increment; red: loaded, blue: free"
-    )
+    left.set(aspect="equal", xlabel="x (mm)", ylabel="y (mm)", title="last increment; red: loaded, blue: free")
     right.plot(series.record.time, series.record.force, color="0.6", label="load cell")
     if experiment.time is not None:
         for b in experiment.loaded:

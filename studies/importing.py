@@ -33,13 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, help="output folder (default: results/import-NAME)")
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier import in that folder")
     parser.add_argument("--name", help="name of the experiment (default: from the source)")
-    parser.add_argument(
-        "--record", type=Path, help="machine record (CSV: Time, Displacement, Force) of a folder"
-    )
+    parser.add_argument("--record", type=Path, help="machine record (CSV: Time, Displacement, Force) of a folder")
     _add_frames(parser.add_argument_group("which frames"))
-    _add_sheet(
-        parser.add_argument_group("sheets in pixels (not for column maps, which say this in the TOML)")
-    )
+    _add_sheet(parser.add_argument_group("sheets in pixels (not for column maps, which say this in the TOML)"))
     _add_noise(parser.add_argument_group("noise (default: estimated from all frames)"))
 
 
@@ -48,22 +44,14 @@ def _add_frames(group: argparse._ArgumentGroup) -> None:
         "--frames", default="12", metavar="N|I,J,...",
         help="how many, spread evenly over the loading, or a list of frame numbers (default: 12)",
     )  # fmt: skip
-    group.add_argument(
-        "--until", type=float, metavar="S", help="last time used, s on the clock of the machine"
-    )
-    group.add_argument(
-        "--tare", type=float, metavar="N", help="force that counts as zero (default: that of frame 0)"
-    )
+    group.add_argument("--until", type=float, metavar="S", help="last time used, s on the clock of the machine")
+    group.add_argument("--tare", type=float, metavar="N", help="force that counts as zero (default: that of frame 0)")
 
 
 def _add_sheet(group: argparse._ArgumentGroup) -> None:
     default = dic_csv.SheetOptions()
-    group.add_argument(
-        "--scale", type=float, default=default.scale, metavar="MM", help="mm per pixel (%(default)s)"
-    )
-    group.add_argument(
-        "--frame-rate", type=float, metavar="HZ", help="frames per second (default: file's own, else 5)"
-    )
+    group.add_argument("--scale", type=float, default=default.scale, metavar="MM", help="mm per pixel (%(default)s)")
+    group.add_argument("--frame-rate", type=float, metavar="HZ", help="frames per second (default: file's own, else 5)")
     group.add_argument(
         "--offset",
         type=float,
@@ -71,9 +59,7 @@ def _add_sheet(group: argparse._ArgumentGroup) -> None:
         metavar="S",
         help="time of frame 0 on the clock of the machine (0)",
     )
-    group.add_argument(
-        "--drop-rows", type=int, default=default.drop_rows, help="unreliable rows a side (%(default)s)"
-    )
+    group.add_argument("--drop-rows", type=int, default=default.drop_rows, help="unreliable rows a side (%(default)s)")
     group.add_argument(
         "--drop-columns",
         type=int,
@@ -96,12 +82,8 @@ def _add_noise(group: argparse._ArgumentGroup) -> None:
         "--noise", choices=("total", "temporal"), default="total",
         help="estimate all errors of a frame, or only those that change from frame to frame (%(default)s)",
     )  # fmt: skip
-    group.add_argument(
-        "--displacement-std", type=float, metavar="MM", help="state the noise instead of estimating it"
-    )
-    group.add_argument(
-        "--correlation-length", type=float, metavar="MM", default=0.0, help="of the stated noise (0)"
-    )
+    group.add_argument("--displacement-std", type=float, metavar="MM", help="state the noise instead of estimating it")
+    group.add_argument("--correlation-length", type=float, metavar="MM", default=0.0, help="of the stated noise (0)")
     group.add_argument("--force-std", type=float, metavar="N", default=0.0, help="of the stated noise (0)")
 
 
@@ -109,9 +91,7 @@ def main(args: argparse.Namespace) -> int:
     """Import, write, and print a summary. Raises named errors of `calibrate.errors` and `studies.errors`."""
     series, selection, noise, kind, inputs = _read(args)
     experiment = to_experiment(series, selection, noise, kind)
-    settings = {
-        key: value for key, value in vars(args).items() if not callable(value) and key not in _NOT_SETTINGS
-    }
+    settings = {key: value for key, value in vars(args).items() if not callable(value) and key not in _NOT_SETTINGS}
     folder = open_output_folder(
         args.output or Path("results") / f"import-{experiment.name}",
         args.overwrite,
@@ -185,9 +165,7 @@ def _read_folder(source: Path, record_file: Path | None) -> tuple[Any, Any, list
     if record_file is None:
         record_file = source / "force_disp.csv"
         if not record_file.is_file():
-            raise errors.MissingForceError(
-                f"{source} holds no force_disp.csv; give the machine record with --record"
-            )
+            raise errors.MissingForceError(f"{source} holds no force_disp.csv; give the machine record with --record")
     record = dic_csv.read_record(record_file)
     return dic_csv.read_frames(source), record, [*dic_csv.frame_files(source), record_file]
 
@@ -204,9 +182,7 @@ def _selection(args: argparse.Namespace) -> Selection:
     try:
         numbers = tuple(int(part) for part in text.split(",") if part.strip())
     except ValueError:
-        raise errors.ConfigError(
-            f"--frames {text}: give a number, or frame numbers separated by commas"
-        ) from None
+        raise errors.ConfigError(f"--frames {text}: give a number, or frame numbers separated by commas") from None
     if not numbers:
         raise errors.ConfigError("--frames is empty; give a number, or frame numbers separated by commas")
     if "," in text:

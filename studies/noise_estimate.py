@@ -89,13 +89,9 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
         return DisplacementNoise(total, None, float("nan"), detail.scale(moving, total.correlation_length))
     second = (moving[2:] - 2 * moving[1:-1] + moving[:-2]) / SECOND_DIFFERENCE
     smooth = _cubic(points)
-    overall = _Filtered(
-        points, lambda values: values - smooth @ (smooth.T @ values), np.arange(len(points)), FAR
-    )
+    overall = _Filtered(points, lambda values: values - smooth @ (smooth.T @ values), np.arange(len(points)), FAR)
     temporal = overall.fit(second)
-    jitter = float(
-        np.sqrt(np.mean(np.einsum("np,kni->kpi", smooth, second) ** 2) * smooth.shape[1] / len(points))
-    )
+    jitter = float(np.sqrt(np.mean(np.einsum("np,kni->kpi", smooth, second) ** 2) * smooth.shape[1] / len(points)))
     if temporal.std > total.std:  # its correlation is too long for the local filter
         total = temporal
     return DisplacementNoise(total, temporal, jitter, detail.scale(moving, total.correlation_length))
@@ -109,9 +105,7 @@ def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> tupl
     offset = (points[index] - points[:, None]) / (2 * pitch)
     inner = np.flatnonzero(np.linalg.norm(offset.mean(axis=1), axis=1) < 0.1)
     if inner.size < 30:
-        raise errors.ExperimentError(
-            "the points are too scattered to estimate noise from; state the noise instead"
-        )
+        raise errors.ExperimentError("the points are too scattered to estimate noise from; state the noise instead")
     x, y = offset[inner, :, 0], offset[inner, :, 1]
     powers = [x**i * y**j for i in range(4) for j in range(4 - i)]
     # weight of each neighbour in the fitted value at the point itself: first row of the pseudo-inverse
@@ -156,9 +150,7 @@ class _Filtered:
         def misfit(length: float) -> float:
             model = self.expected(length)
             scale = (weight * model) @ (weight * measured) / ((weight * model) @ (weight * model))
-            return float(
-                np.linalg.norm(weight * (measured - scale * model)) / np.linalg.norm(weight * measured)
-            )
+            return float(np.linalg.norm(weight * (measured - scale * model)) / np.linalg.norm(weight * measured))
 
         if not measured[0] > 0:
             return FieldNoise(0.0, 0.0, 0.0)

@@ -87,7 +87,7 @@ def draw(folder: Path, cases: list[dict[str, Any]], settings: Settings, loss: st
     shades = dict(zip(levels, ["#0072B2", "#009E73", "#E69F00", "#D55E00"], strict=False))
     strokes = dict(zip(levels, ["-", "--", "-.", ":"], strict=False))
     with style.figure(10.0, 10.5) as figure:
-        top, bottom = figure.subfigures(2, 1, height_ratios=[1, 2.4])
+        top, bottom = np.ravel(figure.subfigures(2, 1, height_ratios=[1, 2.4]))
         for axes, level in zip(np.atleast_1d(top.subplots(1, len(levels))), levels, strict=True):
             draw_mesh(axes, Mesh.load(folder / f"mesh_{format_level(level)}.npz"), level)
         grid = bottom.subplots(2, 3, sharey="col", sharex="col")

@@ -97,13 +97,9 @@ def to_experiment(
         LoadedBoundary(g.name, g.nodes, np.stack([_component(force, d) for d in g.direction], axis=1))
         for g in series.grips
     )
-    kept = points.drop_points(
-        series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes
-    )
+    kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
-        notes.append(
-            f"{kept.lost.size} of {len(series.points)} points failed in a chosen frame and were left out"
-        )
+        notes.append(f"{kept.lost.size} of {len(series.points)} points failed in a chosen frame and were left out")
     report: dict[str, Any] = {"kind": "stated"}
     if noise is None:
         noise, report = estimate_noise(series, kept.indices, frames, noise_kind)

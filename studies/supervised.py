@@ -102,7 +102,9 @@ def figure(name: str, results: list[Result]) -> Any:
 
     curves = curves_of(name)
     drawn = Figure(figsize=(11, 3.6), layout="constrained")
-    for ax, (mode, (stretch, stress)) in zip(drawn.subplots(1, len(curves), squeeze=False)[0], curves.items()):
+    for ax, (mode, (stretch, stress)) in zip(
+        drawn.subplots(1, len(curves), squeeze=False)[0], curves.items(), strict=False
+    ):
         ax.plot(stretch, stress, "o", color="0.3", markersize=3.5, label="truth" if name == TRUTH else "measured")
         fine = np.linspace(min(1.0, float(stretch.min())), float(stretch.max()), 200)
         for r in results:

@@ -58,9 +58,7 @@ class Selection:
         if self.count < 1:
             raise errors.ConfigError(f"number of frames {self.count}: at least 1 is needed")
         if not 0 <= self.onset < 1:
-            raise errors.ConfigError(
-                f"onset {self.onset} is a fraction of the largest force, from 0 to below 1"
-            )
+            raise errors.ConfigError(f"onset {self.onset} is a fraction of the largest force, from 0 to below 1")
 
 
 DEFAULT_SELECTION = Selection()
@@ -74,7 +72,7 @@ def find_break(record: ForceRecord) -> tuple[float, float] | None:
     """
     t, F = record.time, record.force - record.force[0]
     top = np.maximum.accumulate(F)
-    fallen = (F < BREAK_LEVEL * top) & (top > 0.2 * F.max())
+    fallen = (BREAK_LEVEL * top > F) & (top > 0.2 * F.max())
     if not fallen[-1]:
         return None
     first = int(np.flatnonzero(~fallen)[-1]) + 1

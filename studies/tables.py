@@ -35,9 +35,7 @@ class Layout:
     missing_allowed: bool = False
 
 
-def read_table(
-    path: str | Path, columns: Sequence[str] | None = None, layout: Layout = Layout()
-) -> dict[str, Array]:
+def read_table(path: str | Path, columns: Sequence[str] | None = None, layout: Layout = Layout()) -> dict[str, Array]:
     """Read `columns` (all by default) of a text table: {name: (n_rows,)}.
 
     Raises `DataNotFoundError` (no such file), `DecimalCommaError` and `FileFormatError` with file and line:
@@ -93,9 +91,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 def _header(path: Path, rows: list[tuple[int, list[str]]], layout: Layout) -> list[str]:
     if len(rows) < max(layout.header_line, 1):
-        raise errors.FileFormatError(
-            f"{path}: no header in line {layout.header_line}; the file is empty or truncated"
-        )
+        raise errors.FileFormatError(f"{path}: no header in line {layout.header_line}; the file is empty or truncated")
     if layout.header_line == 0:
         return [str(i + 1) for i in range(len(rows[0][1]))]
     return rows[layout.header_line - 1][1]

@@ -1,10 +1,21 @@
 """The plane-stress cross in felupe: an independent assembly, with stress and tangent derived by hand."""
 
+from typing import NamedTuple
+
 import felupe
 import numpy as np
 
 # psi = mu sum_k c_k / N^(k-1) (I1^k - 3^k), Arruda-Boyce in five terms
 TERMS = ((1, 1 / 2), (2, 1 / 20), (3, 11 / 1050), (4, 19 / 7000), (5, 519 / 673750))
+
+
+class Result(NamedTuple):
+    """Displacements (n, 2), mm; forces of the right and the top arm of the quarter, N; Newton iterations."""
+
+    displacements: np.ndarray
+    right: float
+    top: float
+    iterations: int
 
 
 def _kinematics(F):
@@ -43,7 +54,7 @@ def sheet(mesh, material):
 
 
 def solve(mesh, material, displacement, n_increments, **newton):
-    """Quarter of a cross, arms clamped and moved outward. Returns displacements (n, 2) and the two forces, N."""
+    """Quarter of a cross, arms clamped and moved outward."""
     field, solid = sheet(mesh, material)
     n = len(mesh.points)
     held = np.zeros((n, 2), bool)
@@ -51,10 +62,12 @@ def solve(mesh, material, displacement, n_increments, **newton):
     right, top = mesh.boundary_nodes("right"), mesh.boundary_nodes("top")
     held[right] = held[top] = True
     dof0, dof1 = np.flatnonzero(held), np.flatnonzero(~held)
+    iterations = 0
     options = {"tol": 1e-9, "verbose": 0, **newton}
     for t in np.arange(1, n_increments + 1) / n_increments:
         values = np.zeros((n, 2))
         values[right, 0] = values[top, 1] = t * displacement
-        felupe.newtonrhapson(items=[solid], dof0=dof0, dof1=dof1, ext0=values.ravel()[dof0], **options)
-    forces = solid.assemble.vector().toarray().reshape(n, 2)
-    return field[0].values, forces[right, 0].sum(), forces[top, 1].sum()
+        result = felupe.newtonrhapson(items=[solid], dof0=dof0, dof1=dof1, ext0=values.ravel()[dof0], **options)
+        iterations += result.iterations
+    forces = solid.assemble.vector(field).toarray().reshape(n, 2)
+    return Result(field[0].values, forces[right, 0].sum(), forces[top, 1].sum(), iterations)

@@ -14,7 +14,7 @@ from calibrate.experiment import Noise
 
 # an absolute force noise and an isotropic displacement noise: the same in every frame
 NOISE = Noise(0.01, 2.5, force_std=0.005)
-OPTIONS = Options(layers=(2,), starts=6, spacing=12.0)
+OPTIONS = Options(layers=(2, 2), starts=6, spacing=12.0)
 
 
 @cache

@@ -26,24 +26,25 @@ def stretched(**changes) -> Experiment:
     stretch = np.array([1.1, 1.2, 1.3])[:, None]
     u = np.stack([(stretch**-0.5 - 1) * points[:, 0], (stretch - 1) * points[:, 1]], axis=-1)
     force = np.stack([np.full(3, np.nan), np.array([1.0, 2.0, 3.0])], axis=1)
-    arguments = dict(
-        name="sheet",
-        points=points,
-        triangles=triangles,
-        displacements=u,
-        loaded=(LoadedBoundary("bottom", number[0], -force), LoadedBoundary("top", number[-1], force)),
-        free_nodes=np.concatenate([number[1:-1, 0], number[1:-1, -1]]),
-        thickness=1.0,
-        time=np.array([1.0, 2.0, 3.0]),
-        noise=Noise(1e-3, 2.0, 1e-4, 0.1),
-        provenance={"source": "test"},
-    )
+    arguments = {
+        "name": "sheet",
+        "points": points,
+        "triangles": triangles,
+        "displacements": u,
+        "loaded": (LoadedBoundary("bottom", number[0], -force), LoadedBoundary("top", number[-1], force)),
+        "free_nodes": np.concatenate([number[1:-1, 0], number[1:-1, -1]]),
+        "thickness": 1.0,
+        "time": np.array([1.0, 2.0, 3.0]),
+        "noise": Noise(1e-3, 2.0, 1e-4, 0.1),
+        "provenance": {"source": "test"},
+    }
     return Experiment(**{**arguments, **changes})
 
 
 def test_good_data_pass_and_know_their_unit():
     sheet = stretched()
-    assert sheet.n_increments == 3 and sheet.stress_unit == "MPa"
+    assert sheet.n_increments == 3
+    assert sheet.stress_unit == "MPa"
     assert replace(sheet, thickness=None).stress_unit == "N/mm"
     assert signed_areas(sheet.points, sheet.triangles).sum() == pytest.approx(10.0 * 8.0)
     assert boundary_nodes(sheet.triangles).size == 2 * (6 + 5) - 4
@@ -67,7 +68,8 @@ def test_file_keeps_everything(tmp_path, missing):
 
 def test_select_keeps_the_chosen_increments():
     chosen = stretched().select([0, 2])
-    assert chosen.time.tolist() == [1.0, 3.0] and chosen.loaded[1].force[:, 1].tolist() == [1.0, 3.0]
+    assert chosen.time.tolist() == [1.0, 3.0]
+    assert chosen.loaded[1].force[:, 1].tolist() == [1.0, 3.0]
 
 
 def test_no_such_file(tmp_path):
@@ -186,14 +188,14 @@ def test_missing_and_infinite_force():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (lambda s: dict(points=s.points * 1e-3, displacements=s.displacements * 1e-3), "points must be in mm"),
-        (lambda s: dict(points=s.points * 1e4, displacements=s.displacements * 1e4), "points must be in mm"),
-        (lambda s: dict(displacements=s.displacements + 1e4), "not pixels"),
-        (lambda s: dict(displacements=s.displacements * 1e-8), "not m"),
-        (lambda s: dict(thickness=1e-6), "thickness"),
-        (lambda s: dict(thickness=100.0), "thickness"),
-        (lambda s: dict(loaded=tuple(replace(b, force=1e6 * b.force) for b in s.loaded)), "not kN or mN"),
-        (lambda s: dict(loaded=tuple(replace(b, force=1e-9 * b.force) for b in s.loaded)), "not kN or mN"),
+        (lambda s: {"points": s.points * 1e-3, "displacements": s.displacements * 1e-3}, "points must be in mm"),
+        (lambda s: {"points": s.points * 1e4, "displacements": s.displacements * 1e4}, "points must be in mm"),
+        (lambda s: {"displacements": s.displacements + 1e4}, "not pixels"),
+        (lambda s: {"displacements": s.displacements * 1e-8}, "not m"),
+        (lambda s: {"thickness": 1e-6}, "thickness"),
+        (lambda s: {"thickness": 100.0}, "thickness"),
+        (lambda s: {"loaded": tuple(replace(b, force=1e6 * b.force) for b in s.loaded)}, "not kN or mN"),
+        (lambda s: {"loaded": tuple(replace(b, force=1e-9 * b.force) for b in s.loaded)}, "not kN or mN"),
     ],
 )
 def test_implausible_units(changes, message):

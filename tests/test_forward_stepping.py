@@ -62,7 +62,7 @@ def test_secant_prediction():
 
 
 def test_bisection_reaches_the_same_state(mesh, reference):
-    """Two Newton iterations are not enough for a quarter of the load; smaller steps are."""
+    """Three Newton iterations are not enough for the whole load; smaller steps are."""
     loading, options = Loading.clamped(Cross.loaded, 20.0), Options(max_iterations=3, tolerance=1e-9)
     solution = solve(mesh, ArrudaBoyce(), loading, 1, options=options)
     assert solution.iterations[0] > 3
@@ -70,7 +70,7 @@ def test_bisection_reaches_the_same_state(mesh, reference):
 
 
 def test_impossible_load_names_the_error_and_keeps_the_last_state(mesh, tmp_path):
-    """Arms of 60 mm cannot be pushed in by 110 mm."""
+    """Opposite arm ends, 200 mm apart, cannot each move in by 110 mm."""
     path = tmp_path / "run.npz"
     options = Options(max_iterations=8, max_bisections=2)
     with pytest.raises(ConvergenceError, match=r"no equilibrium beyond .* of the load") as caught:
@@ -78,9 +78,7 @@ def test_impossible_load_names_the_error_and_keeps_the_last_state(mesh, tmp_path
     reached = len(caught.value.solution.time)
     assert 0 < reached < 10
     assert str(path) in str(caught.value)
-    np.testing.assert_array_equal(
-        PlaneStressSolution.load(path).displacements, caught.value.solution.displacements
-    )
+    np.testing.assert_array_equal(PlaneStressSolution.load(path).displacements, caught.value.solution.displacements)
 
 
 def test_resume_after_a_kill(mesh, reference, tmp_path, monkeypatch):
@@ -121,11 +119,10 @@ def test_loading_errors(mesh):
         Loading.clamped(["arm"], 1.0)
     with pytest.raises(LoadingError, match="load one of these"):
         Loading.clamped(["left"], 1.0).on(mesh)
+    sheet, strip = quads(SquareSheet(far_size=50.0)), quads(Strip(far_size=20.0))
     with pytest.raises(LoadingError, match="different displacement"):
-        sheet = quads(SquareSheet(far_size=50.0))
         Loading.clamped(SquareSheet.loaded, 1.0).prescribed(sheet)
     with pytest.raises(LoadingError, match="rigid body"):
-        strip = quads(Strip(far_size=20.0))
         Loading({"left": (-1.0, None), "right": (1.0, None)}).prescribed(strip)
 
 

@@ -43,7 +43,8 @@ def test_table_by_names_with_units_comments_and_quotes(tmp_path):
 
 def test_table_without_header_blank_separated(tmp_path):
     table = read_table(write(tmp_path / "t.txt", "  0.1   1.0\n 0.2  1.5\n"), None, Layout(" ", header_line=0))
-    assert table["1"].tolist() == [0.1, 0.2] and table["2"].tolist() == [1.0, 1.5]
+    assert table["1"].tolist() == [0.1, 0.2]
+    assert table["2"].tolist() == [1.0, 1.5]
 
 
 def test_table_in_latin_1(tmp_path):
@@ -110,7 +111,10 @@ def motion(stretch: float):
 
 
 def frame_text(moved, points=None) -> str:
-    rows = [f"{x:g};{y:g};{u:.6g};{v:.6g};0" for (x, y), (u, v) in zip(pixels() if points is None else points, moved)]
+    rows = [
+        f"{x:g};{y:g};{u:.6g};{v:.6g};0"
+        for (x, y), (u, v) in zip(pixels() if points is None else points, moved, strict=False)
+    ]
     return "\n".join([HEADER, *rows]) + "\n"
 
 
@@ -150,7 +154,9 @@ def test_sheet_in_mm_with_y_up(folder):
     gradient = np.polyfit(e.points[:, 1], e.displacements[1, :, 1], 1)[0]
     assert gradient == pytest.approx(0.1, abs=1e-5)
     assert np.polyfit(e.points[:, 0], e.displacements[1, :, 0], 1)[0] == pytest.approx(1.1**-0.5 - 1, abs=1e-5)
-    assert e.time.tolist() == [1.0, 5.0] and e.thickness is None and e.stress_unit == "N/mm"
+    assert e.time.tolist() == [1.0, 5.0]
+    assert e.thickness is None
+    assert e.stress_unit == "N/mm"
 
 
 def test_forces_of_both_grips(folder):
@@ -159,7 +165,8 @@ def test_forces_of_both_grips(folder):
     np.testing.assert_allclose(top.force[:, 1], [2.0, 10.0], atol=1e-9)  # less the 0.1 N at frame 0
     np.testing.assert_allclose(bottom.force[:, 1], [-2.0, -10.0], atol=1e-9)
     assert np.isnan(top.force[:, 0]).all()
-    assert e.provenance["tare_N"] == pytest.approx(0.1) and e.provenance["frames"] == [2, 10]
+    assert e.provenance["tare_N"] == pytest.approx(0.1)
+    assert e.provenance["frames"] == [2, 10]
     untared = sheet(folder, Selection(frames=(2, 10), tare=0.0))
     np.testing.assert_allclose(untared.loaded[1].force[:, 1], [2.1, 10.1], atol=1e-9)
 
@@ -184,7 +191,8 @@ def test_impossible_frames(folder, frames):
 
 def test_edge_columns_and_free_edges(folder):
     full = sheet(folder)
-    assert full.free_nodes.size == 2 * (ROWS - 4 - 2) and full.provenance["unmeasured_strip_mm"] == 0
+    assert full.free_nodes.size == 2 * (ROWS - 4 - 2)
+    assert full.provenance["unmeasured_strip_mm"] == 0
     dropped = sheet(folder, edge_columns="drop")
     assert np.ptp(dropped.points[:, 0]) == pytest.approx(COLUMNS - 5)
     assert dropped.provenance["unmeasured_strip_mm"] == pytest.approx(2.0)
@@ -258,7 +266,8 @@ def test_failed_points_are_masked(folder, how):
     lines[k] = {"nan": f"{x};{y};NaN;NaN;0", "blank": f"{x};{y};;;", "row missing": ""}[how]
     write(path, "\n".join(lines))
     e = sheet(folder, Selection(frames=(2, 5, 9)))
-    assert e.provenance["points_lost"] == 1 and len(e.points) == COLUMNS * (ROWS - 4) - 1
+    assert e.provenance["points_lost"] == 1
+    assert len(e.points) == COLUMNS * (ROWS - 4) - 1
     assert signed_areas(e.points, e.triangles).sum() == pytest.approx((COLUMNS - 1) * (ROWS - 5))
     assert any("left out" in note for note in e.provenance["notes"])
     assert sheet(folder, Selection(frames=(2, 9))).provenance["points_lost"] == 0
@@ -360,21 +369,24 @@ def test_failure_is_found_and_left_out():
     frames = dic_csv.Frames(p, moved, 2.0)
     options = dic_csv.SheetOptions(scale=SCALE)
     e = to_experiment(dic_csv.sheet_series(frames, ForceRecord(time, load), options), noise=NOISE)
-    assert e.time.max() == 7.5 and "failure" in e.provenance["notes"][0]
+    assert e.time.max() == 7.5
+    assert "failure" in e.provenance["notes"][0]
 
 
 def test_unloading_and_relaxation_are_no_failure():
     time = np.linspace(0, 10, 201)
     cycle = ForceRecord(time, 10 * np.abs(np.sin(time)))
     relaxing = ForceRecord(time, np.where(time < 2, 10 * time, 20 * (0.3 + 0.7 * np.exp(-(time - 2)))))
-    assert synchronise.find_break(cycle) is None and synchronise.find_break(relaxing) is None
+    assert synchronise.find_break(cycle) is None
+    assert synchronise.find_break(relaxing) is None
     # a fast return of the grips
     fast = ForceRecord(time, np.where(time < 9.5, time, np.maximum(9.5 - 20 * (time - 9.5), 0)))
     assert synchronise.find_break(fast) is not None
     stretch = np.interp(np.arange(0, 10.5, 0.5), [0, 9.5, 10], [1.0, 1.19, 1.0])
     frames = dic_csv.Frames(pixels(), np.stack([motion(s) for s in stretch]), 2.0)
     e = to_experiment(dic_csv.sheet_series(frames, fast, dic_csv.SheetOptions(scale=SCALE)), noise=NOISE)
-    assert e.provenance["notes"] == [] and e.time.max() == 10.0
+    assert e.provenance["notes"] == []
+    assert e.time.max() == 10.0
 
 
 # the packed form and the published sheets -------------------------------------------------------------------------
@@ -383,7 +395,14 @@ def test_unloading_and_relaxation_are_no_failure():
 def packed(path: Path, **changes) -> Path:
     u = np.stack([motion(1 + 0.01 * k) for k in range(12)]).astype(np.float32)
     p, t = pixels().astype(np.float32), np.linspace(0, 10, 101)
-    arrays = dict(x_px=p[:, 0], y_px=p[:, 1], ux_px=u[..., 0], uy_px=u[..., 1], time_s=t, force_N=force(t))
+    arrays = {
+        "x_px": p[:, 0],
+        "y_px": p[:, 1],
+        "ux_px": u[..., 0],
+        "uy_px": u[..., 1],
+        "time_s": t,
+        "force_N": force(t),
+    }
     arrays = {**arrays, "frame_rate_hz": np.array(2.0), **changes}
     np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
     return path
@@ -394,7 +413,8 @@ def test_packed_and_folder_agree(tmp_path, folder):
     again = dic_csv.read_frames(folder)
     np.testing.assert_array_equal(frames.points, again.points)
     np.testing.assert_allclose(frames.displacements, again.displacements, atol=2e-4)
-    assert frames.frame_rate == 2.0 and record.force[0] == pytest.approx(0.1)
+    assert frames.frame_rate == 2.0
+    assert record.force[0] == pytest.approx(0.1)
 
 
 def test_bad_packed_files(tmp_path):
@@ -433,13 +453,17 @@ def test_published_sheets(name):
     assert dic_csv.sha256(root / f"{name}_force_disp.csv") == data.SHEETS[name].record
     np.testing.assert_array_equal(again.force, record.force)
     e = importing.import_experiment(name)
-    assert e.n_increments == 12 and e.thickness is None
+    assert e.n_increments == 12
+    assert e.thickness is None
     np.testing.assert_allclose(np.ptp(e.points, axis=0), [41.73, 36.76], atol=0.01)
     top, bottom = e.displacements[-1, e.loaded[1].nodes, 1], e.displacements[-1, e.loaded[0].nodes, 1]
-    assert top.mean() > 10 and 0 < bottom.mean() < 0.1 * top.mean()
-    assert (np.diff(e.loaded[1].force[:, 1]) > 0).all() and e.loaded[1].force[-1, 1] > 15
+    assert top.mean() > 10
+    assert 0 < bottom.mean() < 0.1 * top.mean()
+    assert (np.diff(e.loaded[1].force[:, 1]) > 0).all()
+    assert e.loaded[1].force[-1, 1] > 15
     # between what changes from frame to frame (0.5 um) and 1 % of the largest displacement
-    assert 0.005 < e.noise.displacement_std < 0.02 and 0.5 < e.noise.correlation_length < 1.0
+    assert 0.005 < e.noise.displacement_std < 0.02
+    assert 0.5 < e.noise.correlation_length < 1.0
     assert 4e-4 < e.provenance["noise"]["temporal"]["std"] < 8e-4
 
 
@@ -565,11 +589,14 @@ def from_map(path: Path) -> Experiment:
 def test_column_map(tmp_path, coordinates):
     text = MAP.replace('y_axis = "down"', f'y_axis = "down"\ncoordinates = "{coordinates}"')
     e = from_map(mapped(tmp_path, text, coordinates=coordinates))
-    assert e.name == "mapped" and e.stress_unit == "MPa" and len(e.points) == COLUMNS * ROWS
+    assert e.name == "mapped"
+    assert e.stress_unit == "MPa"
+    assert len(e.points) == COLUMNS * ROWS
     np.testing.assert_allclose(np.ptp(e.points, axis=0), [15.0, 13.0], atol=1e-6)
     assert signed_areas(e.points, e.triangles).sum() == pytest.approx(15 * 13)
     names = {b.name: b for b in e.loaded}
-    assert len(names["top"].nodes) == COLUMNS and (names["top"].force[:, 1] > 0).all()
+    assert len(names["top"].nodes) == COLUMNS
+    assert (names["top"].force[:, 1] > 0).all()
     assert names["bottom"].force[-1, 1] == pytest.approx(-force(e.time[-1]), rel=1e-5)
     assert e.free_nodes.size == 2 * (ROWS - 2)
     slope = np.polyfit(e.points[:, 1], e.displacements[-1, :, 1], 1)[0]
@@ -597,7 +624,8 @@ def test_column_map_drops_invalid_points(tmp_path):
     write(frame, "\n".join(lines))
     text = MAP.replace("count = 4", "list = [3, 8]")
     e = from_map(write(path, text))
-    assert e.provenance["points_lost"] == 1 and e.provenance["frames"] == [3, 8]
+    assert e.provenance["points_lost"] == 1
+    assert e.provenance["frames"] == [3, 8]
 
 
 def test_force_per_frame(tmp_path):
@@ -687,7 +715,8 @@ def test_command_writes_experiment_picture_and_manifest(tmp_path, capsys):
     out = tmp_path / "out"
     assert run(source, "-o", out, "--scale", SCALE, "--frames", "3,6,9") == 0
     e = Experiment.load(out / "experiment.npz")
-    assert e.name == "sheet" and e.provenance["frames"] == [3, 6, 9]
+    assert e.name == "sheet"
+    assert e.provenance["frames"] == [3, 6, 9]
     assert {p.name for p in out.iterdir()} == {
         "experiment.npz",
         "experiment.png",
@@ -695,7 +724,8 @@ def test_command_writes_experiment_picture_and_manifest(tmp_path, capsys):
         "run.json",
     }
     said = capsys.readouterr().out
-    assert "3 increments" in said and "thickness unknown" in said
+    assert "3 increments" in said
+    assert "thickness unknown" in said
     with pytest.raises(Exception, match="other settings"):
         run(source, "-o", out, "--scale", SCALE, "--frames", "5")
     assert run(source, "-o", out, "--scale", SCALE, "--frames", "5", "--overwrite") == 0

@@ -63,21 +63,24 @@ def test_vibration_and_frame_timing_are_jitter_not_noise():
 def test_few_frames_give_the_total_alone():
     p = points()
     found = noise_estimate.displacement_noise(p, smooth_field(p, 4) + correlated(p, 4, 0.0, 6))
-    assert found.temporal is None and found.total.std == pytest.approx(STD, rel=0.06)
+    assert found.temporal is None
+    assert found.total.std == pytest.approx(STD, rel=0.06)
     assert found.to_dict()["temporal"] is None
 
 
 def test_noise_free_field_gives_next_to_nothing():
     p = points()
     found = noise_estimate.displacement_noise(p, smooth_field(p, 8))
-    assert found.total.std < 0.02 * STD and found.temporal.std < 0.02 * STD
+    assert found.total.std < 0.02 * STD
+    assert found.temporal.std < 0.02 * STD
 
 
 def test_local_cubic_is_exact_for_cubics():
     p = points(12, 11)
     operator, inner = noise_estimate.local_residual_operator(p)
     assert np.abs(operator @ (p[:, 0] ** 3 - 2 * p[:, 0] * p[:, 1] ** 2 + 5)).max() < 1e-9
-    assert operator.shape == (inner.size, len(p)) and inner.size == 8 * 7
+    assert operator.shape == (inner.size, len(p))
+    assert inner.size == 8 * 7
 
 
 def test_too_few_points_are_refused():

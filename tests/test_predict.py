@@ -1,0 +1,114 @@
+"""`equigap predict`: curves of a model whose stress is known in closed form."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibrate.model import Model
+from calibrate.pann import Architecture
+from studies import cli, prediction
+
+MU = 0.3
+STRETCH = np.linspace(1.0, 2.5, 31)
+
+
+def neo_hooke(unit: str = "MPa", top: float | None = 6.0) -> Model:
+    """A network whose skip connection alone acts: psi = MU / 2 (I1 - 3)."""
+    architecture = Architecture("I1", (1,))
+    parameters = np.zeros(architecture.n_parameters)
+    parameters[-1] = MU / 2
+    return Model(architecture, parameters, unit, {} if top is None else {"I1": (3.0, top), "I2": (3.0, 99.0)})
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    neo_hooke().save(tmp_path / "model.json")
+    return tmp_path / "model.json"
+
+
+@pytest.mark.parametrize("mode", prediction.MODES)
+def test_curves_are_those_of_the_closed_form(mode: str) -> None:
+    curve = {c.mode: c for c in prediction.predict(neo_hooke(), 2.5, 31)}[mode]
+    power = {"uniaxial": -2, "equibiaxial": -5, "pure_shear": -3}[mode]
+    assert curve.stretch == pytest.approx(STRETCH)
+    assert curve.stress == pytest.approx(MU * (STRETCH - STRETCH**power), abs=1e-12)
+
+
+def test_the_calibrated_range_ends_where_the_invariant_does() -> None:
+    # pure shear: I1 = x^2 + 1 + x^-2 = 6, so x^2 = (5 + sqrt(21)) / 2
+    limit = prediction.calibrated_stretch(neo_hooke(), "pure_shear")
+    assert limit == pytest.approx(np.sqrt((5 + np.sqrt(21)) / 2), abs=2e-3)
+    curve = prediction.predict(neo_hooke())[2]
+    assert curve.stretch[-1] == pytest.approx(1 + 1.25 * (limit - 1))
+    assert 0 < curve.calibrated.mean() < 1
+
+
+def test_a_model_without_range_is_drawn_to_stretch_two() -> None:
+    curve = prediction.predict(neo_hooke(top=None))[0]
+    assert curve.limit == prediction.LARGEST
+    assert curve.stretch[-1] == 2.0
+    assert curve.calibrated.all()
+
+
+def test_the_command_leaves_table_figure_report_and_manifest(file: Path, tmp_path: Path) -> None:
+    words = ["predict", str(file), "-o", str(tmp_path / "out"), "--points", "21"]
+    assert cli.main([*words, "--against", "neo_hooke", "--parameter", f"mu={MU}"]) == 0
+    lines = (tmp_path / "out" / "curves.csv").read_text().splitlines()
+    rows = list(csv.DictReader(lines[1:]))
+    assert len(rows) == 63
+    for row in rows:
+        assert float(row["nominal_stress_MPa"]) == pytest.approx(float(row["compared"]), abs=1e-9)
+    manifest = json.loads((tmp_path / "out" / "curves.json").read_text())
+    assert set(manifest["outputs"]) == {"curves.png", "curves.csv"}
+    assert manifest["results"]["unit"] == "MPa"
+    assert (tmp_path / "out" / "report.html").stat().st_size < 5_000_000
+
+
+def test_an_unknown_thickness_is_told(tmp_path: Path) -> None:
+    neo_hooke("N/mm", None).save(tmp_path / "model.json")
+    cli.main(["predict", str(tmp_path / "model.json"), "-o", str(tmp_path / "out")])
+    assert "N/mm" in (tmp_path / "out" / "curves.csv").read_text().splitlines()[0]
+    assert "thickness of the sheet was unknown" in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--stretch", "0.9"], "stretch above 1"),
+        (["--stretch", "nan"], "stretch above 1"),
+        (["--points", "0"], "at least 1"),
+        (["--against", "neo_hook"], "did you mean neo_hooke?"),
+        (["--parameter", "mu=1"], "name the material"),
+        (["--against", "neo_hooke", "--parameter", "nu=1"], "neo_hooke has mu"),
+        (["--against", "neo_hooke", "--parameter", "mu=x"], "write NAME=VALUE"),
+    ],
+)
+def test_wrong_options_are_named(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    assert cli.main(["predict", str(file), "-o", str(tmp_path / "out"), *words]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"format": "equigap-model", "version": 9}'])
+def test_what_is_no_model_file_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str) -> None:
+    (tmp_path / "m.json").write_text(text)
+    assert cli.main(["predict", str(tmp_path / "m.json"), "-o", str(tmp_path / "out")]) == 2
+    assert "m.json" in capsys.readouterr().err
+
+
+def test_another_model_is_not_written_over_the_first(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["-o", str(tmp_path / "out")]
+    assert cli.main(["predict", str(file), *out]) == 0
+    neo_hooke(top=5.0).save(file)
+    assert cli.main(["predict", str(file), *out]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert cli.main(["predict", str(file), *out, "--overwrite"]) == 0
