@@ -19,6 +19,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,13 @@ def time_felupe(mesh: Mesh, linear_solver: Callable) -> tuple[float, float]:
 
     assembly = best_of(assemble)
     matrix = solid.assemble.matrix(field).tocsr()[free][:, free]
-    return assembly, best_of(lambda: linear_solver(matrix.copy(), np.ones(len(free))))
+    scales = count(1)
+
+    def factorise() -> None:
+        # another matrix each time: PARDISO's wrapper keeps the factors of the last one
+        linear_solver(matrix * next(scales), np.ones(len(free)))
+
+    return assembly, best_of(factorise)
 
 
 def run_felupe(mesh: Mesh, linear_solver: Callable) -> tuple[float, int, int, float]:

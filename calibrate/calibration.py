@@ -159,8 +159,16 @@ def calibrate(
     freedom = max(1, quadratic.n_rows - architecture.n_parameters)
     best = int(np.nanargmin(result.losses))
     return _collect(
-        system, basis, options, architecture, result.parameters, spline, result.losses, result.loss,
-        result.loss / freedom if known else np.nan, result.reasons[best],
+        system,
+        basis,
+        options,
+        architecture,
+        result.parameters,
+        spline,
+        result.losses,
+        result.loss,
+        result.loss / freedom if known else np.nan,
+        result.reasons[best],
     )
 
 
@@ -169,7 +177,9 @@ def _calibrate_slsqp(system: Equilibrium, basis: Basis, options: Options) -> Cal
     nodal = paper_loss.nodal_system(system.experiment)
     inputs = np.nan_to_num(basis.site_inputs)
     scales = 1.0 / np.maximum(np.abs(inputs).max(axis=0), 1e-300)
-    level = paper_loss.best_shear_modulus_of(system) * float(np.max(1.0 / scales[list(pann.INPUT_SETS[options.inputs])]))
+    level = paper_loss.best_shear_modulus_of(system) * float(
+        np.max(1.0 / scales[list(pann.INPUT_SETS[options.inputs])])
+    )
     architecture = pann.Architecture(options.inputs, tuple(options.layers), (float(scales[0]), float(scales[1])), level)
     loss = paper_loss.full_loss(nodal, architecture, options.scaling)
     keys = jax.random.split(jax.random.key(options.seed), options.starts)
@@ -182,17 +192,39 @@ def _calibrate_slsqp(system: Equilibrium, basis: Basis, options: Options) -> Cal
 
 
 def _collect(
-    system: Equilibrium, basis: Basis, options: Options, architecture: pann.Architecture, parameters: Array,
-    spline: Array | None, losses: Array, loss: float, reduced_chi_square: float, reason: str,
+    system: Equilibrium,
+    basis: Basis,
+    options: Options,
+    architecture: pann.Architecture,
+    parameters: Array,
+    spline: Array | None,
+    losses: Array,
+    loss: float,
+    reduced_chi_square: float,
+    reason: str,
 ) -> Calibration:
     experiment = system.experiment
     model = Model(
-        architecture, parameters, experiment.stress_unit, calibrated_range(system),
+        architecture,
+        parameters,
+        experiment.stress_unit,
+        calibrated_range(system),
         {"loss": loss, "reason": reason, "options": asdict(options)},
         {"experiment": experiment.name, **experiment.provenance},
     )
     forces, residuals = predict_forces(system, model)
     return Calibration(
-        experiment, options, model, basis, spline, losses, loss, reduced_chi_square, reason, forces,
-        {b.name: b.force for b in experiment.loaded}, residuals.reshape(len(residuals), 2, -1), system,
+        experiment,
+        options,
+        model,
+        basis,
+        spline,
+        losses,
+        loss,
+        reduced_chi_square,
+        reason,
+        forces,
+        {b.name: b.force for b in experiment.loaded},
+        residuals.reshape(len(residuals), 2, -1),
+        system,
     )

@@ -93,9 +93,7 @@ class Equilibrium:
         """Internal virtual work (..., 2 n_fields), N, of first Piola-Kirchhoff stresses (..., m, 2, 2)."""
         leading = P.shape[:-3]
         flat = P.reshape(-1, P.shape[-3], 2, 2)
-        work = [
-            np.concatenate([self.virtual_gradients @ p[:, i].ravel() for i in (0, 1)]) for p in flat
-        ]
+        work = [np.concatenate([self.virtual_gradients @ p[:, i].ravel() for i in (0, 1)]) for p in flat]
         return np.array(work).reshape(*leading, -1)
 
 

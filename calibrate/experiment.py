@@ -93,8 +93,7 @@ class Experiment:
         if self.time is not None:
             object.__setattr__(self, "time", np.asarray(self.time, dtype=np.float64))
         loaded = tuple(
-            LoadedBoundary(b.name, np.asarray(b.nodes, np.int64), np.asarray(b.force, np.float64))
-            for b in self.loaded
+            LoadedBoundary(b.name, np.asarray(b.nodes, np.int64), np.asarray(b.force, np.float64)) for b in self.loaded
         )
         object.__setattr__(self, "loaded", loaded)
         check(self)
@@ -279,9 +278,7 @@ def _check_mesh(e: Experiment) -> None:
         )
     unused = np.setdiff1d(np.arange(len(e.points)), e.triangles)
     if unused.size:
-        raise errors.DegenerateMeshError(
-            f"{unused.size} nodes belong to no triangle (first: {unused[0]}); drop them"
-        )
+        raise errors.DegenerateMeshError(f"{unused.size} nodes belong to no triangle (first: {unused[0]}); drop them")
 
 
 def _check_loads(e: Experiment) -> None:
@@ -316,9 +313,13 @@ def _check_units(e: Experiment) -> None:
         raise errors.UnitsError(f"the specimen is {extent:.3g} mm long; points must be in mm (0.5 to 5000)")
     moved = float(np.nanmax(np.abs(e.displacements))) if np.isfinite(e.displacements).any() else 0.0
     if moved > 20 * extent:
-        raise errors.UnitsError(f"displacements reach {moved:.3g} mm on a {extent:.3g} mm specimen; give mm, not pixels")
+        raise errors.UnitsError(
+            f"displacements reach {moved:.3g} mm on a {extent:.3g} mm specimen; give mm, not pixels"
+        )
     if 0 < moved < 1e-6 * extent:
-        raise errors.UnitsError(f"displacements stay below {moved:.3g} mm on a {extent:.3g} mm specimen; give mm, not m")
+        raise errors.UnitsError(
+            f"displacements stay below {moved:.3g} mm on a {extent:.3g} mm specimen; give mm, not m"
+        )
     if e.thickness is not None and not 1e-3 <= e.thickness <= extent:
         raise errors.UnitsError(f"thickness {e.thickness:.3g} mm on a {extent:.3g} mm specimen is implausible; give mm")
     force = max(float(np.nanmax(np.abs(b.force), initial=0.0)) for b in e.loaded)

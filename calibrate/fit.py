@@ -204,4 +204,3 @@ def fit_network(
         spline_loss=quadratic.loss(spline),
     )
     return architecture, result
-

@@ -134,16 +134,18 @@ def best_shear_modulus_of(system: Equilibrium) -> float:
     return best_shear_modulus(system, SingleBasis(0, 1.0, 8))[0]
 
 
-def slsqp(
-    value_and_gradient: Callable, architecture: pann.Architecture, start: Array, limit: int = 300
-) -> FullFit:
+def slsqp(value_and_gradient: Callable, architecture: pann.Architecture, start: Array, limit: int = 300) -> FullFit:
     """Minimise a loss from `start` (n_parameters,) by SciPy's SLSQP with the bounds of the PANN."""
     bounds = [(0, None) if nonnegative else (None, None) for nonnegative in architecture.nonnegative]
     value_and_gradient(jnp.asarray(start))[0].block_until_ready()
     begin = time.perf_counter()
     result = minimize(
         lambda theta: tuple(map(np.asarray, value_and_gradient(jnp.asarray(theta)))),
-        start, jac=True, method="SLSQP", bounds=bounds, options={"maxiter": limit, "ftol": 1e-12},
+        start,
+        jac=True,
+        method="SLSQP",
+        bounds=bounds,
+        options={"maxiter": limit, "ftol": 1e-12},
     )
     seconds = time.perf_counter() - begin
     theta = np.maximum(result.x, np.where(architecture.nonnegative, 0.0, -np.inf))

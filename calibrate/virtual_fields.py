@@ -59,15 +59,15 @@ def virtual_fields(experiment: Experiment, spacing: float | None = None) -> Virt
     # a hat that lives on a few nodes only is noise; its neighbours cover the place
     mass = np.asarray(hats.sum(axis=0)).ravel()
     hats = hats[:, mass > 0.05 * np.median(mass[mass > 0])]
-    edges = [
-        np.maximum(0.0, 1.0 - cKDTree(points[b.nodes]).query(points)[0] / spacing) for b in experiment.loaded
-    ]
+    edges = [np.maximum(0.0, 1.0 - cKDTree(points[b.nodes]).query(points)[0] / spacing) for b in experiment.loaded]
     others = [np.setdiff1d(constrained, b.nodes) for b in experiment.loaded]
     for field, other in zip(edges, others, strict=True):
         if other.size:
             field *= np.minimum(1.0, cKDTree(points[other]).query(points)[0] / spacing)
-    edges = [np.where(np.isin(np.arange(len(points)), b.nodes), 1.0, f)
-             for b, f in zip(experiment.loaded, edges, strict=True)]
+    edges = [
+        np.where(np.isin(np.arange(len(points)), b.nodes), 1.0, f)
+        for b, f in zip(experiment.loaded, edges, strict=True)
+    ]
     values = sp.csr_array(sp.hstack([hats, sp.csr_array(np.array(edges).T)]))
     boundary = np.concatenate([np.full(hats.shape[1], -1), np.arange(len(edges))])
     return VirtualFields(values, boundary, spacing)

@@ -149,7 +149,10 @@ def _held_out_remark(view: Review) -> str:
     )
     if held["chi_square_per_equation"] is not None:
         text += f" Chi-square per equation there: {held['chi_square_per_equation']:.2f}."
-    if held["relative_force_error"] > max(0.05, 3 * view.force_error(view.fitted)):
+    worse = held["relative_force_error"] > max(0.05, 3 * view.force_error(view.fitted))
+    if view.chi_square is not None:
+        worse |= bool(held["chi_square_per_equation"] > 2 * view.chi_square[view.fitted].mean())
+    if worse:
         text += " The model does not carry over to them: do not use it beyond its calibrated range."
     if last:
         return text + " They reach larger strains than the fit has seen, so this is a test of extrapolation."

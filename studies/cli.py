@@ -11,13 +11,12 @@ import errno
 import importlib
 import os
 import sys
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
+from studies.arguments import Parser, check_options, config_files, read_config
 from studies.errors import OptionError, StudyError
 from studies.options import nearest
 
@@ -81,23 +80,6 @@ An output folder is never overwritten silently: the same command resumes there, 
 --overwrite is given. `equigap COMMAND --help` lists the options of a command."""
 
 
-class Parser(argparse.ArgumentParser):
-    """Errors in one line, with the nearest option there is. reads_config: whether --config is handled here."""
-
-    reads_config = False
-
-    def error(self, message: str) -> NoReturn:
-        raise OptionError(f"{message}; see `{self.prog} --help`")
-
-    def options(self) -> list[str]:
-        """Long options, such as '--output'."""
-        return [name for action in self._actions for name in action.option_strings if name.startswith("--")]
-
-    def action(self, option: str) -> argparse.Action | None:
-        """The action behind an option such as '--output'."""
-        return next((a for a in self._actions if option in a.option_strings), None)
-
-
 def overview() -> Parser:
     """The parser of `equigap` itself: lists the commands, imports none."""
     parser = Parser(
@@ -137,9 +119,9 @@ def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, Any]:
     if name not in COMMANDS:
         raise OptionError(f"unknown command '{name}'{nearest(name, COMMANDS)}; choose from {', '.join(COMMANDS)}")
     parser, module = command_parser(name)
-    _check_options(rest, parser)
+    check_options(rest, parser)
     if parser.reads_config:
-        for path in _config_files(rest):
+        for path in config_files(rest):
             # an option in between ends lists of values, before the command line's own words
             rest = [*read_config(path, parser), f"--config={path}", *rest]
     args, unknown = parser.parse_known_args(rest)
@@ -149,28 +131,6 @@ def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, Any]:
     if parser.reads_config:
         del args.config
     return args, module
-
-
-def read_config(path: str | Path, parser: Parser) -> list[str]:
-    """Options in a TOML file as command-line words; keys are option names without '--', '_' for '-' allowed.
-
-    Raises `OptionError` for an unknown key, naming the nearest one.
-    """
-    try:
-        content = tomllib.loads(Path(path).read_text())
-    except OSError as error:
-        raise OptionError(f"{path}: cannot be read ({error.strerror}); check the path after --config") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise OptionError(f"{path}: not valid TOML ({error})") from error
-    words: list[str] = []
-    for key, value in content.items():
-        option = "--" + key.replace("_", "-")
-        action = parser.action(option)
-        if action is None or option in ("--config", "--help"):
-            names = [name.removeprefix("--") for name in parser.options() if name not in ("--config", "--help")]
-            raise OptionError(f"{path}: unknown option '{key}'{nearest(key.replace('_', '-'), names)}")
-        words += _words(path, option, action, value)
-    return words
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -221,43 +181,6 @@ def _message(error: Exception) -> str:
 def _say(message: str, code: int) -> int:
     print(f"equigap: {message}", file=sys.stderr)
     return code
-
-
-def _check_options(words: Sequence[str], parser: Parser) -> None:
-    """Raise `OptionError` for the first long option that the command does not have."""
-    for word in words:
-        option = word.split("=")[0]
-        if word == "--":
-            return
-        if word.startswith("--") and parser.action(option) is None:
-            raise OptionError(
-                f"unknown option {option}{nearest(option, parser.options())}; see `{parser.prog} --help`"
-            )
-
-
-def _config_files(words: Sequence[str]) -> list[str]:
-    """Values of --config on a command line."""
-    parser = Parser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--config")
-    found = parser.parse_known_args(words)[0].config
-    return [] if found is None else [found]
-
-
-def _words(path: str | Path, option: str, action: argparse.Action, value: Any) -> list[str]:
-    """Command-line words of one entry of a configuration file."""
-    if isinstance(value, bool):
-        if action.nargs != 0:
-            raise OptionError(f"{path}: option '{option[2:]}' needs a value, not {str(value).lower()}")
-        return [option] if value else []
-    if action.nargs == 0:
-        raise OptionError(f"{path}: option '{option[2:]}' is a switch; give true or false")
-    if isinstance(value, dict):
-        raise OptionError(f"{path}: '{option[2:]}' is a table; options stand at the top of the file")
-    if isinstance(value, list):
-        if action.nargs in (None, "?"):
-            return [f"{option}={','.join(map(str, value))}"]
-        return [option, *map(str, value)]
-    return [f"{option}={value}"]
 
 
 def _commands() -> str:

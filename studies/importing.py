@@ -20,6 +20,7 @@ from studies.import_report import picture, report, summary
 from studies.manifest import Manifest
 from studies.series import Series, to_experiment
 from studies.synchronise import Selection
+from studies.viewer import write_viewer_file
 
 DESCRIPTION = "Read measured full-field data into an Experiment (docs/import.md)."
 
@@ -100,6 +101,7 @@ def main(args: argparse.Namespace) -> int:
     manifest = Manifest(settings=settings, inputs=inputs)
     target = folder / "experiment.npz"
     experiment.save(target)
+    write_viewer_file(experiment, target.with_suffix(".vtu"))
     picture(experiment, series, folder / "experiment.png")
     manifest.beside(target, folder / "experiment.png", **summary(experiment))
     report(experiment, target)

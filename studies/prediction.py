@@ -83,9 +83,7 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def predict(
-    model: Model, stretch: float | None = None, points: int = 101, truth: Any = None
-) -> list[Curve]:
+def predict(model: Model, stretch: float | None = None, points: int = 101, truth: Any = None) -> list[Curve]:
     """Curves of the three modes up to `stretch`, or a quarter beyond what was calibrated.
 
     truth: d psi / d(I1, I2) (..., 2) of a known material as a function of invariants (..., 2).
@@ -131,7 +129,9 @@ def draw(curves: list[Curve], model: Model, path: Path, against: str | None = No
             colour = style.MODES[curve.mode]["color"]
             x, stress, inside = curve.stretch, curve.stress, curve.calibrated
             style.mark_range(axes, 1.0, min(curve.limit, float(x[-1])))
-            axes.plot(x, stress, linestyle="--", linewidth=0.9, color=colour, label=None if inside.all() else "extrapolated")
+            axes.plot(
+                x, stress, linestyle="--", linewidth=0.9, color=colour, label=None if inside.all() else "extrapolated"
+            )
             axes.plot(x[inside], stress[inside], linestyle="-", linewidth=2, color=colour, label="model")
             if curve.truth is not None:
                 axes.plot(x, curve.truth, linestyle=":", color="black", label=str(against).replace("_", "-"))
@@ -165,7 +165,15 @@ def _truth(args: argparse.Namespace) -> Any:
 def _table(curves: list[Curve], unit: str) -> tuple[list[str], list[list[Any]]]:
     columns = [f"nominal_stress_{unit}" if name == "nominal_stress" else name for name in COLUMNS]
     rows = [
-        [c.mode, float(x), float(P), float(i[0]), float(i[1]), int(inside), *([] if c.truth is None else [float(c.truth[k])])]
+        [
+            c.mode,
+            float(x),
+            float(P),
+            float(i[0]),
+            float(i[1]),
+            int(inside),
+            *([] if c.truth is None else [float(c.truth[k])]),
+        ]
         for c in curves
         for k, (x, P, i, inside) in enumerate(zip(c.stretch, c.stress, c.invariants, c.calibrated, strict=True))
     ]
@@ -184,7 +192,9 @@ def _report(folder: Path, args: argparse.Namespace, model: Model, curves: list[C
             for c in curves]  # fmt: skip
     columns = ("mode", "calibrated to stretch", f"stress there, {model.unit}", f"at the end, {model.unit}")
     report.table(columns, rows, "A dash: the model file states no calibrated range.")
-    report.details("Calibrated range", {k: f"{low:.4g} to {high:.4g}" for k, (low, high) in model.calibrated_range.items()})
+    report.details(
+        "Calibrated range", {k: f"{low:.4g} to {high:.4g}" for k, (low, high) in model.calibrated_range.items()}
+    )
     report.details("Versions", manifest.to_dict()["versions"])
     return report.save(folder / "report.html")
 

@@ -125,7 +125,11 @@ def _cell(value: Any) -> dict[str, Any]:
         return _cell(None)
     whole = isinstance(value, int) or (hasattr(value, "dtype") and value.dtype.kind in "iu")
     text = str(int(value)) if whole else f"{number:.4g}"
-    return {"text": text.replace("-", "\N{MINUS SIGN}", 1) if number < 0 else text, "sort": repr(number), "number": True}
+    return {
+        "text": text.replace("-", "\N{MINUS SIGN}", 1) if number < 0 else text,
+        "sort": repr(number),
+        "number": True,
+    }
 
 
 def _reduced(picture: _Picture, colours: int, scale: float) -> _Picture:

@@ -30,8 +30,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--nodes", type=int, help=f"nodes of the finest triangulation (default: {default.nodes})")
     parser.add_argument("--inputs", choices=("I1", "I2", "I1I2"), help="invariants of the network (default: I1)")
     parser.add_argument("--layers", help="neurons of each layer, e.g. 4,4 (default)")
-    parser.add_argument("--dependent-seeds", type=int, help="noise seeds that are also fitted with the paper's loss in "
-                        f"its dependent scaling by SLSQP on the full data (default: {default.dependent_seeds})")
+    parser.add_argument(
+        "--dependent-seeds",
+        type=int,
+        help="noise seeds that are also fitted with the paper's loss in "
+        f"its dependent scaling by SLSQP on the full data (default: {default.dependent_seeds})",
+    )
     parser.add_argument("--normalisation", choices=("unit-variance", "unit-maximum"), help="of the random field")
 
 
@@ -50,7 +54,9 @@ def settings_from(arguments: argparse.Namespace) -> Settings:
         try:
             settings = replace(settings, layers=tuple(int(n) for n in arguments.layers.split(",")))
         except ValueError as error:
-            raise ConfigError(f"--layers {arguments.layers}: give whole numbers separated by commas, e.g. 4,4") from error
+            raise ConfigError(
+                f"--layers {arguments.layers}: give whole numbers separated by commas, e.g. 4,4"
+            ) from error
     if settings.nodes < 800 or not settings.seeds or min(settings.layers) < 1 or settings.dependent_seeds < 0:
         raise ConfigError("at least 800 nodes, one seed and one neuron a layer are needed")
     if arguments.jobs < 1:

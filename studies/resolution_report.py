@@ -35,7 +35,9 @@ LINES = {"color": style.COLOURS["blue"]}
 def write(folder: Path, settings: Settings) -> Path:
     """Write everything; returns the path of the report."""
     cases = load(folder)
-    manifest = Manifest(seed=list(settings.seeds), settings=asdict(settings), inputs=sorted((folder / "cases").glob("*")))
+    manifest = Manifest(
+        seed=list(settings.seeds), settings=asdict(settings), inputs=sorted((folder / "cases").glob("*"))
+    )
     rows = table(cases, settings)
     write_csv(folder / "resolution.csv", COLUMNS, rows)
     manifest.beside(folder / "resolution.csv")
@@ -87,7 +89,8 @@ def draw(folder: Path, cases: list[dict[str, Any]], settings: Settings, loss: st
     shades = dict(zip(levels, ["#0072B2", "#009E73", "#E69F00", "#D55E00"], strict=False))
     strokes = dict(zip(levels, ["-", "--", "-.", ":"], strict=False))
     with style.figure(10.0, 10.5) as figure:
-        top, bottom = np.ravel(figure.subfigures(2, 1, height_ratios=[1, 2.4]))
+        parts: Any = figure.subfigures(2, 1, height_ratios=[1, 2.4])
+        top, bottom = parts
         for axes, level in zip(np.atleast_1d(top.subplots(1, len(levels))), levels, strict=True):
             draw_mesh(axes, Mesh.load(folder / f"mesh_{format_level(level)}.npz"), level)
         grid = bottom.subplots(2, 3, sharey="col", sharex="col")
@@ -201,9 +204,7 @@ def compose(
 ) -> Path:
     """The HTML report."""
     limit = cases[0]["calibrated_I1"]
-    report = Report(
-        "Resolution study", "How coarse may the camera be before a plane-stress calibration misleads?"
-    )
+    report = Report("Resolution study", "How coarse may the camera be before a plane-stress calibration misleads?")
     report.paragraph(
         f"A perforated cross in Arruda-Boyce rubber, {settings.displacement:g} mm pulled at each arm in "
         f"{settings.increments} increments, was solved with Q2 quadrilaterals (plane stress, 1 mm thick), seen by a "
@@ -232,6 +233,8 @@ def compose(
     report.heading("All numbers").table(COLUMNS, rows, "Also in resolution.csv")
     chi = [[c["level"], c["seed"], c["losses"]["weighted"]["reduced_chi_square"], c["losses"]["weighted"]["reason"],
             c["losses"]["weighted"]["seconds"]] for c in cases]  # fmt: skip
-    report.table(("nodes kept (%)", "seed", "reduced chi-square", "optimiser", "seconds"), chi, "Fits of the default loss")
+    report.table(
+        ("nodes kept (%)", "seed", "reduced chi-square", "optimiser", "seconds"), chi, "Fits of the default loss"
+    )
     report.details("Settings", asdict(settings))
     return report.save(folder / "report.html")

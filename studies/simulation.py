@@ -7,14 +7,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from typing import TYPE_CHECKING, Any
 
 from studies.errors import OptionError
 from studies.options import add_output, count, nearest, output_folder, positive, settings
 
 if TYPE_CHECKING:
+    from calibrate.experiment import Experiment
     from forward.materials import Material
     from forward.solution import PlaneStressSolution
+    from meshes import Mesh
+    from studies.camera import Camera
 
 DESCRIPTION = """\
 Solve a tension test of a thin rubber sheet (plane stress, finite elements) and record it with a synthetic
@@ -54,22 +58,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Solve, record, draw, report. Raises `OptionError` and the named errors of meshes, forward and calibrate."""
-    from calibrate.experiment import Experiment
+    from meshes import triangles
+    from meshes.specimens import SPECIMENS
     from studies.output import Manifest, open_output_folder
     from studies.simulation_report import write_report
+    from studies.viewer import write_viewer_file
 
     _complete(args)
-    material = read_material(args.material, args.parameter)
+    material, camera = read_material(args.material, args.parameter), camera_from(args)
+    points = triangles(SPECIMENS[args.specimen](), n_nodes=args.nodes)
     key = settings(args) | {"material": material.to_dict()}
     folder = open_output_folder(output_folder(args, "simulate"), args.overwrite, key)
     manifest = Manifest(seed=None if args.no_noise else args.seed, settings=key)
     solution = solve(args, material, folder / "checkpoint.npz")
     solution.save(folder / "solution.npz")
     (folder / "checkpoint.npz").unlink(missing_ok=True)
-    experiment = observe(args, solution)
+    experiment = observe(args, solution, points, camera)
     experiment.save(folder / "experiment.npz")
+    write_viewer_file(experiment, folder / "experiment.vtu")
     manifest.beside(folder / "experiment.npz", folder / "solution.npz", **numbers(solution, experiment))
-    Experiment.load(folder / "experiment.npz")
     print(f"experiment: {folder / 'experiment.npz'}")
     print(f"report: {write_report(folder, solution, experiment, manifest)}")
     return 0
@@ -125,28 +132,31 @@ def solve(args: argparse.Namespace, material: Material, checkpoint: Any) -> Plan
     return solve_plane_stress(
         quads(specimen, quarter=True, size_factor=args.size_factor), material,
         Loading.clamped(specimen.loaded, args.displacement), args.increments, args.thickness,
-        progress=True, checkpoint=checkpoint,
+        progress=sys.stderr.isatty(), checkpoint=checkpoint,
     ).mirrored()  # fmt: skip
 
 
-def observe(args: argparse.Namespace, solution: PlaneStressSolution) -> Any:
-    """The Experiment that the camera records of a solution."""
-    from meshes import triangles
-    from meshes.specimens import SPECIMENS
+def camera_from(args: argparse.Namespace) -> Camera:
+    """The camera and load cell asked for. Raises `ConfigError`."""
     from studies.camera import Camera, GaussianField
+
+    field = GaussianField(args.correlation_length, resolution=512 if args.quick else 2048)
+    return Camera(field, relative_noise=args.relative_noise, force_noise=args.force_noise)
+
+
+def observe(args: argparse.Namespace, solution: PlaneStressSolution, mesh: Mesh, camera: Camera) -> Experiment:
+    """The Experiment that the camera records of a solution at the nodes of `mesh`."""
+    from meshes.specimens import SPECIMENS
     from studies.camera import observe as record
 
-    specimen = SPECIMENS[args.specimen]()
-    field = GaussianField(args.correlation_length, resolution=512 if args.quick else 2048)
-    camera = Camera(field, relative_noise=args.relative_noise, force_noise=args.force_noise)
-    provenance = {"specimen": specimen.to_dict(), "solution": solution.description}
+    provenance = {"specimen": SPECIMENS[args.specimen]().to_dict(), "solution": solution.description}
     return record(
-        solution, triangles(specimen, n_nodes=args.nodes), camera, None if args.no_noise else args.seed,
+        solution, mesh, camera, None if args.no_noise else args.seed,
         name=f"{args.specimen}, {args.displacement:g} mm", provenance=json.loads(json.dumps(provenance)),
     )  # fmt: skip
 
 
-def numbers(solution: PlaneStressSolution, experiment: Any) -> dict[str, Any]:
+def numbers(solution: PlaneStressSolution, experiment: Experiment) -> dict[str, Any]:
     """What a manifest and a report say about the test."""
     return {
         "points": len(experiment.points),

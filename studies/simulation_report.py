@@ -18,9 +18,7 @@ from studies.output import Manifest, write_csv, write_figure
 from studies.report import Report
 
 
-def write_report(
-    folder: Path, solution: PlaneStressSolution, experiment: Experiment, manifest: Manifest
-) -> Path:
+def write_report(folder: Path, solution: PlaneStressSolution, experiment: Experiment, manifest: Manifest) -> Path:
     """Draw everything into `folder` and return the path of the report."""
     fields, forces, table = folder / "fields.png", folder / "forces.png", folder / "forces.csv"
     draw_fields(experiment, fields)
@@ -29,9 +27,13 @@ def write_report(
     write_csv(table, columns, rows, ["force of each grip on the specimen, N"])
     manifest.beside(fields)
     manifest.beside(forces, table)
-    report = Report(f"Simulated test: {experiment.name}", "Plane stress finite elements, synthetic camera and load cell")
+    report = Report(
+        f"Simulated test: {experiment.name}", "Plane stress finite elements, synthetic camera and load cell"
+    )
     report.paragraph(_words(experiment))
-    report.figure(fields, "Last increment as measured: displacement (left), first invariant I1 of its triangles (right).")
+    report.figure(
+        fields, "Last increment as measured: displacement (left), first invariant I1 of its triangles (right)."
+    )
     report.figure(forces, "Force of the grips on the specimen: exact (lines) and as the load cell reads it (dots).")
     report.table(columns, rows, "Measured forces, N")
     report.details("Settings", manifest.to_dict()["settings"])

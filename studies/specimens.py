@@ -62,13 +62,17 @@ def specimens(names: Sequence[str] | None, changes: Sequence[str]) -> list[Speci
 
     for name in names or ():
         if name not in SPECIMENS:
-            raise OptionError(f"specimen '{name}' is unknown{nearest(name, SPECIMENS)}; choose from {', '.join(SPECIMENS)}")
+            raise OptionError(
+                f"specimen '{name}' is unknown{nearest(name, SPECIMENS)}; choose from {', '.join(SPECIMENS)}"
+            )
     kinds = [SPECIMENS[name] for name in names or SPECIMENS]
     values = dict(_dimension(change) for change in changes)
     known = sorted({dimension for kind in kinds for dimension in kind().dimensions()})
     for dimension in values:
         if dimension not in known:
-            raise OptionError(f"dimension '{dimension}' is unknown{nearest(dimension, known)}; there are {', '.join(known)}")
+            raise OptionError(
+                f"dimension '{dimension}' is unknown{nearest(dimension, known)}; there are {', '.join(known)}"
+            )
     return [kind(**{k: v for k, v in values.items() if k in kind().dimensions()}) for kind in kinds]
 
 

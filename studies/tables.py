@@ -135,5 +135,6 @@ def _wrong_length(path: Path, line: int, fields: list[str], expected: int) -> er
             "export with decimal points"
         )
     return errors.FileFormatError(
-        f"{path}, line {line}: {len(fields)} fields where the header has {expected}; stray delimiters or decimal commas?"
+        f"{path}, line {line}: {len(fields)} fields where the header has {expected}; "
+        "stray delimiters or decimal commas?"
     )

@@ -99,7 +99,7 @@ class TestConfig:
         return str(folder / "c.toml")
 
     def test_sets_options_and_the_command_line_wins(self, command: types.ModuleType, tmp_path: Path) -> None:
-        path = self.write(tmp_path, 'seeds = 3\nquick = true\nlayers = [8, 8]\nsizes = [1.5, -2]\n')
+        path = self.write(tmp_path, "seeds = 3\nquick = true\nlayers = [8, 8]\nsizes = [1.5, -2]\n")
         assert cli.main(["try", "m", "--config", path]) == 0
         expected = {"command": "try", "model": "m", "seeds": 3, "quick": True, "layers": "8,8", "sizes": [1.5, -2.0]}
         assert vars(command.args) == expected

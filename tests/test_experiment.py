@@ -142,9 +142,9 @@ def test_duplicate_flat_and_unused_nodes():
         replace(sheet, points=np.concatenate([sheet.points, [[30.0, 30.0]]]), displacements=u)
     triangles = sheet.triangles.copy()
     triangles[triangles == 0] = len(points) - 1
+    # node 0 stays in one triangle, its copy is in another
+    split = np.concatenate([sheet.triangles[:1], triangles[1:]])
     with pytest.raises(errors.DegenerateMeshError, match="duplicate nodes"):
-        # node 0 stays in one triangle, its copy is in another
-        split = np.concatenate([sheet.triangles[:1], triangles[1:]])
         replace(sheet, points=points, displacements=u, triangles=split)
     with pytest.raises(errors.DegenerateMeshError, match="without area"):
         replace(sheet, triangles=np.concatenate([sheet.triangles, [[0, 1, 2]]]))

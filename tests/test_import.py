@@ -244,7 +244,7 @@ def test_non_numeric_and_decimal_commas_in_a_frame(folder):
     path = folder / "Sheet0004.csv"
     lines = path.read_text().splitlines()
     write(path, "\n".join([*lines[:7], lines[7].replace(";0", ";?", 1).replace(lines[7].split(";")[2], "?", 1)]))
-    with pytest.raises(errors.FileFormatError, match="Sheet0004.csv, line 8: .* is not a number"):
+    with pytest.raises(errors.FileFormatError, match=r"Sheet0004.csv, line 8: .* is not a number"):
         dic_csv.read_frames(folder)
     write(path, "\n".join(line.replace(".", ",") for line in lines))
     with pytest.raises(errors.DecimalCommaError, match=r"Sheet0004.csv, line \d+: .* decimal comma"):
@@ -253,7 +253,7 @@ def test_non_numeric_and_decimal_commas_in_a_frame(folder):
 
 def test_decimal_commas_in_the_record(folder):
     write(folder / "force_disp.txt", record_text().replace(".", ","))
-    with pytest.raises(errors.DecimalCommaError, match="force_disp.txt, line 3"):
+    with pytest.raises(errors.DecimalCommaError, match=r"force_disp.txt, line 3"):
         sheet(folder)
 
 
@@ -299,7 +299,7 @@ def test_points_that_fold_over_are_refused(folder):
 
 def test_grid_that_does_not_match(folder):
     write(folder / "Sheet0006.csv", frame_text(motion(1.05), pixels() + 3))
-    with pytest.raises(errors.MeshMismatchError, match="Sheet0006.csv: point .* is not in the first frame"):
+    with pytest.raises(errors.MeshMismatchError, match=r"Sheet0006.csv: point .* is not in the first frame"):
         dic_csv.read_frames(folder)
 
 
@@ -323,7 +323,7 @@ def test_no_frames_and_no_record(tmp_path, folder):
 
 def test_time_of_the_record_must_increase(folder):
     write(folder / "force_disp.txt", record_text([0.0, 1.0, 0.5, 2.0]))
-    with pytest.raises(errors.TimeError, match="force_disp.txt: time does not increase at reading 3"):
+    with pytest.raises(errors.TimeError, match=r"force_disp.txt: time does not increase at reading 3"):
         sheet(folder)
 
 
@@ -337,7 +337,7 @@ def test_missing_force():
 def test_record_that_does_not_reach_the_frames(folder):
     with pytest.raises(errors.MissingForceError, match="no frame has a force"):
         sheet(folder, offset=100.0)
-    with pytest.raises(errors.MissingForceError, match="frame 11 at 11.00 s has no force"):
+    with pytest.raises(errors.MissingForceError, match=r"frame 11 at 11.00 s has no force"):
         sheet(folder, Selection(frames=(2, 11)), frame_rate=1.0)
 
 
@@ -487,17 +487,17 @@ def test_data_folder_wins(nowhere, monkeypatch):
     monkeypatch.setenv(data.VARIABLE, str(nowhere / "mine"))
     assert data.find("a/b.csv", offline) == nowhere / "mine" / "a" / "b.csv"
     monkeypatch.setenv(data.VARIABLE, str(nowhere / "nothing"))
-    with pytest.raises(errors.DataNotFoundError, match="names .*nothing, which is no folder"):
+    with pytest.raises(errors.DataNotFoundError, match=r"names .*nothing, which is no folder"):
         data.find("a/b.csv")
 
 
 def test_absent_data_say_what_to_put_where(nowhere):
     relative = next(iter(data.FILES))
-    with pytest.raises(errors.DataNotFoundError, match="treloar_0.csv not found .*no network.*set EQUIGAP_DATA"):
+    with pytest.raises(errors.DataNotFoundError, match=r"treloar_0.csv not found .*no network.*set EQUIGAP_DATA"):
         data.find(relative, offline)
     with pytest.raises(errors.DataNotFoundError, match="no public source in this form"):
         data.find("kawabata_jl/kawabata1981_biaxial.csv", offline)
-    with pytest.raises(errors.DataNotFoundError, match="Soft_Homo.npz not found .*fetching its frames"):
+    with pytest.raises(errors.DataNotFoundError, match=r"Soft_Homo.npz not found .*fetching its frames"):
         data.sheet("Soft_Homo", offline)
     with pytest.raises(errors.ConfigError, match="sheet 'Soft' unknown"):
         data.sheet("Soft")
@@ -675,7 +675,7 @@ def test_column_map_and_files_that_do_not_match(tmp_path):
     write(path, MAP)
     far = "\n".join(f"{k},{9e3 + 20 * k},0,1,1,0" for k in range(50))
     write(tmp_path / "frames" / "f_5.csv", "n,X,Y,U,V,sigma\n" + far)
-    with pytest.raises(errors.MeshMismatchError, match="f_5.csv: .* points.coordinates = 'current'"):
+    with pytest.raises(errors.MeshMismatchError, match=r"f_5.csv: .* points.coordinates = 'current'"):
         from_map(path)
 
 

@@ -75,7 +75,9 @@ def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
 
 
 def test_json_takes_arrays_and_refuses_nan(tmp_path: Path) -> None:
-    write_json(tmp_path / "a.json", {"a": np.arange(2), "b": [np.nan, np.float64(1.5)], "c": Path("x"), "d": np.int8(1)})
+    write_json(
+        tmp_path / "a.json", {"a": np.arange(2), "b": [np.nan, np.float64(1.5)], "c": Path("x"), "d": np.int8(1)}
+    )
     content = json.loads((tmp_path / "a.json").read_text(), parse_constant=lambda name: pytest.fail(name))
     assert content == {"a": [0, 1], "b": [None, 1.5], "c": "x", "d": 1}
 

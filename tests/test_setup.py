@@ -100,9 +100,7 @@ def test_an_old_python_and_a_python_without_venv_are_named(
     assert not any("virtual environments" in text for text, _ in preflight.problems(uv=True))
 
 
-def test_a_full_disk_is_named(
-    preflight: types.ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_full_disk_is_named(preflight: types.ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(preflight.shutil, "disk_usage", lambda path: types.SimpleNamespace(free=1e9))
     assert "1.0 GB free" in preflight.disk_problems()[0][0]
@@ -153,10 +151,12 @@ class TestSetup:
 
     def environment(self, folder: Path) -> dict[str, str]:
         """A python3.12 that passes every check and a uv that only says what it was asked to do."""
-        uv = 'echo "uv $*"; case "$1" in venv) mkdir -p .venv/bin; cp "$(command -v python3.12)" .venv/bin/python;; esac'
+        uv = (
+            'echo "uv $*"; case "$1" in venv) mkdir -p .venv/bin; cp "$(command -v python3.12)" .venv/bin/python;; esac'
+        )
         environment = tools(folder, uv=uv, python3_12=f'case "$1" in .ci/preflight.py|-c) [ "$2" != "import gmsh, '
                             f'studies.cli" ] || exit 0;; esac; exec "{sys.executable}" "$@"')  # fmt: skip
-        for name in ("mkdir", "cp"):
+        for name in ("mkdir", "cp", "gcc"):
             (folder / name).symlink_to(str(shutil.which(name)))
         return environment
 

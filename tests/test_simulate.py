@@ -11,7 +11,7 @@ import pytest
 from calibrate.experiment import Experiment
 from studies import cli
 
-SMALL = ["--specimen", "strip", "--size-factor", "2", "--increments", "2", "--nodes", "150", "--quick"]
+SMALL = ["--specimen", "strip", "--size-factor", "2", "--increments", "2", "--nodes", "300", "--quick"]
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +61,7 @@ def test_the_noise_can_be_left_out(simulated: Path, tmp_path: Path) -> None:
         (["--thickness", "0"], "above 0"),
         (["--increments", "1.5"], "whole number"),
         (["--nodes", "-5"], "whole number"),
+        (["--nodes", "15"], "n_nodes = 15"),
         (["--relative-noise", "-1"], "relative_noise"),
     ],
 )
