@@ -28,7 +28,7 @@ quick: setup ## everything at its smallest, about two minutes
 	$(EQUIGAP) simulate --quick -o $(QUICK)/simulate
 	$(EQUIGAP) calibrate $(QUICK)/simulate/experiment.npz --quick -o $(QUICK)/calibrate
 	$(EQUIGAP) predict $(QUICK)/calibrate/model.json --against arruda_boyce -o $(QUICK)/predict
-	$(EQUIGAP) supervised --quick --data arruda_boyce -o $(QUICK)/supervised
+	$(EQUIGAP) supervised --quick --data arruda-boyce -o $(QUICK)/supervised
 	$(EQUIGAP) resolution --quick --jobs $(JOBS) --output $(QUICK)/resolution
 
 test: setup ## the test suite, without the slowest tests

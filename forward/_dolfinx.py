@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import platform
+from collections.abc import Iterator
+from pathlib import Path
 
 from forward.errors import MissingSolverError
 
@@ -11,6 +15,7 @@ with contextlib.suppress(ModuleNotFoundError):  # absent where DOLFINx comes fro
 
 try:
     import basix.ufl
+    import cffi
     import dolfinx
     import dolfinx.fem.petsc
     import ufl
@@ -23,7 +28,43 @@ except ImportError as error:
 
 # Quadrature must be stated: the energy is a high power, for which FFCx would take thousands of points.
 QUADRATURE_DEGREE = 5
-JIT_OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"]}
+FLAGS = ["-O3", "-march=native", "-ffast-math", "-fno-finite-math-only"]
 
-__all__ = ["JIT_OPTIONS", "MPI", "PETSC_VERSION", "QUADRATURE_DEGREE", "PETSc", "basix", "dolfinx", "ufl"]
 PETSC_VERSION = ".".join(str(n) for n in PETSc.Sys.getVersion())
+
+
+def _processor() -> str:
+    """Hash of what this processor can do; forms compiled for another one are then not taken from a shared cache."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.machine()
+    return hashlib.sha256(next((line for line in lines if line.startswith("flags")), "").encode()).hexdigest()[:12]
+
+
+JIT_OPTIONS = {"cffi_extra_compile_args": [*FLAGS, f"-DEQUIGAP_PROCESSOR={_processor()}"]}
+
+
+@contextlib.contextmanager
+def compiler_needed() -> Iterator[None]:
+    """Around the compilation of forms. Raises `MissingSolverError` where there is no working C compiler."""
+    try:
+        yield
+    except cffi.VerificationError as error:
+        raise MissingSolverError(
+            f"the forms cannot be compiled ({str(error).splitlines()[0]}); a C compiler is needed, on Debian or "
+            "Ubuntu: apt-get install -y gcc libc6-dev"
+        ) from error
+
+
+__all__ = [
+    "JIT_OPTIONS",
+    "MPI",
+    "PETSC_VERSION",
+    "QUADRATURE_DEGREE",
+    "PETSc",
+    "basix",
+    "compiler_needed",
+    "dolfinx",
+    "ufl",
+]

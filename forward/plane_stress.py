@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from forward._dolfinx import MPI, PETSC_VERSION, QUADRATURE_DEGREE, dolfinx
+from forward._dolfinx import MPI, PETSC_VERSION, QUADRATURE_DEGREE, compiler_needed, dolfinx
 from forward.errors import ConvergenceError, LoadingError, MaterialError, SolutionError
 from forward.loading import SYMMETRY, Loading
 from forward.materials import ArrudaBoyce, Material
@@ -65,9 +65,11 @@ def solve(
     record = _Record(mesh, material, loading, n_increments, thickness, options)
     if checkpoint is not None and comm.bcast(Path(checkpoint).exists() if comm.rank == 0 else None):
         record.resume(PlaneStressSolution.load(checkpoint), checkpoint)
-    problem = PlaneStressProblem(
-        mesh, material, thickness, *loading.prescribed(mesh), options.tolerance, options.max_iterations, comm
-    )
+    supports = loading.prescribed(mesh)
+    with compiler_needed():
+        problem = PlaneStressProblem(
+            mesh, material, thickness, *supports, options.tolerance, options.max_iterations, comm
+        )
     factors = np.arange(1, n_increments + 1) / n_increments
     to_do = [float(t) for t in factors[len(record.states) - 1 :]]
     bar = tqdm(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import tempfile
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,17 +17,19 @@ VERSION = 1
 
 
 def write_npz(path: str | Path, format_name: str, **arrays: Any) -> None:
-    """Write `arrays` with the format's name and version; the folder is made where needed."""
+    """Write `arrays` with the format's name and version; the folder is made. Raises `MeshDataError`."""
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with os.fdopen(handle, "wb") as file:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(temporary, "wb") as file:
             np.savez_compressed(file, format=format_name, version=VERSION, **arrays)
         os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    except OSError as error:
+        raise MeshDataError(f"{path}: cannot be written ({error}); choose another place or free some space") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
 
 
 def read_npz(path: str | Path, format_name: str, required: Iterable[str]) -> dict[str, Any]:

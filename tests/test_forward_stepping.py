@@ -1,5 +1,10 @@
 """What happens when a step fails, when a run is cut off, and when the input makes no sense."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,6 +13,8 @@ from forward.errors import ConvergenceError, LoadingError, SolutionError
 from forward.plane_stress import Options, _Record, solve
 from forward.stepping import State, predict, steps
 from meshes import Cross, SquareSheet, Strip, quads, triangles
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")
@@ -134,3 +141,17 @@ def test_solve_refuses_what_it_cannot_do(mesh):
         solve(mesh, ArrudaBoyce(), loading, thickness=-1.0)
     with pytest.raises(LoadingError, match="must be positive"):
         solve(mesh, ArrudaBoyce(), loading, n_increments=0)
+
+
+def test_a_missing_compiler_is_named(tmp_path):
+    """Forms that are not in the cache, and a compiler that fails."""
+    command = (
+        "from forward.plane_stress import *\n"
+        "mesh = quads(Cross(), quarter=True, size_factor=4.0)\n"
+        "solve(mesh, ArrudaBoyce(), Loading.clamped(Cross.loaded, 1.0), 1)\n"
+    )
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "CC": "no-such-compiler", "PYTHONPATH": str(ROOT)}
+    run = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True, check=False)
+    assert run.returncode != 0
+    assert "MissingSolverError: the forms cannot be compiled" in run.stderr
+    assert "apt-get install -y gcc" in run.stderr

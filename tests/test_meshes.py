@@ -170,6 +170,8 @@ def test_file(cross, tmp_path):
     copy = Mesh.load(path)
     np.testing.assert_array_equal(copy.points, cross.points)
     assert copy.boundaries.keys() == cross.boundaries.keys()
+    with pytest.raises(MeshDataError, match="cannot be written"):
+        cross.save(path / "below_a_file.npz")
     path.write_bytes(b"PK something else")
     with pytest.raises(MeshDataError, match="cannot be read"):
         Mesh.load(path)
