@@ -46,8 +46,12 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("results/benchmark-calibration"))
     parser.add_argument("--overwrite", action="store_true", help="empty an earlier folder of this benchmark")
-    parser.add_argument("--quick", action="store_true", help="5k triangles only, 4 starts, 10 s a row of SLSQP")
+    parser.add_argument(
+        "--quick", action="store_true", help="5k, I1, PANN (1) and (4,4); 4 starts, 10 s a row of SLSQP"
+    )
     parser.add_argument("--sizes", type=int, nargs="+", help=f"triangles (default {SIZES})")
+    parser.add_argument("--inputs", nargs="+", choices=INPUTS, help="input sets (default all)")
+    parser.add_argument("--layers", nargs="+", type=layers_of, help="network sizes (default 1 4,4 16,16)")
     parser.add_argument("--starts", type=int, help="random starts (default 20)")
     parser.add_argument("--seconds", type=float, help="CPU time allowed for a row of SLSQP (default 60)")
     parser.add_argument("--increments", type=int, default=10)
@@ -55,13 +59,20 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--solution", type=Path, help="solution file of the whole cross, instead of solving")
     args = parser.parse_args(words)
     args.sizes = args.sizes or ([SIZES[0]] if args.quick else list(SIZES))
+    args.inputs = args.inputs or (["I1"] if args.quick else list(INPUTS))
+    args.layers = args.layers or list(LAYERS[:2] if args.quick else LAYERS)
     args.starts = args.starts or (4 if args.quick else 20)
     args.seconds = args.seconds or (10.0 if args.quick else 60.0)
     return args
 
 
+def layers_of(text: str) -> tuple[int, ...]:
+    """'4,4' to (4, 4)."""
+    return tuple(int(n) for n in text.split(","))
+
+
 def settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Whatever changes a row; sizes do not, so that a folder can be completed later."""
+    """Whatever changes a row; which rows are done does not, so that a folder can be completed later."""
     return {
         "benchmark": "calibration",
         "starts": args.starts,
@@ -91,20 +102,27 @@ def experiments(args: argparse.Namespace, n_triangles: int) -> dict[str, Any]:
     from meshes import Cross, triangles
     from studies import camera
 
-    clean = camera.observe(solution(args), triangles(Cross(), n_nodes=round(NODES_PER_TRIANGLE * n_triangles)))
+    n_nodes = NODES_PER_TRIANGLE * n_triangles
+    for _ in range(3):
+        mesh = triangles(Cross(), n_nodes=round(n_nodes))
+        n_nodes *= n_triangles / len(mesh.cells)
+    clean = camera.observe(solution(args), mesh)
     return {"clean": clean, "noisy": camera.record(clean, camera.Camera(), 0)}
 
 
 def plan(args: argparse.Namespace) -> list[tuple[int, str, str]]:
     """(triangles, inputs, data) of each case, smallest first."""
-    return [(n, inputs, data) for n in sorted(args.sizes) for inputs in INPUTS for data in ("clean", "noisy")]
+    return [(n, inputs, data) for n in sorted(args.sizes) for inputs in args.inputs for data in ("clean", "noisy")]
 
 
 def run_case(args: argparse.Namespace, n: int, inputs: str, data: str) -> None:
     """Do the rows of one case that are not there yet."""
     methods = CLEAN_METHODS if data == "clean" else NOISY_METHODS
     missing = [
-        (layers, m) for layers in LAYERS for m in methods if not row_path(args, n, inputs, layers, data, m).exists()
+        (layers, m)
+        for layers in args.layers
+        for m in methods
+        if not row_path(args, n, inputs, layers, data, m).exists()
     ]
     if not missing:
         return
@@ -175,7 +193,9 @@ def write(args: argparse.Namespace) -> str:
     csv, markdown = args.output / "calibration.csv", args.output / "calibration.md"
     write_csv(csv, COLUMNS, table)
     write_text(markdown, "\n".join(["# Calibration side by side", "", note, "", text, "", *lines, ""]))
-    Manifest(seed=0, settings={**settings(args), "sizes": args.sizes}).beside(csv, markdown)
+    Manifest(seed=0, settings={**settings(args), "sizes": args.sizes, "core": sorted(os.sched_getaffinity(0))}).beside(
+        csv, markdown
+    )
     return text
 
 

@@ -25,6 +25,10 @@ from calibrate.basis import Spline
 from calibrate.reduction import Quadratic
 
 Array = NDArray[np.float64]
+# A weak normal prior on the weights of the (scaled) network, in units of the residuals' own standard deviation:
+# without it a kink of any steepness fits just where the data end, and ruins the extrapolation.
+PRIOR_STD = 5.0
+DISTILLATION_DECAY = 1e-6
 
 
 def monotone_functions(basis, k: int, n: int = 24) -> Array:
@@ -77,47 +81,53 @@ class NetworkFit:
     spline_loss: float
 
 
-def _damped_step(J: jax.Array, r: jax.Array, damping: jax.Array) -> jax.Array:
-    """(J^T J + diag(damping))^-1 J^T r, solved in the smaller of the two spaces."""
+def _damped_step(J: jax.Array, g: jax.Array, diagonal: jax.Array) -> jax.Array:
+    """(J^T J + diag(diagonal))^-1 g, solved in the smaller of the two spaces."""
     rows, columns = J.shape
     if columns <= rows:
-        return jnp.linalg.solve(J.T @ J + jnp.diag(damping), J.T @ r)
-    scaled = J / damping
-    return scaled.T @ jnp.linalg.solve(jnp.eye(rows) + scaled @ J.T, r)
+        return jnp.linalg.solve(J.T @ J + jnp.diag(diagonal), g)
+    scaled = J / diagonal
+    return g / diagonal - scaled.T @ jnp.linalg.solve(jnp.eye(rows) + scaled @ J.T, scaled @ g)
 
 
 @partial(jax.jit, static_argnums=(0, 4))
-def _levenberg_marquardt(residual, data, starts, lower, limit: int, floor=0.0):
-    """Bounded Levenberg-Marquardt from every start: (parameters, losses, iterations, converged).
+def _levenberg_marquardt(residual, data, starts, lower, limit: int, decay=0.0, floor=0.0):
+    """Bounded Levenberg-Marquardt from every start: (parameters, objectives, iterations, converged).
 
-    floor: the part of the loss that no parameter can change; decreases are judged against loss + floor.
+    The objective is |residual|^2 + decay |theta|^2. floor: the part of the loss that no parameter can change;
+    decreases are judged against objective + floor.
     """
     tolerance = 1e-6
 
+    def objective(theta):
+        r = residual(theta, data)
+        return r @ r + decay * (theta @ theta)
+
     def solve(start):
-        r0 = residual(start, data)
-        state = (start, r0 @ r0, 1e-2, 0, jnp.array(0))
+        state = (start, objective(start), 1e-2, 0, jnp.array(0))
 
         def proceed(state):
             _, _, damping, count, quiet = state
             return (count < limit) & (quiet < 3) & (damping < 1e12)
 
         def step(state):
-            theta, loss, damping, count, quiet = state
+            theta, value, damping, count, quiet = state
             r, J = residual(theta, data), jax.jacfwd(residual)(theta, data)
-            J = J * ~((theta <= lower) & (J.T @ r > 0))  # active bounds stay where they are
+            g = J.T @ r + decay * theta
+            free = ~((theta <= lower) & (g > 0))  # active bounds stay where they are
+            J, g = J * free, g * free
             scale = jnp.sum(J * J, axis=0)
-            trial = jnp.maximum(theta - _damped_step(J, r, damping * (scale + 1e-12 * jnp.max(scale) + 1e-30)), lower)
-            rt = residual(trial, data)
-            new = rt @ rt
-            good = jnp.isfinite(new) & (new < loss)
-            small = good & (loss - new < tolerance * (loss + floor))
+            diagonal = decay + damping * (scale + 1e-12 * jnp.max(scale) + 1e-30)
+            trial = jnp.maximum(theta - _damped_step(J, g, diagonal), lower)
+            new = objective(trial)
+            good = jnp.isfinite(new) & (new < value)
+            small = good & (value - new < tolerance * (value + floor))
             quiet = jnp.where(good, jnp.where(small, quiet + 1, 0), quiet)
             damping = jnp.where(good, jnp.maximum(damping / 5, 1e-12), damping * 4)
-            return jnp.where(good, trial, theta), jnp.where(good, new, loss), damping, count + 1, quiet
+            return jnp.where(good, trial, theta), jnp.where(good, new, value), damping, count + 1, quiet
 
-        theta, loss, damping, count, quiet = jax.lax.while_loop(proceed, step, state)
-        return theta, loss, count, (quiet >= 3) | (damping >= 1e12)
+        theta, value, damping, count, quiet = jax.lax.while_loop(proceed, step, state)
+        return theta, value, count, (quiet >= 3) | (damping >= 1e12)
 
     return jax.vmap(solve)(starts)
 
@@ -183,12 +193,14 @@ def fit_network(
     lower = jnp.where(jnp.asarray(unit.nonnegative), 0.0, -jnp.inf)
     keys = jax.random.split(jax.random.key(seed), n_starts)
     starts = jnp.stack([unit.random_start(key) for key in keys])
-    distilled = _levenberg_marquardt(_Residual(unit, True), data, starts, lower, limit)[0]
+    distilled = _levenberg_marquardt(_Residual(unit, True), data, starts, lower, limit, DISTILLATION_DECAY)[0]
     offset = quadratic.constant - magnitude**2
     floor = max(offset, 0.0) / magnitude**2
+    decay = floor / max(quadratic.n_rows, 1) / PRIOR_STD**2 + 1e-14
     theta, losses, counts, converged = map(
-        np.asarray, _levenberg_marquardt(_Residual(unit, False), data, distilled, lower, limit, floor)
+        np.asarray, _levenberg_marquardt(_Residual(unit, False), data, distilled, lower, limit, decay, floor)
     )
+    losses = losses - decay * (theta**2).sum(axis=1)
     if not np.isfinite(losses).any():
         raise errors.FitError("no start reached a finite loss; check the data for extreme deformations")
     best = int(np.nanargmin(losses))
