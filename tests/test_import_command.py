@@ -36,6 +36,7 @@ def test_command_writes_experiment_picture_and_manifest(tmp_path, capsys):
         "experiment.npz",
         "experiment.png",
         "experiment.json",
+        "experiment.vtu",
         "run.json",
     }
     said = capsys.readouterr().out
