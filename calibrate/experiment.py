@@ -12,9 +12,8 @@ displacement std mm, correlation length mm, relative force std, force std N; abs
 
 from __future__ import annotations
 
+import io
 import json
-import os
-import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
+from calibrate.files import write_atomically
 
 FORMAT, VERSION = "equigap-experiment", 1
 Array = NDArray[np.float64]
@@ -140,16 +140,9 @@ class Experiment:
             arrays["thickness"] = self.thickness
         if self.noise is not None:
             arrays["noise"] = np.array(list(self.noise.__dict__.values()))
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez_compressed(file, allow_pickle=False, **arrays)
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, allow_pickle=False, **arrays)
+        write_atomically(path, buffer.getvalue())
 
     @classmethod
     def load(cls, path: str | Path) -> Experiment:

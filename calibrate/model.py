@@ -10,8 +10,6 @@ The formula is in `calibrate.pann`.
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors, kinematics, pann
+from calibrate.files import write_atomically
 
 FORMAT, VERSION = "equigap-model", 1
 UNITS = ("MPa", "N/mm")
@@ -89,16 +88,7 @@ class Model:
 
     def save(self, path: str | Path) -> None:
         """Write the JSON atomically."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
-        try:
-            with os.fdopen(handle, "w") as file:
-                json.dump(self.to_dict(), file, indent=1)
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        write_atomically(path, json.dumps(self.to_dict(), indent=1).encode())
 
     @classmethod
     def load(cls, path: str | Path) -> Model:

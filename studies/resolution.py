@@ -22,7 +22,9 @@ QUICK = Settings(nodes=2500, levels=(100.0, 25.0), seeds=(0, 1), dependent_seeds
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `equigap resolution`."""
     default = Settings()
-    parser.add_argument("--output", type=Path, default=Path("results/resolution"), help="folder (default: %(default)s)")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("results/resolution"), help="folder (default: %(default)s)"
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier run with other settings")
     parser.add_argument("--quick", action="store_true", help="2 meshes, 2 noise seeds: shows the path, proves nothing")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="cases at a time (default: %(default)s)")
