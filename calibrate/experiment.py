@@ -154,7 +154,7 @@ class Experiment:
         if not path.exists():
             raise errors.DataNotFoundError(f"{path}: no such file; give the path of an Experiment .npz")
         try:
-            with np.load(path, allow_pickle=False) as data:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
                 content = {key: data[key] for key in data.files}
         except Exception as error:
             raise errors.FileFormatError(

@@ -78,7 +78,6 @@ def test_no_such_file(tmp_path):
 
 
 # NumPy leaves a damaged archive open until it is collected
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_other_files_are_refused(tmp_path):
     path = tmp_path / "a.npz"
     path.write_text("no archive")
