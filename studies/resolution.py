@@ -89,10 +89,11 @@ def run_workflow(folder: Path, settings: Settings, jobs: int) -> None:
              for level in settings.levels for seed in settings.noise_seeds]  # fmt: skip
     if all(case.exists() for case in cases):
         return
+    # files are written atomically, so one that exists is complete, whatever Snakemake thinks of a killed job
     work = folder / "workflow"
     work.mkdir(exist_ok=True)
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(Path(__file__).with_name("resolution.smk")),
-               "--cores", str(jobs), "--directory", str(work), "--rerun-incomplete", "--rerun-triggers", "mtime",
+               "--cores", str(jobs), "--directory", str(work), "--ignore-incomplete", "--rerun-triggers", "mtime",
                "--nolock", "--config", f"folder={folder}"]  # fmt: skip
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "TQDM_DISABLE": "1",
                    "JAX_COMPILATION_CACHE_DIR": str(work / "jax"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5",
