@@ -78,7 +78,6 @@ class NetworkFit:
     losses: Array
     iterations: Array
     reasons: tuple[str, ...]
-    spline_loss: float
 
 
 def _damped_step(J: jax.Array, g: jax.Array, diagonal: jax.Array) -> jax.Array:
@@ -213,6 +212,5 @@ def fit_network(
         losses=losses * magnitude**2 + offset,
         iterations=counts,
         reasons=tuple("converged" if ok else "iteration limit" for ok in converged),
-        spline_loss=quadratic.loss(spline),
     )
     return architecture, result
