@@ -86,7 +86,7 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
 def solution(args: argparse.Namespace) -> Any:
     """The solved cross, from `--solution`, from the folder, or solved now."""
     from forward.plane_stress import default_experiment
-    from forward.solution import PlaneStressSolution
+    from forward.solution import SurfaceSolution
 
     path = args.solution or args.output / "solution.npz"
     if not path.exists() and not args.solution:
@@ -94,7 +94,7 @@ def solution(args: argparse.Namespace) -> Any:
         default_experiment(
             size_factor=args.forward_size, n_increments=args.increments, progress=True, checkpoint=checkpoint
         ).save(path)
-    return PlaneStressSolution.load(path)
+    return SurfaceSolution.load(path)
 
 
 def experiments(args: argparse.Namespace, n_triangles: int) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from forward.errors import ForwardError
 from forward.loading import Loading
 from forward.materials import ArrudaBoyce, Material, MooneyRivlin, NeoHooke, Yeoh, material_from_dict
 from forward.pann import Pann
-from forward.solution import PlaneStressSolution
+from forward.solution import SurfaceSolution
 
 __all__ = [
     "ArrudaBoyce",
@@ -17,7 +17,7 @@ __all__ = [
     "MooneyRivlin",
     "NeoHooke",
     "Pann",
-    "PlaneStressSolution",
+    "SurfaceSolution",
     "Yeoh",
     "material_from_dict",
 ]

@@ -1,4 +1,4 @@
-"""Forward model of a thin incompressible sheet: mesh, material and loading in, `PlaneStressSolution` out.
+"""Forward model of a thin incompressible sheet: mesh, material and loading in, `SurfaceSolution` out.
 
 Runs the same under `mpiexec -n`. The physics is in `problem`, the load stepping in `stepping`.
 """
@@ -20,7 +20,7 @@ from forward.errors import ConvergenceError, LoadingError, MaterialError, Soluti
 from forward.loading import SYMMETRY, Loading
 from forward.materials import ArrudaBoyce, Material
 from forward.problem import PlaneStressProblem
-from forward.solution import PlaneStressSolution
+from forward.solution import SurfaceSolution
 from forward.stepping import State, steps
 from meshes import Cross, Mesh, quads
 
@@ -47,7 +47,7 @@ def solve(
     progress: bool = False,
     checkpoint: str | Path | None = None,
     comm: Any = MPI.COMM_WORLD,
-) -> PlaneStressSolution:
+) -> SurfaceSolution:
     """Load in `n_increments` equal steps. thickness: mm.
 
     `checkpoint` is a solution file, rewritten after each increment; if it is there already, the run goes on
@@ -64,7 +64,7 @@ def solve(
     loading = loading.on(mesh)
     record = _Record(mesh, material, loading, n_increments, thickness, options)
     if checkpoint is not None and comm.bcast(Path(checkpoint).exists() if comm.rank == 0 else None):
-        record.resume(PlaneStressSolution.load(checkpoint), checkpoint)
+        record.resume(SurfaceSolution.load(checkpoint), checkpoint)
     supports = loading.prescribed(mesh)
     with compiler_needed():
         problem = PlaneStressProblem(
@@ -95,7 +95,7 @@ def solve(
 
 def default_experiment(
     displacement: float = DEFAULT_DISPLACEMENT, size_factor: float = 1.0, **keywords: Any
-) -> PlaneStressSolution:
+) -> SurfaceSolution:
     """The cross, pulled at its four arms, in Arruda-Boyce rubber, 1 mm thick: a quarter is solved and mirrored."""
     specimen = Cross()
     loading = Loading.clamped(specimen.loaded, displacement)
@@ -144,7 +144,7 @@ class _Record:
         self.energies.append(problem.energy())
         self.states.append(state)
 
-    def resume(self, solution: PlaneStressSolution, path: str | Path) -> None:
+    def resume(self, solution: SurfaceSolution, path: str | Path) -> None:
         if solution.description.get("digest") != self.description["digest"]:
             raise SolutionError(
                 f"{path}: this checkpoint belongs to another mesh, material, loading or option; "
@@ -155,9 +155,9 @@ class _Record:
         self.energies = [float(e) for e in solution.energy]
         self.forces = {side: list(solution.reactions[side]) for side in self.sides}
 
-    def solution(self) -> PlaneStressSolution:
+    def solution(self) -> SurfaceSolution:
         reached = self.states[1:]
-        return PlaneStressSolution(
+        return SurfaceSolution(
             mesh=self.mesh,
             displacements=np.array([s.displacements for s in reached]).reshape(-1, *self.mesh.points.shape),
             reactions={side: np.array(force).reshape(-1, 2) for side, force in self.forces.items()},

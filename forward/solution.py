@@ -20,12 +20,12 @@ from meshes.errors import MeshDataError
 from meshes.files import read_npz, write_npz
 
 Array = NDArray[np.float64]
-FORMAT = "equigap-plane-stress"
+FORMAT = "equigap-surface"
 REQUIRED = ("points", "cells", "displacements", "time", "energy", "iterations", "thickness", "description")
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneStressSolution:
+class SurfaceSolution:
     """Equilibrium states of a sheet.
 
     mesh: biquadratic quads; displacements (n_inc, n, 2) at its nodes, mm; reactions: side to (n_inc, 2), the
@@ -61,7 +61,7 @@ class PlaneStressSolution:
         places = interpolation.locate(self.mesh, points)
         return np.eye(2) + interpolation.gradients_at(self.mesh, places, self.displacements)
 
-    def mirrored(self) -> PlaneStressSolution:
+    def mirrored(self) -> SurfaceSolution:
         """The full specimen of a quarter. Raises `SolutionError` if this is not a quarter.
 
         A quarter's side carries half the arm's force; the transverse force of the arm vanishes by symmetry.
@@ -78,7 +78,7 @@ class PlaneStressSolution:
                 reactions |= {opposite: -force, side: force}
         displacements = self.displacements[:, source] * signs
         description = {**self.description, "mirrored": True}
-        return PlaneStressSolution(
+        return SurfaceSolution(
             mesh,
             displacements,
             reactions,
@@ -107,7 +107,7 @@ class PlaneStressSolution:
         )
 
     @classmethod
-    def load(cls, path: str | Path) -> PlaneStressSolution:
+    def load(cls, path: str | Path) -> SurfaceSolution:
         """Read what `save` wrote. Raises `SolutionError`."""
         try:
             content = read_npz(path, FORMAT, REQUIRED)

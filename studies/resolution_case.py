@@ -82,13 +82,13 @@ def mesh(folder: Path, settings: Settings, level: str) -> None:
 
 def observe(folder: Path, settings: Settings, seed: str) -> None:
     """The Experiment that the camera records on the finest mesh, and its projections to the coarser ones."""
-    from forward.solution import PlaneStressSolution
+    from forward.solution import SurfaceSolution
     from meshes import Mesh
     from studies import camera, coarsening
 
     levels = [format_level(level) for level in settings.levels]
     grids = [Mesh.load(folder / f"mesh_{level}.npz") for level in levels]
-    solution = PlaneStressSolution.load(folder / "solution.npz")
+    solution = SurfaceSolution.load(folder / "solution.npz")
     clean = camera.observe(solution, grids[0], name="perforated cross")
     device = camera.Camera(camera.GaussianField(normalisation=settings.normalisation))
     seen = clean if seed == "clean" else camera.record(clean, device, int(seed))

@@ -16,7 +16,7 @@ from studies.options import add_output, count, nearest, output_folder, positive,
 if TYPE_CHECKING:
     from calibrate.experiment import Experiment
     from forward.materials import Material
-    from forward.solution import PlaneStressSolution
+    from forward.solution import SurfaceSolution
     from meshes import Mesh
     from studies.camera import Camera
 
@@ -121,7 +121,7 @@ def read_material(name: str, parameters: list[str]) -> Material:
     return material_from_dict({"material": name, **values})
 
 
-def solve(args: argparse.Namespace, material: Material, checkpoint: Any) -> PlaneStressSolution:
+def solve(args: argparse.Namespace, material: Material, checkpoint: Any) -> SurfaceSolution:
     """Solve a quarter of the specimen and mirror it."""
     from forward.loading import Loading
     from forward.plane_stress import solve as solve_plane_stress
@@ -144,7 +144,7 @@ def camera_from(args: argparse.Namespace) -> Camera:
     return Camera(field, relative_noise=args.relative_noise, force_noise=args.force_noise)
 
 
-def observe(args: argparse.Namespace, solution: PlaneStressSolution, mesh: Mesh, camera: Camera) -> Experiment:
+def observe(args: argparse.Namespace, solution: SurfaceSolution, mesh: Mesh, camera: Camera) -> Experiment:
     """The Experiment that the camera records of a solution at the nodes of `mesh`."""
     from meshes.specimens import SPECIMENS
     from studies.camera import observe as record
@@ -156,7 +156,7 @@ def observe(args: argparse.Namespace, solution: PlaneStressSolution, mesh: Mesh,
     )  # fmt: skip
 
 
-def numbers(solution: PlaneStressSolution, experiment: Experiment) -> dict[str, Any]:
+def numbers(solution: SurfaceSolution, experiment: Experiment) -> dict[str, Any]:
     """What a manifest and a report say about the test."""
     return {
         "points": len(experiment.points),

@@ -12,13 +12,13 @@ import numpy as np
 
 from calibrate.experiment import Experiment
 from calibrate.kinematics import deformation_gradients, gradient_operator, invariants_and_derivatives
-from forward.solution import PlaneStressSolution
+from forward.solution import SurfaceSolution
 from studies import style
 from studies.output import Manifest, write_csv, write_figure
 from studies.report import Report
 
 
-def write_report(folder: Path, solution: PlaneStressSolution, experiment: Experiment, manifest: Manifest) -> Path:
+def write_report(folder: Path, solution: SurfaceSolution, experiment: Experiment, manifest: Manifest) -> Path:
     """Draw everything into `folder` and return the path of the report."""
     fields, forces, table = folder / "fields.png", folder / "forces.png", folder / "forces.csv"
     draw_fields(experiment, fields)
@@ -61,7 +61,7 @@ def draw_fields(experiment: Experiment, path: Path) -> None:
         write_figure(path, figure)
 
 
-def draw_forces(solution: PlaneStressSolution, experiment: Experiment, path: Path) -> None:
+def draw_forces(solution: SurfaceSolution, experiment: Experiment, path: Path) -> None:
     """Force along the pull of each side against the displacement of the grips, as a share of the largest."""
     exact_time = np.concatenate([[0.0], solution.time])
     measured_time = experiment.time if experiment.time is not None else solution.time

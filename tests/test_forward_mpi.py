@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forward import ArrudaBoyce, Loading, PlaneStressSolution
+from forward import ArrudaBoyce, Loading, SurfaceSolution
 from forward.plane_stress import solve
 from meshes import Cross, quads
 
@@ -25,7 +25,7 @@ def test_two_ranks_give_the_same(tmp_path, checkpoint):
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert run.returncode == 0, run.stderr
-    two = PlaneStressSolution.load(tmp_path / "two.npz")
+    two = SurfaceSolution.load(tmp_path / "two.npz")
     mesh = quads(Cross(), quarter=True, size_factor=4.0)
     one = solve(mesh, ArrudaBoyce(), Loading.clamped(Cross.loaded, 30.0), 3)
     np.testing.assert_allclose(two.displacements, one.displacements, atol=1e-10)

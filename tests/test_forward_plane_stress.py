@@ -5,7 +5,7 @@ import pytest
 from forward_helpers import MATERIALS, annulus, nominal_stresses
 from scipy.interpolate import CubicSpline
 
-from forward import ArrudaBoyce, Loading, NeoHooke, PlaneStressSolution
+from forward import ArrudaBoyce, Loading, NeoHooke, SurfaceSolution
 from forward.errors import SolutionError
 from forward.plane_stress import default_experiment, solve
 from meshes import Cross, PureShearSheet, SquareSheet, Strip, quads
@@ -103,7 +103,7 @@ def test_evaluation_beyond_the_rim():
     mesh = annulus(4)
     field = mesh.points**2 + mesh.points[:, ::-1]
     zero = np.zeros(1)
-    solution = PlaneStressSolution(mesh, field[None], {}, zero, zero, zero.astype(int), 1.0)
+    solution = SurfaceSolution(mesh, field[None], {}, zero, zero, zero.astype(int), 1.0)
     near = np.array([[0.9999 * np.cos(0.3), 0.9999 * np.sin(0.3)], [2.0001, 0.0001]])
     np.testing.assert_allclose(solution.evaluate(near)[0], near**2 + near[:, ::-1], atol=2e-3)
     with pytest.raises(SolutionError, match="outside the mesh"):
@@ -115,14 +115,14 @@ def test_evaluation_beyond_the_rim():
 def test_file(quarter_cross, tmp_path):
     path = tmp_path / "new" / "solution.npz"
     quarter_cross.save(path)
-    copy = PlaneStressSolution.load(path)
+    copy = SurfaceSolution.load(path)
     np.testing.assert_array_equal(copy.displacements, quarter_cross.displacements)
     np.testing.assert_array_equal(copy.reactions["top"], quarter_cross.reactions["top"])
     assert copy.mirrored().mesh.boundaries.keys() == quarter_cross.mirrored().mesh.boundaries.keys()
     assert copy.description == quarter_cross.description
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(SolutionError, match="cannot be read"):
-        PlaneStressSolution.load(path)
+        SurfaceSolution.load(path)
 
 
 def test_a_full_model_is_not_mirrored():

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forward import ArrudaBoyce, Loading, NeoHooke, PlaneStressSolution
+from forward import ArrudaBoyce, Loading, NeoHooke, SurfaceSolution
 from forward.errors import ConvergenceError, LoadingError, SolutionError
 from forward.plane_stress import Options, _Record, solve
 from forward.stepping import State, predict, steps
@@ -85,7 +85,7 @@ def test_impossible_load_names_the_error_and_keeps_the_last_state(mesh, tmp_path
     reached = len(caught.value.solution.time)
     assert 0 < reached < 10
     assert str(path) in str(caught.value)
-    np.testing.assert_array_equal(PlaneStressSolution.load(path).displacements, caught.value.solution.displacements)
+    np.testing.assert_array_equal(SurfaceSolution.load(path).displacements, caught.value.solution.displacements)
 
 
 def test_resume_after_a_kill(mesh, reference, tmp_path, monkeypatch):
@@ -102,7 +102,7 @@ def test_resume_after_a_kill(mesh, reference, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         solve(mesh, ArrudaBoyce(), loading, 4, checkpoint=path)
     monkeypatch.undo()
-    assert len(PlaneStressSolution.load(path).time) == 2
+    assert len(SurfaceSolution.load(path).time) == 2
     resumed = solve(mesh, ArrudaBoyce(), loading, 4, checkpoint=path)
     np.testing.assert_allclose(resumed.displacements, reference.displacements, atol=1e-10)
     np.testing.assert_allclose(resumed.reactions["right"], reference.reactions["right"], rtol=1e-10)
