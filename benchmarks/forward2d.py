@@ -75,7 +75,7 @@ def time_equigap(mesh: Mesh) -> tuple[float, float]:
     """Assembly of forces and tangent, and one factorisation with solution, s."""
     held, values = Loading.clamped(Cross.loaded, DISPLACEMENT).on(mesh).prescribed(mesh)
     problem = PlaneStressProblem(mesh, MATERIAL, 1.0, held, values, 1e-10, 25)
-    problem.displacements = stretched(mesh)
+    problem.unknowns = (stretched(mesh),)
     newton, bcs = problem.problem, [support.bc for support in problem.supports]
     rhs, x = newton.b.duplicate(), newton.b.duplicate()
     rhs.set(1.0)

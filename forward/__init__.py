@@ -1,12 +1,13 @@
 """Mesh, material and loading in, equilibrium states and reaction forces out. N, mm, MPa.
 
-`forward.plane_stress` holds the solver; importing it needs DOLFINx, what is named here does not.
+`forward.plane_stress` and `forward.solid` hold the solvers; importing them needs DOLFINx, what is named here does not.
 """
 
 from forward.errors import ForwardError
 from forward.loading import Loading
 from forward.materials import ArrudaBoyce, Material, MooneyRivlin, NeoHooke, Yeoh, material_from_dict
 from forward.pann import Pann
+from forward.solid_solution import SolidSolution
 from forward.solution import SurfaceSolution
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "MooneyRivlin",
     "NeoHooke",
     "Pann",
+    "SolidSolution",
     "SurfaceSolution",
     "Yeoh",
     "material_from_dict",

@@ -7,6 +7,7 @@ import hashlib
 import platform
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from forward.errors import MissingSolverError
 
@@ -45,6 +46,11 @@ def _processor() -> str:
 JIT_OPTIONS = {"cffi_extra_compile_args": [*FLAGS, f"-DEQUIGAP_PROCESSOR={_processor()}"]}
 
 
+def versions() -> dict[str, Any]:
+    """Program versions and the quadrature, for a manifest."""
+    return {"dolfinx": dolfinx.__version__, "petsc": PETSC_VERSION, "quadrature_degree": QUADRATURE_DEGREE}
+
+
 @contextlib.contextmanager
 def compiler_needed() -> Iterator[None]:
     """Around the compilation of forms. Raises `MissingSolverError` where there is no working C compiler."""
@@ -67,4 +73,5 @@ __all__ = [
     "compiler_needed",
     "dolfinx",
     "ufl",
+    "versions",
 ]

@@ -27,5 +27,13 @@ class SolutionError(ForwardError, ValueError):
     """A solution or checkpoint file that is damaged or belongs to another problem."""
 
 
+class CheckpointError(ForwardError, OSError):
+    """A checkpoint that cannot be written; what was written before is whole."""
+
+
+class LinearSolverError(ForwardError, RuntimeError):
+    """The linear solver lacks memory, or its numbers are too short for the mesh."""
+
+
 class MissingSolverError(ForwardError, RuntimeError):
     """DOLFINx or its PETSc is not installed."""

@@ -5,51 +5,67 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from forward.errors import LoadingError
-from meshes import Mesh
 
 Component = float | None
 OUTWARD = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "bottom": (0.0, -1.0), "top": (0.0, 1.0)}
-SYMMETRY: dict[str, tuple[Component, Component]] = {"symmetry_x": (0.0, None), "symmetry_y": (None, 0.0)}
+SYMMETRY = {"symmetry_x": 0, "symmetry_y": 1, "symmetry_z": 2}
+
+
+class BoundedMesh(Protocol):
+    """A mesh of nodes (n, 2) or (n, 3), mm, with named boundaries."""
+
+    @property
+    def points(self) -> NDArray[np.float64]: ...
+    @property
+    def boundaries(self) -> dict[str, NDArray[np.int64]]: ...
+
+    def boundary_nodes(self, name: str) -> NDArray[np.int64]: ...
 
 
 @dataclass(frozen=True)
 class Loading:
     """Final displacements of boundaries, reached in proportion to the load.
 
-    displacements: boundary name to (u_x, u_y), mm; None leaves a component free. The symmetry boundaries of a
-    quarter are held by themselves. Raises `LoadingError` for values that are not finite.
+    displacements: boundary name to (u_x, u_y) or, of a solid, (u_x, u_y, u_z), mm; None leaves a component free. The
+    symmetry boundaries of a quarter or an eighth are held by themselves. Raises `LoadingError` for values that are
+    not finite.
     """
 
-    displacements: Mapping[str, tuple[Component, Component]]
+    displacements: Mapping[str, tuple[Component, ...]]
 
     def __post_init__(self) -> None:
         if not self.displacements:
             raise LoadingError("no boundary is loaded; name at least one and its displacement")
         for name, components in self.displacements.items():
-            if len(components) != 2:
-                raise LoadingError(f"{name}: give two components (u_x, u_y), None where free")
+            if len(components) not in (2, 3):
+                raise LoadingError(f"{name}: give two components (u_x, u_y), three for a solid, None where free")
             if not all(c is None or math.isfinite(c) for c in components):
                 raise LoadingError(f"{name}: displacement {components} must be finite, in mm")
 
     @classmethod
-    def clamped(cls, boundaries: Iterable[str], displacement: float) -> Loading:
-        """Sides held by rigid grips that move outward by `displacement`, mm, each."""
+    def clamped(cls, boundaries: Iterable[str], displacement: float, dimension: int = 2) -> Loading:
+        """Sides held by rigid grips that move outward by `displacement`, mm, each; dimension 3: of a solid."""
+        rest = (0.0,) * (dimension - 2)
         try:
-            return cls({n: (displacement * OUTWARD[n][0], displacement * OUTWARD[n][1]) for n in boundaries})
+            return cls({n: (displacement * OUTWARD[n][0], displacement * OUTWARD[n][1], *rest) for n in boundaries})
         except KeyError as error:
             raise LoadingError(f"side {error} is unknown; choose from {', '.join(OUTWARD)}") from error
 
-    def on(self, mesh: Mesh) -> Loading:
+    def on(self, mesh: BoundedMesh) -> Loading:
         """The loading of this mesh: a quarter keeps the sides it has and gains its symmetry conditions.
 
-        Raises `LoadingError` for a boundary that is not on the mesh.
+        Raises `LoadingError` for a boundary that is not on the mesh, or another number of components than it has.
         """
+        dimension = mesh.points.shape[1]
+        for name, components in self.displacements.items():
+            if len(components) != dimension:
+                raise LoadingError(f"{name}: {len(components)} components of displacement, the mesh has {dimension}")
         quarter = "symmetry_x" in mesh.boundaries
         there = {n: c for n, c in self.displacements.items() if n in mesh.boundaries}
         missing = [n for n in self.displacements if n not in there and not (quarter and n in ("left", "bottom"))]
@@ -57,10 +73,15 @@ class Loading:
             raise LoadingError(f"boundary '{missing[0]}' is not on this mesh, which has {', '.join(mesh.boundaries)}")
         if not there:
             raise LoadingError("a quarter has the sides 'right' and 'top' only; load one of these")
-        return Loading({**there, **{n: c for n, c in SYMMETRY.items() if n in mesh.boundaries}})
+        cuts = {
+            name: tuple(0.0 if axis == normal else None for axis in range(dimension))
+            for name, normal in SYMMETRY.items()
+            if name in mesh.boundaries
+        }
+        return Loading({**there, **cuts})
 
-    def prescribed(self, mesh: Mesh) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Which components of which nodes (n, 2) are prescribed, and their final values (n, 2), mm.
+    def prescribed(self, mesh: BoundedMesh) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+        """Which components of which nodes (n, d) are prescribed, and their final values (n, d), mm.
 
         Raises `LoadingError` where two boundaries ask for different values, or nothing holds the specimen.
         """
@@ -73,9 +94,9 @@ class Loading:
                     continue
                 clash = held[nodes, axis] & (np.abs(values[nodes, axis] - value) > 1e-12)
                 if clash.any():
-                    at = mesh.points[nodes[clash][0]]
+                    at = ", ".join(f"{x:g}" for x in mesh.points[nodes[clash][0]])
                     raise LoadingError(
-                        f"'{name}' meets another boundary at ({at[0]:g}, {at[1]:g}) with a different displacement; "
+                        f"'{name}' meets another boundary at ({at}) with a different displacement; "
                         "free a component of one of them"
                     )
                 held[nodes, axis], values[nodes, axis] = True, value
@@ -89,9 +110,14 @@ class Loading:
 
 
 def _can_move_rigidly(points: NDArray[np.float64], held: NDArray[np.bool_]) -> bool:
-    """Whether a translation or rotation respects all held components: rank of the three modes there."""
+    """Whether a translation or rotation respects all held components: rank of these modes there."""
+    d = points.shape[1]
     centred = (points - points.mean(axis=0)) / np.ptp(points)
-    modes = np.zeros((3, *points.shape))
-    modes[0, :, 0] = modes[1, :, 1] = 1.0
-    modes[2] = np.column_stack([-centred[:, 1], centred[:, 0]])
-    return bool(np.linalg.matrix_rank(modes[:, held], tol=1e-8) < 3)
+    modes = [np.broadcast_to(np.eye(d)[axis], points.shape) for axis in range(d)]
+    for i in range(d):
+        for j in range(i):
+            mode = np.zeros(points.shape)
+            mode[:, i], mode[:, j] = centred[:, j], -centred[:, i]
+            modes.append(mode)
+    restrained = np.stack(modes)[:, held]
+    return bool(np.linalg.matrix_rank(restrained @ restrained.T / max(held.sum(), 1), tol=1e-12) < len(modes))

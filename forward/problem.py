@@ -123,9 +123,14 @@ class PlaneStressProblem:
         """Displacements (n, 2) at the mesh's nodes, mm, on every rank."""
         return self._gather(self.u.x.array)
 
-    @displacements.setter
-    def displacements(self, values: Array) -> None:
-        self.u.x.array[:] = values[self.nodes].ravel()
+    @property
+    def unknowns(self) -> tuple[Array, ...]:
+        """The displacements, for the load stepping."""
+        return (self.displacements,)
+
+    @unknowns.setter
+    def unknowns(self, values: tuple[Array, ...]) -> None:
+        self.u.x.array[:] = values[0][self.nodes].ravel()
 
     def solve(self, load_factor: float) -> Outcome:
         """Newton's method from the present u. The caller checks the outcome and rolls u back if need be."""

@@ -1,4 +1,6 @@
-"""A solved experiment: nodal displacements and reactions of each increment; evaluation, mirror images and a file.
+"""A solved experiment as a camera sees it: displacements of a surface and reactions of each increment.
+
+A thin sheet is its surface; a solid gives its own (`SolidSolution.surface`).
 
 Needs no finite-element package.
 """
@@ -26,7 +28,7 @@ REQUIRED = ("points", "cells", "displacements", "time", "energy", "iterations", 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSolution:
-    """Equilibrium states of a sheet.
+    """Equilibrium states of a sheet, or of the surface of a solid.
 
     mesh: biquadratic quads; displacements (n_inc, n, 2) at its nodes, mm; reactions: side to (n_inc, 2), the
     force of the grip on the specimen, N; time (n_inc,): load factor, 1 at the end; energy (n_inc,): stored,
@@ -41,6 +43,11 @@ class SurfaceSolution:
     iterations: NDArray[np.int64]
     thickness: float
     description: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def unknowns(self) -> tuple[Array, ...]:
+        """The displacements, for a run that goes on."""
+        return (self.displacements,)
 
     @property
     def points(self) -> Array:
@@ -60,6 +67,13 @@ class SurfaceSolution:
         """In-plane deformation gradient (n_inc, k, 2, 2) at reference points (k, 2), mm."""
         places = interpolation.locate(self.mesh, points)
         return np.eye(2) + interpolation.gradients_at(self.mesh, places, self.displacements)
+
+    def gauss(self) -> tuple[Array, Array, Array]:
+        """Gauss points of all quads, nine each: places (k, 2), mm, weights (k,), mm^2, and the in-plane deformation
+        gradient there, (n_inc, k, 2, 2)."""
+        slopes, points, weights = interpolation.gauss_points(self.mesh)
+        gradients = np.einsum("mqnj,tmni->tmqij", slopes, self.displacements[:, self.mesh.cells])
+        return points, weights, (np.eye(2) + gradients).reshape(len(self.displacements), -1, 2, 2)
 
     def mirrored(self) -> SurfaceSolution:
         """The full specimen of a quarter. Raises `SolutionError` if this is not a quarter.

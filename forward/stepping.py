@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from forward.errors import ConvergenceError
 
 Array = NDArray[np.float64]
+Unknowns = tuple[Array, ...]
+HISTORY = 3  # states that a prediction uses
 
 
 class Outcome(Protocol):
@@ -26,9 +28,12 @@ class Outcome(Protocol):
 
 
 class Problem(Protocol):
-    """What can be stepped: settable unknowns and a solve at a load factor."""
+    """What can be stepped: settable unknowns (displacements, and what else there is) and a solve at a load factor."""
 
-    displacements: Array
+    @property
+    def unknowns(self) -> Unknowns: ...
+    @unknowns.setter
+    def unknowns(self, values: Unknowns) -> None: ...
 
     def solve(self, load_factor: float) -> Outcome: ...
 
@@ -38,19 +43,21 @@ class State:
     """Equilibrium at a load factor: unknowns, and the solver's iterations since the last reported state."""
 
     load_factor: float
-    displacements: Array
+    unknowns: Unknowns
     iterations: int = 0
 
 
 def steps(
     problem: Problem, load_factors: Sequence[float], states: Sequence[State], max_bisections: int
 ) -> Iterator[State]:
-    """States at `load_factors`, one by one, from the known `states` (the last two serve the prediction).
+    """States at `load_factors`, one by one, from the known `states`.
 
-    A failed step is rolled back and halved, up to `max_bisections` times. Raises `ConvergenceError`.
+    A failed step is rolled back and halved, up to `max_bisections` times. An increment starts from reported states
+    alone, so that a resumed run repeats what an uninterrupted one does. Raises `ConvergenceError`.
     """
-    known = list(states)[-2:]
+    reported = list(states)[-HISTORY:]
     for target in load_factors:
+        known = list(reported)
         iterations = 0
         smallest = (target - known[-1].load_factor) / 2**max_bisections
         step = target - known[-1].load_factor
@@ -58,26 +65,29 @@ def steps(
             start = known[-1].load_factor
             step = min(step, target - start)
             trial = target if target - (start + step) < 1e-12 else start + step
-            problem.displacements = predict(known, trial)
+            problem.unknowns = predict(known, trial)
             outcome = problem.solve(trial)
             iterations += outcome.iterations
             if outcome.converged:
-                known = [known[-1], State(trial, problem.displacements, iterations)]
+                known.append(State(trial, problem.unknowns, iterations))
                 continue
-            problem.displacements = known[-1].displacements
+            problem.unknowns = known[-1].unknowns
             step /= 2
             if step < smallest * (1 - 1e-9):
                 raise ConvergenceError(
                     f"no equilibrium beyond {start:.4g} of the load: {outcome.text} in steps down to "
                     f"{2 * step:.2g}. Load less, use more increments, refine the mesh or check the material"
                 )
+        reported = [*reported, known[-1]][-HISTORY:]
         yield known[-1]
 
 
-def predict(known: Sequence[State], load_factor: float) -> Array:
-    """Secant through the last two states, or the last state if there is only one."""
-    if len(known) < 2:
-        return known[-1].displacements
-    before, last = known[-2:]
-    ratio = (load_factor - last.load_factor) / (last.load_factor - before.load_factor)
-    return last.displacements + ratio * (last.displacements - before.displacements)
+def predict(known: Sequence[State], load_factor: float) -> Unknowns:
+    """The polynomial through the last states, three at most, continued to `load_factor`."""
+    last = known[-HISTORY:]
+    weights = []
+    for a in last:
+        others = [b.load_factor for b in last if b is not a]
+        weights.append(np.prod([(load_factor - t) / (a.load_factor - t) for t in others]))
+    fields = zip(*(state.unknowns for state in last), strict=True)
+    return tuple(sum(w * x for w, x in zip(weights, field, strict=True)) for field in fields)

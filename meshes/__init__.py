@@ -3,6 +3,7 @@
 from meshes.errors import MeshError
 from meshes.generate import area_excess, quads, triangles
 from meshes.mesh import Mesh
+from meshes.solid import SolidMesh, extrude
 from meshes.specimens import Cross, PlateWithHole, PureShearSheet, Specimen, SquareSheet, Strip, specimen_from_dict
 
 __all__ = [
@@ -11,10 +12,12 @@ __all__ = [
     "MeshError",
     "PlateWithHole",
     "PureShearSheet",
+    "SolidMesh",
     "Specimen",
     "SquareSheet",
     "Strip",
     "area_excess",
+    "extrude",
     "quads",
     "specimen_from_dict",
     "triangles",

@@ -10,7 +10,8 @@ import pytest
 
 from forward import ArrudaBoyce, Loading, NeoHooke, SurfaceSolution
 from forward.errors import ConvergenceError, LoadingError, SolutionError
-from forward.plane_stress import Options, _Record, solve
+from forward.plane_stress import Options, solve
+from forward.run import Record
 from forward.stepping import State, predict, steps
 from meshes import Cross, SquareSheet, Strip, quads, triangles
 
@@ -27,45 +28,66 @@ def reference(mesh):
     return solve(mesh, ArrudaBoyce(), Loading.clamped(Cross.loaded, 20.0), 4)
 
 
+AT_REST = (np.zeros((1, 2)), np.zeros(1))
+
+
 class FailsAbove:
-    """A problem u = t whose solver only manages steps up to a limit."""
+    """A problem u = t, p = -t whose solver only manages steps up to a limit."""
 
     def __init__(self, limit, wall=np.inf):
-        self.displacements, self.at, self.limit, self.wall, self.tried = np.zeros((1, 2)), 0.0, limit, wall, []
+        self.unknowns, self.at, self.limit, self.wall, self.tried = AT_REST, 0.0, limit, wall, []
 
     def solve(self, load_factor):
         self.tried.append(load_factor)
         converged = load_factor - self.at <= self.limit and load_factor <= self.wall
         if converged:
             self.at = load_factor
-            self.displacements = np.full((1, 2), load_factor)
+            self.unknowns = (np.full((1, 2), load_factor), np.array([-load_factor]))
         else:
-            self.displacements = np.full((1, 2), np.nan)
+            self.unknowns = (np.full((1, 2), np.nan), np.array([np.nan]))
         return type("Outcome", (), {"converged": converged, "iterations": 2, "text": "too far"})()
 
 
 def test_failed_steps_are_rolled_back_and_halved():
     problem = FailsAbove(0.3)
-    states = list(steps(problem, [0.5, 1.0], [State(0.0, np.zeros((1, 2)))], 4))
+    states = list(steps(problem, [0.5, 1.0], [State(0.0, AT_REST)], 4))
     assert problem.tried == [0.5, 0.25, 0.5, 1.0, 0.75, 1.0]
     assert [s.load_factor for s in states] == [0.5, 1.0]
     assert [s.iterations for s in states] == [6, 6]
-    np.testing.assert_array_equal(states[-1].displacements, 1.0)
+    np.testing.assert_array_equal(states[-1].unknowns[0], 1.0)
+    np.testing.assert_array_equal(states[-1].unknowns[1], -1.0)
 
 
 def test_bisection_ends_with_a_named_error():
     problem = FailsAbove(1.0, wall=0.6)
-    walk = steps(problem, [0.5, 1.0], [State(0.0, np.zeros((1, 2)))], 3)
+    walk = steps(problem, [0.5, 1.0], [State(0.0, AT_REST)], 3)
     next(walk)
     with pytest.raises(ConvergenceError, match=r"beyond 0\.5625 of the load: too far"):
         next(walk)
-    np.testing.assert_array_equal(problem.displacements, 0.5625)
+    np.testing.assert_array_equal(problem.unknowns[0], 0.5625)
+    np.testing.assert_array_equal(problem.unknowns[1], -0.5625)
 
 
-def test_secant_prediction():
-    known = [State(0.2, np.array([1.0])), State(0.4, np.array([2.0]))]
-    assert predict(known, 0.5)[0] == pytest.approx(2.5)
-    assert predict(known[:1], 0.5)[0] == 1.0
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_the_prediction_continues_polynomials(degree):
+    """With as many states as the degree asks for, at uneven steps, it is exact in every unknown."""
+    times = [0.1, 0.2, 0.45][2 - degree :]
+    known = [State(t, (np.array([1 + t**degree]), np.array([3 * t**degree]))) for t in times]
+    first, second = predict(known, 0.5)
+    assert first[0] == pytest.approx(1 + 0.5**degree, rel=1e-14)
+    assert second[0] == pytest.approx(3 * 0.5**degree, rel=1e-14)
+
+
+def test_a_step_starts_from_reported_states_alone():
+    """So a run resumed from the reported states predicts what an uninterrupted one does."""
+    cut, whole = FailsAbove(0.3), FailsAbove(0.3)
+    start = [State(0.0, AT_REST)]
+    all_states = list(steps(whole, [0.5, 1.0], start, 4))
+    (first,) = steps(cut, [0.5], start, 4)
+    cut.at = first.load_factor
+    (second,) = steps(cut, [1.0], [*start, first], 4)
+    assert cut.tried == whole.tried
+    np.testing.assert_array_equal(second.unknowns[0], all_states[-1].unknowns[0])
 
 
 def test_bisection_reaches_the_same_state(mesh, reference):
@@ -90,7 +112,7 @@ def test_impossible_load_names_the_error_and_keeps_the_last_state(mesh, tmp_path
 
 def test_resume_after_a_kill(mesh, reference, tmp_path, monkeypatch):
     path, loading = tmp_path / "run.npz", Loading.clamped(Cross.loaded, 20.0)
-    add, calls = _Record.add, []
+    add, calls = Record.add, []
 
     def killed(record, *arguments):
         calls.append(0)
@@ -98,7 +120,7 @@ def test_resume_after_a_kill(mesh, reference, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         add(record, *arguments)
 
-    monkeypatch.setattr(_Record, "add", killed)
+    monkeypatch.setattr(Record, "add", killed)
     with pytest.raises(KeyboardInterrupt):
         solve(mesh, ArrudaBoyce(), loading, 4, checkpoint=path)
     monkeypatch.undo()

@@ -79,18 +79,18 @@ def taylor_rates(remainder, steps=0.5 ** np.arange(6, 11)):
 
 
 def energy_at(problem, u):
-    problem.displacements = u
+    problem.unknowns = (u,)
     return problem.energy()
 
 
 def forces_at(problem, u):
-    problem.displacements = u
+    problem.unknowns = (u,)
     return problem.nodal_forces()
 
 
 def tangent_times(problem, u, direction):
     """K(u) d without supports, as nodal values (n, 2)."""
-    problem.displacements = u
+    problem.unknowns = (u,)
     K = dolfinx.fem.petsc.assemble_matrix(problem.problem.J)
     K.assemble()
     x, y = K.createVecs()
@@ -136,7 +136,7 @@ def test_forces_balance(stretched):
 
 def test_not_a_number_is_refused(stretched):
     problem, u, _ = stretched
-    problem.displacements = np.full_like(u, np.nan)
+    problem.unknowns = (np.full_like(u, np.nan),)
     outcome = problem.solve(0.1)
     assert not outcome.converged
     assert outcome.reason == NOT_A_NUMBER

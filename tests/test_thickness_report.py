@@ -1,0 +1,231 @@
+"""Thickness report: judgements against made-up numbers, densities and borders against closed forms, a whole report."""
+
+import argparse
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+import thickness_stand_in as stand_in
+
+from forward.solid_solution import SolidSolution
+from studies import (
+    solid_pictures,
+    thickness_convergence,
+    thickness_convergence_report,
+    thickness_figures,
+    thickness_models,
+    thickness_report,
+    thickness_tables,
+    thickness_words,
+)
+from studies.thickness_results import Line, Results, lines, weighted_quantile
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    return Results(stand_in.fill(tmp_path_factory.mktemp("thickness")), stand_in.Settings())
+
+
+def test_weighted_quantile_counts_weight():
+    rng = np.random.default_rng(0)
+    values, weights = rng.normal(size=300), rng.integers(1, 5, 300)
+    repeated = np.repeat(values, weights)
+    for share in (0.1, 0.5, 0.95):
+        found = weighted_quantile(values, weights.astype(float), share)
+        assert abs((repeated <= found).mean() - share) < 0.02
+    assert weighted_quantile(np.array([3.0, 1.0]), np.array([1.0, 1e6]), 0.95) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_density_of_normal_data_is_normal():
+    x = np.linspace(-4, 4, 20001)
+    grid = np.linspace(-3, 3, 1201)
+    found = thickness_models.density(x, np.exp(-(x**2) / 2), grid)
+    np.testing.assert_allclose(found, np.exp(-(grid**2) / 2) / np.sqrt(2 * np.pi), atol=0.02)
+
+
+def test_admissible_borders_are_uniaxial_and_equibiaxial():
+    stretch = np.array([1.1, 1.5, 2.2])
+    low, _ = thickness_models.admissible(stretch**2 + 2 / stretch)
+    np.testing.assert_allclose(low, 2 * stretch + stretch**-2, rtol=1e-6)
+    _, high = thickness_models.admissible(2 * stretch**2 + stretch**-4)
+    np.testing.assert_allclose(high, stretch**4 + 2 * stretch**-2, rtol=1e-6)
+
+
+def test_energy_error_is_that_of_the_small_strain_stiffness():
+    """psi of the truth is mu / 2 (I1 - 3) for I1 -> 3, mu its initial shear modulus."""
+    near_rest = np.array([[3.0 + 1e-4, 3.0 + 1e-4]])
+    assert thickness_models.energy_error(stand_in.neo_hooke(1.05), near_rest) == pytest.approx(5.0, abs=1e-3)
+
+
+def test_lines_start_on_rims_and_stay_in_the_specimen():
+    from meshes import Cross
+
+    levels = np.array([[hole.level(points) for hole in Cross().holes()] for _, _, points in lines()])
+    assert levels.min() >= 1 - 1e-12
+    np.testing.assert_allclose(levels.min(axis=1)[:, 0], 1.0, atol=1e-12)
+    assert all(np.abs(points).max() <= 100 and len(points) == len(distance) for _, distance, points in lines())
+
+
+def test_a_pixel_shows_the_nearest_point_and_holes_are_empty():
+    points = np.array([[10.0, 3.0], [30.0, 3.0]])
+    found = thickness_figures.pixels(points, 40.0, 40)
+    assert found[3, 9] == 0 and found[3, 30] == 1
+    assert found[0, 0] == -1
+    whole = thickness_figures.mirrored(found)
+    assert whole.shape == (80, 80) and (whole == whole[::-1, ::-1]).all() and (whole[40:, 40:] == found).all()
+
+
+def test_half_length_of_an_exponential():
+    distance = np.linspace(0, 20, 2001)
+    line = Line("", distance, np.exp(-distance / 3))
+    assert thickness_words.half_length(line) == pytest.approx(3 * np.log(2), abs=0.01)
+
+
+def test_verdicts_follow_the_definition(results):
+    judged = thickness_tables.verdicts(results, "weighted", True)
+    assert [v.condition for v in judged] == ["plane", "10", "40"]
+    assert [v.ok for v in judged] == [True, True, False]
+    assert thickness_tables.trusted(judged) == "10"
+    assert judged[-1].stress == pytest.approx(100 * 0.03 + 1 + 20 * 0.03)
+    assert not any(v.ok for v in thickness_tables.verdicts(results, "paper-frozen", True))
+
+
+def test_a_failure_in_between_ends_the_trust(results):
+    one = thickness_tables.verdict(results, "10", "weighted", True)
+    bad = dataclasses.replace(one, condition="15", bias=-2.0)
+    assert thickness_tables.trusted([one, bad, dataclasses.replace(one, condition="20")]) == "10"
+    assert thickness_tables.trusted([bad]) is None
+
+
+def test_answer_and_claims_carry_the_numbers(results):
+    definition, noisy, clean = thickness_words.answer(results)
+    assert "1 %" in definition and "5 %" in definition
+    for text in (noisy, clean):
+        assert "trustworthy up to 10 mm, no longer at 40 mm" in text
+    assert "(3 seeds)" in noisy
+    little, larger, severe = thickness_words.claims(results)
+    assert little[-1] == "agrees"
+    assert larger[2:] == ["not studied in this run", "–"]
+    assert f"maximum {results.fields['40'].epsilon[-1].max():.3f}" in severe[2]
+    assert "reduced run" in thickness_words.reservations(results)[0]
+
+
+def test_nothing_is_trusted_where_the_reference_fails(results, monkeypatch):
+    monkeypatch.setattr(thickness_tables, "BIAS_LIMIT", 1e-6)
+    assert "not even the 2D reference" in thickness_words.answer(results)[1]
+
+
+def test_forces_are_compared_per_thickness(results):
+    rows = thickness_tables.force_rows(results)
+    assert len(rows) == 4
+    np.testing.assert_allclose([row[5] for row in rows], 1.0, atol=1e-9)
+
+
+def test_epsilon_along_a_line_is_that_of_the_field(results):
+    """Near the start of the first line: between the extreme Gauss values of its surroundings."""
+    numbers, field = results.numbers["40"], results.fields["40"]
+    near = np.linalg.norm(field.points - [7.5, 0.0], axis=1) < 1.5
+    values = field.epsilon[-1][near]
+    assert 0.5 * values.min() < numbers.lines[0].epsilon[5] < 2 * values.max()
+
+
+def test_pressure_is_read_at_a_hex_and_jumps_show_a_checkerboard(results):
+    solid = results.solid("10")
+    cells = np.arange(5)
+    centres = solid.mesh.points[solid.mesh.cells[cells, 17]][:, None]
+    found = solid_pictures.pressure_at(solid, cells, centres)[:, 0]
+    np.testing.assert_allclose(found, solid.pressure[-1, cells, 0], atol=1e-12)
+    assert np.median(solid_pictures.pressure_jumps(solid)) < 0.15
+    board = np.random.default_rng(0).choice([-1.0, 1.0], solid.pressure.shape[1])
+    pressure = np.zeros_like(solid.pressure)
+    pressure[-1, :, 0] = board
+    jumps = solid_pictures.pressure_jumps(dataclasses.replace(solid, pressure=pressure))
+    assert set(np.round(jumps, 12)) == {0.0, 1.0}
+
+
+def test_skin_of_an_eighth_has_the_area_of_its_faces(results):
+    """Rest, 40 mm: surface, cuts and sides; the flat quads follow the curved rims to 0.1 %."""
+    solid = results.solid("40")
+    rest = dataclasses.replace(solid, displacements=0 * solid.displacements)
+    parts = solid_pictures.skin(rest)
+    surface = solid_pictures._surface(rest, np.zeros(parts.faces.shape), (1, 1, 1), cuts=True)
+    mesh = solid.mesh.plane
+    edges = [e for name, e in mesh.boundaries.items() if name in ("free", "right", "top", "symmetry_x", "symmetry_y")]
+    ends = np.concatenate(edges)
+    lengths = sum(np.linalg.norm(mesh.points[ends[:, i]] - mesh.points[ends[:, 2]], axis=1).sum() for i in (0, 1))
+    assert surface.area == pytest.approx(mesh.area() + 20.0 * lengths, rel=1e-3)
+
+
+def test_report_is_written_with_figures_tables_and_manifests(results):
+    path = thickness_report.write(results.folder, results.settings)
+    html = path.read_text()
+    names = ["maps", "lines", "growth", "forces", "contraction", "pressure"]
+    names += [f"{kind}_{loss}" for kind in ("densities", "energies", "predictions") for loss in ("weighted", "paper-frozen")]
+    for name in names:
+        picture = results.folder / "figures" / f"{name}.png"
+        assert picture.stat().st_size > 5000, name
+        assert json.loads(picture.with_suffix(".json").read_text())["outputs"]
+    assert len(re.findall("<img", html)) == len(names)
+    for name in ("fits", "fields", "forces", "verdicts"):
+        assert (results.folder / f"{name}.csv").exists() and (results.folder / f"{name}.json").exists()
+    assert "no longer at 40 mm" in html and "nan" not in re.sub("base64,[^\"]*", "", html).lower().split()
+
+
+def test_a_solid_file_is_read_back(results):
+    assert isinstance(results.solid("10"), SolidSolution)
+
+
+def fake_runs(study, error):
+    """Results of a convergence study that converges: an error proportional to the size of the hexes."""
+    rows = {}
+    for part in study:
+        for run in part.runs:
+            off = error * run.size_factor / run.layers
+            rows[run] = {
+                **dataclasses.asdict(run), "edge": 1.2 * run.size_factor, "cells": 10, "unknowns": 100,
+                "force_x": 10 * (1 + off), "force_y": 10 * (1 + 2 * off), "p95": 0.02 * (1 + 50 * off), "max": 0.1,
+                "p95_near": off, "max_near": 2 * off, "pressure_jump": 0.01, "solves": 30, "seconds": 1.0,
+                "memory": 100.0, "solver": "made up",
+            }  # fmt: skip
+    return rows
+
+
+@pytest.mark.parametrize(("error", "met"), [(1e-4, True), (0.1, False)])
+def test_convergence_targets_judge_the_last_refinement(error, met):
+    study = thickness_convergence.series(quick=False)
+    judged = thickness_convergence_report.targets(study, fake_runs(study, error))
+    assert len(judged) == 4 and all(row[-1] is met for row in judged)
+    rows = thickness_convergence_report.table(study, fake_runs(study, error))
+    change = 100 * ((1 + 2 * error) / (1 + 1.4 * error) - 1)
+    own = [row for row in rows if row[0].startswith("in-plane") and row[1].startswith("1.20")]
+    assert own[0][5] == pytest.approx(change)
+
+
+def test_convergence_runs_only_what_is_missing(tmp_path, monkeypatch):
+    started = []
+
+    def start(folder, run):
+        started.append(run)
+        rows = fake_runs([thickness_convergence.Series("", [run], str)], 1e-3)
+        thickness_convergence.result_path(folder, run).parent.mkdir(exist_ok=True)
+        thickness_convergence.result_path(folder, run).write_text(json.dumps(rows[run]))
+
+    monkeypatch.setattr(thickness_convergence, "start", start)
+    arguments = argparse.Namespace(output=tmp_path / "out", overwrite=False, quick=True)
+    assert thickness_convergence.main(arguments) == 0
+    n = len(started)
+    assert n == len(set(started)) > 5
+    thickness_convergence.result_path(tmp_path / "out", started[0]).unlink()
+    assert thickness_convergence.main(arguments) == 0
+    assert started[n:] == started[:1]
+    assert "in-plane size" in (tmp_path / "out" / "convergence.md").read_text()
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_a_convergence_run_that_fails_names_its_log(tmp_path):
+    from studies.errors import WorkflowError
+
+    with pytest.raises(WorkflowError, match="convergence.log"):
+        thickness_convergence.start(tmp_path, thickness_convergence.Run(-1.0))
