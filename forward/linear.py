@@ -157,7 +157,7 @@ class Mumps:
         start = self.A.getOwnershipRange()[0]
         self.A.zeroRowsColumns(self._held + start, 1.0, self.x, self.b)
         self.ksp.solve(self.b, self.x)
-        if int(self.ksp.getConvergedReason()) < 0:
+        if self.ksp.getConvergedReason() < 0:  # type: ignore[operator]
             return None
         residual = self.A.createVecLeft()
         self.A.mult(self.x, residual)

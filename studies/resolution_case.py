@@ -11,52 +11,27 @@ Run as ``python -m studies.resolution_case STEP FOLDER [KEYS]``.
 from __future__ import annotations
 
 import argparse
-import json
-import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-LOSSES = ("weighted", "paper-frozen", "paper-dependent")
-EXTRAPOLATION = 2.0  # curves and scores outside end where I1 - 3 is this many times the calibrated range
-CURVE_POINTS = 121
+from studies.cases import EXTRAPOLATION, LOSSES, CaseSettings
+
+__all__ = ["EXTRAPOLATION", "LOSSES", "Settings"]
 
 
 @dataclass(frozen=True)
-class Settings:
-    """All that fixes the results. nodes: of the 100 % mesh. levels: percent of the nodes kept. seeds: of the noise.
+class Settings(CaseSettings):
+    """`CaseSettings` and levels: percent of the nodes that are kept, of the 100 % mesh with `nodes` nodes.
 
-    dependent_seeds: how many of the seeds (after the clean data) are fitted with the paper's loss with the
-    dependent scaling as well, which takes the full data and SLSQP. forward_size: of the quads relative to the
-    default. displacement: of each arm, mm. normalisation: of the random field.
+    With dependent_seeds = 0 the clean data are not fitted with the dependent scaling either.
     """
 
     nodes: int = 9500
-    levels: tuple[float, ...] = (100.0, 50.0, 25.0, 12.5)
-    seeds: tuple[int, ...] = tuple(range(10))
     dependent_seeds: int = 2
-    inputs: str = "I1"
-    layers: tuple[int, ...] = (4, 4)
-    starts: int = 20
-    displacement: float = 60.0
-    increments: int = 10
     forward_size: float = 0.5
-    normalisation: str = "unit-variance"
-
-    @classmethod
-    def read(cls, folder: Path) -> Settings:
-        """Settings of an output folder."""
-        content: dict[str, Any] = json.loads((folder / "run.json").read_text())["settings"]
-        content.pop("study")
-        for key in ("levels", "seeds", "layers"):
-            content[key] = tuple(content[key])
-        return cls(**content)
-
-    @property
-    def noise_seeds(self) -> list[str]:
-        """'clean' and every seed, as used in file names."""
-        return ["clean", *map(str, self.seeds)]
+    levels: tuple[float, ...] = (100.0, 50.0, 25.0, 12.5)
 
 
 def forward(folder: Path, settings: Settings) -> None:
@@ -99,61 +74,22 @@ def observe(folder: Path, settings: Settings, seed: str) -> None:
 
 def case(folder: Path, settings: Settings, level: str, seed: str) -> None:
     """Calibrate one Experiment with every loss and score the models against the truth."""
-    from calibrate.calibration import Options, calibrate, calibrated_range
-    from calibrate.equilibrium import Equilibrium
     from calibrate.experiment import Experiment
-    from calibrate.virtual_fields import virtual_fields
+    from studies.cases import calibrated_limit, fit
     from studies.output import write_json
 
     experiment = Experiment.load(folder / "experiments" / f"{level}_{seed}.npz")
     reference = Experiment.load(folder / "experiments" / f"{format_level(settings.levels[0])}_clean.npz")
-    limit = calibrated_range(Equilibrium(reference, virtual_fields(reference)))["I1"][1]
+    limit = calibrated_limit(reference)
     content: dict[str, Any] = {
         "level": float(level),
         "seed": seed,
         "nodes": len(experiment.points),
         "triangles": len(experiment.triangles),
         "calibrated_I1": limit,
-        "losses": {},
+        "losses": {loss: fit(experiment, settings, loss, limit)[1] for loss in losses_for(settings, seed)},
     }
-    for loss in losses_for(settings, seed):
-        name, _, scaling = loss.partition("-")
-        starts = 1 if scaling == "dependent" else settings.starts
-        options = Options(settings.inputs, settings.layers, name, scaling or "frozen", starts=starts)
-        begin = time.perf_counter()
-        result = calibrate(experiment, options)
-        seconds = time.perf_counter() - begin
-        content["losses"][loss] = {
-            **score(result.model, limit),
-            **result.summary(),
-            "seconds": seconds,
-            "model": result.model.to_dict(),
-        }
     write_json(folder / "cases" / f"{level}_{seed}.json", content)
-
-
-def score(model: Any, limit: float) -> dict[str, Any]:
-    """Agreement inside and outside the calibrated range, and stress curves, against Arruda-Boyce."""
-    import numpy as np
-
-    from studies import metrics
-
-    truth = metrics.ArrudaBoyceTruth()
-    end = 3 + EXTRAPOLATION * (limit - 3)
-    curves = {}
-    for mode in metrics.MODES:
-        stretch = np.linspace(1, metrics.largest_stretch(mode, end), CURVE_POINTS)
-        curves[mode] = {
-            "stretch": stretch,
-            "limit": metrics.largest_stretch(mode, limit),
-            "truth": metrics.nominal_stress(truth, mode, stretch),
-            "stress": model.homogeneous(mode, stretch),
-        }
-    return {
-        "inside": [asdict(a) for a in metrics.agreement(model, truth, limit)],
-        "outside": [asdict(a) for a in metrics.agreement(model, truth, end, start=limit)],
-        "curves": curves,
-    }
 
 
 def losses_for(settings: Settings, seed: str) -> tuple[str, ...]:
