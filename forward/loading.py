@@ -49,9 +49,14 @@ class Loading:
                 raise LoadingError(f"{name}: displacement {components} must be finite, in mm")
 
     @classmethod
-    def clamped(cls, boundaries: Iterable[str], displacement: float, dimension: int = 2) -> Loading:
-        """Sides held by rigid grips that move outward by `displacement`, mm, each; dimension 3: of a solid."""
-        rest = (0.0,) * (dimension - 2)
+    def clamped(
+        cls, boundaries: Iterable[str], displacement: float, dimension: int = 2, hold_thickness: bool = False
+    ) -> Loading:
+        """Sides held in the plane by rigid grips that move outward by `displacement`, mm, each.
+
+        dimension 3: of a solid; its thickness is free at the grips, as in plane stress, unless `hold_thickness`.
+        """
+        rest: tuple[Component, ...] = (0.0 if hold_thickness else None,) * (dimension - 2)
         try:
             return cls({n: (displacement * OUTWARD[n][0], displacement * OUTWARD[n][1], *rest) for n in boundaries})
         except KeyError as error:
