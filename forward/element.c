@@ -331,3 +331,18 @@ void solid_assemble(const solid_t* s, const double* u, const double* q, const in
     }
   }
 }
+
+/* y (n) = A x with the symmetric A given by its upper triangle in compressed rows, columns rising. */
+void symmetric_product(int32_t n, const int32_t* rows, const int32_t* columns, const double* values, const double* x,
+                       double* y)
+{
+  memset(y, 0, n * sizeof(double));
+  for (int i = 0; i < n; ++i) {
+    double sum = values[rows[i]] * x[i];
+    for (int k = rows[i] + 1; k < rows[i + 1]; ++k) {
+      sum += values[k] * x[columns[k]];
+      y[columns[k]] += values[k] * x[i];
+    }
+    y[i] += sum;
+  }
+}

@@ -17,6 +17,7 @@ from typing import Any
 
 import cffi
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from forward._dolfinx import FLAGS, JIT_OPTIONS, MPI, dolfinx, ufl
@@ -43,6 +44,8 @@ void solid_matrices(const solid_t*, int32_t first, int32_t last, const double* u
                     double* forces);
 void solid_assemble(const solid_t*, const double* u, const double* q, const int64_t* rows, const int32_t* place,
                     const uint8_t* fixed, const double* jump, double* values, double* rhs);
+void symmetric_product(int32_t n, const int32_t* rows, const int32_t* columns, const double* values, const double* x,
+                       double* y);
 """
 
 
@@ -156,6 +159,13 @@ class Solid:
         """Add the condensed tangent's upper triangle to `values` and minus the force to `rhs`; see `element.c`."""
         arrays: tuple[NDArray[Any], ...] = (u, q, rows, place, fixed, jump, values, rhs)
         self._lib.solid_assemble(self._c, *map(self._pointer, arrays))
+
+    def product(self, matrix: sp.csr_matrix, x: Array) -> Array:
+        """A x (n,) of the symmetric A whose upper triangle is `matrix` (n, n), columns rising, diagonal present."""
+        y = np.empty_like(x)
+        arrays: tuple[NDArray[Any], ...] = (matrix.indptr, matrix.indices, matrix.data, x, y)
+        self._lib.symmetric_product(len(x), *map(self._pointer, arrays))
+        return y
 
     def _pointer(self, array: NDArray[Any]) -> Any:
         kind = {"f": "double*", "i": f"int{8 * array.itemsize}_t*", "u": "uint8_t*"}[array.dtype.kind]

@@ -51,7 +51,7 @@ class Record:
     """Increments reached so far, and the problem they belong to.
 
     problem: all that fixes the result but the mesh, as plain data; rest: unknowns at rest; whole: what the forces
-    of the modelled part are multiplied with; build: makes the solution of this record.
+    of the modelled part are multiplied with, one number or one for each component; build: makes the solution of this record.
     """
 
     mesh: Any
@@ -60,7 +60,7 @@ class Record:
     versions: dict[str, Any]
     rest: Unknowns
     build: Callable[[Record], Any]
-    whole: float = 1.0
+    whole: Any = 1.0
     states: list[State] = field(init=False)
     energies: list[float] = field(init=False, default_factory=list)
     forces: dict[str, list[np.ndarray]] = field(init=False)

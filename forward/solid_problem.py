@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from forward._dolfinx import JIT_OPTIONS, MPI, basix, dolfinx, ufl
 from forward.element import PRESSURES, Solid
+from forward.errors import LinearSolverError
 from forward.linear import LinearSolver, Mumps, Pardiso, pardiso_installed
 from forward.materials import Material
 from forward.solid_forms import centre_function, potential, pressure_basis
@@ -22,7 +23,9 @@ from meshes.mesh import Array
 from meshes.solid import HEX_NODES, SolidMesh
 
 Unknowns = tuple[Array, ...]
+SOLVERS = ("fastest", "pardiso", "mumps")
 SHORTEST_STEP = 1 / 16
+FAR = 3e-4  # imbalance above which a Newton step changes the tangent so much that a kept factor serves badly
 GROWTH = 1e3  # of the imbalance in one Newton step; a step that errs by more is shortened
 
 
@@ -104,7 +107,7 @@ class SolidProblem:
                 return Outcome(True, iteration, "converged")
             if iteration == self.max_iterations:
                 break
-            du = self.linear.step(self.u, self.q, jump)
+            du = self.linear.step(self.u, self.q, jump, fresh=iteration == 0 or now.free > FAR)
             if self._max(float(du is None)):
                 return Outcome(False, iteration + 1, "the tangent could not be factorised")
             assert du is not None
@@ -163,9 +166,12 @@ class SolidProblem:
         return max(imbalance.free / self.tolerance, imbalance.volume / self.volume_tolerance, 1.0)
 
     def _linear_solver(self, name: str) -> LinearSolver:
-        if name == "fastest":
-            name = "pardiso" if self.comm.size == 1 and pardiso_installed() else "mumps"
-        if name == "pardiso":
+        if name not in SOLVERS:
+            raise LinearSolverError(f"solver '{name}' is unknown; choose one of {', '.join(SOLVERS)}")
+        possible = self.comm.size == 1 and pardiso_installed()
+        if name == "pardiso" and not possible:
+            raise LinearSolverError("PARDISO needs the package pypardiso and a single rank; choose 'mumps' or 'fastest'")
+        if name != "mumps" and possible:
             return Pardiso(self.solid, len(self.nodes), self.held)
         return Mumps(self.solid, self.V, self.held)
 
