@@ -20,16 +20,18 @@ help: ## list the commands
 setup: ## set up .venv from requirements.lock (nothing else is installed)
 	@.ci/setup
 
-study: setup ## run the resolution study at its default setting and name its report
+study: setup ## run the resolution and the thickness study at their default settings and name their reports
 	$(EQUIGAP) resolution --jobs $(JOBS)
+	$(EQUIGAP) thickness --jobs $(JOBS)
 
-quick: setup ## everything at its smallest, about two minutes
+quick: setup ## everything at its smallest, a few minutes
 	$(EQUIGAP) specimens --quick -o $(QUICK)/specimens
 	$(EQUIGAP) simulate --quick -o $(QUICK)/simulate
 	$(EQUIGAP) calibrate $(QUICK)/simulate/experiment.npz --quick -o $(QUICK)/calibrate
 	$(EQUIGAP) predict $(QUICK)/calibrate/model.json --against arruda_boyce -o $(QUICK)/predict
 	$(EQUIGAP) supervised --quick --data arruda-boyce -o $(QUICK)/supervised
 	$(EQUIGAP) resolution --quick --jobs $(JOBS) --output $(QUICK)/resolution
+	$(EQUIGAP) thickness --quick --jobs $(JOBS) --output $(QUICK)/thickness
 
 test: setup ## the test suite, without the slowest tests
 	$(PYTHON) -m pytest -n $(WORKERS) --dist worksteal -m "not slow" $(TESTS)

@@ -6,7 +6,9 @@ ranks. Both factorise the symmetric condensed tangent, and both check the residu
 
 from __future__ import annotations
 
+import copy
 import ctypes
+import functools
 import importlib.util
 import sys
 from typing import Any, Protocol
@@ -45,6 +47,14 @@ class LinearSolver(Protocol):
 def pardiso_installed() -> bool:
     """Whether the package pypardiso is there."""
     return importlib.util.find_spec("pypardiso") is not None
+
+
+@functools.cache
+def _pardiso() -> Any:
+    """PARDISO, to be copied for each factor: pypardiso searches folders for it, which takes half a second."""
+    from pypardiso import PyPardisoSolver
+
+    return PyPardisoSolver(mtype=SYMMETRIC)
 
 
 class Pardiso:
@@ -125,12 +135,11 @@ class _Factor:
     """PARDISO's factor of a symmetric matrix, float32 or float64; the pattern is analysed once."""
 
     def __init__(self, matrix: sp.csr_matrix, kind: type) -> None:
-        from pypardiso import PyPardisoSolver
-
         self.kind, self.negative = kind, -1
         self._pattern = (matrix.indptr, matrix.indices)
         self._values = np.empty(matrix.nnz, kind) if kind is np.float32 else matrix.data
-        self._pardiso = PyPardisoSolver(mtype=SYMMETRIC)
+        self._pardiso = copy.copy(_pardiso())
+        self._pardiso.pt, self._pardiso.iparm = np.zeros(64, np.int64), np.zeros(64, np.int32)
         for name, value in ((1, 1), (2, 2), (28, int(kind is np.float32)), (35, 1)):  # nested dissection; from zero
             self._pardiso.set_iparm(name, value)
         error = self._call(ANALYSE)
@@ -197,14 +206,7 @@ class Mumps:
         self._held = np.flatnonzero(held.ravel()[: 3 * owned]).astype(np.int32)
         self.b, self.x = self.A.createVecLeft(), self.A.createVecRight()
         self._ghosted = dolfinx.la.vector(V.dofmap.index_map, 3)
-        self.ksp = PETSc.KSP().create(V.mesh.comm)
-        self.ksp.setType("preonly")
-        self.ksp.setOperators(self.A)
-        pc = self.ksp.getPC()
-        pc.setType("cholesky")
-        pc.setFactorSolverType("mumps")
-        pc.setFactorSetUpSolverType()
-        pc.getFactorMatrix().setMumpsIcntl(14, 60)
+        self.ksp = self._factoriser()
 
     def step(self, u: Array, q: Array, jump: Array, fresh: bool) -> Array | None:
         self.A.zeroEntries()
@@ -226,6 +228,8 @@ class Mumps:
         self.A.zeroRowsColumns(self._held + start, 1.0, self.x, self.b)
         self.ksp.solve(self.b, self.x)
         if self.ksp.getConvergedReason() < 0:  # type: ignore[operator]
+            self.ksp.destroy()  # PETSc does not forget the failure, and would refuse the next factor as well
+            self.ksp = self._factoriser()
             return None
         residual = self.A.createVecLeft()
         self.A.mult(self.x, residual)
@@ -235,6 +239,17 @@ class Mumps:
         rhs.array[:owned] = self.x.getArray(readonly=True)
         rhs.scatter_forward()
         return rhs.array.reshape(-1, 3).copy()
+
+    def _factoriser(self) -> Any:
+        ksp = PETSc.KSP().create(self.V.mesh.comm)
+        ksp.setType("preonly")
+        ksp.setOperators(self.A)
+        pc = ksp.getPC()
+        pc.setType("cholesky")
+        pc.setFactorSolverType("mumps")
+        pc.setFactorSetUpSolverType()
+        pc.getFactorMatrix().setMumpsIcntl(14, 60)
+        return ksp
 
 
 def _block_pattern(dofs: NDArray[np.int32], n: int) -> sp.csr_matrix:

@@ -170,7 +170,9 @@ class SolidProblem:
             raise LinearSolverError(f"solver '{name}' is unknown; choose one of {', '.join(SOLVERS)}")
         possible = self.comm.size == 1 and pardiso_installed()
         if name == "pardiso" and not possible:
-            raise LinearSolverError("PARDISO needs the package pypardiso and a single rank; choose 'mumps' or 'fastest'")
+            raise LinearSolverError(
+                "PARDISO needs the package pypardiso and a single rank; choose 'mumps' or 'fastest'"
+            )
         if name != "mumps" and possible:
             return Pardiso(self.solid, len(self.nodes), self.held)
         return Mumps(self.solid, self.V, self.held)

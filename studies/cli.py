@@ -61,6 +61,11 @@ COMMANDS = {
         "study: how camera resolution and noise limit what is identified",
         "equigap resolution --quick\n  equigap resolution --jobs 8 --output results/resolution",
     ),
+    "thickness": Command(
+        "studies.thickness",
+        "study: how thick a specimen may be before a plane-stress calibration misleads",
+        "equigap thickness --quick\n  equigap thickness --thicknesses 5,30 --seeds 20\n  equigap thickness --fine --profile my-cluster",
+    ),
     "supervised": Command(
         "studies.supervised",
         "fit networks directly to stress-stretch data",

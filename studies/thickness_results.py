@@ -1,0 +1,167 @@
+"""What the thickness study has left in its folder, in the form that its tables, figures and words need.
+
+In: a folder as `studies.thickness_case` writes it. Out: `Results` with cases, fields and states; nothing is computed
+here but selections, weighted quantiles and what one 3D solution says in a few numbers (`SolidNumbers`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forward.interpolation import Places, gradients_at, locate
+from forward.solid_solution import SolidSolution
+from forward.solution import SurfaceSolution
+from meshes import Cross
+from studies import style
+from studies.epsilon import EpsilonField, difference
+from studies.stress_error import Reference, States
+from studies.thickness_case import PLANE, Settings, format_thickness
+
+Array = NDArray[np.float64]
+LINE_LENGTH = 25.0  # mm from a rim, at most half the way to the next hole
+LINE_POINTS = 400
+SHADES = ("blue", "green", "orange", "vermilion", "purple", "sky")
+STROKES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)))
+
+
+@dataclass(frozen=True)
+class Line:
+    """epsilon (k,) at the last increment at distances (k,), mm, from a rim. where: in words."""
+
+    where: str
+    distance: Array
+    epsilon: Array
+
+
+@dataclass(frozen=True)
+class SolidNumbers:
+    """Of one 3D solution: lines from rims outward; forces side to (n_inc,), N, along the pull, of the whole arm."""
+
+    lines: list[Line]
+    forces: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Results:
+    """A finished study. settings: those of `studies.thickness_case`."""
+
+    folder: Path
+    settings: Settings
+
+    @property
+    def thicknesses(self) -> list[str]:
+        """Thicknesses as in file names, thinnest first."""
+        return [format_thickness(h) for h in sorted(self.settings.thicknesses)]
+
+    @property
+    def conditions(self) -> list[str]:
+        """The 2D reference and every thickness."""
+        return [PLANE, *self.thicknesses]
+
+    @cached_property
+    def cases(self) -> list[dict[str, Any]]:
+        """Every case, in the order of conditions and seeds."""
+        found = [json.loads(path.read_text()) for path in sorted((self.folder / "cases").glob("*.json"))]
+        return sorted(found, key=lambda c: (self.conditions.index(c["condition"]), _number(c["seed"])))
+
+    def fits(self, condition: str, loss: str, noisy: bool) -> list[dict[str, Any]]:
+        """Results of a loss, with its seed: of clean data (one), or of all noise seeds."""
+        chosen = [c for c in self.cases if c["condition"] == condition and (c["seed"] != "clean") == noisy]
+        return [{**c["losses"][loss], "seed": c["seed"]} for c in chosen if loss in c["losses"]]
+
+    @cached_property
+    def plane(self) -> SurfaceSolution:
+        """The 2D plane-stress solution of the quarter, 1 mm thick."""
+        return SurfaceSolution.load(self.folder / "plane.npz")
+
+    @cached_property
+    def fields(self) -> dict[str, EpsilonField]:
+        """epsilon by thickness."""
+        return {name: EpsilonField.load(self.folder / f"epsilon_{name}.npz") for name in self.thicknesses}
+
+    @cached_property
+    def states(self) -> States:
+        """Deformation states of the 2D reference, all increments."""
+        return States.load(self.folder / "states.npz")
+
+    @property
+    def limit(self) -> float:
+        """Upper end of the calibrated range of I1, the same for all conditions."""
+        return float(self.cases[0]["calibrated_I1"])
+
+    @cached_property
+    def reference(self) -> Reference:
+        """The truth at the states within the calibrated range."""
+        return Reference.at(self.states.within(self.limit))
+
+    def solid(self, name: str) -> SolidSolution:
+        """The 3D solution of a thickness; large, so it is read anew each time."""
+        return SolidSolution.load(self.folder / f"solid_{name}.npz")
+
+    @cached_property
+    def numbers(self) -> dict[str, SolidNumbers]:
+        """What every 3D solution says in a few numbers."""
+        places = [(where, d, locate(self.plane.mesh, points)) for where, d, points in lines()]
+        return {name: solid_numbers(self.solid(name), self.plane, places) for name in self.thicknesses}
+
+    def inputs(self) -> list[Path]:
+        """Files that the report is made of."""
+        names = [*(f"solid_{h}.npz" for h in self.thicknesses), *(f"epsilon_{h}.npz" for h in self.thicknesses)]
+        return [*(self.folder / name for name in ("plane.npz", "states.npz", *names)),
+                *sorted((self.folder / "cases").glob("*.json"))]  # fmt: skip
+
+    def look(self, condition: str) -> dict[str, Any]:
+        """Colour and line of a condition, the same in every figure."""
+        if condition == PLANE:
+            return {"color": style.COLOURS["black"], "linestyle": "-", "linewidth": 1.0}
+        i = self.thicknesses.index(condition) % len(SHADES)
+        return {"color": style.COLOURS[SHADES[i]], "linestyle": STROKES[i]}
+
+    def name(self, condition: str) -> str:
+        """A condition in words."""
+        return "2D reference" if condition == PLANE else f"{condition} mm"
+
+
+def lines() -> Iterator[tuple[str, Array, Array]]:
+    """(where, distances (k,), points (k, 2)) from the rims of two holes of the cross outward, along x and y, mm."""
+    cross = Cross()
+    a, b, at = cross.hole_semi_major, cross.hole_semi_minor, cross.outer_offset
+    for where, start, axis, free in (
+        ("central hole, along x", (a, 0.0), 0, (at - b - a) / 2),
+        ("central hole, along y", (0.0, b), 1, (at - a - b) / 2),
+        (f"hole at ({at:g}, 0), along x", (at + b, 0.0), 0, cross.half_length - at - b),
+        (f"hole at ({at:g}, 0), along y", (at, a), 1, cross.half_width - a),
+    ):
+        distance = np.linspace(0, min(LINE_LENGTH, free), LINE_POINTS)
+        yield where, distance, np.array(start) + distance[:, None] * np.eye(2)[axis]
+
+
+def solid_numbers(
+    solid: SolidSolution, plane: SurfaceSolution, places: list[tuple[str, Array, Places]]
+) -> SolidNumbers:
+    """Lines and forces of a 3D solution; `places`: lines located in the plane mesh."""
+    n = len(plane.points)
+    surface = solid.displacements[-1, -n:]
+    found = []
+    for where, distance, place in places:
+        F_plane = np.eye(2) + gradients_at(plane.mesh, place, plane.displacements[-1])
+        F_solid = np.eye(3)[:, :2] + gradients_at(plane.mesh, place, surface)
+        found.append(Line(where, distance, difference(F_plane, F_solid)))
+    return SolidNumbers(found, arm_forces(solid.reactions))
+
+
+def arm_forces(reactions: dict[str, Array]) -> dict[str, Array]:
+    """Force along the pull of each whole arm, N, from the reactions of a quarter (half an arm each)."""
+    return {side: 2 * np.asarray(reactions[side])[:, axis] for side, axis in (("right", 0), ("top", 1))}
+
+
+def _number(seed: str) -> int:
+    return -1 if seed == "clean" else int(seed)

@@ -1,0 +1,165 @@
+"""Run the Snakemake workflow of a study: snakefile, folder and the files that must exist in; those files out.
+
+Files are written whole or not at all, so one that exists is complete, whatever Snakemake thinks of a killed job:
+what exists is kept, what is missing is made. Jobs run on this machine, or where a Snakemake profile sends them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from studies.errors import WorkflowError
+
+PROFILES = Path(__file__).with_name("profiles")
+EXECUTOR = re.compile(r"^executor:\s*['\"]?([\w-]+)", re.MULTILINE)
+OWN_EXECUTORS = ("local", "dryrun", "touch")  # of Snakemake itself
+REASON = re.compile(r"^(?:\w+\.)*(\w*(?:Error|Exception)): (.+)", re.MULTILINE)
+PATIENCE = 3.0  # s that Snakemake is given to end, each time that it is asked
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options that say where and how many jobs run; they do not change results."""
+    parser.add_argument("--jobs", type=int, help="jobs at a time (default: number of cores, or what the profile says)")
+    parser.add_argument(
+        "--profile", type=Path, metavar="FOLDER",
+        help="Snakemake profile that submits the jobs, e.g. to SLURM: docs/cluster.md",
+    )  # fmt: skip
+
+
+def check_arguments(arguments: argparse.Namespace) -> None:
+    """Raise `ConfigError` for options of `add_arguments` that cannot be."""
+    from calibrate.errors import ConfigError
+
+    if arguments.jobs is not None and arguments.jobs < 1:
+        raise ConfigError(f"--jobs {arguments.jobs}: at least 1")
+    if arguments.profile is None:
+        return
+    found = [*arguments.profile.glob("config*.yaml")]
+    if not found:
+        raise ConfigError(
+            f"--profile {arguments.profile}: no folder with a config.yaml; copy {PROFILES / 'slurm'} and adapt it "
+            "to your cluster"
+        )
+    executor = EXECUTOR.search(found[0].read_text())
+    name = executor[1] if executor else "local"
+    if name not in OWN_EXECUTORS and not find_spec(f"snakemake_executor_plugin_{name.replace('-', '_')}"):
+        package = f"snakemake-executor-plugin-{name}"
+        raise ConfigError(f"--profile {arguments.profile}: its executor needs a package; pip install {package}")
+
+
+def run_workflow(
+    name: str,
+    snakefile: Path,
+    folder: Path,
+    targets: Sequence[Path],
+    jobs: int | None = None,
+    profile: Path | None = None,
+    config: Sequence[str] = (),
+) -> None:
+    """Make every missing one of `targets`, showing progress. name: in words. config: 'key=value' for the snakefile.
+
+    Raises `WorkflowError` with the reason and the path of the log.
+    """
+    if all(target.exists() for target in targets):
+        return
+    folder = folder.resolve()
+    work, log = folder / "workflow", folder / "workflow.log"
+    work.mkdir(exist_ok=True)
+    call = command(snakefile, work, [f"folder={folder}", *config], jobs, profile)
+    start = log.stat().st_size if log.exists() else 0
+    code = _follow(name, call, _environment(work), log, targets)
+    if code:
+        raise WorkflowError(
+            f"a job of the study failed{_reason(log, start)}; more is in {log}. Finished files are kept: "
+            "mend it and run the same command again"
+        )
+
+
+def command(snakefile: Path, work: Path, config: Sequence[str], jobs: int | None, profile: Path | None) -> list[str]:
+    """Words of the Snakemake call. Here, jobs share the cores and the memory; a profile brings its own limits."""
+    words = [sys.executable, "-m", "snakemake", "--snakefile", str(snakefile), "--directory", str(work),
+             "--ignore-incomplete", "--keep-incomplete", "--keep-going", "--rerun-triggers", "mtime", "--nolock"]  # fmt: skip
+    if profile is None:
+        words += ["--cores", str(jobs or os.cpu_count() or 1), "--resources", f"mem_mb={_memory()}"]
+    else:
+        words += ["--profile", str(profile.resolve()), *(["--jobs", str(jobs)] if jobs else [])]
+    return [*words, "--config", *config]
+
+
+def _environment(work: Path) -> dict[str, str]:
+    """One thread a job, no bars in the log, compiled functions shared between jobs."""
+    return {
+        **os.environ,
+        "OMP_NUM_THREADS": "1",
+        "MKL_NUM_THREADS": "1",
+        "TQDM_DISABLE": "1",
+        "JAX_COMPILATION_CACHE_DIR": str(work / "jax"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
+    }
+
+
+def _memory() -> int:
+    """Memory of this machine, MB."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 10**6
+
+
+def _follow(name: str, call: list[str], environment: dict[str, str], log: Path, targets: Sequence[Path]) -> int:
+    """Run Snakemake with its words appended to `log`, count the targets there are; its exit code."""
+    from studies.output import Progress
+
+    tick = threading.Event()
+    with log.open("a") as file, Progress(name, len(targets), "files") as progress:
+        process = subprocess.Popen(call, stdout=file, stderr=subprocess.STDOUT, env=environment)
+        try:
+            while process.poll() is None:
+                progress.to(sum(target.exists() for target in targets))
+                tick.wait(1.0)
+        except BaseException:
+            _end(process)
+            raise
+        progress.to(sum(target.exists() for target in targets))
+    return process.returncode
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End Snakemake and its jobs, with rising insistence.
+
+    A terminal has sent its interruption to all of them already. Asked alone, Snakemake withdraws jobs from a cluster but
+    waits for those that run here.
+    """
+    import psutil
+
+    def to_all(method: str) -> None:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            family = [*psutil.Process(process.pid).children(recursive=True), psutil.Process(process.pid)]
+            for member in family:
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    getattr(member, method)()
+
+    steps: list[Callable[[], None]] = [
+        lambda: None, lambda: process.send_signal(signal.SIGINT), lambda: to_all("terminate"), lambda: to_all("kill"),
+    ]  # fmt: skip
+    for step in steps:
+        step()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(PATIENCE)
+            return
+
+
+def _reason(log: Path, start: int) -> str:
+    """' (Kind: what)' of the last named error that a job wrote to the log after byte `start`, or nothing."""
+    with log.open("rb") as file:
+        file.seek(start)
+        found = REASON.findall(file.read().decode(errors="replace"))
+    return f" ({found[-1][0]}: {found[-1][1].rstrip('. ')})" if found else ""
