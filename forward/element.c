@@ -22,6 +22,7 @@
 #define DOFS 81
 #define PRESSURES 4
 #define LAW (9 + 45)
+#define WIDE 12 /* 9, padded */
 #define SUMMED (3 * POINTS)
 #define ROW (3 * PADDED) /* a row over components, then nodes */
 
@@ -227,13 +228,32 @@ void solid_pressure_step(const solid_t* s, const double* u, const double* q, con
   }
 }
 
+/* Entries b >= from of row (a, i), (j, b) of the tangent; `from` is known when this is compiled, so the sums stay in
+   registers. T (27, 12): gradient of node a's function times D, in places 3 j + L. */
+static inline __attribute__((always_inline)) void tangent_row(const cell_t* c, double T[POINTS][WIDE],
+                                                              double B[PRESSURES][ROW], int a, int i, int j,
+                                                              const int from, double* row)
+{
+  double sum[PADDED] __attribute__((aligned(64))) = {0};
+  for (int t = 0; t < POINTS; ++t)
+    for (int L = 0; L < 3; ++L) {
+      const double f = T[t][3 * j + L];
+      for (int b = from; b < PADDED; ++b) sum[b] += f * c->G[3 * t + L][b];
+    }
+  for (int m = 0; m < PRESSURES; ++m) {
+    const double f = B[m][PADDED * i + a];
+    for (int b = from; b < PADDED; ++b) sum[b] += f * B[m][PADDED * j + b];
+  }
+  memcpy(row + from, sum + from, (PADDED - from) * sizeof(double));
+}
+
 /* Condensed tangent of a cell, K[a][3 i + j][b] for b >= a, and condensed force g. */
 static void tangent(const solid_t* s, int cell, const double* u, const double* q, double K[NODES][9][PADDED],
                     double g[ROW])
 {
   cell_t c;
-  double result[LAW], D[POINTS][9][9], B[PRESSURES][ROW], e[PRESSURES];
-  double T[9][SUMMED] __attribute__((aligned(64)));
+  double result[LAW], D[POINTS][9][WIDE], B[PRESSURES][ROW], e[PRESSURES];
+  double T[3][POINTS][WIDE] __attribute__((aligned(64)));
   kinematics(s, cell, u, q, &c);
   memset(g, 0, ROW * sizeof(double));
   for (int t = 0; t < POINTS; ++t) {
@@ -242,6 +262,7 @@ static void tangent(const solid_t* s, int cell, const double* u, const double* q
     const double* entry = result + 9;
     for (int i = 0; i < 9; ++i)
       for (int j = i; j < 9; ++j) D[t][i][j] = D[t][j][i] = c.volume[t] * *entry++;
+    for (int i = 0; i < 9; ++i) memset(D[t][i] + 9, 0, (WIDE - 9) * sizeof(double));
   }
   volume_error(s, &c, e);
   coupling(&c, B);
@@ -259,26 +280,24 @@ static void tangent(const solid_t* s, int cell, const double* u, const double* q
   for (int m = 0; m < PRESSURES; ++m)
     for (int n = 0; n < ROW; ++n) g[n] += B[m][n] * e[m];
   for (int a = 0; a < NODES; ++a) {
-    for (int t = 0; t < POINTS; ++t) {
-      const double ga[3] = {c.G[3 * t][a], c.G[3 * t + 1][a], c.G[3 * t + 2][a]};
+    for (int t = 0; t < POINTS; ++t)
       for (int i = 0; i < 3; ++i)
-        for (int jL = 0; jL < 9; ++jL)
-          T[3 * i + jL / 3][3 * t + jL % 3] =
-              ga[0] * D[t][3 * i][jL] + ga[1] * D[t][3 * i + 1][jL] + ga[2] * D[t][3 * i + 2][jL];
-    }
-    const int from = a & ~3;
-    for (int ij = 0; ij < 9; ++ij) {
-      double row[PADDED] __attribute__((aligned(64))) = {0};
-      for (int n = 0; n < SUMMED; ++n) {
-        const double f = T[ij][n];
-        for (int b = from; b < PADDED; ++b) row[b] += f * c.G[n][b];
+        for (int jL = 0; jL < WIDE; ++jL)
+          T[i][t][jL] = c.G[3 * t][a] * D[t][3 * i][jL] + c.G[3 * t + 1][a] * D[t][3 * i + 1][jL]
+                        + c.G[3 * t + 2][a] * D[t][3 * i + 2][jL];
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j) {
+        double* row = K[a][3 * i + j];
+        switch (a / 4) {
+          case 0: tangent_row(&c, T[i], B, a, i, j, 0, row); break;
+          case 1: tangent_row(&c, T[i], B, a, i, j, 4, row); break;
+          case 2: tangent_row(&c, T[i], B, a, i, j, 8, row); break;
+          case 3: tangent_row(&c, T[i], B, a, i, j, 12, row); break;
+          case 4: tangent_row(&c, T[i], B, a, i, j, 16, row); break;
+          case 5: tangent_row(&c, T[i], B, a, i, j, 20, row); break;
+          default: tangent_row(&c, T[i], B, a, i, j, 24, row);
+        }
       }
-      for (int m = 0; m < PRESSURES; ++m) {
-        const double f = B[m][PADDED * (ij / 3) + a];
-        for (int b = from; b < PADDED; ++b) row[b] += f * B[m][PADDED * (ij % 3) + b];
-      }
-      memcpy(K[a][ij] + from, row + from, (PADDED - from) * sizeof(double));
-    }
   }
 }
 
