@@ -51,7 +51,8 @@ class Record:
     """Increments reached so far, and the problem they belong to.
 
     problem: all that fixes the result but the mesh, as plain data; rest: unknowns at rest; whole: what the forces
-    of the modelled part are multiplied with, one number or one for each component; build: makes the solution of this record.
+    of the modelled part are multiplied with, one number or one for each component; build: makes the solution of this
+    record.
     """
 
     mesh: Any
