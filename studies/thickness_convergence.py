@@ -84,7 +84,7 @@ def series(quick: bool) -> list[Series]:
         *(Series(f"layers, {h:g} mm thick", [Run(h, layers=n) for n in layers], count) for h in (10.0, 40.0)),
         Series("bulk modulus, 10 mm thick", [Run(10.0, bulk=k) for k in ratios], ratio),
         Series("floor of ε, 1 mm thick", [Run(1.0, s) for s in sizes], edge),
-        Series("u_z at the grips, 10 mm thick", held_and_free(10.0), grips),
+        Series("grips held or free, 10 mm thick", held_and_free(10.0), grips),
     ]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.cases import LOSSES
+from studies.cases import EXTRAPOLATION, LOSSES
 from studies.resolution_report import LABELS
 from studies.thickness_results import PLANE, Line, Results
 from studies.thickness_tables import (
@@ -55,7 +55,20 @@ def answer(results: Results) -> list[str]:
                 n = len(results.fits(judged[0].condition, loss, noisy))
                 noise = f"with noise ({n} seed{'s' * (n > 1)})" if noisy else "without noise"
                 text.append(f"{title(loss)}, {noise}: {_reach(results, judged)}")
-    return [*text, first(results)]
+    return [*text, beyond(results), first(results)]
+
+
+def beyond(results: Results) -> str:
+    """Bias of the default loss outside the calibrated range, which no definition of ours covers."""
+    parts = []
+    for noisy, noise in NOISES.items():
+        found = {c: results.fits(c, LOSSES[0], noisy) for c in results.conditions}
+        worst = {c: max(np.median([[s["bias"] for s in fit["outside"]] for fit in fits], axis=0), key=abs)
+                 for c, fits in found.items() if fits}  # fmt: skip
+        if worst:
+            parts.append(f"{noise}: " + ", ".join(f"{results.name(c)} {100 * b:+.1f} %" for c, b in worst.items()))
+    return (f"None of this holds outside the calibrated range. Up to where I1 − 3 is {EXTRAPOLATION:g} times as large, the median "
+            f"bias of the default loss is, worst mode, {'; '.join(parts)}.")  # fmt: skip
 
 
 def first(results: Results) -> str:
@@ -82,9 +95,12 @@ def _reach(results: Results, judged: list[Verdict]) -> str:
                 f"{_limits(worst)}.")  # fmt: skip
     failing = judged[[v.condition for v in judged].index(last) + 1]
     kept = next(v for v in judged if v.condition == last)
-    reach = "trustworthy at no thickness studied" if last == PLANE else f"trustworthy up to {results.name(last)}"
-    return (f"{reach}, no longer at {results.name(failing.condition)}. The worst numbers are {_limits(kept)} "
-            f"({results.name(last)}) and {_limits(failing)} ({results.name(failing.condition)}).")  # fmt: skip
+    if last == PLANE:
+        reach = f"the 2D reference meets the definition, {results.name(failing.condition)} no longer does"
+    else:
+        reach = f"trustworthy up to {results.name(last)}, no longer at {results.name(failing.condition)}"
+    return (f"{reach}. The worst numbers are {_limits(kept)} ({results.name(last)}) and {_limits(failing)} "
+            f"({results.name(failing.condition)}).")  # fmt: skip
 
 
 def _limits(one: Verdict) -> str:

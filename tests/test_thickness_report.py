@@ -90,12 +90,13 @@ def test_a_failure_in_between_ends_the_trust(results):
 
 
 def test_answer_and_claims_carry_the_numbers(results):
-    definition, noisy, clean, *paper, first = thickness_words.answer(results)
+    definition, noisy, clean, *paper, beyond, first = thickness_words.answer(results)
     assert "1 %" in definition and "5 %" in definition
     for text in (noisy, clean):
         assert "trustworthy up to 10 mm, no longer at 40 mm" in text
     assert "(3 seeds)" in noisy
     assert len(paper) == 2 and all("already the 2D reference misses the definition" in text for text in paper)
+    assert "outside the calibrated range" in beyond
     assert "goes wrong first at the holes: at 10 mm" in first
     rows = thickness_words.claims(results)
     little = {tuple(row[1:3]): row for row in rows if row[0].startswith("little")}
