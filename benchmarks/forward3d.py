@@ -5,9 +5,10 @@ also `ranks.csv`, `million.csv`, `profile.csv`. Each case runs in a process of i
 small one that compiles the forms. `rows/` holds each case as it is done, so that a run that was stopped goes on.
 
 `default` is our model as it comes (PARDISO), `mumps` the same with MUMPS, `monolithic` displacement and pressure in
-one matrix by DOLFINx's Newton method and MUMPS LU, `felupe` the same hexes in felupe with PARDISO. CPU time, of which
-other work on the machine changes less than of wall time. A case that would take longer than `--timeout` is solved for
-two increments only, and its times are scaled by the linear solves of the whole run; its note says so.
+one matrix by DOLFINx's Newton method and MUMPS LU, `felupe` the same hexes in felupe with PARDISO. Compare CPU times:
+other work on the machine (`load`: its mean number of processes when the case began) disturbs them less than wall
+times. A case that would take longer than `--timeout` is solved for two increments only, and its times are scaled by
+the linear solves of the whole run; its note says so.
 Run: `python benchmarks/forward3d.py`.
 """
 
@@ -39,9 +40,9 @@ AIMS = {"felupe": 0.2, "monolithic": 0.25}  # of the default's time, from AIM_FR
 AIM_FROM, AIM_SOLVES, AGREEMENT = 60_000, 32, 1e-6
 COLUMNS = (
     "unknowns", "method", "solves", "cpu_s", "wall_s", "peak_mb", "cpu_s_per_solve", "ratio_to_default",
-    "force_difference", "note",
+    "force_difference", "load", "note",
 )  # fmt: skip
-RANK_COLUMNS = ("unknowns", "ranks", "solves", "cpu_s", "wall_s", "peak_mb", "largest_peak_mb", "speed_up")
+RANK_COLUMNS = ("unknowns", "ranks", "solves", "cpu_s", "wall_s", "peak_mb", "largest_peak_mb", "speed_up", "load")
 MILLION_COLUMNS = (
     "unknowns", "variant", "first_step_s", "next_step_s", "peak_mb", "wall_s", "note",
 )  # fmt: skip
@@ -80,7 +81,8 @@ def run(args: argparse.Namespace, method: str, size: int, ranks: int = 1, **opti
         beside = shutil.which("mpiexec", path=str(Path(sys.executable).parent))
         command = [beside or "mpiexec", "-n", str(ranks), *command]
     print(f"forward3d: {name}", file=sys.stderr, flush=True)
-    row = {**case, "ranks": ranks, **child(command, args.timeout)}
+    load = os.getloadavg()[0]
+    row = {**case, "ranks": ranks, "load": load, **child(command, args.timeout)}
     if "failed" not in row or row.get("timeout"):
         write_json(path, row)
     return row

@@ -25,6 +25,7 @@ from meshes.mesh import Array
 SYMMETRIC = -2  # PARDISO's name; it counts the negative pivots, and takes no longer than the positive definite kind
 ANALYSE, FACTORISE, SOLVE, RELEASE = 11, 22, 33, -1
 OUT_OF_MEMORY = (-2, -9)
+MUMPS_OUT_OF_MEMORY = (-8, -9, -11, -13, -14, -15, -17, -20)
 # conjugate gradients: relative residual to be reached, and iterations allowed, with a new factor and with a kept one
 FRESH, KEPT = (1e-7, 30), (1e-6, 16)
 ACCURACY = 1e-6  # of a linear solve; the nonlinear iteration forgives more, a broken factor gives 1 and above
@@ -228,8 +229,11 @@ class Mumps:
         self.A.zeroRowsColumns(self._held + start, 1.0, self.x, self.b)
         self.ksp.solve(self.b, self.x)
         if self.ksp.getConvergedReason() < 0:  # type: ignore[operator]
+            code = self.ksp.getPC().getFactorMatrix().getMumpsInfog(1)
             self.ksp.destroy()  # PETSc does not forget the failure, and would refuse the next factor as well
             self.ksp = self._factoriser()
+            if code in MUMPS_OUT_OF_MEMORY:
+                raise LinearSolverError(f"MUMPS ran out of memory (its error {code}); use more ranks or a coarser mesh")
             return None
         residual = self.A.createVecLeft()
         self.A.mult(self.x, residual)
