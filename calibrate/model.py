@@ -105,14 +105,15 @@ class Model:
         if content.get("version") != VERSION:
             raise errors.ModelFileError(f"{path}: version {content.get('version')}, this program reads {VERSION}")
         try:
-            return cls._from_dict(content)
+            return cls.from_dict(content)
         except KeyError as error:
             raise errors.ModelFileError(f"{path}: key {error} is missing") from error
         except (TypeError, ValueError) as error:
             raise errors.ModelFileError(f"{path}: {error}") from error
 
     @classmethod
-    def _from_dict(cls, content: dict[str, Any]) -> Model:
+    def from_dict(cls, content: dict[str, Any]) -> Model:
+        """Model from the content of a model file, or from `to_dict`. Raises KeyError, TypeError or ValueError."""
         if content["kind"] != "pann":
             raise ValueError(f"kind '{content['kind']}' unknown; this program reads 'pann'")
         if content["unit"] not in UNITS:

@@ -98,7 +98,7 @@ def pooled_errors(results: Results, condition: str, loss: str, noisy: bool) -> d
     fits = results.fits(condition, loss, noisy)
     if not fits:
         return None
-    errors = np.concatenate([stress_errors(Model._from_dict(fit["model"]), results.reference) for fit in fits])
+    errors = np.concatenate([stress_errors(Model.from_dict(fit["model"]), results.reference) for fit in fits])
     weights = np.tile(results.reference.states.weights, len(fits))
     return {name: (errors[:, i], weights) for i, name in enumerate(COMPONENTS)}
 
@@ -134,7 +134,7 @@ def energies(results: Results, loss: str) -> Figure:
         axes = figure.subplots(len(rows), len(results.conditions), squeeze=False, sharex=True, sharey=True)
         for row, noisy in zip(axes, rows, strict=True):
             for ax, condition in zip(row, results.conditions, strict=True):
-                model = Model._from_dict(median_fit(results.fits(condition, loss, noisy))["model"])
+                model = Model.from_dict(median_fit(results.fits(condition, loss, noisy))["model"])
                 values = energy_error(model, plane)
                 image = ax.pcolormesh(*np.moveaxis(plane, -1, 0), values, norm=norm, cmap=style.DIVERGING, rasterized=True)  # fmt: skip
                 _contours(ax, plane, np.where(plane[..., 0] <= results.limit, values, np.nan))
