@@ -1,0 +1,39 @@
+"""The catalogue: one module an effect, or a family of them; `CATALOGUE` lists all.
+
+Adding an effect: write a subclass of `Effect` in a module of its own and name it here.
+"""
+
+from calibrate.effects.camera import LensDistortion, OutOfPlane, Scale, SubsetSmoothing, UnmeasuredStrip
+from calibrate.effects.compressibility import Compressibility
+from calibrate.effects.effect import Data, Effect, Parameter
+from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
+from calibrate.effects.field import StiffnessField, StiffnessGradient
+from calibrate.effects.history import Mullins, Payne
+from calibrate.effects.load import ForceGain, ForceOffset, Lag, Rotation
+from calibrate.effects.second_invariant import SecondInvariant
+from calibrate.effects.thickness import Thickness
+from calibrate.effects.viscosity import Viscosity
+
+CATALOGUE: tuple[Effect, ...] = (
+    SecondInvariant(),
+    Compressibility(),
+    OneFibreFamily(),
+    TwoFibreFamilies(),
+    StiffnessGradient(),
+    StiffnessField(),
+    Viscosity(),
+    Mullins(),
+    Payne(),
+    Thickness(),
+    ForceOffset(),
+    ForceGain(),
+    Lag(),
+    Rotation(),
+    Scale(),
+    LensDistortion(),
+    OutOfPlane(),
+    SubsetSmoothing(),
+    UnmeasuredStrip(),
+)
+
+__all__ = ["CATALOGUE", "Data", "Effect", "Parameter"]

@@ -1,0 +1,109 @@
+"""What a camera and its correlation may get wrong: lens, distance, smoothing, the strip at the edge, the scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from calibrate.effects.effect import Effect, Parameter
+from calibrate.effects.recovery import laplacian
+
+
+@dataclass(frozen=True)
+class LensDistortion(Effect):
+    """Radial: a point at x from the middle of the picture is seen at x (1 + k |x|^2 / R^2), R half the extent."""
+
+    name = "lens distortion"
+    stage = "measurement"
+    formula = "x (1 + k |x|^2 / R^2)"
+    amplitudes = (Parameter("k", "1", typical=0.005),)
+    decided_by = "pictures of a dot grid"
+
+    def displacements(self, data, u, a, shape):
+        centre = 0.5 * (data.points.min(axis=0) + data.points.max(axis=0))
+        X = data.points - centre
+        R2 = (0.5 * data.size) ** 2
+
+        def seen(x):
+            return x * jnp.sum(x * x, axis=-1, keepdims=True) / R2
+
+        return u - a[0] * (seen(X + u) - seen(X))
+
+
+@dataclass(frozen=True)
+class OutOfPlane(Effect):
+    """The specimen comes nearer to the camera as it is loaded, so that the picture grows by m at the end."""
+
+    name = "out-of-plane motion"
+    stage = "measurement"
+    formula = "x (1 + m s), s: share of the loading"
+    amplitudes = (Parameter("m", "1", typical=0.003),)
+    decided_by = "a second camera, or a telecentric lens"
+
+    def displacements(self, data, u, a, shape):
+        centre = 0.5 * (data.points.min(axis=0) + data.points.max(axis=0))
+        size = np.sqrt((np.asarray(data.u) ** 2).mean(axis=(1, 2)))
+        share = jnp.asarray(size / size.max())[:, None, None]
+        return u - a[0] * share * (data.points - centre + u)
+
+
+@dataclass(frozen=True)
+class SubsetSmoothing(Effect):
+    """Displacements are means over a subset: measured = u + s2 lap(u) / 2, s2 the variance of the subset's weights."""
+
+    name = "subset smoothing"
+    stage = "measurement"
+    formula = "u + s2 lap(u) / 2"
+    amplitudes = (Parameter("s2", "mm^2", lower=0.0, typical=1.0),)
+    decided_by = "the same pictures correlated with smaller subsets"
+
+    def displacements(self, data, u, a, shape):
+        return u - 0.5 * a[0] * laplacian(data, u)
+
+
+@dataclass(frozen=True)
+class UnmeasuredStrip(Effect):
+    """A strip of width w between the measured region and the true free edge carries load as its neighbours do."""
+
+    name = "unmeasured strip"
+    stage = "measurement"
+    formula = "area + w edge length at free edges"
+    amplitudes = (Parameter("w", "mm", lower=0.0, typical=0.5),)
+    decided_by = "a picture that shows the edge"
+
+    def stress(self, data, F, P, a, shape, law):
+        return P * (1.0 + a[0] * edge_share(data))[:, None, None]
+
+
+@dataclass(frozen=True)
+class Scale(Effect):
+    """Lengths in the picture are wrong by one factor."""
+
+    name = "DIC scale"
+    stage = "measurement"
+    formula = "x (1 + e)"
+    amplitudes = (Parameter("e", "1", typical=0.02),)
+    gauge = "a common factor of modulus, force, thickness and DIC scale"
+
+    def loads(self, data, loads, boundary, a, shape):
+        return loads / (1.0 + a[0])
+
+
+def edge_share(data):
+    """Length of free edges over area (m,), 1/mm, of each triangle."""
+    triangles, points = np.asarray(data.triangles), np.asarray(data.points)
+    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    key = np.sort(pairs, axis=1)
+    _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
+    single = first[count == 1]
+    gripped = np.zeros(len(points), bool)
+    for boundary in data.experiment.loaded:
+        gripped[boundary.nodes] = True
+    ends = pairs[single]
+    free = (data.free | gripped)[ends].all(axis=1) & data.free[ends].any(axis=1)
+    edges, owners = pairs[single[free]], single[free] % len(triangles)
+    length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
+    total = np.bincount(owners, length, len(triangles))
+    return jnp.asarray(total / np.asarray(data.areas))

@@ -1,0 +1,62 @@
+"""Fibres: one family in a direction, or two mirrored about an axis; standard reinforcement (Qiu and Pence 1997)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from calibrate.effects.effect import Effect, Parameter
+
+ANGLES = 12
+ANGLE = Parameter("angle", "rad", lower=-np.pi, upper=np.pi)
+
+
+@dataclass(frozen=True)
+class OneFibreFamily(Effect):
+    """P gains 2 k (I4 - 1) F M x M with I4 = |F M|^2 and M at `angle` to x."""
+
+    name = "one fibre family"
+    stage = "material"
+    formula = "psi + k / 2 (I4 - 1)^2, I4 = |F M|^2"
+    amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
+    shapes = (ANGLE,)
+    decided_by = "the same sheet cut and pulled in another direction"
+
+    def shape_values(self, data):
+        return [(float(angle),) for angle in np.arange(ANGLES) * np.pi / ANGLES]
+
+    def stress(self, data, F, P, a, shape, law):
+        return P + a[0] * reinforcement(F, shape[0])
+
+
+@dataclass(frozen=True)
+class TwoFibreFamilies(Effect):
+    """Two families at `axis` +- `half`, of equal stiffness."""
+
+    name = "two fibre families"
+    stage = "material"
+    formula = "psi + k / 2 sum (I4 - 1)^2 of two directions"
+    amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
+    shapes = (Parameter("axis", "rad"), Parameter("half", "rad", lower=0.0, upper=np.pi / 4))
+    decided_by = "the same sheet cut and pulled in two other directions"
+
+    def shape_values(self, data):
+        return [
+            (axis, half)
+            for axis in (0.0, np.pi / 4, np.pi / 2, -np.pi / 4)
+            for half in (np.pi / 12, np.pi / 6, np.pi / 4)
+        ]
+
+    def stress(self, data, F, P, a, shape, law):
+        both = reinforcement(F, shape[0] + shape[1]) + reinforcement(F, shape[0] - shape[1])
+        return P + a[0] * both
+
+
+def reinforcement(F, angle):
+    """d/dF of (I4 - 1)^2 / 2 for fibres at `angle` to x."""
+    M = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+    FM = F @ M
+    I4 = jnp.sum(FM * FM, axis=-1)
+    return 2.0 * ((I4 - 1.0)[..., None] * FM)[..., :, None] * M

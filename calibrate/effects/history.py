@@ -1,0 +1,69 @@
+"""Softening and permanent set: what the largest deformation so far has left behind; seen in unloading only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.lax
+import jax.numpy as jnp
+import numpy as np
+
+from calibrate.effects.effect import Effect, Parameter
+
+UNLOADED = 0.02  # share of I1 - 3 by which some of the sheet must have come back
+
+
+def excess(F):
+    """I1 - 3 (t, m) and its largest value so far (t, m)."""
+    det = F[..., 0, 0] * F[..., 1, 1] - F[..., 0, 1] * F[..., 1, 0]
+    value = jnp.sum(F * F, axis=(-2, -1)) + 1.0 / det**2 - 3.0
+    return value, jax.lax.cummax(value, axis=0)
+
+
+def lacks_unloading(data, F) -> str | None:
+    value, largest = map(np.asarray, excess(F))
+    back = (largest - value).max() > UNLOADED * largest.max()
+    return None if back else "unloading"
+
+
+@dataclass(frozen=True)
+class Mullins(Effect):
+    """P times 1 - r (1 - x / x_max), x = I1 - 3: softer the further below its largest deformation."""
+
+    name = "Mullins softening"
+    stage = "material"
+    formula = "P (1 - r (1 - x / x_max)), x = I1 - 3"
+    amplitudes = (Parameter("r", "1", lower=0.0, upper=1.0, typical=0.2),)
+    decided_by = "unloading and reloading"
+
+    def missing(self, data):
+        from calibrate.chain import gradients
+
+        return lacks_unloading(data, gradients(data, data.u))
+
+    def stress(self, data, F, P, a, shape, law):
+        value, largest = excess(F)
+        return P * (1.0 - a[0] * (1.0 - value / jnp.maximum(largest, 1e-9)))[..., None, None]
+
+
+@dataclass(frozen=True)
+class Payne(Effect):
+    """P times 1 + r exp(-x_max / x0): stiffer where it was never much deformed."""
+
+    name = "Payne softening"
+    stage = "material"
+    formula = "P (1 + r exp(-x_max / x0)), x = I1 - 3"
+    amplitudes = (Parameter("r", "1", lower=0.0, typical=0.3),)
+    shapes = (Parameter("x0", "1", lower=0.0),)
+    decided_by = "cycles of small amplitude before and after a large one"
+
+    def missing(self, data):
+        from calibrate.chain import gradients
+
+        return lacks_unloading(data, gradients(data, data.u))
+
+    def shape_values(self, data):
+        return [(0.02,), (0.1,), (0.5,)]
+
+    def stress(self, data, F, P, a, shape, law):
+        return P * (1.0 + a[0] * jnp.exp(-excess(F)[1] / shape[0]))[..., None, None]

@@ -1,0 +1,45 @@
+"""Viscoelasticity: one Prony branch on the second Piola-Kirchhoff stress (Simo 1987)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from calibrate.effects.effect import Effect, Parameter
+
+TIMES = 5
+
+
+@dataclass(frozen=True)
+class Viscosity(Effect):
+    """S gains g int exp(-(t - s) / tau) dS/ds ds; stress is linear in time between increments and zero at t = 0."""
+
+    name = "viscoelasticity"
+    stage = "material"
+    formula = "S + g int exp(-(t - s) / tau) dS"
+    amplitudes = (Parameter("g", "1", lower=0.0, typical=0.2),)
+    shapes = (Parameter("tau", "s", lower=0.0),)
+    decided_by = "a pause in the loading, or a second rate"
+
+    def missing(self, data):
+        if data.time is None:
+            return "time"
+        return None if len(data.time) > 2 else "more increments"
+
+    def shape_values(self, data):
+        steps = np.diff(np.concatenate([[0.0], data.time]))
+        return [(float(t),) for t in np.geomspace(max(steps.min(), 1e-3 * data.time[-1]), data.time[-1], TIMES)]
+
+    def stress(self, data, F, P, a, shape, law):
+        tau = shape[0]
+        S = jnp.linalg.solve(F, P)
+        steps = np.diff(np.concatenate([[0.0], data.time]))
+        H, before, overstress = jnp.zeros_like(S[0]), jnp.zeros_like(S[0]), []
+        for step, now in zip(steps, S, strict=True):
+            ratio = step / tau
+            H = jnp.exp(-ratio) * H + (-jnp.expm1(-ratio) / ratio) * (now - before)
+            overstress.append(H)
+            before = now
+        return P + a[0] * F @ jnp.stack(overstress)

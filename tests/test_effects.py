@@ -1,0 +1,202 @@
+"""Effects: nothing changes at their null value, their signature is a derivative, each does what its formula says."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from calibrate.basis import SingleBasis
+from calibrate.chain import Chain, gradients
+from calibrate.effects import CATALOGUE, Data
+from calibrate.effects.camera import edge_share
+from calibrate.effects.compressibility import Compressibility
+from calibrate.effects.fibres import reinforcement
+from calibrate.effects.load import rate_matrix
+from calibrate.effects.recovery import laplacian
+from calibrate.effects.thickness import Thickness
+from calibrate.effects.viscosity import Viscosity
+from calibrate.equilibrium import Equilibrium
+from calibrate.experiment import Experiment, LoadedBoundary
+from calibrate.virtual_fields import virtual_fields
+
+NAMES = [effect.name for effect in CATALOGUE]
+
+
+@pytest.fixture(scope="module")
+def chain():
+    """A sheet of 20 x 10 mm, pulled, sheared and let back a little, with made-up forces."""
+    x, y = np.meshgrid(np.linspace(0, 20, 21), np.linspace(0, 10, 11), indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel()])
+    corner = (np.arange(20)[:, None] * 11 + np.arange(10)).ravel()
+    triangles = np.concatenate([np.column_stack([corner, corner + 11, corner + 12]),
+                                np.column_stack([corner, corner + 12, corner + 1])])  # fmt: skip
+    s = np.array([0.2, 0.5, 1.0, 0.7])[:, None]
+    X, Y = points[:, 0] / 20, points[:, 1] / 10
+    u = np.stack([s * (6 * X + np.sin(2 * X) * Y), s * (-1.5 * Y + 0.6 * X * Y**2 + 0.3 * X)], axis=-1)
+    left, right = np.flatnonzero(points[:, 0] == 0), np.flatnonzero(points[:, 0] == 20)
+    force = np.column_stack([2.0 * s[:, 0] ** 0.8, 0.1 * s[:, 0]])
+    free = np.flatnonzero(((points[:, 1] == 0) | (points[:, 1] == 10)) & (points[:, 0] > 0) & (points[:, 0] < 20))
+    loaded = (LoadedBoundary("left", left, -force), LoadedBoundary("right", right, force))
+    experiment = Experiment("made up", points, triangles, u, loaded, free, 1.0, np.array([1.0, 2.5, 5.0, 6.0]))
+    basis = SingleBasis(0, 1.5)
+    return Chain(Equilibrium(experiment, virtual_fields(experiment, 4.0)), basis)
+
+
+@pytest.fixture(scope="module")
+def c(chain):
+    return jnp.asarray(0.1 + 0.05 * np.linspace(0, 1, chain.basis.n_functions) ** 2)
+
+
+def residual(chain, c, effect, amplitudes, shape):
+    return np.asarray(chain.residual(c, (effect,), (jnp.asarray(amplitudes),), (jnp.asarray(shape),)))
+
+
+def test_the_chain_is_the_linear_system(chain, c):
+    """The same residual as G c - load, which is assembled without JAX."""
+    system = chain.system
+    expected = [system.matrix(chain.basis, F) @ np.asarray(c) - np.nan_to_num(load)
+                for F, load in zip(system.deformation_gradients, system.loads, strict=True)]  # fmt: skip
+    np.testing.assert_allclose(np.asarray(chain.residual(c)), expected, atol=1e-13)
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=NAMES)
+def test_null_changes_nothing(chain, c, effect):
+    base = np.asarray(chain.residual(c))
+    null = [p.null for p in effect.amplitudes]
+    for shape in effect.shape_values(chain.data):
+        np.testing.assert_array_equal(residual(chain, c, effect, null, shape), base)
+
+
+@pytest.mark.parametrize("effect", CATALOGUE, ids=NAMES)
+def test_signature_is_the_derivative(chain, c, effect):
+    """Against central differences, in every amplitude."""
+    shape = effect.shape_values(chain.data)[-1]
+    found = chain.signature(c, effect, shape)
+    assert np.isfinite(found).all()
+    for i, parameter in enumerate(effect.amplitudes):
+        step = 1e-4 * parameter.typical
+        a = np.array([p.null for p in effect.amplitudes])
+        up, down = a.copy(), a.copy()
+        up[i] += step
+        down[i] -= step
+        slope = (residual(chain, c, effect, up, shape) - residual(chain, c, effect, down, shape)) / (2 * step)
+        np.testing.assert_allclose(found[i], slope, atol=1e-6 * np.abs(slope).max())
+
+
+def test_names_and_units_are_stated():
+    assert len(set(NAMES)) == len(CATALOGUE)
+    for effect in CATALOGUE:
+        assert effect.formula
+        assert effect.gauge or effect.decided_by
+        assert all(p.unit and p.lower <= p.null <= p.upper for p in effect.amplitudes)
+
+
+def test_what_the_data_lack_is_named(chain):
+    experiment = chain.system.experiment
+    ramp = Data.of(experiment.select([0, 1, 2]))
+    lacking = {effect.name: effect.missing(ramp) for effect in CATALOGUE}
+    assert lacking["Mullins softening"] == lacking["Payne softening"] == "unloading"
+    assert {name for name, what in lacking.items() if what} == {"Mullins softening", "Payne softening"}
+    from dataclasses import replace
+
+    timeless = Data.of(replace(experiment, time=None))
+    assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
+        "viscoelasticity",
+        "lag between force and image",
+    }
+
+
+def test_viscous_overstress_of_a_ramp(chain):
+    """Under S = rate t the branch carries g rate tau (1 - exp(-t / tau)); the recursion is exact for it."""
+    F = jnp.broadcast_to(jnp.eye(2), (4, 1, 2, 2))
+    time = chain.data.time
+    P = F * jnp.asarray(time)[:, None, None, None]
+    found = Viscosity().stress(chain.data, F, P, jnp.array([0.3]), jnp.array([2.0]), None) - P
+    np.testing.assert_allclose(found[:, 0, 0, 0], 0.3 * 2.0 * (1 - np.exp(-time / 2.0)), rtol=1e-12)
+
+
+def test_fibre_stress_is_the_slope_of_its_energy():
+    rng = np.random.default_rng(0)
+    F, H = np.eye(2) + 0.2 * rng.standard_normal((2, 2)), rng.standard_normal((2, 2))
+    M = np.array([np.cos(0.4), np.sin(0.4)])
+
+    def energy(f):
+        return 0.5 * (((f @ M) ** 2).sum() - 1) ** 2
+
+    slope = (energy(F + 1e-6 * H) - energy(F - 1e-6 * H)) / 2e-6
+    assert float((reinforcement(jnp.asarray(F), 0.4) * H).sum()) == pytest.approx(slope, rel=1e-8)
+
+
+@pytest.mark.parametrize("stretch", [1.1, 1.6])
+def test_compressible_sheet_to_first_order(chain, c, stretch):
+    """Uniaxial sheet of mu / 2 (I1bar - 3) + kappa / 2 (J - 1)^2 with free sides and faces, solved exactly: the
+    force error of the correction is of second order in mu / kappa, that of the incompressible sheet of first."""
+    from scipy.optimize import fsolve
+
+    mu = 0.3
+
+    def energy(l, kappa):
+        J = l[0] * l[1] * l[2]
+        return mu / 2 * (J ** (-2 / 3) * (l @ l) - 3) + kappa / 2 * (J - 1) ** 2
+
+    def exact(kappa):
+        slope = jax.grad(lambda l: energy(l, kappa))
+        sides = fsolve(lambda x: np.asarray(slope(jnp.array([stretch, *x])))[1:] / mu, [stretch**-0.5] * 2, xtol=1e-10)
+        return sides[0], float(slope(jnp.array([stretch, *sides]))[0])
+
+    def law(f):
+        det = f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
+        inverse = jnp.linalg.inv(f).T
+        return mu * (f - inverse / det**2)
+
+    def error(kappa):
+        l2, P_exact = exact(kappa)
+        F = jnp.diag(jnp.array([stretch, l2]))[None, None]
+        P = law(F[0, 0])[None, None]
+        corrected = Compressibility().stress(chain.data, F, P, jnp.array([1 / kappa]), (), law)
+        return abs(float(corrected[0, 0, 0, 0]) - P_exact) / P_exact, abs(float(P[0, 0, 0, 0]) - P_exact) / P_exact
+
+    (fine, plain_fine), (coarse, plain_coarse) = error(100 * mu), error(25 * mu)
+    assert plain_coarse / plain_fine == pytest.approx(4, rel=0.2)
+    assert coarse / fine > 10
+    assert fine < 0.05 * plain_fine
+
+
+def test_thickness_of_a_linear_sheet():
+    """Small strains, u = (x^2 / 2 - y^2 / 2, x y) e: div u = 2 e x, so F33 - 1 = -2 e x and the mean is off by
+    h^2 / 12 (-2 e, 0) everywhere (inside, where recovered slopes are exact)."""
+    e = 1e-6
+    x, y = np.meshgrid(np.linspace(0, 10, 11), np.linspace(0, 10, 11), indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel()])
+    corner = (np.arange(10)[:, None] * 11 + np.arange(10)).ravel()
+    triangles = np.concatenate([np.column_stack([corner, corner + 11, corner + 12]),
+                                np.column_stack([corner, corner + 12, corner + 1])])  # fmt: skip
+    u = e * np.stack([(points[:, 0] ** 2 - points[:, 1] ** 2) / 2, points.prod(axis=1)], axis=-1)[None]
+    right = np.flatnonzero(points[:, 0] == 10)
+    experiment = Experiment(
+        "parabola", points, triangles, u, (LoadedBoundary("right", right, np.ones((1, 2))),), np.array([], int)
+    )
+    data = Data.of(experiment)
+    moved = np.asarray(Thickness().displacements(data, data.u, jnp.array([3.0]), ()) - data.u)[0]
+    inside = (np.abs(points - 5) < 3.5).all(axis=1)
+    np.testing.assert_allclose(moved[inside, 0], 3.0 * -2 * e, rtol=1e-4)
+    np.testing.assert_allclose(moved[inside, 1], 0.0, atol=1e-4 * e)
+    curved = jnp.asarray(np.stack([points[:, 0] ** 2, points[:, 1] ** 2 * 2], axis=-1)[None])
+    found = np.asarray(laplacian(data, curved))[0][inside]
+    np.testing.assert_allclose(found, np.broadcast_to([2.0, 4.0], found.shape), atol=1e-9)
+
+
+def test_rates_are_exact_for_parabolas():
+    t = np.array([0.0, 1.0, 1.5, 4.0])
+    np.testing.assert_allclose(rate_matrix(t) @ (2 * t**2 - t), 4 * t - 1, atol=1e-12)
+
+
+def test_a_strip_widens_the_sheet(chain):
+    """The areas gained are strip width times length of the free edges."""
+    data = chain.data
+    gained = float((edge_share(data) * data.areas).sum())
+    assert gained == pytest.approx(40.0)
+
+
+def test_gradients(chain):
+    np.testing.assert_allclose(gradients(chain.data, chain.data.u), chain.system.deformation_gradients, atol=1e-14)
