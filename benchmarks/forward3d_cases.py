@@ -247,6 +247,8 @@ def main(case: dict[str, Any]) -> None:
     actions: dict[str, Action] = {**METHODS, "memory": memory, "profile": profile}
     options = {"variant": case["variant"]} if case["method"] == "memory" else {}
     mesh = cross(case["size_factor"], case["layers"])
+    last = int(time.process_time() + case["timeout"]) + 1
+    resource.setrlimit(resource.RLIMIT_CPU, (last, last + 1))
     base, wall, cpu = peak(), time.perf_counter(), time.process_time()
     result = actions[case["method"]](mesh, case["displacement"], case["increments"], **options)
     result |= {"wall_s": time.perf_counter() - wall, "unknowns": mesh.points.size, "base_mb": base}

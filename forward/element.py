@@ -191,9 +191,15 @@ def library(comm: Any = MPI.COMM_WORLD) -> tuple[Any, Any]:
     flags = JIT_OPTIONS["cffi_extra_compile_args"]
     digest = hashlib.sha256((SOURCE.read_text() + DECLARATIONS + " ".join(flags)).encode()).hexdigest()[:16]
     name = f"equigap_element_{digest}"
+    problem = None
     if comm.rank == 0 and not list(cache.glob(f"{name}.*.so")):
-        _compile(cache, name, flags)
-    comm.barrier()
+        try:
+            _compile(cache, name, flags)
+        except cffi.VerificationError as error:
+            problem = error
+    problem = comm.bcast(problem)
+    if problem is not None:
+        raise problem
     module = _load(next(cache.glob(f"{name}.*.so")), name)
     return module.lib, module.ffi
 

@@ -122,7 +122,8 @@ class Pardiso:
             x += (rz / curvature) * d
             r -= (rz / curvature) * Ad
             if np.linalg.norm(r) <= goal:
-                return x
+                true = np.linalg.norm(self.solid.product(self.matrix, x) - rhs)
+                return x if true <= 2 * goal else None
         return None
 
     def _direct(self, rhs: Array) -> Array | None:
@@ -162,7 +163,8 @@ class _Factor:
         scale = float(np.abs(rhs).max()) or 1.0
         b: NDArray[Any] = (rhs / scale).astype(self.kind)
         x = np.zeros_like(b)
-        self._call(SOLVE, b, x)
+        if self._call(SOLVE, b, x):
+            x[:] = np.nan  # is seen by whoever checks the residual
         return x.astype(np.float64) * scale
 
     def _call(self, phase: int, b: NDArray[Any] | None = None, x: NDArray[Any] | None = None) -> int:

@@ -78,12 +78,34 @@ class Loading:
             raise LoadingError(f"boundary '{missing[0]}' is not on this mesh, which has {', '.join(mesh.boundaries)}")
         if not there:
             raise LoadingError("a quarter has the sides 'right' and 'top' only; load one of these")
+        if quarter:
+            self._check_mirror_images()
+        cut = next((name for name in SYMMETRY if name in there), None)
+        if cut is not None:
+            raise LoadingError(
+                f"'{cut}' is a symmetry plane and holds itself; leave it out, or mesh the whole specimen"
+            )
         cuts = {
             name: tuple(0.0 if axis == normal else None for axis in range(dimension))
             for name, normal in SYMMETRY.items()
             if name in mesh.boundaries
         }
         return Loading({**there, **cuts})
+
+    def _check_mirror_images(self) -> None:
+        """Raise `LoadingError` if a side that a quarter does not have moves otherwise than by symmetry."""
+        for side, opposite, normal in (("right", "left", 0), ("top", "bottom", 1)):
+            if side in self.displacements and opposite in self.displacements:
+                moved = self.displacements[side]
+                image = tuple(-c if axis == normal and c is not None else c for axis, c in enumerate(moved))
+                other = self.displacements[opposite]
+                if any(
+                    (a is None) != (b is None) or (a or 0.0) != (b or 0.0) for a, b in zip(image, other, strict=True)
+                ):
+                    raise LoadingError(
+                        f"'{opposite}' moves by {other}, which is no mirror image of '{side}' {moved}: a quarter cannot "
+                        "show that; mesh the whole specimen"
+                    )
 
     def prescribed(self, mesh: BoundedMesh) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Which components of which nodes (n, d) are prescribed, and their final values (n, d), mm.

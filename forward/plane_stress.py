@@ -53,8 +53,10 @@ def solve(
     """
     if mesh.cell_type != "quad":
         raise LoadingError("the forward model needs quads; make the mesh with meshes.quads")
-    if n_increments < 1 or not (math.isfinite(thickness) and thickness > 0):
-        raise LoadingError(f"{n_increments} increments, thickness {thickness} mm: both must be positive")
+    if n_increments < 1 or n_increments != int(n_increments) or not (math.isfinite(thickness) and thickness > 0):
+        raise LoadingError(
+            f"{n_increments} increments, thickness {thickness} mm: both must be positive, increments whole"
+        )
     if material.unit == "N/mm" and thickness != 1:
         raise MaterialError("the model was calibrated without a thickness and includes it; solve with thickness 1")
     mesh = comm.bcast(mesh)
@@ -73,6 +75,7 @@ def solve(
         versions=versions(),
         rest=(np.zeros_like(mesh.points),),
         build=_solution,
+        supports=supports,
     )
 
     def make_problem() -> PlaneStressProblem:

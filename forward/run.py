@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from tqdm import tqdm
 
-from forward.errors import CheckpointError, ConvergenceError, SolutionError
+from forward.errors import CheckpointError, ConvergenceError, LinearSolverError, SolutionError
 from forward.loading import SYMMETRY, Loading
 from forward.stepping import Problem, State, Unknowns, steps
 from meshes.errors import MeshError
@@ -50,7 +50,8 @@ class Solution(Protocol):
 class Record:
     """Increments reached so far, and the problem they belong to.
 
-    problem: all that fixes the result but the mesh, as plain data; rest: unknowns at rest; whole: what the forces
+    problem: all that fixes the result but the mesh, as plain data; supports: which components are held, and where they
+    end; rest: unknowns at rest; whole: what the forces
     of the modelled part are multiplied with, one number or one for each component; build: makes the solution of this
     record.
     """
@@ -61,6 +62,7 @@ class Record:
     versions: dict[str, Any]
     rest: Unknowns
     build: Callable[[Record], Any]
+    supports: tuple[np.ndarray, np.ndarray]
     whole: Any = 1.0
     states: list[State] = field(init=False)
     energies: list[float] = field(init=False, default_factory=list)
@@ -69,7 +71,8 @@ class Record:
     def __post_init__(self) -> None:
         digest = hashlib.sha256(json.dumps(self.problem, sort_keys=True).encode())
         digest.update(np.ascontiguousarray(self.mesh.points).tobytes())
-        digest.update(np.ascontiguousarray(self.mesh.cells).tobytes())
+        for array in (self.mesh.cells, *self.supports):
+            digest.update(np.ascontiguousarray(array).tobytes())
         self.description = {**self.problem, "digest": digest.hexdigest(), **self.versions}
         self.states = [State(0.0, self.rest)]
         self.forces = {name: [] for name in self.loading.displacements if name not in SYMMETRY}
@@ -156,6 +159,9 @@ def run(
                     _save(record, checkpoint, comm)
                 bar.set_postfix(iterations=state.iterations)
                 bar.update()
+        except LinearSolverError as error:
+            kept = f"; the {record.reached} increments before are in {checkpoint}" if checkpoint else ""
+            raise LinearSolverError(f"{error}{kept}") from error
         except ConvergenceError as error:
             where = f"; the {record.reached} increments before are in {checkpoint}" if checkpoint else ""
             raise ConvergenceError(f"{error}{where}", record.build(record)) from error

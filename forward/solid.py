@@ -39,6 +39,10 @@ class Options:
     max_bisections: int = 6
     solver: str = "fastest"
 
+    def __post_init__(self) -> None:
+        if not (self.tolerance > 0 and self.volume_tolerance > 0):
+            raise LoadingError("tolerances must be positive")
+
 
 def default_layers(thickness: float) -> int:
     """Layers of hexes in half the thickness, mm, that the thickness study found to be enough."""
@@ -64,8 +68,8 @@ def solve(
     """
     if not isinstance(mesh, SolidMesh):
         raise LoadingError("the solid needs hexes; make the mesh with meshes.extrude")
-    if n_increments < 1:
-        raise LoadingError(f"{n_increments} increments: at least one")
+    if n_increments < 1 or n_increments != int(n_increments):
+        raise LoadingError(f"{n_increments} increments: give a whole number, at least one")
     if material.unit == "N/mm":
         raise MaterialError("the model was calibrated without a thickness; a solid needs one in MPa")
     kappa = BULK_TO_SHEAR * material.shear_modulus if bulk_modulus is None else bulk_modulus
@@ -88,6 +92,7 @@ def solve(
         versions=versions(),
         rest=(np.zeros_like(mesh.points), np.zeros((len(mesh.cells), PRESSURES))),
         build=_solution,
+        supports=supports,
         # the half below the mid-plane is pulled alike in the plane and the other way across it
         whole=np.array([2.0, 2.0, 0.0]) if mesh.symmetric else 1.0,
     )

@@ -79,6 +79,8 @@ class SolidProblem:
         self.linear = self._linear_solver(solver)
         self._vector = dolfinx.la.vector(self.V.dofmap.index_map, 3)
         self._fields, self._energy = self._energy_form(material, bulk_modulus)
+        # what counts as no force at all, N: of a strain of 1e-9
+        self._least_force = 1e-9 * material.shear_modulus * float(np.ptp(mesh.points, axis=0).max()) ** 2
         self.u = np.zeros((len(self.nodes), 3))
         self.q = np.zeros((self.solid.n_cells, PRESSURES))
 
@@ -100,6 +102,8 @@ class SolidProblem:
     def solve(self, load_factor: float) -> Outcome:
         """Newton's method from the present unknowns. The caller checks the outcome and rolls back if need be."""
         now = self._imbalance(self.u, self.q)
+        if not now.admissible:
+            return Outcome(False, 0, "the prediction turns a hex inside out")
         for iteration in range(self.max_iterations + 1):
             jump = np.where(self.held, load_factor * self.values - self.u, 0.0)
             moving = self._max(np.abs(jump).max(initial=0.0)) > 1e-12
@@ -158,8 +162,7 @@ class SolidProblem:
         forces = self._vector.array.reshape(-1, 3).copy()
         squares, held = forces[:owned] ** 2, self.held[:owned]
         sums = self._everywhere(np.array([squares[~held].sum(), squares[held].sum(), volume, float(inverted)]))
-        scale = np.sqrt(sums[1])
-        free = np.sqrt(sums[0]) / scale if scale > 0 else np.sqrt(sums[0])
+        free = np.sqrt(sums[0]) / max(np.sqrt(sums[1]), self._least_force)
         return _Imbalance(forces, float(free), float(np.sqrt(sums[2] / self.volume)), int(sums[3]))
 
     def _merit(self, imbalance: _Imbalance) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import zipfile
+import zlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -32,13 +33,20 @@ def write_npz(path: str | Path, format_name: str, **arrays: Any) -> None:
             temporary.unlink()
 
 
+def _reason(error: Exception) -> str:
+    """NumPy's words, without its advice to load what may be harmful."""
+    return "not an archive of arrays" if "pickle" in str(error) else str(error)
+
+
 def read_npz(path: str | Path, format_name: str, required: Iterable[str]) -> dict[str, Any]:
     """Arrays of a file that `write_npz` wrote. Raises `MeshDataError` if it is missing, broken or another."""
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             content = dict(archive)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise MeshDataError(f"{path}: cannot be read as {format_name} ({error}); write it again") from error
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+        raise MeshDataError(
+            f"{path}: cannot be read as {format_name} ({_reason(error)}); delete it and make it again"
+        ) from error
     if str(content.pop("format", "")) != format_name:
         raise MeshDataError(f"{path}: this is no {format_name} file")
     if int(content.pop("version", -1)) != VERSION:

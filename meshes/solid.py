@@ -115,8 +115,10 @@ def extrude(plane: Mesh, thickness: float, layers: int, whole: bool = False, gra
     """
     if not (math.isfinite(thickness) and thickness > 0):
         raise MeshDataError(f"thickness = {thickness} mm; give a positive number")
-    if layers < 1 or not (0.2 <= grading <= 5):
-        raise MeshDataError(f"{layers} layers with grading {grading}: at least one layer, grading between 0.2 and 5")
+    if layers < 1 or layers != int(layers) or not (0.2 <= grading <= 5):
+        raise MeshDataError(
+            f"{layers} layers with grading {grading}: a whole number of layers, at least one, and grading between 0.2 and 5"
+        )
     heights = grading ** np.arange(layers)
     ends = np.concatenate([[0], np.cumsum(heights)]) * (thickness / 2 / heights.sum())
     ends[-1] = thickness / 2

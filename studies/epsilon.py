@@ -61,7 +61,7 @@ class EpsilonField:
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as content:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as content:
             return cls(**{name: content[name] for name in cls.__dataclass_fields__})
 
     def near_holes(self, reach: float = NEAR_HOLE) -> NDArray[np.bool_]:

@@ -13,6 +13,10 @@ class OutputWriteError(StudyError, OSError):
     """An output file or folder cannot be written: no permission, no space."""
 
 
+class DamagedFileError(StudyError, ValueError):
+    """A file of a study's folder cannot be read as what it was written as."""
+
+
 class OptionError(StudyError, ValueError):
     """An unknown or impossible option on the command line or in a configuration file."""
 

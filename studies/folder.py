@@ -64,7 +64,12 @@ def _read_settings(path: Path) -> dict[str, Any]:
         content = json.loads((path / RUN_FILE).read_text())
         if content["format"] == FORMAT and isinstance(content["settings"], dict):
             return content["settings"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except ValueError as error:
+        raise OutputFolderError(
+            f"{path / RUN_FILE}: cannot be read, so the folder is left alone; delete it if it is a damaged run, or choose "
+            "another one with --output"
+        ) from error
+    except (OSError, KeyError, TypeError):
         pass
     raise OutputFolderError(
         f"{path}: is not empty and was not made by equigap, so it is left alone; choose another folder with --output"

@@ -60,7 +60,7 @@ class States:
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as content:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as content:
             return cls(content["F"], content["weights"], content["invariants"])
 
     def within(self, limit: float) -> Self:

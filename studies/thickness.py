@@ -87,6 +87,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Run or resume the study and write its report."""
     settings = settings_from(arguments)
     if arguments.convergence:
+        _check_convergence(arguments)
         from studies import thickness_convergence
 
         return int(thickness_convergence.main(arguments))
@@ -101,6 +102,19 @@ def main(arguments: argparse.Namespace) -> int:
 
     print(f"report: {thickness_report.write(folder, settings)}")
     return 0
+
+
+def _check_convergence(arguments: argparse.Namespace) -> None:
+    """Raise `ConfigError` for options that `--convergence` does not follow."""
+    from calibrate.errors import ConfigError
+
+    followed = {"quick", "convergence", "output", "overwrite", "jobs", "command"}
+    default = argparse.ArgumentParser()
+    add_arguments(default)
+    for action in default._actions:
+        given = getattr(arguments, action.dest, action.default)
+        if action.dest not in followed and given != action.default:
+            raise ConfigError(f"--convergence runs its own series; leave out {action.option_strings[-1]}")
 
 
 def run_workflow(

@@ -177,6 +177,13 @@ def provenance(settings: Settings, condition: str, solution: SurfaceSolution) ->
     from forward.materials import ArrudaBoyce
     from meshes import Cross
 
+    hexes: dict[str, Any] = {}
+    if condition != PLANE:
+        from forward.solid import default_layers
+        from meshes.solid import GRADING
+
+        layers = default_layers(float(condition)) + settings.extra_layers
+        hexes = {"layers_of_half_the_thickness": layers, "grading": GRADING, "grips": "hold x and y, leave z free"}
     model = "2D plane stress, biquadratic quads" if condition == PLANE else "3D, Q2-P1 hexes, displacement of z = h/2"
     return {
         "study": "thickness",
@@ -186,6 +193,7 @@ def provenance(settings: Settings, condition: str, solution: SurfaceSolution) ->
         "thickness_mm": solution.thickness,
         "displacement_of_each_arm_mm": settings.displacement,
         "element_size_factor": settings.forward_size,
+        **hexes,
         "solution": solution.description,
     }
 

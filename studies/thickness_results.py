@@ -7,7 +7,9 @@ here but selections, weighted quantiles and what one 3D solution says in a few n
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,14 +24,23 @@ from forward.solution import SurfaceSolution
 from meshes import Cross
 from studies import style
 from studies.epsilon import EpsilonField, difference
+from studies.errors import DamagedFileError
 from studies.stress_error import Reference, States
-from studies.thickness_case import PLANE, Settings, format_thickness
+from studies.thickness_case import PLANE, Settings, case_path, format_thickness
 
 Array = NDArray[np.float64]
 LINE_LENGTH = 25.0  # mm from a rim, at most half the way to the next hole
 LINE_POINTS = 400
 SHADES = ("blue", "green", "orange", "vermilion", "purple", "sky")
 STROKES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)))
+
+
+def _read[T](path: Path, reader: Callable[[Path], T]) -> T:
+    """What `reader` makes of a file. Raises `DamagedFileError` if it is not what was written."""
+    try:
+        return reader(path)
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+        raise DamagedFileError(f"{path}: damaged; delete it and run the same command again") from error
 
 
 @dataclass(frozen=True)
@@ -69,8 +80,8 @@ class Results:
     @cached_property
     def cases(self) -> list[dict[str, Any]]:
         """Every case, in the order of conditions and seeds."""
-        found = [json.loads(path.read_text()) for path in sorted((self.folder / "cases").glob("*.json"))]
-        return sorted(found, key=lambda c: (self.conditions.index(c["condition"]), _number(c["seed"])))
+        return [_read(case_path(self.folder, condition, seed), lambda path: json.loads(path.read_text()))
+                for condition in self.conditions for seed in self.settings.noise_seeds]  # fmt: skip
 
     def fits(self, condition: str, loss: str, noisy: bool) -> list[dict[str, Any]]:
         """Results of a loss, with its seed: of clean data (one), or of all noise seeds."""
@@ -80,17 +91,17 @@ class Results:
     @cached_property
     def plane(self) -> SurfaceSolution:
         """The 2D plane-stress solution of the quarter, 1 mm thick."""
-        return SurfaceSolution.load(self.folder / "plane.npz")
+        return _read(self.folder / "plane.npz", SurfaceSolution.load)
 
     @cached_property
     def fields(self) -> dict[str, EpsilonField]:
         """epsilon by thickness."""
-        return {name: EpsilonField.load(self.folder / f"epsilon_{name}.npz") for name in self.thicknesses}
+        return {name: _read(self.folder / f"epsilon_{name}.npz", EpsilonField.load) for name in self.thicknesses}
 
     @cached_property
     def states(self) -> States:
         """Deformation states of the 2D reference, all increments."""
-        return States.load(self.folder / "states.npz")
+        return _read(self.folder / "states.npz", States.load)
 
     @property
     def limit(self) -> float:
@@ -104,7 +115,7 @@ class Results:
 
     def solid(self, name: str) -> SolidSolution:
         """The 3D solution of a thickness; large, so it is read anew each time."""
-        return SolidSolution.load(self.folder / f"solid_{name}.npz")
+        return _read(self.folder / f"solid_{name}.npz", SolidSolution.load)
 
     @cached_property
     def numbers(self) -> dict[str, SolidNumbers]:
@@ -116,7 +127,7 @@ class Results:
         """Files that the report is made of."""
         names = [*(f"solid_{h}.npz" for h in self.thicknesses), *(f"epsilon_{h}.npz" for h in self.thicknesses)]
         return [*(self.folder / name for name in ("plane.npz", "states.npz", *names)),
-                *sorted((self.folder / "cases").glob("*.json"))]  # fmt: skip
+                *(case_path(self.folder, c, seed) for c in self.conditions for seed in self.settings.noise_seeds)]  # fmt: skip
 
     def look(self, condition: str) -> dict[str, Any]:
         """Colour and line of a condition, the same in every figure."""
@@ -161,7 +172,3 @@ def solid_numbers(
 def arm_forces(reactions: dict[str, Array]) -> dict[str, Array]:
     """Force along the pull of each whole arm, N, from the reactions of a quarter (half an arm each)."""
     return {side: 2 * np.asarray(reactions[side])[:, axis] for side, axis in (("right", 0), ("top", 1))}
-
-
-def _number(seed: str) -> int:
-    return -1 if seed == "clean" else int(seed)

@@ -8,22 +8,27 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import ctypes
+import fcntl
 import os
 import re
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 from studies.errors import WorkflowError
 
+LIBC = ctypes.CDLL(None)
 PROFILES = Path(__file__).with_name("profiles")
 EXECUTOR = re.compile(r"^executor:\s*['\"]?([\w-]+)", re.MULTILINE)
 OWN_EXECUTORS = ("local", "dryrun", "touch")  # of Snakemake itself
 REASON = re.compile(r"^(?:\w+\.)*(\w*(?:Error|Exception)): (.+)", re.MULTILINE)
+LONGEST_WAIT = 600.0  # s that a run waits for an earlier one in the same folder
 PATIENCE = 3.0  # s that Snakemake is given to end, each time that it is asked
 
 
@@ -77,7 +82,8 @@ def run_workflow(
     work.mkdir(exist_ok=True)
     call = command(snakefile, work, [f"folder={folder}", *config], jobs, profile)
     start = log.stat().st_size if log.exists() else 0
-    code = _follow(name, call, _environment(work), log, targets)
+    with _alone(work) as lock:
+        code = _follow(name, call, _environment(work), log, targets, lock)
     if code:
         raise WorkflowError(
             f"a job of the study failed{_reason(log, start)}; more is in {log}. Finished files are kept: "
@@ -114,13 +120,47 @@ def _memory() -> int:
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 10**6
 
 
-def _follow(name: str, call: list[str], environment: dict[str, str], log: Path, targets: Sequence[Path]) -> int:
+@contextlib.contextmanager
+def _alone(work: Path) -> Iterator[int]:
+    """Hold the folder's lock, which Snakemake inherits: it is free when both have ended. Waits for an earlier run.
+
+    Raises `WorkflowError` if that does not end.
+    """
+    with (work / "lock").open("w") as file:
+        waited = 0.0
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if waited == 0:
+                    print(f"an earlier run is still at work in {work.parent}; waiting for it to end", file=sys.stderr)
+                if waited >= LONGEST_WAIT:
+                    raise WorkflowError(
+                        f"another run is at work in {work.parent}; wait until it has ended, or end its snakemake"
+                    ) from None
+                time.sleep(1.0)
+                waited += 1.0
+        yield file.fileno()
+
+
+def _end_with_parent() -> None:
+    """In Snakemake's process: ask to be told to end when the program that started it has gone, however (Linux)."""
+    with contextlib.suppress(AttributeError):
+        LIBC.prctl(1, signal.SIGTERM)
+
+
+def _follow(
+    name: str, call: list[str], environment: dict[str, str], log: Path, targets: Sequence[Path], lock: int
+) -> int:
     """Run Snakemake with its words appended to `log`, count the targets there are; its exit code."""
     from studies.output import Progress
 
     tick = threading.Event()
     with log.open("a") as file, Progress(name, len(targets), "files") as progress:
-        process = subprocess.Popen(call, stdout=file, stderr=subprocess.STDOUT, env=environment)
+        process = subprocess.Popen(
+            call, stdout=file, stderr=subprocess.STDOUT, env=environment, pass_fds=(lock,), preexec_fn=_end_with_parent
+        )
         try:
             while process.poll() is None:
                 progress.to(sum(target.exists() for target in targets))

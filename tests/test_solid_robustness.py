@@ -319,7 +319,7 @@ def test_wrong_input(mesh):
     material = ArrudaBoyce()
     with pytest.raises(LoadingError, match=r"the solid needs hexes; make the mesh with meshes\.extrude"):
         solve(mesh.plane, material, LOADING)
-    with pytest.raises(LoadingError, match="0 increments: at least one"):
+    with pytest.raises(LoadingError, match="0 increments: give a whole number, at least one"):
         solve(mesh, material, LOADING, 0)
     for kappa in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(MaterialError, match=r"bulk modulus .* MPa: give a positive number"):

@@ -258,3 +258,42 @@ def test_file(eighth, tmp_path):
     eighth.surface().save(path)
     with pytest.raises(SolutionError, match="no equigap-solid file"):
         SolidSolution.load(path)
+
+
+def test_the_example_of_the_documentation_runs(tmp_path, monkeypatch, capsys):
+    """The Python block of docs/forward.md, as it stands."""
+    from pathlib import Path
+
+    text = (Path(__file__).parents[1] / "docs" / "forward.md").read_text()
+    code = text.split("```python\n")[1].split("```")[0]
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    exec(code, names)
+    half, whole = (names[name].reactions["right"][-1][0] for name in ("solution", "camera"))
+    assert whole == pytest.approx(2 * half)
+    np.testing.assert_array_equal(names["again"].displacements, names["solution"].displacements)
+
+
+def test_a_quarter_refuses_what_is_not_symmetric():
+    """A fixed and a moving grip, or a symmetry plane that moves, would be another test than the one asked for."""
+    from forward import Loading
+    from forward.errors import LoadingError
+    from meshes import Strip, extrude, quads
+
+    mesh = extrude(quads(Strip(), quarter=True), 4.0, 1)
+    with pytest.raises(LoadingError, match="no mirror image"):
+        Loading({"left": (0.0, 0.0, None), "right": (20.0, 0.0, None)}).on(mesh)
+    with pytest.raises(LoadingError, match="symmetry plane"):
+        Loading({"right": (20.0, 0.0, None), "symmetry_x": (1.0, None, None)}).on(mesh)
+    Loading.clamped(["left", "right"], 20.0, dimension=3).on(mesh)
+
+
+def test_no_load_needs_no_solve():
+    from forward import Loading, NeoHooke
+    from forward.solid import solve
+    from meshes import Strip, extrude, quads
+
+    mesh = extrude(quads(Strip(far_size=20.0), quarter=True), 4.0, 1)
+    solution = solve(mesh, NeoHooke(), Loading.clamped(["right"], 0.0, dimension=3), 2)
+    assert solution.iterations.sum() == 0
+    assert not solution.displacements.any()

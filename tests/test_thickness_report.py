@@ -4,6 +4,7 @@ import argparse
 import dataclasses
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -87,10 +88,11 @@ def test_a_failure_in_between_ends_the_trust(results):
     bad = dataclasses.replace(one, condition="15", bias=-2.0)
     assert thickness_tables.trusted([one, bad, dataclasses.replace(one, condition="20")]) == "10"
     assert thickness_tables.trusted([bad]) is None
+    assert one.ok and not dataclasses.replace(one, largest=6.0).ok
 
 
 def test_answer_and_claims_carry_the_numbers(results):
-    definition, noisy, clean, *paper, beyond, first = thickness_words.answer(results)
+    definition, noisy, clean, *paper, beyond, first, condition = thickness_words.answer(results)
     assert "1 %" in definition and "5 %" in definition
     for text in (noisy, clean):
         assert "trustworthy up to 10 mm, no longer at 40 mm" in text
@@ -98,6 +100,7 @@ def test_answer_and_claims_carry_the_numbers(results):
     assert len(paper) == 2 and all("already the 2D reference misses the definition" in text for text in paper)
     assert "outside the calibrated range" in beyond
     assert "goes wrong first at the holes: at 10 mm" in first
+    assert "leave the thickness free" in condition
     rows = thickness_words.claims(results)
     little = {tuple(row[1:3]): row for row in rows if row[0].startswith("little")}
     assert little["weighted", "noisy"][4:] == ["10 mm +0.20 %, 40 mm +3.00 %", "agrees"]
@@ -112,7 +115,7 @@ def test_answer_and_claims_carry_the_numbers(results):
 def test_larger_stress_errors_are_a_ratio(results, monkeypatch):
     thick = dataclasses.replace(results, settings=dataclasses.replace(results.settings, thicknesses=(10.0, 15.0)))
     sizes = {"10": 1.0, "15": 1.6}
-    judged = [thickness_tables.Verdict(c, "weighted", False, 0.0, "", -s, "P11") for c, s in sizes.items()]
+    judged = [thickness_tables.Verdict(c, "weighted", False, 0.0, "", -s, "P11", 0.0) for c, s in sizes.items()]
     monkeypatch.setattr(thickness_words, "verdicts", lambda *_: judged)
     assert thickness_words._larger(thick, "weighted", False)[1:] == [
         "10 mm 1.00 %, 15 mm 1.60 %; 15 mm over 10 mm: 1.60",
@@ -254,3 +257,18 @@ def test_a_convergence_run_measures_a_coarse_cross(tmp_path):
     assert row["force_x"] == pytest.approx(10 * 2 * plane.reactions["right"][-1, 0], rel=0.01)
     assert row["edge"] == pytest.approx(1.69, abs=0.1)
     assert 0 < row["p95_inner"] < row["max_inner"] <= row["max"] and row["memory"] > 100
+
+
+@pytest.mark.parametrize("name", ["cases/10_0.json", "epsilon_10.npz", "states.npz", "solid_10.npz", "plane.npz"])
+def test_damaged_files_are_named(results, tmp_path, name):
+    """Half of a file is not read as data, and the message says what to delete."""
+    from studies.errors import DamagedFileError
+
+    folder = tmp_path / "copy"
+    shutil.copytree(results.folder, folder)
+    path = folder / name
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    broken = dataclasses.replace(results, folder=folder)
+    with pytest.raises(DamagedFileError, match="damaged; delete it and run the same command again") as caught:
+        _ = broken.cases, broken.plane, broken.fields, broken.states, broken.solid("10")
+    assert name in str(caught.value)

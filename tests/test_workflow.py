@@ -129,3 +129,32 @@ def test_the_profile_is_part_of_the_package():
     metadata = (Path(__file__).parent.parent / "pyproject.toml").read_text()
     assert "profiles/*/*" in metadata
     assert "\nexecutor: slurm\n" in profile.read_text()
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path, monkeypatch, capsys):
+    """The lock is held by whoever works there, and free again afterwards."""
+    monkeypatch.setattr(workflow, "LONGEST_WAIT", 0.0)
+    with (
+        workflow._alone(tmp_path),
+        pytest.raises(WorkflowError, match="another run is at work"),
+        workflow._alone(tmp_path),
+    ):
+        pass
+    assert "waiting for it to end" in capsys.readouterr().err
+    with workflow._alone(tmp_path) as lock:
+        assert lock > 0
+
+
+def test_the_lock_outlives_a_killed_command(tmp_path, monkeypatch):
+    """What was started keeps the lock until it has ended itself."""
+    import subprocess
+    import sys
+
+    monkeypatch.setattr(workflow, "LONGEST_WAIT", 0.0)
+    with workflow._alone(tmp_path) as lock:
+        child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=(lock,))
+    with pytest.raises(WorkflowError), workflow._alone(tmp_path):
+        pass
+    child.communicate(b"\n")
+    with workflow._alone(tmp_path):
+        pass
