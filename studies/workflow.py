@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import ctypes
 import fcntl
 import os
 import re
@@ -23,7 +22,11 @@ from pathlib import Path
 
 from studies.errors import WorkflowError
 
-LIBC = ctypes.CDLL(None)
+# Asks Linux to end Snakemake when the program that started it has gone, however, then becomes Snakemake.
+MORTAL = (
+    "import ctypes, os, sys; libc = ctypes.CDLL(None); hasattr(libc, 'prctl') and libc.prctl(1, 15); "
+    "os.execv(sys.argv[1], sys.argv[1:])"
+)
 PROFILES = Path(__file__).with_name("profiles")
 EXECUTOR = re.compile(r"^executor:\s*['\"]?([\w-]+)", re.MULTILINE)
 OWN_EXECUTORS = ("local", "dryrun", "touch")  # of Snakemake itself
@@ -144,12 +147,6 @@ def _alone(work: Path) -> Iterator[int]:
         yield file.fileno()
 
 
-def _end_with_parent() -> None:
-    """In Snakemake's process: ask to be told to end when the program that started it has gone, however (Linux)."""
-    with contextlib.suppress(AttributeError):
-        LIBC.prctl(1, signal.SIGTERM)
-
-
 def _follow(
     name: str, call: list[str], environment: dict[str, str], log: Path, targets: Sequence[Path], lock: int
 ) -> int:
@@ -158,9 +155,8 @@ def _follow(
 
     tick = threading.Event()
     with log.open("a") as file, Progress(name, len(targets), "files") as progress:
-        process = subprocess.Popen(
-            call, stdout=file, stderr=subprocess.STDOUT, env=environment, pass_fds=(lock,), preexec_fn=_end_with_parent
-        )
+        mortal = [sys.executable, "-c", MORTAL, *call]
+        process = subprocess.Popen(mortal, stdout=file, stderr=subprocess.STDOUT, env=environment, pass_fds=(lock,))
         try:
             while process.poll() is None:
                 progress.to(sum(target.exists() for target in targets))

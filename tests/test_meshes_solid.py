@@ -153,7 +153,7 @@ def test_wrong_thickness(value):
 
 def test_wrong_input():
     plane = grid((1, 1), (1.0, 1.0))
-    with pytest.raises(MeshDataError, match="0 layers with grading 0.7: at least one layer"):
+    with pytest.raises(MeshDataError, match="0 layers with grading 0.7: a whole number of layers"):
         extrude(plane, 1.0, 0)
     for grading in (0.0, 6.0, np.nan):
         with pytest.raises(MeshDataError, match=r"grading between 0\.2 and 5"):
