@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate import errors, fit, pann, paper_loss, reduction
+from calibrate import errors, fit, pann, paper_loss, reduction, uncertainty
 from calibrate.basis import Basis, basis_for
 from calibrate.equilibrium import Equilibrium, equilibrium
 from calibrate.experiment import Experiment
@@ -82,6 +82,7 @@ class Calibration:
 
     def summary(self) -> dict[str, Any]:
         """Numbers for a manifest."""
+        spread = self.model.uncertainty
         return {
             "experiment": self.experiment.name,
             "options": asdict(self.options),
@@ -91,6 +92,14 @@ class Calibration:
             "relative_force_error": relative_force_error(self.predicted_forces, self.measured_forces),
             "calibrated_range": {k: list(v) for k, v in self.model.calibrated_range.items()},
             "reason": self.reason,
+            "uncertainty": None
+            if spread is None
+            else {
+                "effective_parameters": spread.effective_parameters,
+                "reduced_chi_square": spread.reduced_chi_square,
+                "covariance_multiplied_by": spread.scale,
+                "is_lower_bound": spread.is_lower_bound,
+            },
         }
 
 
@@ -153,7 +162,9 @@ def calibrate(
     architecture, result = fit.fit_network(
         quadratic, options.inputs, options.layers, spline, options.starts, options.seed
     )
+    confidence = None
     if options.loss == "weighted":
+        confidence = uncertainty.parameter_uncertainty(quadratic, architecture, result.parameters, known)
         factor = quadratic.stiffness_factor(result.coefficients)
         architecture = replace(architecture, energy_scale=factor * architecture.energy_scale)
     freedom = max(1, quadratic.n_rows - architecture.n_parameters)
@@ -169,6 +180,7 @@ def calibrate(
         result.loss,
         result.loss / freedom if known else np.nan,
         result.reasons[best],
+        confidence,
     )
 
 
@@ -202,6 +214,7 @@ def _collect(
     loss: float,
     reduced_chi_square: float,
     reason: str,
+    confidence: uncertainty.Uncertainty | None = None,
 ) -> Calibration:
     experiment = system.experiment
     model = Model(
@@ -211,6 +224,7 @@ def _collect(
         calibrated_range(system),
         {"loss": loss, "reason": reason, "options": asdict(options)},
         {"experiment": experiment.name, **experiment.provenance},
+        confidence,
     )
     forces, residuals = predict_forces(system, model)
     return Calibration(

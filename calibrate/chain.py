@@ -1,18 +1,21 @@
 """The chain from measured displacements to the residual of every virtual-work equation, differentiable in everything.
 
 In: an Experiment, virtual fields, a base model as spline coefficients, and effects with their amplitudes and shapes.
-Out: residual (t, 2 v): internal virtual work minus measured force, N, rows ordered as in `Equilibrium`.
+Out: residual (t, 2 v): internal virtual work minus measured force, N, rows ordered as in `Equilibrium`, and its
+derivatives by coefficients, amplitudes, shapes and displacements. Compiled code depends on the effects and on the
+sizes of the arrays only, so that it serves every experiment of a size.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.basis import DEGREE, SingleBasis, _pieces
@@ -32,6 +35,25 @@ class Addition:
     shape: tuple[float, ...] = ()
 
 
+Additions = tuple[Addition, ...]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Arrays:
+    """What the compiled functions read. virtual (v, m, 2): thickness x area x gradient of each virtual field, mm^2;
+
+    measured (t, 2, v): forces, N, zero where there is none or where it was not measured; carries (v,): whether the field
+    carries a load; top: range of the basis.
+    """
+
+    data: Data
+    virtual: Any
+    measured: Any
+    carries: Any
+    top: Any
+
+
 @dataclass(frozen=True, eq=False)
 class Chain:
     """One Experiment's chain with base functions of a single invariant."""
@@ -44,55 +66,211 @@ class Chain:
         return Data.of(self.system.experiment)
 
     @cached_property
-    def virtual(self) -> Any:
-        """(v, m, 2): thickness x area x gradient of each virtual field, mm^2."""
+    def arrays(self) -> Arrays:
         dense = self.system.virtual_gradients.toarray()
-        return jnp.asarray(dense.reshape(len(dense), -1, 2))
-
-    @cached_property
-    def measured(self) -> Any:
-        """Measured forces (t, 2, v), N; zero where there is none, and where it was not measured."""
         loads = self.system.loads.reshape(len(self.system.loads), 2, -1)
-        return jnp.asarray(np.nan_to_num(loads))
+        return Arrays(
+            self.data,
+            jnp.asarray(dense.reshape(len(dense), -1, 2)),
+            jnp.asarray(np.nan_to_num(loads)),
+            jnp.asarray(self.system.fields.boundary >= 0),
+            jnp.asarray(float(self.basis.top)),
+        )
 
-    @cached_property
-    def carries_load(self) -> Any:
-        return jnp.asarray(self.system.fields.boundary >= 0)
+    def disturbed(self, noise: Array) -> Chain:
+        """The same chain with noise (t, n, 2), mm, on the displacements."""
+        twin = Chain(self.system, self.basis)
+        data = replace(self.data, u=self.data.u + noise)
+        twin.__dict__.update(data=data, arrays=replace(self.arrays, data=data))
+        return twin
+
+    @property
+    def kind(self) -> tuple[int, int]:
+        return self.basis.k, self.basis.n
 
     def residual(self, c: Any, effects: tuple[Effect, ...] = (), amplitudes: Any = (), shapes: Any = ()) -> Any:
         """Residual (t, 2 v), N, of coefficients c (n,), each effect with amplitudes (p,) and shape (q,)."""
-        u = self.data.u
-        for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
-            u = effect.displacements(self.data, u, a, shape)
-        F = gradients(self.data, u)
-        law = partial(base_law, self.basis.k, self.basis.n, self.basis.top, c)
-        P = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
-        loads = self.measured
-        for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
-            P = effect.stress(self.data, F, P, a, shape, law)
-            loads = effect.loads(self.data, loads, self.carries_load, a, shape)
-        work = jnp.einsum("vmj,tmij->tiv", self.virtual, P)
-        return (work - loads).reshape(len(work), -1)
+        return _residual(self.kind, effects, self.arrays, jnp.asarray(c), _floats(amplitudes), _floats(shapes))
 
-    def signature(self, c: Any, effect: Effect, shape: tuple[float, ...], others: tuple[Addition, ...] = ()) -> Array:
+    def with_additions(self, c: Any, additions: Additions = ()) -> Array:
+        """Residual (t, 2 v), N, with effects in the model."""
+        return np.asarray(self.residual(c, *_parts(additions)))
+
+    def external(self, additions: Additions = ()) -> Array:
+        """Loads (t, 2 v), N, as the effects correct them: minus the residual of a material without stiffness."""
+        effects, amplitudes, shapes = _parts(additions)
+        return np.asarray(_external(effects, self.arrays, _floats(amplitudes), _floats(shapes)))
+
+    def noise_shift(self, c: Any, factor: Any) -> Array:
+        """Mean change (t, 2 v), N, that displacement noise brings into the residual: second order in the noise.
+
+        factor (n, s): noise as a map of independent normal numbers, see `noise_model.noise_factor`. With v the axes of
+        the covariance of a displacement component's gradient in a triangle, the mean stress is P(F) plus half of
+        P(F + e v) + P(F - e v) - 2 P(F) for e along x and y (sigma points; Julier and Uhlmann 1997).
+        """
+        spread = sp.csr_array(self.system.gradient @ factor)
+        x, y = spread[0::2], spread[1::2]
+        xy = np.asarray((x * y).sum(axis=1)).ravel()
+        square = [np.asarray((part * part).sum(axis=1)).ravel() for part in (x, y)]
+        covariance = np.stack([np.stack([square[0], xy], axis=1), np.stack([xy, square[1]], axis=1)], axis=1)
+        values, vectors = np.linalg.eigh(covariance)
+        axes = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+        return np.asarray(_noise_shift(self.kind, self.arrays, jnp.asarray(c), jnp.asarray(axes)))
+
+    def base_columns(self, c: Any, additions: Additions = ()) -> Array:
+        """d residual / d coefficients, (t, 2 v, n), N/MPa."""
+        effects, amplitudes, shapes = _parts(additions)
+        columns = _base_columns(self.kind, effects, self.arrays, jnp.asarray(c), _floats(amplitudes), _floats(shapes))
+        return np.moveaxis(np.asarray(columns), 0, -1)
+
+    def signature(self, c: Any, effect: Effect, shape: tuple[float, ...], others: Additions = ()) -> Array:
         """d residual / d amplitude at the null value, (p, t, 2 v), beside effects that are in the model already."""
-        null = jnp.array([p.null for p in effect.amplitudes])
-        effects = (*(o.effect for o in others), effect)
-        known = [jnp.array(o.amplitudes) for o in others]
-        shapes = (*(jnp.array(o.shape) for o in others), jnp.array(shape))
+        null = tuple(p.null for p in effect.amplitudes)
+        return self.derivative(c, (*others, Addition(effect, null, shape)))
 
-        def residual(a):
-            return self.residual(c, effects, (*known, a), shapes)
+    def derivative(self, c: Any, additions: Additions) -> Array:
+        """d residual / d amplitudes of the last addition, (p, t, 2 v), at the values they have."""
+        *others, last = additions
+        before = _parts(tuple(others))
+        arguments = jnp.asarray(c), _floats(before[1]), _floats(before[2])
+        a, shape = jnp.asarray(last.amplitudes, float), jnp.asarray(last.shape, float)
+        u, F, P, loads = _state(self.kind, before[0], self.arrays, *arguments, last.effect, a, shape)
+        change = _direct(self.kind, last.effect, self.arrays, arguments[0], F, P, loads, a, shape)
+        if type(last.effect).displacements is not Effect.displacements:
+            moved = _moved(last.effect, self.arrays.data, u, a, shape)
+            change = change + _pushed(self.kind, (*before[0], last.effect), self.arrays, arguments[0],
+                                      (*arguments[1], a), (*arguments[2], shape), moved)  # fmt: skip
+        return np.asarray(change)
 
-        return np.moveaxis(np.asarray(jax.jacfwd(residual)(null)), -1, 0)
+
+def _floats(values: Any) -> tuple[Any, ...]:
+    return tuple(jnp.asarray(v, float) for v in values)
+
+
+def _parts(additions: Additions) -> tuple[tuple[Effect, ...], tuple[Any, ...], tuple[Any, ...]]:
+    return (
+        tuple(a.effect for a in additions),
+        tuple(a.amplitudes for a in additions),
+        tuple(a.shape for a in additions),
+    )
 
 
 def gradients(data: Data, u: Any) -> Any:
     """F (t, m, 2, 2) of displacements (t, n, 2)."""
-    return jnp.eye(2) + jnp.einsum("tmki,mkj->tmij", u[:, data.triangles], data.slopes)
+    return jnp.eye(2) + jnp.einsum("tmki,mkj->tmij", u[:, data.stencil], data.slopes)
 
 
-def base_law(k: int, n: int, top: float, c: Any, f: Any) -> Any:
+def _stress(kind, effects, arrays, c, amplitudes, shapes, F):
+    """P (t, m, 2, 2) with every effect."""
+    law = partial(base_law, *kind, arrays.top, c)
+    P = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
+    for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
+        P = effect.stress(arrays.data, F, P, a, shape, law)
+    return P
+
+
+def _displacements(effects, arrays, amplitudes, shapes):
+    u = arrays.data.u
+    for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
+        u = effect.displacements(arrays.data, u, a, shape)
+    return u
+
+
+def _loads(effects, arrays, amplitudes, shapes):
+    loads = arrays.measured
+    for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
+        loads = effect.loads(arrays.data, loads, arrays.carries, a, shape)
+    return loads
+
+
+def _work(arrays, P):
+    """Virtual work (t, 2 v) of stresses (t, m, 2, 2)."""
+    return jnp.einsum("vmj,tmij->tiv", arrays.virtual, P).reshape(len(P), -1)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _residual(kind, effects, arrays, c, amplitudes, shapes):
+    F = gradients(arrays.data, _displacements(effects, arrays, amplitudes, shapes))
+    loads = _loads(effects, arrays, amplitudes, shapes)
+    return _work(arrays, _stress(kind, effects, arrays, c, amplitudes, shapes, F)) - loads.reshape(len(F), -1)
+
+
+@partial(jax.jit, static_argnums=0)
+def _external(effects, arrays, amplitudes, shapes):
+    return _loads(effects, arrays, amplitudes, shapes).reshape(len(arrays.data.u), -1)
+
+
+@partial(jax.jit, static_argnums=0)
+def _noise_shift(kind, arrays, c, axes):
+    F = gradients(arrays.data, arrays.data.u)
+    law = jax.vmap(partial(base_law, *kind, arrays.top, c))
+
+    def stress(F):
+        return law(F.reshape(-1, 2, 2)).reshape(F.shape)
+
+    change = -4.0 * stress(F)
+    for q in range(2):
+        for i in range(2):
+            step = jnp.zeros((axes.shape[0], 2, 2)).at[:, i, :].set(axes[:, :, q])
+            change = change + 0.5 * (stress(F + step) + stress(F - step))
+    return _work(arrays, change)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _base_columns(kind, effects, arrays, c, amplitudes, shapes):
+    """(n, t, 2 v), one coefficient after the other, which needs little memory."""
+    F = gradients(arrays.data, _displacements(effects, arrays, amplitudes, shapes))
+
+    def internal(c):
+        return _work(arrays, _stress(kind, effects, arrays, c, amplitudes, shapes, F))
+
+    return jax.lax.map(lambda direction: jax.jvp(internal, (c,), (direction,))[1], jnp.eye(len(c)))
+
+
+@partial(jax.jit, static_argnums=(0, 1, 6))
+def _state(kind, effects, arrays, c, amplitudes, shapes, last, a, shape):
+    """Displacements before the last effect, F with it, stresses and loads before it."""
+    u = _displacements(effects, arrays, amplitudes, shapes)
+    F = gradients(arrays.data, last.displacements(arrays.data, u, a, shape))
+    return (
+        u,
+        F,
+        _stress(kind, effects, arrays, c, amplitudes, shapes, F),
+        _loads(effects, arrays, amplitudes, shapes),
+    )
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _direct(kind, effect, arrays, c, F, P, loads, a, shape):
+    """Change (p, t, 2 v) by amplitude through stress and loads, at fixed displacements."""
+    law = partial(base_law, *kind, arrays.top, c)
+
+    def residual(a):
+        stress = effect.stress(arrays.data, F, P, a, shape, law)
+        force = effect.loads(arrays.data, loads, arrays.carries, a, shape)
+        return _work(arrays, stress) - force.reshape(len(F), -1)
+
+    return jnp.moveaxis(jax.jacfwd(residual)(a), -1, 0)
+
+
+@partial(jax.jit, static_argnums=0)
+def _moved(effect, data, u, a, shape):
+    """d displacements / d amplitudes, (p, t, n, 2)."""
+    return jnp.moveaxis(jax.jacfwd(lambda a: effect.displacements(data, u, a, shape))(a), -1, 0)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _pushed(kind, effects, arrays, c, amplitudes, shapes, directions):
+    """Change (p, t, 2 v) of the residual by directions (p, t, n, 2) of the corrected displacements."""
+    u = _displacements(effects, arrays, amplitudes, shapes)
+
+    def internal(u):
+        return _work(arrays, _stress(kind, effects, arrays, c, amplitudes, shapes, gradients(arrays.data, u)))
+
+    return jax.lax.map(lambda direction: jax.jvp(internal, (u,), (direction,))[1], directions)
+
+
+def base_law(k: int, n: int, top: Any, c: Any, f: Any) -> Any:
     """In-plane P (2, 2) at f (2, 2) of psi_k(J_k) with spline coefficients c (n,), as `SingleBasis` has it."""
     pieces = jnp.asarray(_pieces(n)[0])
 

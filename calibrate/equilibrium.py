@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate import errors, kinematics
+from calibrate import errors, kinematics, recovery
 from calibrate.basis import Basis, SingleBasis
 from calibrate.experiment import Experiment
 from calibrate.virtual_fields import VirtualFields, virtual_fields
@@ -28,25 +28,35 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """The virtual-work equations of one Experiment; rows are ordered component-major: all x, then all y."""
+    """The virtual-work equations of one Experiment; rows are ordered component-major: all x, then all y.
+
+    linear: displacements are linear in the triangles, as the paper has it, instead of recovered (`recovery`).
+    """
 
     experiment: Experiment
     fields: VirtualFields
+    linear: bool = False
 
     @cached_property
     def gradient(self) -> sp.csr_array:
-        """Nodal values to gradients (2 n_triangles, n_nodes)."""
-        return kinematics.gradient_operator(self.experiment.points, self.experiment.triangles)
+        """Nodal displacements to gradients (2 n_triangles, n_nodes) at the centroids."""
+        function = kinematics.gradient_operator if self.linear else recovery.centroid_gradients
+        return function(self.experiment.points, self.experiment.triangles)
 
     @cached_property
     def areas(self) -> Array:
-        return kinematics.shape_gradients(self.experiment.points, self.experiment.triangles)[1]
+        """(n_triangles,) mm^2."""
+        points, triangles = self.experiment.points, self.experiment.triangles
+        if self.linear:
+            return kinematics.shape_gradients(points, triangles)[1]
+        return recovery.areas(points, triangles, self.experiment.free_nodes)
 
     @cached_property
     def virtual_gradients(self) -> sp.csr_array:
         """(n_fields, 2 n_triangles): thickness x area x gradient of each virtual field, mm^2."""
+        linear = kinematics.gradient_operator(self.experiment.points, self.experiment.triangles)
         weights = np.repeat(self.areas * (self.experiment.thickness or 1.0), 2)
-        return sp.csr_array((sp.diags_array(weights) @ (self.gradient @ self.fields.values)).T)
+        return sp.csr_array((sp.diags_array(weights) @ (linear @ self.fields.values)).T)
 
     @cached_property
     def loads(self) -> Array:

@@ -4,13 +4,16 @@ Keys: ``format`` = "equigap-model", ``version`` = 1, ``kind`` = "pann"; ``inputs
 ``layers`` [N...]; ``scales`` [s_1, s_2]; ``energy_scale``; ``hidden`` [{"weights": [[...]], "biases": [...]}];
 ``output`` [...] (w); ``skip`` [...] (v); ``unit`` ("MPa", or "N/mm" where the thickness was unknown);
 ``calibrated_range`` {"I1": [min, max], "I2": [min, max]}; ``fit`` and ``provenance`` (free JSON).
-The formula is in `calibrate.pann`.
+Optional: ``uncertainty`` {"factor": [[...]] (rows: parameters; covariance =
+factor factor^T), "effective_parameters", "reduced_chi_square", "noise_is_known"}; parameters in the order weights (row by row) and biases of each layer, output, skip.
+The formula is in `calibrate.pann`, that of the uncertainty in `calibrate.uncertainty`.
 """
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +24,26 @@ from numpy.typing import NDArray
 
 from calibrate import errors, kinematics, pann
 from calibrate.files import write_atomically
+from calibrate.uncertainty import Uncertainty
 
 FORMAT, VERSION = "equigap-model", 1
 UNITS = ("MPa", "N/mm")
 Array = NDArray[np.float64]
 
 
+@partial(jax.jit, static_argnums=(0, 1))
+def _derivatives(inputs, layers, scales, energy_scale, parameters, invariants):
+    """Compiled once for each size of network, whatever its scales."""
+    architecture = pann.Architecture(inputs, layers, (scales[0], scales[1]), energy_scale)
+    return pann.energy_derivatives(architecture, parameters, invariants)
+
+
 @dataclass(frozen=True)
 class Model:
-    """A calibrated PANN. parameters (n_parameters,); calibrated_range: (min, max) of I1 and I2 in the data."""
+    """A calibrated PANN. parameters (n_parameters,); calibrated_range: (min, max) of I1 and I2 in the data.
+
+    uncertainty: None where the loss was not weighted by noise, and in files written before it was stored.
+    """
 
     architecture: pann.Architecture
     parameters: Array
@@ -37,6 +51,7 @@ class Model:
     calibrated_range: dict[str, tuple[float, float]] = field(default_factory=dict)
     fit: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
+    uncertainty: Uncertainty | None = field(default=None, repr=False)
 
     def energy(self, invariants: jax.Array) -> jax.Array:
         """Strain energy at one (I1, I2) (2,), MPa (or N/mm)."""
@@ -44,9 +59,13 @@ class Model:
 
     def derivatives(self, invariants: Array) -> Array:
         """d psi / d(I1, I2) (..., 2) at invariants (..., 2)."""
+        a = self.architecture
         return np.asarray(
-            pann.energy_derivatives(self.architecture, jnp.asarray(self.parameters), jnp.asarray(invariants))
-        )
+            _derivatives(
+                a.inputs, tuple(a.layers), jnp.asarray(a.scales), a.energy_scale, jnp.asarray(self.parameters),
+                jnp.asarray(invariants),
+            )
+        )  # fmt: skip
 
     def nominal_stress(self, F: Array) -> Array:
         """In-plane first Piola-Kirchhoff stress (..., 2, 2) at F (..., 2, 2), MPa (or N/mm)."""
@@ -59,6 +78,19 @@ class Model:
         F = kinematics.stretches_to_gradient(mode, stretch)
         return self.nominal_stress(F)[:, 0, 0]
 
+    def homogeneous_deviation(self, mode: str, stretch: Array) -> Array | None:
+        """Standard deviation (k,) of `homogeneous`; None where no uncertainty is known."""
+        values, first = map(
+            np.asarray, kinematics.invariants_and_derivatives(kinematics.stretches_to_gradient(mode, stretch))
+        )
+        return self.deviation(values, first[:, :, 0, 0])
+
+    def deviation(self, invariants: Array, weights: Array) -> Array | None:
+        """Standard deviation (...) of sum_k weights_k d psi / dI_k at invariants, weights (..., 2); None if unknown."""
+        if self.uncertainty is None:
+            return None
+        return self.uncertainty.deviation(self.architecture, self.parameters, invariants, weights)
+
     def in_range(self, invariants: Array) -> NDArray[np.bool_]:
         """Whether invariants (..., 2) lie within the calibrated range of the inputs the model uses."""
         inside = np.ones(invariants.shape[:-1], bool)
@@ -69,6 +101,7 @@ class Model:
 
     def to_dict(self) -> dict[str, Any]:
         hidden, output, skip = self.architecture.unpack(np.asarray(self.parameters))
+        optional = {} if self.uncertainty is None else {"uncertainty": self.uncertainty.to_dict()}
         return {
             "format": FORMAT,
             "version": VERSION,
@@ -84,6 +117,7 @@ class Model:
             "calibrated_range": {k: list(v) for k, v in self.calibrated_range.items()},
             "fit": self.fit,
             "provenance": self.provenance,
+            **optional,
         }
 
     def save(self, path: str | Path) -> None:
@@ -136,6 +170,7 @@ class Model:
             calibrated_range=_range(content["calibrated_range"]),
             fit=content.get("fit", {}),
             provenance=content.get("provenance", {}),
+            uncertainty=_uncertainty(content.get("uncertainty"), architecture),
         )
 
 
@@ -144,6 +179,14 @@ def _scales(values: Any) -> tuple[float, float]:
     if len(scales) != 2 or not all(0 < s < np.inf for s in scales):
         raise ValueError(f"scales {values} are not two positive numbers")
     return scales[0], scales[1]
+
+
+def _uncertainty(content: Any, architecture: pann.Architecture) -> Uncertainty | None:
+    if content is None:
+        return None
+    if not isinstance(content, dict):
+        raise ValueError("uncertainty is not a table")
+    return Uncertainty.from_dict(content, architecture.n_parameters)
 
 
 def _range(content: Any) -> dict[str, tuple[float, float]]:

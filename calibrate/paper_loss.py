@@ -38,7 +38,7 @@ SCALINGS = ("frozen", "dependent")
 
 def nodal_system(experiment: Experiment) -> Equilibrium:
     """The equations of the plain equilibrium gap: one row a free node and component, and the boundary sums."""
-    return Equilibrium(experiment, nodal_fields(experiment))
+    return Equilibrium(experiment, nodal_fields(experiment), linear=True)
 
 
 def force_scales(system: Equilibrium) -> tuple[float, float]:

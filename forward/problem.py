@@ -85,10 +85,12 @@ def create_domain(mesh: Mesh, comm: Any) -> Any:
 class PlaneStressProblem:
     """Displacement u of a sheet whose components `held` (n, 2) move to load_factor * `values` (n, 2), mm."""
 
+    symmetric = True  # the tangent
+
     def __init__(
         self,
         mesh: Mesh,
-        material: Material,
+        material: Any,
         thickness: float,
         held: NDArray[np.bool_],
         values: Array,
@@ -102,15 +104,15 @@ class PlaneStressProblem:
         self.u = dolfinx.fem.Function(self.V)
         self.nodes = self._nodes()
         self.supports = self._make_supports(held, values)
-        energy = stored_energy(self.u, material, self.domain, thickness)
-        forces = ufl.derivative(energy, self.u, ufl.TestFunction(self.V))
+        energy, forces, tangent = self._forms(material, thickness)
         self._energy = dolfinx.fem.form(energy, jit_options=JIT_OPTIONS)
         self.problem = dolfinx.fem.petsc.NonlinearProblem(
             forces,
             self.u,
             bcs=[support.bc for support in self.supports],
             petsc_options_prefix=f"plane_stress_{next(_numbers)}_",
-            petsc_options=PETSC_OPTIONS,
+            J=tangent,
+            petsc_options=PETSC_OPTIONS if self.symmetric else {**PETSC_OPTIONS, "pc_type": "lu"},
             jit_options=JIT_OPTIONS,
         )
         self._prepare_factorisation()
@@ -154,6 +156,11 @@ class PlaneStressProblem:
         """Stored energy, N mm."""
         return float(self.comm.allreduce(dolfinx.fem.assemble_scalar(self._energy), op=MPI.SUM))
 
+    def _forms(self, material: Material, thickness: float) -> tuple[Any, Any, Any]:
+        """UFL forms of stored energy, nodal forces and tangent; None: the derivative of the forces."""
+        energy = stored_energy(self.u, material, self.domain, thickness)
+        return energy, ufl.derivative(energy, self.u, ufl.TestFunction(self.V)), None
+
     def _nodes(self) -> NDArray[np.int64]:
         """Mesh node of each local dof block: the displacement and the geometry are both biquadratic."""
         nodes = np.zeros(self.V.dofmap.index_map.size_local + self.V.dofmap.index_map.num_ghosts, np.int64)
@@ -183,8 +190,8 @@ class PlaneStressProblem:
         return np.concatenate(entries)
 
     def _prepare_factorisation(self) -> None:
-        """Tell PETSc that the tangent is symmetric, and give MUMPS spare memory for pivoting, %."""
-        self.problem.A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        """Tell PETSc whether the tangent is symmetric, and give MUMPS spare memory for pivoting, %."""
+        self.problem.A.setOption(PETSc.Mat.Option.SYMMETRIC, self.symmetric)
         linear_solver = self.problem.solver.getKSP()
         linear_solver.setOperators(self.problem.A)
         linear_solver.getPC().setFactorSetUpSolverType()

@@ -124,7 +124,7 @@ def held_in(experiment: Experiment, hold_out: str | None, seed: int) -> NDArray[
 def write(folder: Path, view: Review, manifest: Any) -> None:
     """Write model, figures, table of forces, report and manifest into `folder`."""
     from studies import calibration_figures
-    from studies.calibration_words import force_table, remarks, summary, summary_table
+    from studies.calibration_words import curve_table, force_table, remarks, summary, summary_table
     from studies.output import write_csv, write_figure
     from studies.report import Report
 
@@ -136,6 +136,7 @@ def write(folder: Path, view: Review, manifest: Any) -> None:
     for remark in remarks(view):
         report.paragraph(remark)
     report.table(*force_table(view), "Forces on the loaded edges; the rms is over all increments.")
+    report.table(*curve_table(view), "Predicted nominal stress; 'no': beyond the calibrated range, extrapolated.")
     report.heading("Evidence")
     for name, (draw, caption) in calibration_figures.FIGURES.items():
         path = folder / f"{name}.png"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calibrate.basis import hencky_to_lode
 from calibrate.kinematics import invariants_and_derivatives
+from calibrate.uncertainty import BAND
 from studies import style
 from studies.calibration_review import COMPONENTS, MODES, Review, initial_shear_modulus, largest_stretch
 
@@ -178,6 +179,11 @@ def _curve_column(view: Review, mode: str, modulus: float, top: Axes, bottom: Ax
     stress = model.homogeneous(mode, stretch)
     reduced = stress / (stretch - stretch**exponent)
     inside = stretch <= limit
+    deviation = model.homogeneous_deviation(mode, stretch)
+    if deviation is not None:
+        for ax, scale in ((top, 1.0), (bottom, 1 / (stretch - stretch**exponent))):
+            low, high = ((stress + sign * BAND * deviation) * scale for sign in (-1, 1))
+            ax.fill_between(stretch, low, high, color=colour, alpha=0.25, lw=0, label="95 % band")
     for part, line, label in ((inside, "-", "model"), (~inside, "--", "extrapolated")):
         top.plot(stretch[part], stress[part], line, color=colour, label=label)
         bottom.plot(stretch[part], reduced[part], line, color=colour)
@@ -222,7 +228,9 @@ FIGURES = {
                      "averaged where fields overlap (arrows: its direction; in the last column the mean of all "
                      "increments). Noise scatters over the specimen and stays near 1 in the lower row, where that is "
                      "shown; a missing effect stands out, persists, and keeps its direction."),
-    "curves": (curves, "The calibrated model in homogeneous deformation. Dashed: beyond the calibrated range. Reduced "
+    "curves": (curves, "The calibrated model in homogeneous deformation. Dashed: beyond the calibrated range. Bands: "
+               "95 %, where the loss is weighted by the noise; beyond the range they do not cover an upturn that the "
+               "data have not seen. Reduced "
                "stress is nominal stress over its neo-Hookean form: a horizontal line is a neo-Hookean material."),
     "coverage": (coverage, "What the data have seen. Left: distribution of I1 and the calibrated range (99.9 % of "
                  "the area). Right: kind of deformation (Lode angle) against its size."),

@@ -23,6 +23,7 @@ from calibrate.equilibrium import Equilibrium, best_shear_modulus, equilibrium
 from calibrate.experiment import Experiment
 from calibrate.kinematics import invariants_and_derivatives, stretches_to_gradient
 from calibrate.model import Model
+from calibrate.uncertainty import BAND
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -170,6 +171,32 @@ def _neo_hooke_error(system: Equilibrium) -> float:
 def initial_shear_modulus(model: Model) -> float:
     """mu = 2 (psi_1 + psi_2) at rest, MPa or N/mm."""
     return float(2 * model.derivatives(np.array([[3.0, 3.0]])).sum())
+
+
+def modulus_deviation(model: Model) -> float | None:
+    """Standard deviation of the initial shear modulus, MPa or N/mm; None where it is unknown."""
+    found = model.deviation(np.array([3.0, 3.0]), np.array([2.0, 2.0]))
+    return None if found is None else float(found)
+
+
+def curve_points(model: Model, shares: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0, 1.25)) -> list[dict[str, Any]]:
+    """Stress with its 95 % band at `shares` of the calibrated range of stretch - 1, in each homogeneous mode.
+
+    standard_deviation, low_95 and high_95 are None where the model has no uncertainty.
+    """
+    result = []
+    for mode in MODES:
+        stretch = 1 + (largest_stretch(model, mode) - 1) * np.array(shares)
+        stress, deviation = model.homogeneous(mode, stretch), model.homogeneous_deviation(mode, stretch)
+        for k, share in enumerate(shares):
+            size = None if deviation is None else float(deviation[k])
+            result.append({
+                "mode": mode, "stretch": float(stretch[k]), "stress": float(stress[k]), "standard_deviation": size,
+                "low_95": None if size is None else float(stress[k]) - BAND * size,
+                "high_95": None if size is None else float(stress[k]) + BAND * size,
+                "calibrated": share <= 1,
+            })  # fmt: skip
+    return result
 
 
 def largest_stretch(model: Model, mode: str) -> float:

@@ -11,7 +11,15 @@ import numpy as np
 
 from calibrate import pann
 from calibrate.kinematics import INVARIANTS
-from studies.calibration_review import COMPONENTS, MODES, Review, initial_shear_modulus, largest_stretch
+from studies.calibration_review import (
+    COMPONENTS,
+    MODES,
+    Review,
+    curve_points,
+    initial_shear_modulus,
+    largest_stretch,
+    modulus_deviation,
+)
 
 CAUTION = " Trust the model only where predicted and measured forces agree."
 
@@ -21,6 +29,8 @@ def summary(view: Review) -> dict[str, Any]:
     return {
         **view.calibration.summary(),
         "initial_shear_modulus": initial_shear_modulus(view.model),
+        "initial_shear_modulus_deviation": modulus_deviation(view.model),
+        "curve_points": curve_points(view.model),
         "unit": view.model.unit,
         "neo_hooke_force_error": view.neo_hooke_error,
         "starts_alike": view.starts_alike,
@@ -32,6 +42,8 @@ def summary(view: Review) -> dict[str, Any]:
 def remarks(view: Review) -> list[str]:
     """What the numbers mean, in sentences."""
     result = [_fit_remark(view), _starts_remark(view), _force_remark(view), _held_out_remark(view)]
+    if view.model.uncertainty is not None:
+        result.append(view.model.uncertainty.meaning())
     if view.experiment.thickness is None:
         result.append(
             "The thickness is unknown: stresses are stress times thickness, in N/mm. Divide by the thickness in mm "
@@ -49,6 +61,9 @@ def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
         ["best neo-Hooke, the same error", 100 * view.neo_hooke_error, "%"],
         ["loss", view.calibration.loss, ""],
     ]
+    deviation = modulus_deviation(model)
+    if deviation is not None:
+        rows.insert(1, ["its standard deviation", deviation, model.unit])
     if np.isfinite(chi_square):
         rows.append(["reduced chi-square", chi_square, ""])
     held = view.held_out
@@ -89,6 +104,19 @@ def force_table(view: Review) -> tuple[list[str], list[list[float | str]]]:
             if deviation is not None:
                 row.append(float(np.sqrt(np.mean(deviation[known] ** 2))))
             rows.append(row)
+    return columns, rows
+
+
+def curve_table(view: Review) -> tuple[list[str], list[list[float | str | None]]]:
+    """Columns and rows: stress with its 95 % band at some stretches of each mode, the last beyond the calibrated range."""
+    unit = view.model.unit
+    columns = ["mode", "stretch", f"stress, {unit}", f"standard deviation, {unit}", "lower end, 95 %",
+               "upper end, 95 %", "calibrated"]  # fmt: skip
+    rows: list[list[float | str | None]] = [
+        [MODES[p["mode"]], p["stretch"], p["stress"], p["standard_deviation"], p["low_95"], p["high_95"],
+         "yes" if p["calibrated"] else "no"]
+        for p in curve_points(view.model)
+    ]  # fmt: skip
     return columns, rows
 
 

@@ -46,6 +46,11 @@ COMMANDS = {
         "read measured full-field data into an Experiment",
         "equigap import Soft_Homo\n  equigap import columns.toml --output results/my-sheet",
     ),
+    "homogeneous": Command(
+        "studies.homogeneous_import",
+        "read a stress-stretch curve into an Experiment",
+        "equigap homogeneous treloar-a-uniaxial\n  equigap homogeneous pull.csv --mode pure_shear -o results/pull",
+    ),
     "calibrate": Command(
         "studies.calibration",
         "identify a network from an Experiment",

@@ -1,7 +1,7 @@
 """`equigap predict`: uniaxial, equi-biaxial and pure-shear curves of a calibrated model.
 
-In: a model file. Out: a table of nominal stress against stretch, a figure with the calibrated range marked, a
-report and a manifest.
+In: a model file. Out: a table of nominal stress against stretch with 95 % bands where the model file holds an uncertainty,
+a figure with the calibrated range marked, a report and a manifest.
 """
 
 from __future__ import annotations
@@ -23,17 +23,20 @@ if TYPE_CHECKING:
 DESCRIPTION = """\
 Predict the nominal stress (force over reference area) of the three homogeneous tests at a sheet's stretches:
 uniaxial, equi-biaxial and pure shear. In MPa, or in N/mm (stress times thickness) where the thickness of the
-calibrated sheet was unknown. What lies beyond the calibrated range is marked: there the model extrapolates."""
+calibrated sheet was unknown. What lies beyond the calibrated range is marked: there the model extrapolates.
+The table gives the standard deviation and a 95 % band of each stress."""
 MODES = ("uniaxial", "equibiaxial", "pure_shear")
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
 COLUMNS = ("mode", "stretch", "nominal_stress", "I1", "I2", "calibrated")
+BAND_COLUMNS = ("standard_deviation", "low_95", "high_95")
 
 
 @dataclass(frozen=True)
 class Curve:
     """A homogeneous test: stretch (k,), nominal stress (k,), invariants (k, 2), calibrated (k,), truth (k,) or None.
 
-    limit: largest stretch within the calibrated range.
+    limit: largest stretch within the calibrated range. deviation (k,): standard deviation of the stress, None where the
+    model file holds no uncertainty.
     """
 
     mode: str
@@ -43,6 +46,21 @@ class Curve:
     calibrated: NDArray[np.bool_]
     limit: float
     truth: NDArray[np.float64] | None = None
+    deviation: NDArray[np.float64] | None = None
+
+    @property
+    def band(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Lower and upper end (k,) of the 95 % band of the stress, or None."""
+        from calibrate.uncertainty import BAND
+
+        if self.deviation is None:
+            return None
+        return self.stress - BAND * self.deviation, self.stress + BAND * self.deviation
+
+    @property
+    def extrapolates(self) -> bool:
+        """Whether the curve leaves the calibrated range."""
+        return not self.calibrated.all()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,9 +94,12 @@ def main(args: argparse.Namespace) -> int:
     folder = open_output_folder(output_folder(args, "predict"), args.overwrite, key)
     table, picture = folder / "curves.csv", folder / "curves.png"
     columns, rows = _table(curves, model.unit)
-    write_csv(table, columns, rows, [f"nominal stress in {model.unit}; calibrated: 1 within the range of the data"])
+    note = f"nominal stress in {model.unit}; calibrated: 1 within the range of the data, 0 where it extrapolates"
+    write_csv(table, columns, rows, [" ".join([note + ".", *band_remarks(model)])])
     draw(curves, model, picture, args.against)
     manifest.beside(picture, table, unit=model.unit, calibrated_stretch={c.mode: c.limit for c in curves})
+    for line in [*map(range_remark, curves), *band_remarks(model)]:
+        print(f"- {line}")
     print(f"curves: {table}\nreport: {_report(folder, args, model, curves, manifest)}")
     return 0
 
@@ -101,7 +122,7 @@ def predict(model: Model, stretch: float | None = None, points: int = 101, truth
         invariants = np.asarray(invariants_and_derivatives(stretches_to_gradient(mode, x))[0])
         curves.append(Curve(
             mode, x, model.homogeneous(mode, x), invariants, x <= limit, limit,
-            None if truth is None else nominal_stress(truth, mode, x),
+            None if truth is None else nominal_stress(truth, mode, x), model.homogeneous_deviation(mode, x),
         ))  # fmt: skip
     return curves
 
@@ -118,6 +139,26 @@ def calibrated_stretch(model: Model, mode: str) -> float:
     return float(x[-1] if inside.all() else x[np.argmin(inside) - 1])
 
 
+def range_remark(curve: Curve) -> str:
+    """Where a curve leaves the calibrated range, and how sure it is where it still is inside."""
+    name, top = curve.mode.replace("_", " "), float(curve.stretch[-1])
+    if curve.limit >= LARGEST:
+        return f"{name}: the model file states no calibrated range; whether the curve extrapolates is unknown."
+    if not curve.extrapolates:
+        return f"{name}: within the calibrated range up to its end, a stretch of {top:.3g}."
+    return (
+        f"{name}: leaves the calibrated range at a stretch of {curve.limit:.3g}; from there to {top:.3g} the model "
+        "extrapolates, and the band does not cover what an unseen upturn would do."
+    )
+
+
+def band_remarks(model: Model) -> list[str]:
+    """What the bands hold."""
+    if model.uncertainty is None:
+        return ["The model file holds no uncertainty, so no bands are given; `equigap calibrate` stores one."]
+    return [model.uncertainty.meaning()]
+
+
 def draw(curves: list[Curve], model: Model, path: Path, against: str | None = None) -> None:
     """One panel a mode: solid where calibrated, thin beyond; the known material as a dotted line."""
     from studies import style
@@ -129,6 +170,8 @@ def draw(curves: list[Curve], model: Model, path: Path, against: str | None = No
             colour = style.MODES[curve.mode]["color"]
             x, stress, inside = curve.stretch, curve.stress, curve.calibrated
             style.mark_range(axes, 1.0, min(curve.limit, float(x[-1])))
+            if curve.band is not None:
+                axes.fill_between(x, *curve.band, color=colour, alpha=0.25, linewidth=0, label="95 % band")
             axes.plot(
                 x, stress, linestyle="--", linewidth=0.9, color=colour, label=None if inside.all() else "extrapolated"
             )
@@ -164,20 +207,15 @@ def _truth(args: argparse.Namespace) -> Any:
 
 def _table(curves: list[Curve], unit: str) -> tuple[list[str], list[list[Any]]]:
     columns = [f"nominal_stress_{unit}" if name == "nominal_stress" else name for name in COLUMNS]
-    rows = [
-        [
-            c.mode,
-            float(x),
-            float(P),
-            float(i[0]),
-            float(i[1]),
-            int(inside),
-            *([] if c.truth is None else [float(c.truth[k])]),
-        ]
-        for c in curves
-        for k, (x, P, i, inside) in enumerate(zip(c.stretch, c.stress, c.invariants, c.calibrated, strict=True))
-    ]
-    return columns + (["compared"] if curves[0].truth is not None else []), rows
+    columns += [f"{name}_{unit}" for name in BAND_COLUMNS] if curves[0].band is not None else []
+    columns += ["compared"] if curves[0].truth is not None else []
+    rows: list[list[Any]] = []
+    for c in curves:
+        parts = [c.stretch, c.stress, *c.invariants.T, c.calibrated.astype(int)]
+        parts += [] if c.band is None or c.deviation is None else [c.deviation, *c.band]
+        parts += [] if c.truth is None else [c.truth]
+        rows += [[c.mode, *(value.item() for value in row)] for row in zip(*parts, strict=True)]
+    return columns, rows
 
 
 def _report(folder: Path, args: argparse.Namespace, model: Model, curves: list[Curve], manifest: Any) -> Path:
@@ -187,16 +225,30 @@ def _report(folder: Path, args: argparse.Namespace, model: Model, curves: list[C
     report = Report("Predicted homogeneous tests", f"PANN of {model.architecture.inputs}, layers ({layers})")
     if model.unit == "N/mm":
         report.paragraph("The thickness of the sheet was unknown: stresses are stress times thickness, in N/mm.")
-    report.figure(folder / "curves.png", "Nominal stress; shaded: stretches within the calibrated range of invariants.")
-    rows = [[c.mode.replace("_", " "), c.limit if c.limit < LARGEST else None, _at(c, c.limit), _at(c, c.stretch[-1])]
+    caption = "Nominal stress; shaded: stretches within the calibrated range of invariants; dashed: extrapolated."
+    report.figure(folder / "curves.png", caption + ("" if model.uncertainty is None else " Bands: 95 %."))
+    rows = [[c.mode.replace("_", " "), c.limit if c.limit < LARGEST else None, _at(c, c.limit), _deviation_at(c, c.limit),
+             "yes" if c.extrapolates else "no", _at(c, c.stretch[-1]), _deviation_at(c, c.stretch[-1])]
             for c in curves]  # fmt: skip
-    columns = ("mode", "calibrated to stretch", f"stress there, {model.unit}", f"at the end, {model.unit}")
-    report.table(columns, rows, "A dash: the model file states no calibrated range.")
+    columns = ("mode", "calibrated to stretch", f"stress there, {model.unit}", "its standard deviation",
+               "curve leaves the range", f"stress at its end, {model.unit}", "its standard deviation")  # fmt: skip
+    report.table(columns, rows, "A dash: the model file states no calibrated range, or no uncertainty.")
+    for line in [*map(range_remark, curves), *band_remarks(model)]:
+        report.paragraph(line)
     report.details(
         "Calibrated range", {k: f"{low:.4g} to {high:.4g}" for k, (low, high) in model.calibrated_range.items()}
     )
     report.details("Versions", manifest.to_dict()["versions"])
     return report.save(folder / "report.html")
+
+
+def _deviation_at(curve: Curve, stretch: float) -> float | None:
+    """Standard deviation of the stress at a stretch; None beyond the curve or where it is unknown."""
+    import numpy as np
+
+    if curve.deviation is None or stretch > curve.stretch[-1]:
+        return None
+    return float(np.interp(stretch, curve.stretch, curve.deviation))
 
 
 def _at(curve: Curve, stretch: float) -> float | None:

@@ -1,7 +1,9 @@
-"""Exact finite-element data for the tests: a perforated plate, solved with the linear triangles it is measured on.
+"""Exact finite-element data for the tests: a perforated plate, solved with the kinematics it is measured with.
 
-In: an energy of the invariants. Out: an `Experiment` whose displacements are in equilibrium on their own mesh. The
-solver shares nothing with `calibrate` but the element: energies are written in F again and differentiated here.
+In: an energy of the invariants. Out: an `Experiment` whose displacements are in equilibrium on their own mesh: linear
+test functions against the stress of gradients and areas from `calibrate.recovery` (what that is worth is tested in
+test_recovery.py), or of plain linear triangles, as the paper's loss has them. The solver shares nothing else with
+`calibrate`: energies are written in F again and differentiated here.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-import calibrate  # noqa: F401  (64 bit)
+from calibrate import recovery
 from calibrate.experiment import Experiment, LoadedBoundary, Noise
 
 Array = NDArray[np.float64]
@@ -92,36 +94,49 @@ def plate(n_theta: int = 40, n_radial: int = 7, half_length: float = 30.0, radiu
 
 
 class Sheet:
-    """Total energy of a sheet of linear triangles, thickness 1 mm, with its gradient and tangent."""
+    """Equilibrium of a sheet on triangles, thickness 1 mm: nodal forces and their tangent.
 
-    def __init__(self, points: Array, triangles: NDArray[np.int64], energy: Energy) -> None:
+    free: nodes of free edges, for recovered kinematics; None for linear triangles.
+    """
+
+    def __init__(self, points: Array, triangles: NDArray[np.int64], energy: Energy, free: Array | None = None) -> None:
         x = points[triangles]
         edges = np.stack([x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]], axis=2)
-        local = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
-        self.n_points = len(points)
-        self.gradients = jnp.asarray(local @ np.linalg.inv(edges))
-        self.areas = jnp.asarray(0.5 * np.linalg.det(edges))
-        self.dofs = (2 * triangles[:, :, None] + np.arange(2)).reshape(len(triangles), 6)
+        slopes = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]]) @ np.linalg.inv(edges)
+        rows = np.broadcast_to(np.arange(2 * len(x)).reshape(-1, 1, 2), slopes.shape).ravel()
+        columns = np.repeat(triangles.ravel(), 2)
+        self.gradient = linear = sp.csr_array((slopes.ravel(), (rows, columns)), shape=(2 * len(x), len(points)))
+        areas = 0.5 * np.linalg.det(edges)
+        if free is not None:
+            self.gradient = recovery.centroid_gradients(points, triangles)
+            areas = recovery.areas(points, triangles, free)
+        self.work = sp.csr_array((sp.diags_array(np.repeat(areas, 2)) @ linear).T)
         psi = energy_of_gradient(energy)
+        self._stress = jax.jit(jax.vmap(jax.grad(psi)))
+        self._modulus = jax.jit(jax.vmap(jax.hessian(psi)))
 
-        def element(u: jax.Array, gradient: jax.Array, area: jax.Array) -> jax.Array:
-            return area * psi(jnp.eye(2) + u.reshape(3, 2).T @ gradient)
-
-        self._force = jax.jit(jax.vmap(jax.grad(element)))
-        self._tangent = jax.jit(jax.vmap(jax.hessian(element)))
+    def deformation_gradients(self, u: Array) -> Array:
+        """F (m, 2, 2) of displacements u (n, 2), mm."""
+        return np.eye(2) + (self.gradient @ u).reshape(-1, 2, 2).swapaxes(1, 2)
 
     def forces(self, u: Array) -> Array:
         """Internal nodal forces (n, 2), N, at displacements u (n, 2), mm."""
-        local = np.asarray(self._force(jnp.asarray(u.ravel()[self.dofs]), self.gradients, self.areas))
-        total = np.bincount(self.dofs.ravel(), local.ravel(), minlength=2 * self.n_points)
-        return total.reshape(-1, 2)
+        P = np.asarray(self._stress(self.deformation_gradients(u)))
+        return self.work @ P.swapaxes(1, 2).reshape(-1, 2)
 
     def tangent(self, u: Array) -> sp.csc_array:
-        """Stiffness (2 n, 2 n), N/mm, degrees of freedom x0, y0, x1, ..."""
-        local = np.asarray(self._tangent(jnp.asarray(u.ravel()[self.dofs]), self.gradients, self.areas))
-        rows, columns = np.repeat(self.dofs, 6, axis=1).ravel(), np.tile(self.dofs, (1, 6)).ravel()
-        size = 2 * self.n_points
-        return sp.csc_array((local.ravel(), (rows, columns)), shape=(size, size))
+        """d forces / du (2 n, 2 n), N/mm, degrees of freedom x0, y0, x1, ...; symmetric for linear triangles."""
+        modulus = np.asarray(self._modulus(self.deformation_gradients(u)))
+        m, n = len(modulus), len(u)
+        rows = np.repeat(np.arange(2 * m), 2)
+        columns = np.tile(np.arange(2 * m).reshape(m, 1, 2), (1, 2, 1)).ravel()
+        total = sp.csr_array((2 * n, 2 * n))
+        for i, k in np.ndindex(2, 2):
+            part = sp.csr_array((modulus[:, i, :, k, :].ravel(), (rows, columns)), shape=(2 * m, 2 * m))
+            place = np.zeros((2, 2))
+            place[i, k] = 1.0
+            total = total + sp.kron(self.work @ part @ self.gradient, place)
+        return sp.csc_array(total)
 
     def solve(self, start: Array, prescribed: NDArray[np.bool_]) -> Array:
         """Equilibrium (n, 2) from `start`, whose `prescribed` (n,) nodes stay; free forces below 1e-12 N."""
@@ -145,13 +160,18 @@ def plate_experiment(
     n_increments: int = 3,
     n_theta: int = 40,
     n_radial: int = 7,
+    linear: bool = False,
 ) -> Experiment:
-    """The plate gripped left and right and pulled apart by `pull` mm at each side; forces of both grips."""
+    """The plate gripped left and right and pulled apart by `pull` mm at each side; forces of both grips.
+
+    linear: with the kinematics of linear triangles.
+    """
     points, triangles, ring = plate(n_theta, n_radial)
     outer, half = ring == ring.max(), points[:, 0].max()
     left, right = (outer & np.isclose(points[:, 0], x) for x in (-half, half))
-    sheet = Sheet(points, triangles, energy)
     grips = left | right
+    free = np.flatnonzero((outer & ~grips) | (ring == 0))
+    sheet = Sheet(points, triangles, energy, None if linear else free)
     displacements, forces = [], []
     previous = np.zeros_like(points)
     for i in range(n_increments):
@@ -167,7 +187,6 @@ def plate_experiment(
         LoadedBoundary(name, np.flatnonzero(nodes), force[:, k])
         for k, (name, nodes) in enumerate((("left", left), ("right", right)))
     )
-    free = np.flatnonzero((outer & ~grips) | (ring == 0))
     return Experiment("plate", points, triangles, np.array(displacements), loaded, free, 1.0)
 
 

@@ -85,14 +85,14 @@ def test_unknown_thickness_identifies_stiffness_times_thickness():
 
 
 def test_paper_loss_on_clean_data():
-    calibration = calibrate(plate_experiment(), replace(OPTIONS, loss="paper"))
+    calibration = calibrate(plate_experiment(linear=True), replace(OPTIONS, loss="paper"))
     assert homogeneous_error(calibration, ArrudaBoyce()) < 0.003
     assert np.isnan(calibration.reduced_chi_square)
 
 
 def test_dependent_scaling_runs_slsqp_on_the_full_data():
     options = replace(OPTIONS, loss="paper", scaling="dependent", layers=(1,), starts=1)
-    calibration = calibrate(plate_experiment(n_increments=1, n_theta=24, n_radial=4), options)
+    calibration = calibrate(plate_experiment(n_increments=1, n_theta=24, n_radial=4, linear=True), options)
     assert calibration.spline is None
     assert len(calibration.losses) == 1
     assert (calibration.model.parameters[calibration.model.architecture.nonnegative] >= 0).all()

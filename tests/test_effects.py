@@ -8,7 +8,6 @@ import pytest
 from calibrate.basis import SingleBasis
 from calibrate.chain import Chain, gradients
 from calibrate.effects import CATALOGUE, Data
-from calibrate.effects.camera import edge_share
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.fibres import reinforcement
 from calibrate.effects.load import rate_matrix
@@ -61,10 +60,13 @@ def test_the_chain_is_the_linear_system(chain, c):
 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=NAMES)
 def test_null_changes_nothing(chain, c, effect):
+    """To round-off: with and without the effect, the residual is compiled differently."""
     base = np.asarray(chain.residual(c))
     null = [p.null for p in effect.amplitudes]
     for shape in effect.shape_values(chain.data):
-        np.testing.assert_array_equal(residual(chain, c, effect, null, shape), base)
+        np.testing.assert_allclose(
+            residual(chain, c, effect, null, shape), base, rtol=0, atol=1e-13 * np.abs(base).max()
+        )
 
 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=NAMES)
@@ -164,7 +166,8 @@ def test_compressible_sheet_to_first_order(chain, c, stretch):
 
 def test_thickness_of_a_linear_sheet():
     """Small strains, u = (x^2 / 2 - y^2 / 2, x y) e: div u = 2 e x, so F33 - 1 = -2 e x and the mean is off by
-    h^2 / 12 (-2 e, 0) everywhere (inside, where recovered slopes are exact)."""
+    h^2 / 12 (-2 e, 0) everywhere (four cells inside: means at edge nodes are one-sided, and a slope reads three cells
+    around)."""
     e = 1e-6
     x, y = np.meshgrid(np.linspace(0, 10, 11), np.linspace(0, 10, 11), indexing="ij")
     points = np.column_stack([x.ravel(), y.ravel()])
@@ -178,7 +181,7 @@ def test_thickness_of_a_linear_sheet():
     )
     data = Data.of(experiment)
     moved = np.asarray(Thickness().displacements(data, data.u, jnp.array([3.0]), ()) - data.u)[0]
-    inside = (np.abs(points - 5) < 3.5).all(axis=1)
+    inside = (np.abs(points - 5) < 1.5).all(axis=1)
     np.testing.assert_allclose(moved[inside, 0], 3.0 * -2 * e, rtol=1e-4)
     np.testing.assert_allclose(moved[inside, 1], 0.0, atol=1e-4 * e)
     curved = jnp.asarray(np.stack([points[:, 0] ** 2, points[:, 1] ** 2 * 2], axis=-1)[None])
@@ -194,7 +197,7 @@ def test_rates_are_exact_for_parabolas():
 def test_a_strip_widens_the_sheet(chain):
     """The areas gained are strip width times length of the free edges."""
     data = chain.data
-    gained = float((edge_share(data) * data.areas).sum())
+    gained = float((np.asarray(data.edges) * data.areas).sum())
     assert gained == pytest.approx(40.0)
 
 

@@ -128,7 +128,7 @@ def test_convex_spline_of_mooney_rivlin_is_no_worse_than_hartmann_neff():
     slopes = (np.linalg.pinv(basis.interpolation) @ c).reshape(-1, 2)
     for k in (0, 1):
         in_order = slopes[np.argsort(basis.site_inputs[:, k]), k]
-        assert in_order.min() >= 0
+        assert in_order.min() >= -1e-12 * in_order.max()  # the pseudo-inverse gives slopes of zero to round-off
         assert np.diff(in_order).min() > -1e-9 * in_order.max()
 
 

@@ -23,7 +23,7 @@ IDS = [a.inputs for a in ARCHITECTURES]
 
 @pytest.fixture(scope="module")
 def experiment():
-    return plate_experiment()
+    return plate_experiment(linear=True)
 
 
 @pytest.fixture(scope="module")

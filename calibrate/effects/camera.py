@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import jax.numpy as jnp
-import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter
 from calibrate.effects.recovery import laplacian
@@ -44,8 +43,8 @@ class OutOfPlane(Effect):
 
     def displacements(self, data, u, a, shape):
         centre = 0.5 * (data.points.min(axis=0) + data.points.max(axis=0))
-        size = np.sqrt((np.asarray(data.u) ** 2).mean(axis=(1, 2)))
-        share = jnp.asarray(size / size.max())[:, None, None]
+        size = jnp.sqrt((data.u**2).mean(axis=(1, 2)))
+        share = (size / size.max())[:, None, None]
         return u - a[0] * share * (data.points - centre + u)
 
 
@@ -74,7 +73,7 @@ class UnmeasuredStrip(Effect):
     decided_by = "a picture that shows the edge"
 
     def stress(self, data, F, P, a, shape, law):
-        return P * (1.0 + a[0] * edge_share(data))[:, None, None]
+        return P * (1.0 + a[0] * data.edges)[:, None, None]
 
 
 @dataclass(frozen=True)
@@ -89,21 +88,3 @@ class Scale(Effect):
 
     def loads(self, data, loads, boundary, a, shape):
         return loads / (1.0 + a[0])
-
-
-def edge_share(data):
-    """Length of free edges over area (m,), 1/mm, of each triangle."""
-    triangles, points = np.asarray(data.triangles), np.asarray(data.points)
-    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    key = np.sort(pairs, axis=1)
-    _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
-    single = first[count == 1]
-    gripped = np.zeros(len(points), bool)
-    for boundary in data.experiment.loaded:
-        gripped[boundary.nodes] = True
-    ends = pairs[single]
-    free = (data.free | gripped)[ends].all(axis=1) & data.free[ends].any(axis=1)
-    edges, owners = pairs[single[free]], single[free] % len(triangles)
-    length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
-    total = np.bincount(owners, length, len(triangles))
-    return jnp.asarray(total / np.asarray(data.areas))

@@ -20,6 +20,7 @@ class Compressibility(Effect):
 
     name = "compressibility"
     stage = "kinematics"
+    of_material = True
     formula = "psi - beta p^2 / 2, p = tr sigma / 3, beta = 1 / kappa"
     amplitudes = (Parameter("beta", "1/MPa", lower=0.0, typical=0.5),)
     decided_by = "the change of thickness, measured from the side"

@@ -10,11 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate import kinematics
+from calibrate import recovery
 from calibrate.experiment import Experiment
 
 Array = NDArray[np.float64]
@@ -33,46 +35,85 @@ class Parameter:
     typical: float = 0.1
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class Data:
-    """An Experiment prepared for the chain, as arrays.
+    """An Experiment prepared for the chain: arrays only, so that compiled code serves every experiment of its size.
 
-    points (n, 2), triangles (m, 3), slopes (m, 3, 2) 1/mm, areas (m,) mm^2, centroids (m, 2), u (t, n, 2) mm,
-    time (t,) s or None, thickness mm (1 where unknown), free (n,): node on a free edge, size: extent, mm.
+    points (n, 2), triangles (m, 3), stencil (m, k) and slopes (m, k, 2): gradient at the centroids = sum over the
+    stencil of nodal values times slopes, 1/mm; areas (m,) mm^2, centroids (m, 2), u (t, n, 2) mm, time (t,) s or None,
+    thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm.
     """
 
-    experiment: Experiment
     points: Any
     triangles: Any
+    stencil: Any
     slopes: Any
     areas: Any
     centroids: Any
     u: Any
     time: Any
-    thickness: float
-    free: Any
-    size: float
+    thickness: Any
+    size: Any
+    edges: Any
 
     @classmethod
     def of(cls, experiment: Experiment) -> Data:
         """Prepare an Experiment."""
-        slopes, areas = kinematics.shape_gradients(experiment.points, experiment.triangles)
-        free = np.zeros(len(experiment.points), bool)
-        free[experiment.free_nodes] = True
-        centroids = experiment.points[experiment.triangles].mean(axis=1)
+        points, triangles = experiment.points, experiment.triangles
+        areas = recovery.areas(points, triangles, experiment.free_nodes)
+        stencil, slopes = padded(recovery.centroid_gradients(points, triangles))
         return cls(
-            experiment,
-            jnp.asarray(experiment.points),
-            jnp.asarray(experiment.triangles),
+            jnp.asarray(points),
+            jnp.asarray(triangles),
+            jnp.asarray(stencil),
             jnp.asarray(slopes),
             jnp.asarray(areas),
-            jnp.asarray(centroids),
+            jnp.asarray(points[triangles].mean(axis=1)),
             jnp.asarray(experiment.displacements),
-            None if experiment.time is None else np.asarray(experiment.time),
-            experiment.thickness or 1.0,
-            free,
-            float(np.ptp(experiment.points, axis=0).max()),
+            None if experiment.time is None else jnp.asarray(experiment.time),
+            jnp.asarray(experiment.thickness or 1.0),
+            jnp.asarray(np.ptp(experiment.points, axis=0).max()),
+            jnp.asarray(free_edges(experiment) / areas),
         )
+
+
+STENCIL = 8  # stencils are padded to a multiple of it, so that meshes of one size share compiled code
+
+
+def padded(operator: sp.csr_array) -> tuple[NDArray[np.int64], Array]:
+    """Nodes (m, k) and weights (m, k, 2) of a gradient operator (2 m, n)."""
+    x, y = sp.csr_array(operator[0::2]), sp.csr_array(operator[1::2])
+    pattern = sp.csr_array(abs(x) + abs(y))
+    pattern.sort_indices()
+    counts = np.diff(pattern.indptr)
+    width = STENCIL * int(np.ceil(counts.max() / STENCIL))
+    row = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(pattern.nnz) - np.repeat(pattern.indptr[:-1], counts)
+    nodes, weights = np.zeros((len(counts), width), np.int64), np.zeros((len(counts), width, 2))
+    nodes[row, place] = pattern.indices
+    for k, part in enumerate((x, y)):
+        entries = sp.coo_array(part)
+        key = row * operator.shape[1] + pattern.indices
+        found = np.searchsorted(key, entries.row.astype(np.int64) * operator.shape[1] + entries.col)
+        weights[entries.row, place[found], k] = entries.data
+    return nodes, weights
+
+
+def free_edges(experiment: Experiment) -> Array:
+    """Length (m,), mm, of the free edges of each triangle."""
+    triangles, points = experiment.triangles, experiment.points
+    pairs = np.concatenate([triangles[:, [a, (a + 1) % 3]] for a in range(3)])
+    _, first, count = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True, return_counts=True)
+    single = first[count == 1]
+    free, gripped = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    free[experiment.free_nodes] = True
+    for boundary in experiment.loaded:
+        gripped[boundary.nodes] = True
+    ends = pairs[single]
+    edge = (free | gripped)[ends].all(axis=1) & free[ends].any(axis=1)
+    length = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
+    return np.bincount(single[edge] % len(triangles), length[edge], len(triangles))
 
 
 @dataclass(frozen=True)
@@ -80,7 +121,8 @@ class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.
 
     name; stage: one of STAGES; formula: for the report; amplitudes; shapes; gauge: why it can never be told apart
-    from another quantity, or nothing.
+    from another quantity, or nothing; decided_by: the experiment that tells it from its likes; of_material: holds for
+    every specimen of a material, not of one test alone.
     """
 
     name: ClassVar[str]
@@ -90,6 +132,7 @@ class Effect:
     shapes: ClassVar[tuple[Parameter, ...]] = ()
     gauge: ClassVar[str] = ""
     decided_by: ClassVar[str] = ""
+    of_material: ClassVar[bool] = False
 
     def missing(self, data: Data) -> str | None:
         """What the data lack for this effect to be tested ('time', 'unloading', ...), or None."""

@@ -19,6 +19,7 @@ class OneFibreFamily(Effect):
 
     name = "one fibre family"
     stage = "material"
+    of_material = True
     formula = "psi + k / 2 (I4 - 1)^2, I4 = |F M|^2"
     amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
     shapes = (ANGLE,)
@@ -37,6 +38,7 @@ class TwoFibreFamilies(Effect):
 
     name = "two fibre families"
     stage = "material"
+    of_material = True
     formula = "psi + k / 2 sum (I4 - 1)^2 of two directions"
     amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
     shapes = (Parameter("axis", "rad"), Parameter("half", "rad", lower=0.0, upper=np.pi / 4))

@@ -43,7 +43,7 @@ class Lag(Effect):
         return None if len(data.time) > 2 else "more increments"
 
     def loads(self, data, loads, boundary, a, shape):
-        rate = jnp.asarray(rate_matrix(data.time))
+        rate = rate_matrix(data.time)
         return loads - a[0] * jnp.einsum("ts,siv->tiv", rate, loads)
 
 
@@ -79,10 +79,10 @@ class Rotation(Effect):
 def rate_matrix(time):
     """(t, t): values to their time derivative, by parabolas through three neighbours."""
     n = len(time)
-    D = np.zeros((n, n))
+    D = jnp.zeros((n, n))
     for i in range(n):
         first = min(max(i - 1, 0), n - 3)
         j = np.arange(first, first + 3)
         powers = (time[j] - time[i])[None, :] ** np.arange(3)[:, None]
-        D[i, j] = np.linalg.solve(powers, [0.0, 1.0, 0.0])
+        D = D.at[i, j].set(jnp.linalg.solve(powers, jnp.array([0.0, 1.0, 0.0])))
     return D

@@ -1,4 +1,4 @@
-"""Derivatives of nodal fields on triangles: area-weighted means at the nodes, slopes of linear interpolants."""
+"""Derivatives of nodal fields on triangles: area-weighted means at the nodes, slopes at the centroids."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def to_nodes(data, values):
 
 
 def slopes(data, nodal):
-    """Gradient (..., m, 2) in the triangles of a nodal field (..., n)."""
-    return jnp.einsum("...mk,mkj->...mj", nodal[..., data.triangles], data.slopes)
+    """Gradient (..., m, 2) at the centroids of a nodal field (..., n)."""
+    return jnp.einsum("...mk,mkj->...mj", nodal[..., data.stencil], data.slopes)
 
 
 def gradient_at_nodes(data, nodal):

@@ -17,6 +17,7 @@ class SecondInvariant(Effect):
 
     name = "second invariant"
     stage = "material"
+    of_material = True
     formula = "psi + c01 (I2 - 3)"
     amplitudes = (Parameter("c01", "MPa", lower=0.0, typical=0.03),)
     decided_by = "an equi-biaxial test beside a uniaxial one"

@@ -18,6 +18,7 @@ class Viscosity(Effect):
 
     name = "viscoelasticity"
     stage = "material"
+    of_material = True
     formula = "S + g int exp(-(t - s) / tau) dS"
     amplitudes = (Parameter("g", "1", lower=0.0, typical=0.2),)
     shapes = (Parameter("tau", "s", lower=0.0),)
@@ -29,16 +30,16 @@ class Viscosity(Effect):
         return None if len(data.time) > 2 else "more increments"
 
     def shape_values(self, data):
-        steps = np.diff(np.concatenate([[0.0], data.time]))
+        steps = np.diff(np.asarray(data.time), prepend=0.0)
         return [(float(t),) for t in np.geomspace(max(steps.min(), 1e-3 * data.time[-1]), data.time[-1], TIMES)]
 
     def stress(self, data, F, P, a, shape, law):
         tau = shape[0]
         S = jnp.linalg.solve(F, P)
-        steps = np.diff(np.concatenate([[0.0], data.time]))
+        steps = jnp.diff(data.time, prepend=0.0)
         H, before, overstress = jnp.zeros_like(S[0]), jnp.zeros_like(S[0]), []
-        for step, now in zip(steps, S, strict=True):
-            ratio = step / tau
+        for i, now in enumerate(S):
+            ratio = steps[i] / tau
             H = jnp.exp(-ratio) * H + (-jnp.expm1(-ratio) / ratio) * (now - before)
             overstress.append(H)
             before = now

@@ -1,0 +1,489 @@
+"""What a model leaves unexplained, and which effect it looks like: fit, score tests, groups.
+
+In: Experiments and the equations used for fitting. Out: `Fit` (base and effects in it), `Score` of every effect.
+
+With whitened residuals r, base columns B (splines of the energy and effects in the model) and the signature S of an
+effect, all of unit covariance, the score test (Rao 1948) projects both on the complement of B,
+
+    T = g^T M^-1 g,   g = S'^T r,   M = S'^T S',   amplitude = -M^-1 g,
+
+T is chi-square distributed with as many degrees of freedom as the effect has amplitudes if the effect is absent, and
+tells by how much the loss would fall. Shapes are tried on a grid (Davies 1977); the p-value of the whole search comes
+from the simulated distribution of its smallest p-value (Westfall and Young 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.optimize import lsq_linear
+
+from calibrate import discrepancy, errors, fit, kinematics, reduction
+from calibrate.basis import SingleBasis, basis_for
+from calibrate.chain import Addition, Additions, Chain
+from calibrate.effects import CATALOGUE, Effect
+from calibrate.equilibrium import Equilibrium, equilibrium
+from calibrate.experiment import Experiment
+from calibrate.reduction import Assembled
+from calibrate.whitening import Whitening, whitening
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+COLLINEAR = 0.9  # |cos| of signatures that cannot be told apart
+ABSORBED = 1e-3  # share of a signature that must be left by the base
+DRAWS = 2000  # of the simulated search
+PASSES = 3
+SETTLED = 0.02  # relative change of the base between the last two passes
+CONDITION = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One Experiment in a diagnosis: its chain, weights, and the equations (t, 2 v) used for fitting and held out.
+
+    shift (t, 2 v), N: see `Chain.noise_shift`.
+    """
+
+    chain: Chain
+    assembled: Assembled = field(repr=False)
+    train: Whitening
+    held: Whitening
+    shift: Array = field(repr=False)
+
+    def residual(self, c: Array, additions: Additions = ()) -> Array:
+        """Residual (t, 2 v), N, without the mean that noise brings into it."""
+        return self.chain.with_additions(c, additions) - self.shift
+
+    @property
+    def experiment(self) -> Experiment:
+        return self.chain.system.experiment
+
+    @property
+    def system(self) -> Equilibrium:
+        return self.chain.system
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Experiments with fixed weights. parts: all; those without training rows are held out.
+
+    cone (n, k): the base models are non-negative sums of its columns.
+    """
+
+    parts: tuple[Part, ...]
+    basis: SingleBasis
+    cone: Array
+    noise_is_known: bool
+
+    @property
+    def trained(self) -> tuple[Part, ...]:
+        return tuple(part for part in self.parts if part.train.size)
+
+    def white(self, values: Sequence[Array]) -> Array:
+        """Whitened training rows (..., N) of one array (..., t, 2 v) for each trained part."""
+        return np.concatenate([part.train(v) for part, v in zip(self.trained, values, strict=True)], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Base and effects fitted together.
+
+    c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations; degrees: n_rows minus what the
+    base (all its splines) and the amplitudes can adjust. additions: effects; errors: a standard deviation for each
+    amplitude. columns (N, k): orthonormal, what the fit can adjust.
+    """
+
+    c: Array
+    additions: Additions
+    loss: float
+    free_loss: float
+    n_rows: int
+    columns: Array = field(repr=False)
+    residual: Array = field(repr=False)
+    chains: tuple[Chain, ...] = field(repr=False)
+    errors: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def degrees(self) -> int:
+        return self.n_rows - self.columns.shape[1]
+
+    @property
+    def reduced_chi_square(self) -> float:
+        """Of what no I1 energy, convex or not, can absorb."""
+        return self.free_loss / max(self.degrees, 1)
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a misfit as large, if there is nothing but noise."""
+        return float(stats.chi2.sf(self.free_loss, self.degrees))
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """One effect's test. status: 'tested', 'gauge', 'not testable' or 'absorbed'; why: in words, where not tested.
+
+    score: T over the dispersion, with `degrees`; p_value: of the effect; adjusted: of the whole search. share: of the
+    misfit that it would explain. absorbed: share of the signature that the base takes. amplitudes, errors: with null
+    value 0 of the difference. admissible: within bounds. direction (N,): unit vector of the fitted change.
+    """
+
+    effect: Effect
+    status: str
+    why: str = ""
+    score: float = 0.0
+    degrees: int = 0
+    p_value: float = 1.0
+    adjusted: float = 1.0
+    share: float = 0.0
+    absorbed: float = 1.0
+    amplitudes: tuple[float, ...] = ()
+    errors: tuple[float, ...] = ()
+    shape: tuple[float, ...] = ()
+    admissible: bool = True
+    direction: Array | None = field(default=None, repr=False)
+
+    @property
+    def evidence(self) -> float:
+        """Improvement minus the price of its amplitudes (Schwarz 1978), for ranking."""
+        n = 1000 if self.direction is None else len(self.direction)
+        return self.score - self.degrees * float(np.log(n)) if self.status == "tested" else -np.inf
+
+
+Rows = Callable[[Equilibrium], Mask]
+
+
+def all_rows(system: Equilibrium) -> Mask:
+    """Every equation with a known right-hand side (t, 2 v)."""
+    return np.isfinite(system.loads)
+
+
+def prepare(
+    experiments: Sequence[Experiment],
+    train: Sequence[Rows],
+    spacing: float | None = None,
+    with_discrepancy: bool = True,
+    base: str = "convex",
+) -> tuple[Problem, Fit]:
+    """Problem and base fit. train: for each experiment, the equations to be used; the others are held out.
+
+    base: 'convex' (psi_1 does not fall with I1, as in a PANN) or 'positive' (psi_1 >= 0 only).
+
+    Weights follow the base in `PASSES` passes. Raises `FitError` when it does not settle.
+    """
+    systems = [equilibrium(e, spacing) for e in experiments]
+    masks = [function(system) & all_rows(system) for function, system in zip(train, systems, strict=True)]
+    used = [i for i, mask in enumerate(masks) if mask.any()]
+    if not used:
+        raise errors.ConfigError("every equation is held out; leave some to fit")
+    basis = basis_for("I1", np.concatenate([s.deformation_gradients.reshape(-1, 2, 2) for s in systems]))
+    assert isinstance(basis, SingleBasis)
+    assembled = [reduction.assemble(system, basis) for system in systems]
+    c = first_guess([assembled[i] for i in used])
+    chains = [Chain(system, basis) for system in systems]
+    cone = base_cone(basis, base)
+    previous = c
+    for _ in range(PASSES):
+        whites = [whitening(assembled[i], c, masks[i]) for i in used]
+        A = np.concatenate([w(np.moveaxis(np.array(assembled[i].matrices), -1, 0)).T
+                            for w, i in zip(whites, used, strict=True)])  # fmt: skip
+        shifts = [chains[i].noise_shift(c, assembled[i].noise_factor) for i in used]
+        d = np.concatenate([w(np.nan_to_num(systems[i].loads) + shift)
+                            for w, i, shift in zip(whites, used, shifts, strict=True)])  # fmt: skip
+        quadratic = reduction.Quadratic(basis, A.T @ A, A.T @ d, float(d @ d), len(d))
+        weights = bounded(A @ cone, d, np.zeros(cone.shape[1]), np.full(cone.shape[1], np.inf))
+        previous, c = c, cone @ weights
+        if not c.any():
+            raise errors.FitError("the data do not constrain the material: forces or displacements are all noise")
+        c = quadratic.stiffness_factor(c) * c
+    change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c))
+    if not change < SETTLED:
+        raise errors.FitError(
+            f"the base model has not converged (its forces still change by {change:.1%} when the weights are updated); "
+            "a diagnosis of it would be one of the fit: check forces, units and free edges, or give a larger --spacing"
+        )
+    parts = []
+    for chain, assembly, mask in zip(chains, assembled, masks, strict=True):
+        known = all_rows(chain.system)
+        common = discrepancy.sources(chain.system, basis, c) if with_discrepancy else None
+        parts.append(Part(chain, assembly, whitening(assembly, c, mask, common),
+                          whitening(assembly, c, known & ~mask, common),
+                          chain.noise_shift(c, assembly.noise_factor)))  # fmt: skip
+    problem = Problem(tuple(parts), basis, cone, all(a.noise_is_known for a in assembled))
+    return problem, refit(problem, c, ())
+
+
+def first_guess(assembled: Sequence[Assembled]) -> Array:
+    """Neo-Hooke with the mean of the moduli that fit each experiment's forces."""
+    return np.mean([a.first_guess() for a in assembled], axis=0)
+
+
+def base_cone(basis: SingleBasis, base: str) -> Array:
+    """(n, 24): coefficients of functions of I1, non-negative sums of which are the base models."""
+    functions = fit.monotone_functions(basis, basis.k)
+    if base == "positive":
+        functions = np.concatenate([functions[:-1] - functions[1:], functions[-1:]])
+    return basis.interpolation @ functions.reshape(len(functions), -1).T
+
+
+def denoised(problem: Problem, c: Array, r: Array, dispersion: float) -> list[Chain]:
+    """The trained chains at displacements without the noise that shows in the whitened residual r (N,).
+
+    Signatures and residuals of noisy displacements hold the same noise, which biases their product. The maximum of the
+    likelihood, whose covariance C follows the parameters, has no such bias; its derivative by a parameter is S^T C^-1 r
+    with the signature S taken at u - Sigma K^T C^-1 r, the best linear estimate of the true displacements (K: tangent,
+    Sigma: covariance of the noise). dispersion: only this part of the squared residual is taken for noise.
+    """
+    chains, start = [], 0
+    for part in problem.trained:
+        forces = part.train.adjoint(r[start : start + part.train.size]) / dispersion
+        start += part.train.size
+        system, factor = part.system, part.assembled.noise_factor
+        v = system.fields.n_fields
+        noise = np.zeros_like(system.experiment.displacements)
+        for i, F in enumerate(system.deformation_gradients):
+            if not part.train.rows[i].any():
+                continue
+            blocks = system.tangent(problem.basis, F, c)
+            for k in range(2):
+                noise[i, :, k] = factor @ (factor.T @ (blocks[0][k].T @ forces[i, :v] + blocks[1][k].T @ forces[i, v:]))
+        chains.append(part.chain.disturbed(-noise))
+    return chains
+
+
+def base_columns(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> Array:
+    """Whitened d residual / d coefficients (N, n)."""
+    columns = []
+    for chain in chains:
+        if additions:
+            columns.append(np.moveaxis(chain.base_columns(c, additions), -1, 0))
+        else:
+            F = kinematics.deformation_gradients(chain.system.gradient, np.asarray(chain.data.u))
+            columns.append(np.moveaxis(np.array([chain.system.matrix(problem.basis, f) for f in F]), -1, 0))
+    return problem.white(columns).T
+
+
+def signature(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> Array:
+    """Whitened derivative (N, p) by the amplitudes of the last addition."""
+    return problem.white([chain.derivative(c, additions) for chain in chains]).T
+
+
+def residual(problem: Problem, c: Array, additions: Additions) -> Array:
+    """Whitened training residual (N,)."""
+    return problem.white([part.residual(c, additions) for part in problem.trained])
+
+
+def orthonormal(columns: Array) -> Array:
+    """Orthonormal basis of the span of columns (N, k), directions without information dropped."""
+    size = np.linalg.norm(columns, axis=0)
+    columns = columns[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return U[:, s > 1e-5 * s[0]]
+
+
+def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6) -> Fit:
+    """Base in its cone and amplitudes in their bounds, together, by Gauss-Newton on the exact residual."""
+    cone = problem.cone
+    weights = np.maximum(np.linalg.lstsq(cone, c, rcond=None)[0], 0.0)
+    sizes = [len(a.amplitudes) for a in additions]
+    parameters = [p for a in additions for p in a.effect.amplitudes]
+    typical = np.array([p.typical for p in parameters])
+    lower = np.concatenate([np.zeros(cone.shape[1]), np.array([p.lower for p in parameters]) / typical])
+    upper = np.concatenate([np.full(cone.shape[1], np.inf), np.array([p.upper for p in parameters]) / typical])
+    x = np.concatenate([weights, np.array([v for a in additions for v in a.amplitudes]) / typical])
+    x = np.clip(x, lower, upper)
+    n = cone.shape[1]
+
+    def current(x: Array) -> tuple[Array, Additions]:
+        split = np.split(x[n:] * typical, np.cumsum(sizes)[:-1]) if sizes else []
+        return cone @ x[:n], tuple(
+            replace(a, amplitudes=tuple(map(float, v))) for a, v in zip(additions, split, strict=True)
+        )
+
+    for _ in range(iterations):
+        c, now = current(x)
+        r = residual(problem, c, now)
+        dispersion = max(1.0, float(r @ r) / len(r))
+        chains = denoised(problem, c, r, dispersion)
+        G, S = base_columns(problem, chains, c, now), signatures(problem, chains, c, now)
+        A = np.concatenate([G @ cone, S * typical], axis=1)
+        new = bounded(A, A @ x - r, lower, upper)
+        step, x = np.linalg.norm(A @ (new - x)), new
+        if step < 1e-2:
+            break
+    c, now = current(x)
+    c = (1 + (1 - 1 / dispersion) * (stiffness_factor(problem, c, now) - 1)) * c
+    r = residual(problem, c, now)
+    U = orthonormal(np.concatenate([G, S * typical], axis=1))
+    free = r - U @ (U.T @ r)
+    spread = np.zeros(0)
+    if sizes:
+        base = orthonormal(G)
+        left = S * typical - base @ (base.T @ (S * typical))
+        spread = np.sqrt(np.diag(np.linalg.pinv(left.T @ left, rcond=CONDITION))) * typical
+        spread = spread * np.sqrt(max(1.0, float(free @ free) / max(len(r) - U.shape[1], 1)))
+    deviations = np.split(spread, np.cumsum(sizes)[:-1]) if sizes else []
+    return Fit(c, now, float(r @ r), float(free @ free), len(r), U, r, tuple(chains),
+               tuple(tuple(map(float, d)) for d in deviations))  # fmt: skip
+
+
+def signatures(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> Array:
+    """Whitened derivatives (N, sum p) by all amplitudes: of each addition as if it were the last of the chain."""
+    columns = []
+    for i, addition in enumerate(additions):
+        others = additions[:i] + additions[i + 1 :]
+        columns.append(signature(problem, chains, c, (*others, addition)))
+    return np.concatenate(columns, axis=1) if columns else np.zeros((sum(p.train.size for p in problem.trained), 0))
+
+
+def loads(problem: Problem, additions: Additions = ()) -> Array:
+    """Whitened right-hand side (N,)."""
+    return problem.white([part.chain.external(additions) + part.shift for part in problem.trained])
+
+
+def stiffness_factor(problem: Problem, c: Array, additions: Additions) -> float:
+    """Factor on the stiffness when the noise covariance follows it, see `Quadratic.stiffness_factor`."""
+    load = loads(problem, additions)
+    internal = residual(problem, c, additions) + load
+    return float(load @ load / (load @ internal))
+
+
+def bounded(A: Array, target: Array, lower: Array, upper: Array) -> Array:
+    """argmin |A x - target|^2 in bounds; columns scaled, reduced to their own number of rows."""
+    scale = np.linalg.norm(A, axis=0)
+    scale[scale == 0] = 1.0
+    Q, R = np.linalg.qr(A / scale)
+    ridge = 1e-9 * np.linalg.norm(R) * np.eye(R.shape[1])
+    found = lsq_linear(
+        np.concatenate([R, ridge]),
+        np.concatenate([Q.T @ target, np.zeros(R.shape[1])]),
+        (lower * scale, upper * scale),
+        method="bvls",
+        max_iter=400,
+    )
+    return np.clip(found.x / scale, lower, upper)
+
+
+def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, seed: int = 0) -> list[Score]:
+    """Test every effect that is not in the model yet; best first, those that could not be tested last."""
+    present = {a.effect.name for a in state.additions}
+    U, r = state.columns, state.residual
+    r = r - U @ (U.T @ r)
+    found: list[tuple[Score, Array]] = []
+    skipped = []
+    for effect in effects:
+        if effect.name in present:
+            continue
+        why = untestable(problem, effect)
+        if why:
+            skipped.append(why)
+            continue
+        result = examine(problem, state, effect, U, r)
+        (found.append(result) if result[0].status == "tested" else skipped.append(result[0]))  # type: ignore[func-returns-value]
+    if not found:
+        return skipped
+    everything = np.concatenate([Q for _, Q in found], axis=1)
+    both = orthonormal(everything)
+    rest = r - both @ (both.T @ r)
+    dispersion = max(1.0, float(rest @ rest) / max(len(r) - U.shape[1] - both.shape[1], 1))
+    tested = adjust([one for one, _ in found], [Q for _, Q in found], dispersion, seed)
+    tested.sort(key=lambda s: -s.evidence)
+    return tested + skipped
+
+
+def untestable(problem: Problem, effect: Effect) -> Score | None:
+    """Why an effect cannot be tested with these data, or None."""
+    if effect.gauge:
+        return Score(effect, "gauge", f"cannot be told from {effect.gauge}")
+    lacking = {effect.missing(part.chain.data) for part in problem.trained}
+    if None not in lacking:
+        return Score(effect, "not testable", "needs " + " and ".join(sorted(str(x) for x in lacking)))
+    if len(problem.trained) > 1 and not effect.of_material:
+        return Score(effect, "not testable", "belongs to one test, not to the material; needs a run on one experiment")
+    return None
+
+
+def examine(problem: Problem, state: Fit, effect: Effect, U: Array, r: Array) -> tuple[Score, Array]:
+    """Score of one effect over its shapes, and orthonormal signatures (N, k) of all shapes for the simulation."""
+    null = tuple(p.null for p in effect.amplitudes)
+    best: Score | None = None
+    blocks, absorbed_most = [], 1.0
+    shapes = effect.shape_values(problem.trained[0].chain.data)
+    for shape in shapes:
+        one, Q = examine_shape(problem, state, Addition(effect, null, tuple(shape)), U, r)
+        absorbed_most = min(absorbed_most, one.absorbed)
+        if one.status != "tested":
+            continue
+        blocks.append(Q)
+        if best is None or (one.admissible, one.score) > (best.admissible, best.score):
+            best = one
+    if best is None:
+        return Score(effect, "absorbed", "the base model can do the same", absorbed=absorbed_most), np.zeros(
+            (len(r), 0)
+        )
+    p = min(1.0, len(blocks) * float(stats.chi2.sf(best.score, best.degrees)))
+    return replace(best, p_value=p), np.concatenate(blocks, axis=1)
+
+
+def examine_shape(problem: Problem, state: Fit, addition: Addition, U: Array, r: Array) -> tuple[Score, Array]:
+    """Score of one effect with one shape, and its orthonormal signature (N, p)."""
+    effect = addition.effect
+    typical = np.array([p.typical for p in effect.amplitudes])
+    additions = (*state.additions, addition)
+    S = signature(problem, state.chains, state.c, additions) * typical
+    left = S - U @ (U.T @ S)
+    size = np.linalg.norm(S)
+    absorbed = 1.0 - np.linalg.norm(left) / max(size, 1e-300)
+    if absorbed > 1 - ABSORBED:
+        return Score(effect, "absorbed", "the base model can do the same", absorbed=absorbed), left
+    g, M = left.T @ r, left.T @ left
+    values, vectors = np.linalg.eigh(M)
+    keep = values > CONDITION * values.max()
+    Q = (left @ vectors[:, keep]) / np.sqrt(values[keep])
+    a = -vectors[:, keep] @ ((vectors[:, keep].T @ g) / values[keep])
+    T = float(-g @ a)
+    spread = np.sqrt(np.diag((vectors[:, keep] / values[keep]) @ vectors[:, keep].T))
+    null = np.array([p.null for p in effect.amplitudes])
+    amplitudes = null + a * typical
+    admissible = all(p.lower <= v <= p.upper for p, v in zip(effect.amplitudes, amplitudes, strict=True))
+    change = left @ a
+    direction = change / max(np.linalg.norm(change), 1e-300)
+    return (
+        Score(effect, "tested", "", T, int(keep.sum()), 1.0, 1.0, T / max(float(r @ r), 1e-300), absorbed,
+              tuple(map(float, amplitudes)), tuple(map(float, spread * typical)), addition.shape, admissible, direction),
+        Q,
+    )  # fmt: skip
+
+
+def adjust(scores: list[Score], blocks: list[Array], dispersion: float, seed: int) -> list[Score]:
+    """Scores over the dispersion, with p-values of the whole search from simulated noise."""
+    Q = np.concatenate(blocks, axis=1)
+    values, vectors = np.linalg.eigh(Q.T @ Q)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(seed).standard_normal((DRAWS, root.shape[1])) @ root.T
+    smallest = np.ones(DRAWS)
+    start = 0
+    for one, block in zip(scores, blocks, strict=True):
+        size, n_shapes = one.degrees, block.shape[1] // one.degrees
+        T = (draws[:, start : start + block.shape[1]].reshape(DRAWS, n_shapes, size) ** 2).sum(axis=2).max(axis=1)
+        smallest = np.minimum(smallest, np.minimum(1.0, n_shapes * stats.chi2.sf(T, size)))
+        start += block.shape[1]
+    result = []
+    for one, block in zip(scores, blocks, strict=True):
+        n_shapes = block.shape[1] // one.degrees
+        score = one.score / dispersion
+        p = min(1.0, n_shapes * float(stats.chi2.sf(score, one.degrees)))
+        exceeded = int((smallest <= p).sum())
+        adjusted = exceeded / DRAWS if exceeded >= 10 else min(len(scores) * p, 10 / DRAWS)
+        deviations = tuple(float(e * np.sqrt(dispersion)) for e in one.errors)
+        result.append(replace(one, score=score, p_value=p, adjusted=adjusted, errors=deviations))
+    return result
+
+
+def likeness(scores: Sequence[Score]) -> Array:
+    """|cos| (k, k) of the fitted changes of tested effects."""
+    directions = np.array([s.direction for s in scores])
+    return np.abs(directions @ directions.T)

@@ -1,0 +1,368 @@
+"""Close the loop: test the effects, add the best that data held out confirm, test what is left, until nothing is.
+
+In: Experiments, what to hold out. Out: `Discovery` with a round for each model, and a verdict.
+
+An effect is added if its adjusted p-value is small, its amplitude is physically admissible, and the error on equations
+that were not used for fitting falls. It is named only if what it leaves is noise, or less than a tenth of what it
+explains; otherwise it is the closest of the catalogue, and the verdict says that the rest is not explained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from calibrate import diagnosis, errors
+from calibrate.chain import Addition, Additions
+from calibrate.diagnosis import Fit, Part, Problem, Score
+from calibrate.effects import CATALOGUE, Effect
+from calibrate.equilibrium import Equilibrium
+from calibrate.experiment import Experiment
+from calibrate.whitening import Whitening
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+ALPHA = 0.05
+GLOBAL = 0.01
+REST = 0.1  # of what was explained, that may be left
+MAX_ROUNDS = 4
+TRIES = 3
+SHAPE_EVALUATIONS = 24
+
+
+@dataclass(frozen=True)
+class HoldOut:
+    """Which equations of the experiments are held out: kind 'every' (each n-th increment), 'after' (s), 'half' or 'none'.
+
+    value: n, time in s, or left, right, bottom, top.
+    """
+
+    kind: str = "every"
+    value: Any = 3
+
+    @classmethod
+    def parse(cls, text: str) -> HoldOut:
+        """'every:3', 'after:15', 'half:left' or 'none'. Raises `ConfigError`."""
+        kind, _, value = text.partition(":")
+        try:
+            if kind == "every" and int(value) > 1:
+                return cls(kind, int(value))
+            if kind == "after" and np.isfinite(float(value)):
+                return cls(kind, float(value))
+        except ValueError:
+            pass
+        if kind == "half" and value in ("left", "right", "bottom", "top"):
+            return cls(kind, value)
+        if text == "none":
+            return cls("none", None)
+        raise errors.ConfigError(
+            f"--hold-out {text}: give an experiment.npz, every:N (each N-th increment, N > 1), after:SECONDS, "
+            "half:left|right|bottom|top, or none"
+        )
+
+    def __str__(self) -> str:
+        return {
+            "every": f"every {_ordinal(self.value)} increment",
+            "after": f"increments after {self.value} s",
+            "half": f"virtual fields in the {self.value} half",
+            "none": "nothing",
+        }[self.kind]
+
+    def training(self, system: Equilibrium) -> Mask:
+        """Equations (t, 2 v) that are used for fitting. Raises `ConfigError` when none or all are left."""
+        e = system.experiment
+        mask = np.ones(system.loads.shape, bool)
+        if self.kind == "every":
+            mask[self.value - 1 :: self.value] = False
+        elif self.kind == "after":
+            if e.time is None:
+                raise errors.ConfigError(f"{e.name}: --hold-out after:SECONDS needs a time; use every:N")
+            mask[e.time > self.value] = False
+        elif self.kind == "half":
+            axis = 0 if self.value in ("left", "right") else 1
+            weight = system.fields.values / np.asarray(system.fields.values.sum(axis=0)).ravel()
+            place = weight.T @ e.points[:, axis] - 0.5 * (e.points[:, axis].min() + e.points[:, axis].max())
+            away = (place < 0) == (self.value in ("left", "bottom"))
+            mask[:, np.tile(away & (system.fields.boundary < 0), 2)] = False
+        if not mask.any():
+            raise errors.ConfigError(f"{e.name}: holding out {self} leaves nothing to fit")
+        if mask.all() and self.kind != "none":
+            raise errors.ConfigError(f"{e.name}: holding out {self} holds out nothing; use every:2 or none")
+        return mask
+
+
+def _ordinal(n: int) -> str:
+    return {2: "second", 3: "third"}.get(n, f"{n}th")
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """force: norm of force errors over norm of measured forces. field: norm of the virtual work that fields without a
+    load leave, over the same. chi_square: whitened squared residual an equation; rows: equations."""
+
+    force: float
+    field: float
+    chi_square: float
+    rows: int
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A line of the table: an effect's score, the fit with it (None where it was not made) and its errors."""
+
+    score: Score
+    fit: Fit | None = field(default=None, repr=False)
+    train: Misfit | None = None
+    held: Misfit | None = None
+    like: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def name(self) -> str:
+        return self.score.effect.name
+
+    @property
+    def addition(self) -> Addition | None:
+        return None if self.fit is None else self.fit.additions[-1]
+
+    @property
+    def deviations(self) -> tuple[float, ...]:
+        return () if self.fit is None else self.fit.errors[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """A model, its errors, the tests of what it leaves, and what was added (None: nothing). remarks: why not others."""
+
+    fit: Fit
+    train: Misfit
+    held: Misfit | None
+    rows: tuple[Row, ...]
+    added: str | None = None
+    group: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery:
+    """Result of `discover`. verdict: 'explained', 'nothing significant' or 'significant, not explained'.
+
+    named: effects that what is left confirms; closest: those added that it does not. groups: for each added effect, the
+    effects that these data cannot tell from it.
+    """
+
+    problem: Problem = field(repr=False)
+    rounds: tuple[Round, ...]
+    verdict: str
+    named: tuple[str, ...]
+    closest: tuple[str, ...]
+    groups: dict[str, tuple[str, ...]]
+
+    @property
+    def base(self) -> Fit:
+        return self.rounds[0].fit
+
+    @property
+    def final(self) -> Fit:
+        return self.rounds[-1].fit
+
+
+def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misfit | None:
+    """Errors on the training equations, or on those held out (None where there are none)."""
+    force = field_ = measured = chi = 0.0
+    n = 0
+    for part in problem.parts:
+        weights = part.held if held else part.train
+        if not weights.size:
+            continue
+        r, load = part.residual(c, _carried(part, additions)), np.nan_to_num(part.system.loads)
+        carries = np.broadcast_to(np.tile(part.system.fields.boundary >= 0, 2), r.shape)
+        force += float((r[weights.rows & carries] ** 2).sum())
+        field_ += float((r[weights.rows & ~carries] ** 2).sum())
+        measured += float((load[weights.rows & carries] ** 2).sum())
+        if not (weights.rows & carries).any():
+            measured += float((load[np.isfinite(part.system.loads) & carries] ** 2).sum())
+        chi += float((weights(r) ** 2).sum())
+        n += weights.size
+    if not n:
+        return None
+    size = max(measured, 1e-300)
+    return Misfit(float(np.sqrt(force / size)), float(np.sqrt(field_ / size)), chi / n, n)
+
+
+def _carried(part: Part, additions: Additions) -> Additions:
+    """Additions that hold for an experiment: those of the material, and all where it took part in the fit."""
+    return additions if part.train.size else tuple(a for a in additions if a.effect.of_material)
+
+
+def discover(
+    experiments: Sequence[Experiment],
+    hold_out: HoldOut | None = None,
+    held: Sequence[Experiment] = (),
+    effects: Sequence[Effect] = CATALOGUE,
+    spacing: float | None = None,
+    base: str = "convex",
+    whole_table: bool = True,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> Discovery:
+    """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
+
+    hold_out: default every third increment, or nothing where there are experiments to be held out. whole_table: refit
+    with every effect, not only with significant ones. Raises `FitError` for a base that does not converge, `ConfigError`.
+    """
+    say = progress or (lambda text: None)
+    if hold_out is None:
+        few = min(e.n_increments for e in experiments) < 3
+        hold_out = HoldOut("none", None) if held or few else HoldOut()
+    say("base model")
+    train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
+    problem, state = diagnosis.prepare([*experiments, *held], train, spacing, base=base)
+    rounds: list[Round] = []
+    while True:
+        say(f"round {len(rounds) + 1}: testing effects")
+        now = _round(problem, state, effects, whole_table, seed, say)
+        added = None
+        if len(rounds) < MAX_ROUNDS:
+            now, added = _extend(problem, now, say)
+        rounds.append(now)
+        if added is None:
+            return _conclude(problem, tuple(rounds))
+        state = _without_idle(problem, added)
+
+
+def _nothing(system: Equilibrium) -> Mask:
+    return np.zeros(system.loads.shape, bool)
+
+
+def _round(
+    problem: Problem, state: Fit, effects: Sequence[Effect], whole: bool, seed: int, say: Callable[[str], None]
+) -> Round:
+    """Test every effect and make the table."""
+    scores = diagnosis.score(problem, state, effects, seed)
+    tested = [s for s in scores if s.status == "tested"]
+    like = diagnosis.likeness(tested) if tested else np.zeros((0, 0))
+    rows = []
+    for i, one in enumerate(scores):
+        if one.status != "tested":
+            rows.append(Row(one))
+            continue
+        near = [(tested[j].effect.name, float(like[i, j])) for j in np.argsort(-like[i]) if j != i]
+        row = Row(one, like=tuple((n, v) for n, v in near if v > 0.5))
+        if whole or one.adjusted < ALPHA:
+            say(f"fit with {one.effect.name}")
+            row = _fitted(problem, state, row, iterations=2)
+        rows.append(row)
+    return Round(
+        state,
+        misfit(problem, state.c, state.additions, False),  # type: ignore[arg-type]
+        misfit(problem, state.c, state.additions, True),
+        tuple(rows),
+    )
+
+
+def _fitted(problem: Problem, state: Fit, row: Row, iterations: int) -> Row:
+    """The row with a refit of base and effect and its errors."""
+    addition = Addition(row.score.effect, row.score.amplitudes, row.score.shape)
+    new = diagnosis.refit(problem, state.c, (*state.additions, addition), iterations)
+    return replace(
+        row,
+        fit=new,
+        train=misfit(problem, new.c, new.additions, False),
+        held=misfit(problem, new.c, new.additions, True),
+    )
+
+
+def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[Round, Fit | None]:
+    """Add the best effect that is significant, admissible and confirmed by what was held out."""
+    significant = [row for row in now.rows if row.score.status == "tested" and row.score.adjusted < ALPHA]
+    remarks, tried = [], 0
+    for row in significant:
+        if not row.score.admissible:
+            remarks.append(f"{row.name}: significant, but with an inadmissible amplitude")
+            continue
+        if tried == TRIES:
+            break
+        tried += 1
+        say(f"adding {row.name}")
+        best = _fitted(problem, now.fit, replace(row, score=_best_shape(problem, now.fit, row.score)), 6)
+        assert best.fit is not None and best.addition is not None
+        if _idle(best.addition, best.deviations):
+            remarks.append(f"{row.name}: no amplitude within its bounds differs from none when everything is refitted")
+            continue
+        if now.held is not None and best.held is not None and not _better(now.held, best.held):
+            remarks.append(f"{row.name}: the error on held-out data does not fall")
+            continue
+        group = (row.name, *(n for n, v in row.like if v > diagnosis.COLLINEAR and n in {r.name for r in significant}))
+        rows = tuple(best if r is row else r for r in now.rows)
+        return replace(now, rows=rows, added=row.name, group=group, remarks=tuple(remarks)), best.fit
+    return replace(now, remarks=tuple(remarks)), None
+
+
+def _better(before: Misfit, after: Misfit) -> bool:
+    return after.chi_square < before.chi_square and (after.force < before.force or after.field < before.field)
+
+
+def _best_shape(problem: Problem, state: Fit, found: Score) -> Score:
+    """The score at the best shape near the best one of the grid."""
+    if not found.shape:
+        return found
+    U = state.columns
+    r = state.residual - U @ (U.T @ state.residual)
+    null = tuple(p.null for p in found.effect.amplitudes)
+    grid = np.array(found.effect.shape_values(problem.trained[0].chain.data))
+    logarithmic = np.array([p.lower == 0 and np.all(grid[:, i] > 0) for i, p in enumerate(found.effect.shapes)])
+    best = found
+
+    def evaluate(x: Array) -> float:
+        nonlocal best
+        shape = tuple(float(v) for v in np.where(logarithmic, np.exp(x), x))
+        if any(not p.lower <= v <= p.upper for p, v in zip(found.effect.shapes, shape, strict=True)):
+            return 0.0
+        one, _ = diagnosis.examine_shape(problem, state, Addition(found.effect, null, shape), U, r)
+        if one.status == "tested" and one.admissible and one.score > best_score[0]:
+            best_score[0] = one.score
+            best = replace(found, shape=shape, amplitudes=one.amplitudes, errors=one.errors)
+        return -one.score
+
+    best_score = [-np.inf]
+    start = np.where(logarithmic, np.log(np.maximum(found.shape, 1e-12)), found.shape)
+    step = np.where(logarithmic, 0.5, 0.13)
+    simplex = np.concatenate([start[None], start + np.diag(step)])
+    minimize(evaluate, start, method="Nelder-Mead",
+             options={"maxfev": SHAPE_EVALUATIONS, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2})  # fmt: skip
+    return best
+
+
+def _idle(addition: Addition, deviations: Sequence[float]) -> bool:
+    """Whether no amplitude differs from its null value by two standard deviations."""
+    return all(
+        abs(a - p.null) < 2 * d or a == p.null
+        for a, d, p in zip(addition.amplitudes, deviations, addition.effect.amplitudes, strict=True)
+    )
+
+
+def _without_idle(problem: Problem, state: Fit) -> Fit:
+    """The fit without effects that a later one has made superfluous."""
+    kept = tuple(a for a, d in zip(state.additions, state.errors, strict=True) if not _idle(a, d))
+    return state if len(kept) == len(state.additions) else diagnosis.refit(problem, state.c, kept)
+
+
+def _conclude(problem: Problem, rounds: tuple[Round, ...]) -> Discovery:
+    """Verdict from the rounds."""
+    first, last = rounds[0].fit, rounds[-1].fit
+    names = tuple(a.effect.name for a in last.additions)
+    groups = {r.added: r.group for r in rounds if r.added in names}
+    excess, left = first.free_loss - first.degrees, last.free_loss - last.degrees
+    candidates = any(r.score.status == "tested" and r.score.adjusted < ALPHA for r in rounds[-1].rows)
+    beyond_noise = problem.noise_is_known and last.p_value < GLOBAL
+    if names:
+        clean = left < REST * max(excess - left, 0.0) or not (beyond_noise or candidates)
+        verdict = "explained" if clean else "significant, not explained"
+        return Discovery(problem, rounds, verdict, names if clean else (), () if clean else names, groups)
+    verdict = "significant, not explained" if candidates or beyond_noise else "nothing significant"
+    return Discovery(problem, rounds, verdict, (), (), {})

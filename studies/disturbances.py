@@ -1,0 +1,300 @@
+"""What a camera, its correlation and a load cell get wrong: an exact solution in, the Experiment so observed out.
+
+A camera sees the point x at V_t(x). Its correlation follows a seen point of the reference picture, so that the
+reference points are V_0(X), with X the nodes of the camera's mesh on the specimen, and the measured displacements
+
+    u = V_t(X + mean of U) - V_0(X),
+
+where the mean is over a subset, if there is one. Noise is added afterwards (`studies.camera`). Each disturbance is one
+small class with its amplitude; several act one after the other. `label` names it as the catalogue of effects does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import spsolve
+
+from calibrate.experiment import Experiment
+from forward.solution import SurfaceSolution
+from meshes import Mesh, Specimen
+from meshes.shapes import signed_distance
+from studies.camera import boundaries
+from studies.errors import OptionError
+
+Array = NDArray[np.float64]
+SIDES = ("left", "right", "bottom", "top")
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Base: an exact camera and load cell. Raises `OptionError` for amplitudes that are no finite numbers."""
+
+    name: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for key, value in asdict(self).items():
+            if not np.isfinite(value):
+                raise OptionError(f"{self.name}: {key} = {value}; give a finite number")
+
+    def points(self, mesh: Mesh) -> Array:
+        """Where on the specimen the nodes of the camera's mesh are, (n, 2), mm."""
+        return mesh.points
+
+    def displacements(self, solution: SurfaceSolution, specimen: Specimen, X: Array) -> Array | None:
+        """Displacements (t, n, 2), mm, that the correlation finds at X (n, 2); None: those of the points."""
+        return None
+
+    def see(self, x: Array, share: Any, size: float) -> Array:
+        """Where points x (..., 2), mm, from the middle of the picture, are seen; share: of the loading, 0 to 1."""
+        return x
+
+    def forces(self, force: Array) -> Array:
+        """What a load cell reads of the forces (t, 2), N."""
+        return force
+
+    def label(self) -> dict[str, Any]:
+        """Name and amplitudes in the convention of the catalogue."""
+        return {"name": self.name, "amplitudes": asdict(self), "shape": {}}
+
+
+@dataclass(frozen=True)
+class LensDistortion(Disturbance):
+    """A point at x from the middle is seen at x (1 + k |x|^2 / R^2), R half the extent, in every picture."""
+
+    k: float
+    name: ClassVar[str] = "lens distortion"
+
+    def see(self, x, share, size):
+        return x * (1 + self.k * (x**2).sum(axis=-1, keepdims=True) / (0.5 * size) ** 2)
+
+
+@dataclass(frozen=True)
+class OutOfPlane(Disturbance):
+    """The specimen comes nearer as it is loaded: the picture grows by m at the largest load."""
+
+    m: float
+    name: ClassVar[str] = "out-of-plane motion"
+
+    def see(self, x, share, size):
+        return x * (1 + self.m * share)
+
+
+@dataclass(frozen=True)
+class Rotation(Disturbance):
+    """The camera is turned against the load axes, so that it sees everything turned by phi, rad."""
+
+    phi: float
+    name: ClassVar[str] = "image rotation"
+
+    def see(self, x, share, size):
+        c, s = np.cos(self.phi), np.sin(self.phi)
+        return x @ np.array([[c, s], [-s, c]])
+
+
+@dataclass(frozen=True)
+class Scale(Disturbance):
+    """Lengths in the picture are too large by the factor 1 + e."""
+
+    e: float
+    name: ClassVar[str] = "DIC scale"
+
+    def see(self, x, share, size):
+        return x * (1 + self.e)
+
+
+@dataclass(frozen=True)
+class ForceOffset(Disturbance):
+    """Every load cell reads f0, N, too much in the direction that its force has at the end."""
+
+    f0: float
+    name: ClassVar[str] = "force offset"
+
+    def forces(self, force):
+        return force + self.f0 * force[-1] / np.linalg.norm(force[-1])
+
+
+@dataclass(frozen=True)
+class ForceGain(Disturbance):
+    """True forces are 1 + g times those that the load cells read."""
+
+    g: float
+    name: ClassVar[str] = "force gain"
+
+    def forces(self, force):
+        return force / (1 + self.g)
+
+
+@dataclass(frozen=True)
+class Lag(Disturbance):
+    """Forces are read dt, s, after the picture. The solution must hold both instants: `schedule` before, `split` after."""
+
+    dt: float
+    name: ClassVar[str] = "lag between force and image"
+
+    def schedule(self, factors: Sequence[float], times: Sequence[float]) -> tuple[Array, Array]:
+        """Load factors and times of all pictures and readings, rising; the last straight line is continued."""
+        knots, values = np.concatenate([[0.0], times]), np.concatenate([[0.0], factors])
+        late = np.asarray(times) + self.dt
+        if late[0] <= 0:
+            raise OptionError(f"a lag of {self.dt:g} s reads a force before the test begins at 0 s")
+        slope = (values[-1] - values[-2]) / (knots[-1] - knots[-2])
+        read = np.where(late > knots[-1], values[-1] + slope * (late - knots[-1]), np.interp(late, knots, values))
+        every, first = np.unique(np.concatenate([times, late]), return_index=True)
+        return np.concatenate([factors, read])[first], every
+
+    def split(self, solution: SurfaceSolution, times: Sequence[float]) -> SurfaceSolution:
+        """Displacements at the pictures, forces at the readings."""
+        pictures = np.searchsorted(solution.time, times)
+        readings = np.searchsorted(solution.time, np.asarray(times) + self.dt)
+        return replace(
+            solution,
+            displacements=solution.displacements[pictures],
+            reactions={side: force[readings] for side, force in solution.reactions.items()},
+            time=solution.time[pictures],
+            energy=solution.energy[pictures],
+            iterations=solution.iterations[pictures],
+        )
+
+
+@dataclass(frozen=True)
+class SubsetSmoothing(Disturbance):
+    """A displacement is fitted to those over a square of `side`, mm, cut off at the specimen's edges.
+
+    affine: the subset may strain (a plane is fitted and read at its middle), as in most programs; else the mean is
+    taken, which near an edge belongs to another point. Inside both are the same. The places are Gauss points, 5 x 5.
+    """
+
+    side: float
+    affine: bool = True
+    name: ClassVar[str] = "subset smoothing"
+
+    def displacements(self, solution, specimen, X):
+        x, w = np.polynomial.legendre.leggauss(5)
+        offsets = 0.5 * self.side * np.array([(a, b) for a in x for b in x])
+        places = X[:, None] + offsets
+        weights = np.outer(w, w).ravel() * inside(specimen, places.reshape(-1, 2)).reshape(len(X), -1)
+        there = weights > 0
+        basis = np.concatenate([np.ones((len(offsets), 1)), offsets / self.side], axis=1)[:, : 3 if self.affine else 1]
+        gram = np.einsum("nq,qa,qb->nab", weights, basis, basis)
+        row = np.linalg.solve(gram, np.eye(basis.shape[1])[:1].T)[..., 0]
+        row = np.einsum("na,qa,nq->nq", row, basis, weights)
+        owner = np.repeat(np.arange(len(X)), there.sum(axis=1))
+        average = sp.csr_array((row[there], (owner, np.arange(len(owner)))), shape=(len(X), len(owner)))
+        return np.array([average @ u for u in solution.evaluate(places[there])])
+
+    def label(self):
+        return {
+            "name": self.name,
+            "amplitudes": {"s2": self.side**2 / 12},
+            "shape": {},
+            "side": self.side,
+            "affine": self.affine,
+        }
+
+
+@dataclass(frozen=True)
+class UnmeasuredStrip(Disturbance):
+    """The measured region ends w, mm, inside the free edges; the nodes further inside make room smoothly."""
+
+    w: float
+    name: ClassVar[str] = "unmeasured strip"
+
+    def points(self, mesh):
+        return mesh.points + self.w * inward(mesh)
+
+
+def observe(
+    solution: SurfaceSolution,
+    specimen: Specimen,
+    mesh: Mesh,
+    disturbances: Sequence[Disturbance] = (),
+    shares: Array | None = None,
+    name: str = "synthetic",
+) -> Experiment:
+    """What is recorded of a solution on the nodes of `mesh` (triangles, whole specimen), before noise.
+
+    shares (t,): of the loading, 1 at the largest, that out-of-plane motion follows; the load factors by default.
+    """
+    if shares is None:
+        factors = np.asarray(solution.description.get("load_factors", solution.time))
+        shares = factors / np.abs(factors).max()
+    share = np.asarray(shares)[:, None, None]
+    X = mesh.points
+    for d in disturbances:
+        X = X + d.points(mesh) - mesh.points
+    smoothed = [u for d in disturbances if (u := d.displacements(solution, specimen, X)) is not None]
+    u = smoothed[-1] if smoothed else solution.evaluate(X)
+    middle, size = 0.5 * (X.min(axis=0) + X.max(axis=0)), float(np.ptp(X, axis=0).max())
+    before, after = X - middle, X - middle + u
+    forces = dict(solution.reactions)
+    for d in disturbances:
+        before, after = d.see(before, 0.0, size), d.see(after, share, size)
+        forces = {side: d.forces(force) for side, force in forces.items()}
+    loaded, free = boundaries(mesh, forces)
+    return Experiment(
+        name=name,
+        points=middle + before,
+        triangles=mesh.cells,
+        displacements=after - before,
+        loaded=loaded,
+        free_nodes=free,
+        thickness=solution.thickness,
+        time=solution.time,
+    )
+
+
+def inside(specimen: Specimen, points: Array) -> NDArray[np.bool_]:
+    """Whether points (n, 2), mm, lie in the specimen; those on its edge within a millionth of its extent do."""
+    slack = 1e-6 * max(specimen.half_extent)
+    outline = specimen.outline()
+    found = np.concatenate(
+        [signed_distance(p, outline) > -slack for p in np.array_split(points, len(points) // 5000 + 1)]
+    )
+    for hole in specimen.holes():
+        found &= hole.level(points) > 1 - slack / hole.b
+    return found
+
+
+def inward(mesh: Mesh) -> Array:
+    """Unit inward normals (n, 2) at free edges, continued smoothly into the triangles; grips stay on their lines."""
+    n = len(mesh.points)
+    edges = mesh.boundaries["free"]
+    along = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
+    normal = np.column_stack([-along[:, 1], along[:, 0]])
+    middle = mesh.points[edges].mean(axis=1)
+    normal *= np.sign(((_thirds(mesh, edges) - middle) * normal).sum(axis=1))[:, None]
+    shift = np.zeros((n, 2))
+    for k in range(2):
+        np.add.at(shift, edges[:, k], normal)
+    held = np.zeros((n, 2), bool)
+    free = np.unique(edges)
+    shift[free] /= np.linalg.norm(shift[free], axis=1, keepdims=True)
+    held[free] = True
+    for side in set(SIDES) & set(mesh.boundaries):
+        nodes = mesh.boundary_nodes(side)
+        held[nodes, 0 if side in ("left", "right") else 1] = True
+    pairs = np.concatenate([mesh.cells[:, [0, 1]], mesh.cells[:, [1, 2]], mesh.cells[:, [2, 0]]])
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    graph = sp.csr_array((np.ones(len(pairs)), pairs.T), shape=(n, n))
+    laplacian = sp.csc_array(sp.diags_array(graph.sum(axis=1)) - graph)
+    for axis in range(2):
+        known, open_ = np.flatnonzero(held[:, axis]), np.flatnonzero(~held[:, axis])
+        right = -laplacian[open_][:, known] @ shift[known, axis]
+        shift[open_, axis] = spsolve(laplacian[open_][:, open_], right)
+    return shift
+
+
+def _thirds(mesh: Mesh, edges: NDArray[np.int64]) -> Array:
+    """Centroids (e, 2) of the triangles that the boundary edges belong to."""
+    n = len(mesh.points)
+    pairs = np.concatenate([mesh.cells[:, [0, 1]], mesh.cells[:, [1, 2]], mesh.cells[:, [2, 0]]])
+    key = np.sort(pairs, axis=1) @ [n, 1]
+    order = np.argsort(key)
+    owner = order[np.searchsorted(key[order], np.sort(edges[:, :2], axis=1) @ [n, 1])] % len(mesh.cells)
+    return mesh.points[mesh.cells[owner]].mean(axis=1)
