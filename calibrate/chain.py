@@ -41,16 +41,13 @@ Additions = tuple[Addition, ...]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """What the compiled functions read. virtual (v, m, 2): thickness x area x gradient of each virtual field, mm^2;
+    """What the compiled functions read. measured (t, 2, b): forces of the loaded boundaries, N, zero where unmeasured;
 
-    measured (t, 2, v): forces, N, zero where there is none or where it was not measured; carries (v,): whether the field
-    carries a load; top: range of the basis.
+    top: range of the basis. Virtual fields, whose number differs between experiments, are applied outside.
     """
 
     data: Data
-    virtual: Any
     measured: Any
-    carries: Any
     top: Any
 
 
@@ -67,15 +64,26 @@ class Chain:
 
     @cached_property
     def arrays(self) -> Arrays:
-        dense = self.system.virtual_gradients.toarray()
-        loads = self.system.loads.reshape(len(self.system.loads), 2, -1)
-        return Arrays(
-            self.data,
-            jnp.asarray(dense.reshape(len(dense), -1, 2)),
-            jnp.asarray(np.nan_to_num(loads)),
-            jnp.asarray(self.system.fields.boundary >= 0),
-            jnp.asarray(float(self.basis.top)),
-        )
+        loads = self.system.loads.reshape(len(self.system.loads), 2, -1)[:, :, self.system.fields.boundary >= 0]
+        return Arrays(self.data, jnp.asarray(np.nan_to_num(loads)), jnp.asarray(float(self.basis.top)))
+
+    @cached_property
+    def virtual(self) -> Array:
+        """(v, 2 m): thickness x area x gradient of each virtual field, mm^2."""
+        return self.system.virtual_gradients.toarray()
+
+    def work(self, stress: Any) -> Array:
+        """Virtual work (..., t, 2 v), N, of stresses (..., t, m, 2, 2)."""
+        P = np.asarray(stress)
+        flat = np.moveaxis(P, -2, -3).reshape(-1, P.shape[-3] * 2)
+        return (flat @ self.virtual.T).reshape(*P.shape[:-3], -1)
+
+    def spread(self, loads: Any) -> Array:
+        """Right-hand sides (..., t, 2 v), N, of forces (..., t, 2, b) of the loaded boundaries."""
+        given = np.asarray(loads)
+        full = np.zeros((*given.shape[:-1], self.system.fields.n_fields))
+        full[..., self.system.fields.boundary >= 0] = given
+        return full.reshape(*given.shape[:-2], -1)
 
     def disturbed(self, noise: Array) -> Chain:
         """The same chain with noise (t, n, 2), mm, on the displacements."""
@@ -88,18 +96,19 @@ class Chain:
     def kind(self) -> tuple[int, int]:
         return self.basis.k, self.basis.n
 
-    def residual(self, c: Any, effects: tuple[Effect, ...] = (), amplitudes: Any = (), shapes: Any = ()) -> Any:
+    def residual(self, c: Any, effects: tuple[Effect, ...] = (), amplitudes: Any = (), shapes: Any = ()) -> Array:
         """Residual (t, 2 v), N, of coefficients c (n,), each effect with amplitudes (p,) and shape (q,)."""
-        return _residual(self.kind, effects, self.arrays, jnp.asarray(c), _floats(amplitudes), _floats(shapes))
+        P, loads = _response(self.kind, effects, self.arrays, jnp.asarray(c), _floats(amplitudes), _floats(shapes))
+        return self.work(P) - self.spread(loads)
 
     def with_additions(self, c: Any, additions: Additions = ()) -> Array:
         """Residual (t, 2 v), N, with effects in the model."""
-        return np.asarray(self.residual(c, *_parts(additions)))
+        return self.residual(c, *_parts(additions))
 
     def external(self, additions: Additions = ()) -> Array:
         """Loads (t, 2 v), N, as the effects correct them: minus the residual of a material without stiffness."""
         effects, amplitudes, shapes = _parts(additions)
-        return np.asarray(_external(effects, self.arrays, _floats(amplitudes), _floats(shapes)))
+        return self.spread(_external(effects, self.arrays, _floats(amplitudes), _floats(shapes)))
 
     def noise_shift(self, c: Any, factor: Any) -> Array:
         """Mean change (t, 2 v), N, that displacement noise brings into the residual: second order in the noise.
@@ -115,13 +124,13 @@ class Chain:
         covariance = np.stack([np.stack([square[0], xy], axis=1), np.stack([xy, square[1]], axis=1)], axis=1)
         values, vectors = np.linalg.eigh(covariance)
         axes = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-        return np.asarray(_noise_shift(self.kind, self.arrays, jnp.asarray(c), jnp.asarray(axes)))
+        return self.work(_noise_shift(self.kind, self.arrays, jnp.asarray(c), jnp.asarray(axes)))
 
     def base_columns(self, c: Any, additions: Additions = ()) -> Array:
         """d residual / d coefficients, (t, 2 v, n), N/MPa."""
         effects, amplitudes, shapes = _parts(additions)
         columns = _base_columns(self.kind, effects, self.arrays, jnp.asarray(c), _floats(amplitudes), _floats(shapes))
-        return np.moveaxis(np.asarray(columns), 0, -1)
+        return np.moveaxis(self.work(columns), 0, -1)
 
     def signature(self, c: Any, effect: Effect, shape: tuple[float, ...], others: Additions = ()) -> Array:
         """d residual / d amplitude at the null value, (p, t, 2 v), beside effects that are in the model already."""
@@ -135,12 +144,13 @@ class Chain:
         arguments = jnp.asarray(c), _floats(before[1]), _floats(before[2])
         a, shape = jnp.asarray(last.amplitudes, float), jnp.asarray(last.shape, float)
         u, F, P, loads = _state(self.kind, before[0], self.arrays, *arguments, last.effect, a, shape)
-        change = _direct(self.kind, last.effect, self.arrays, arguments[0], F, P, loads, a, shape)
+        stress, force = _direct(self.kind, last.effect, self.arrays, arguments[0], F, P, loads, a, shape)
+        change = self.work(stress) - self.spread(force)
         if type(last.effect).displacements is not Effect.displacements:
             moved = _moved(last.effect, self.arrays.data, u, a, shape)
-            change = change + _pushed(self.kind, (*before[0], last.effect), self.arrays, arguments[0],
-                                      (*arguments[1], a), (*arguments[2], shape), moved)  # fmt: skip
-        return np.asarray(change)
+            change = change + self.work(_pushed(self.kind, (*before[0], last.effect), self.arrays, arguments[0],
+                                                (*arguments[1], a), (*arguments[2], shape), moved))  # fmt: skip
+        return change
 
 
 def _floats(values: Any) -> tuple[Any, ...]:
@@ -179,25 +189,20 @@ def _displacements(effects, arrays, amplitudes, shapes):
 def _loads(effects, arrays, amplitudes, shapes):
     loads = arrays.measured
     for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
-        loads = effect.loads(arrays.data, loads, arrays.carries, a, shape)
+        loads = effect.loads(arrays.data, loads, a, shape)
     return loads
 
 
-def _work(arrays, P):
-    """Virtual work (t, 2 v) of stresses (t, m, 2, 2)."""
-    return jnp.einsum("vmj,tmij->tiv", arrays.virtual, P).reshape(len(P), -1)
-
-
 @partial(jax.jit, static_argnums=(0, 1))
-def _residual(kind, effects, arrays, c, amplitudes, shapes):
+def _response(kind, effects, arrays, c, amplitudes, shapes):
+    """Stresses (t, m, 2, 2) and forces (t, 2, b)."""
     F = gradients(arrays.data, _displacements(effects, arrays, amplitudes, shapes))
-    loads = _loads(effects, arrays, amplitudes, shapes)
-    return _work(arrays, _stress(kind, effects, arrays, c, amplitudes, shapes, F)) - loads.reshape(len(F), -1)
+    return _stress(kind, effects, arrays, c, amplitudes, shapes, F), _loads(effects, arrays, amplitudes, shapes)
 
 
 @partial(jax.jit, static_argnums=0)
 def _external(effects, arrays, amplitudes, shapes):
-    return _loads(effects, arrays, amplitudes, shapes).reshape(len(arrays.data.u), -1)
+    return _loads(effects, arrays, amplitudes, shapes)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -213,16 +218,16 @@ def _noise_shift(kind, arrays, c, axes):
         for i in range(2):
             step = jnp.zeros((axes.shape[0], 2, 2)).at[:, i, :].set(axes[:, :, q])
             change = change + 0.5 * (stress(F + step) + stress(F - step))
-    return _work(arrays, change)
+    return change
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _base_columns(kind, effects, arrays, c, amplitudes, shapes):
-    """(n, t, 2 v), one coefficient after the other, which needs little memory."""
+    """Stresses (n, t, m, 2, 2), one coefficient after the other, which needs little memory."""
     F = gradients(arrays.data, _displacements(effects, arrays, amplitudes, shapes))
 
     def internal(c):
-        return _work(arrays, _stress(kind, effects, arrays, c, amplitudes, shapes, F))
+        return _stress(kind, effects, arrays, c, amplitudes, shapes, F)
 
     return jax.lax.map(lambda direction: jax.jvp(internal, (c,), (direction,))[1], jnp.eye(len(c)))
 
@@ -242,15 +247,13 @@ def _state(kind, effects, arrays, c, amplitudes, shapes, last, a, shape):
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _direct(kind, effect, arrays, c, F, P, loads, a, shape):
-    """Change (p, t, 2 v) by amplitude through stress and loads, at fixed displacements."""
+    """Changes (p, t, m, 2, 2) of stress and (p, t, 2, b) of forces by amplitude, at fixed displacements."""
     law = partial(base_law, *kind, arrays.top, c)
 
-    def residual(a):
-        stress = effect.stress(arrays.data, F, P, a, shape, law)
-        force = effect.loads(arrays.data, loads, arrays.carries, a, shape)
-        return _work(arrays, stress) - force.reshape(len(F), -1)
+    def response(a):
+        return effect.stress(arrays.data, F, P, a, shape, law), effect.loads(arrays.data, loads, a, shape)
 
-    return jnp.moveaxis(jax.jacfwd(residual)(a), -1, 0)
+    return jax.tree.map(lambda change: jnp.moveaxis(change, -1, 0), jax.jacfwd(response)(a))
 
 
 @partial(jax.jit, static_argnums=0)
@@ -261,11 +264,11 @@ def _moved(effect, data, u, a, shape):
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _pushed(kind, effects, arrays, c, amplitudes, shapes, directions):
-    """Change (p, t, 2 v) of the residual by directions (p, t, n, 2) of the corrected displacements."""
+    """Change (p, t, m, 2, 2) of the stress by directions (p, t, n, 2) of the corrected displacements."""
     u = _displacements(effects, arrays, amplitudes, shapes)
 
     def internal(u):
-        return _work(arrays, _stress(kind, effects, arrays, c, amplitudes, shapes, gradients(arrays.data, u)))
+        return _stress(kind, effects, arrays, c, amplitudes, shapes, gradients(arrays.data, u))
 
     return jax.lax.map(lambda direction: jax.jvp(internal, (u,), (direction,))[1], directions)
 

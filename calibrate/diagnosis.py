@@ -22,23 +22,24 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import lsq_linear
 
-from calibrate import discrepancy, errors, fit, kinematics, reduction
-from calibrate.basis import SingleBasis, basis_for
+from calibrate import discrepancy, errors, kinematics, reduction
+from calibrate.basis import SingleBasis, Spline, basis_for, polyconvex
 from calibrate.chain import Addition, Additions, Chain
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.equilibrium import Equilibrium, equilibrium
 from calibrate.experiment import Experiment
 from calibrate.reduction import Assembled
-from calibrate.whitening import Whitening, whitening
+from calibrate.whitening import Whitening, covariances, whitening
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 COLLINEAR = 0.9  # |cos| of signatures that cannot be told apart
 ABSORBED = 1e-3  # share of a signature that must be left by the base
 DRAWS = 2000  # of the simulated search
-PASSES = 3
-SETTLED = 0.02  # relative change of the base between the last two passes
+PASSES = 12
+SETTLED = 0.05  # relative change of the base between the last two passes
 CONDITION = 1e-8
+UNSEEN = 1e-4  # size of a column, relative to the largest, that is not fitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,10 +185,10 @@ def prepare(
     assembled = [reduction.assemble(system, basis) for system in systems]
     c = first_guess([assembled[i] for i in used])
     chains = [Chain(system, basis) for system in systems]
-    cone = base_cone(basis, base)
+    cone = base_cone(basis, base, max(trained_top(systems[i], masks[i]) for i in used))
     previous = c
-    for _ in range(PASSES):
-        whites = [whitening(assembled[i], c, masks[i]) for i in used]
+    for count in range(PASSES):
+        whites = [whitening(covariances(assembled[i], c), masks[i]) for i in used]
         A = np.concatenate([w(np.moveaxis(np.array(assembled[i].matrices), -1, 0)).T
                             for w, i in zip(whites, used, strict=True)])  # fmt: skip
         shifts = [chains[i].noise_shift(c, assembled[i].noise_factor) for i in used]
@@ -199,7 +200,11 @@ def prepare(
         if not c.any():
             raise errors.FitError("the data do not constrain the material: forces or displacements are all noise")
         c = quadratic.stiffness_factor(c) * c
-    change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c))
+        if count > 1:  # weights and fit may answer each other in turn
+            c = 0.5 * (previous + c)
+        change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c))
+        if change < 0.2 * SETTLED:
+            break
     if not change < SETTLED:
         raise errors.FitError(
             f"the base model has not converged (its forces still change by {change:.1%} when the weights are updated); "
@@ -209,8 +214,8 @@ def prepare(
     for chain, assembly, mask in zip(chains, assembled, masks, strict=True):
         known = all_rows(chain.system)
         common = discrepancy.sources(chain.system, basis, c) if with_discrepancy else None
-        parts.append(Part(chain, assembly, whitening(assembly, c, mask, common),
-                          whitening(assembly, c, known & ~mask, common),
+        noise = covariances(assembly, c)
+        parts.append(Part(chain, assembly, whitening(noise, mask, common), whitening(noise, known & ~mask, common),
                           chain.noise_shift(c, assembly.noise_factor)))  # fmt: skip
     problem = Problem(tuple(parts), basis, cone, all(a.noise_is_known for a in assembled))
     return problem, refit(problem, c, ())
@@ -221,12 +226,21 @@ def first_guess(assembled: Sequence[Assembled]) -> Array:
     return np.mean([a.first_guess() for a in assembled], axis=0)
 
 
-def base_cone(basis: SingleBasis, base: str) -> Array:
-    """(n, 24): coefficients of functions of I1, non-negative sums of which are the base models."""
-    functions = fit.monotone_functions(basis, basis.k)
-    if base == "positive":
-        functions = np.concatenate([functions[:-1] - functions[1:], functions[-1:]])
-    return basis.interpolation @ functions.reshape(len(functions), -1).T
+def trained_top(system: Equilibrium, mask: Mask) -> float:
+    """Largest I1 - 3 in the increments used for fitting."""
+    F = system.deformation_gradients[mask.any(axis=1)]
+    return float(polyconvex(F)[0][..., 0].max())
+
+
+def base_cone(basis: SingleBasis, base: str, top: float, n: int = 24) -> Array:
+    """(n_functions, n): psi_1 of which the base models are non-negative sums; constant beyond I1 - 3 = top."""
+    x = basis.site_inputs[:, basis.k]
+    values = Spline(n).matrix(np.sqrt(np.minimum(x / top, 1.0)))
+    if base == "convex":
+        values = np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
+    sites = np.zeros((n, len(x), 2))
+    sites[:, :, basis.k] = values.T
+    return basis.interpolation @ sites.reshape(n, -1).T
 
 
 def denoised(problem: Problem, c: Array, r: Array, dispersion: float) -> list[Chain]:
@@ -354,7 +368,11 @@ def stiffness_factor(problem: Problem, c: Array, additions: Additions) -> float:
 def bounded(A: Array, target: Array, lower: Array, upper: Array) -> Array:
     """argmin |A x - target|^2 in bounds; columns scaled, reduced to their own number of rows."""
     scale = np.linalg.norm(A, axis=0)
-    scale[scale == 0] = 1.0
+    seen = scale > UNSEEN * scale.max()  # what the data hardly see stays at its bound, or at zero
+    if not seen.all():
+        result = np.clip(np.zeros(len(scale)), lower, upper)
+        result[seen] = bounded(A[:, seen], target, lower[seen], upper[seen])
+        return result
     Q, R = np.linalg.qr(A / scale)
     ridge = 1e-9 * np.linalg.norm(R) * np.eye(R.shape[1])
     found = lsq_linear(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,13 +24,14 @@ from calibrate.diagnosis import Fit, Part, Problem, Score
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment
-from calibrate.whitening import Whitening
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 ALPHA = 0.05
 GLOBAL = 0.01
 REST = 0.1  # of what was explained, that may be left
+MINOR = 0.03  # of what the strongest effect explains: what its own formula may leave, so that no other is named for it
+CLOSE = 9.2  # difference of scores below which the likelihoods of two effects differ by less than 100 to 1
 MAX_ROUNDS = 4
 TRIES = 3
 SHAPE_EVALUATIONS = 24
@@ -78,7 +80,7 @@ class HoldOut:
         e = system.experiment
         mask = np.ones(system.loads.shape, bool)
         if self.kind == "every":
-            mask[self.value - 1 :: self.value] = False
+            mask[self.value - 2 :: self.value] = False  # the last one, often the largest, is used
         elif self.kind == "after":
             if e.time is None:
                 raise errors.ConfigError(f"{e.name}: --hold-out after:SECONDS needs a time; use every:N")
@@ -222,6 +224,18 @@ def discover(
     say("base model")
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
     problem, state = diagnosis.prepare([*experiments, *held], train, spacing, base=base)
+    return close_loop(problem, state, effects, whole_table, seed, say)
+
+
+def close_loop(
+    problem: Problem,
+    state: Fit,
+    effects: Sequence[Effect] = CATALOGUE,
+    whole_table: bool = True,
+    seed: int = 0,
+    say: Callable[[str], None] = lambda text: None,
+) -> Discovery:
+    """Rounds of tests and additions from a base fit, see `discover`."""
     rounds: list[Round] = []
     while True:
         say(f"round {len(rounds) + 1}: testing effects")
@@ -297,10 +311,24 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
         if now.held is not None and best.held is not None and not _better(now.held, best.held):
             remarks.append(f"{row.name}: the error on held-out data does not fall")
             continue
-        group = (row.name, *(n for n, v in row.like if v > diagnosis.COLLINEAR and n in {r.name for r in significant}))
+        group = (row.name, *_alike(row, significant))
         rows = tuple(best if r is row else r for r in now.rows)
         return replace(now, rows=rows, added=row.name, group=group, remarks=tuple(remarks)), best.fit
     return replace(now, remarks=tuple(remarks)), None
+
+
+def _alike(row: Row, significant: Sequence[Row]) -> list[str]:
+    """Significant effects that the data cannot tell from one: signatures alike, or scores nearly as high."""
+    cosines = dict(row.like)
+    return [
+        other.name
+        for other in significant
+        if other is not row
+        and (
+            cosines.get(other.name, 0.0) > diagnosis.COLLINEAR
+            or (other.score.admissible and other.score.score > row.score.score - CLOSE)
+        )
+    ]
 
 
 def _better(before: Misfit, after: Misfit) -> bool:
@@ -363,6 +391,9 @@ def _conclude(problem: Problem, rounds: tuple[Round, ...]) -> Discovery:
     if names:
         clean = left < REST * max(excess - left, 0.0) or not (beyond_noise or candidates)
         verdict = "explained" if clean else "significant, not explained"
-        return Discovery(problem, rounds, verdict, names if clean else (), () if clean else names, groups)
+        gains = {a.added: a.fit.free_loss - b.fit.free_loss for a, b in pairwise(rounds)}
+        major = tuple(n for n in names if gains.get(n, 0.0) >= MINOR * max(gains.values()))
+        named = major if clean else ()
+        return Discovery(problem, rounds, verdict, named, tuple(n for n in names if n not in named), groups)
     verdict = "significant, not explained" if candidates or beyond_noise else "nothing significant"
     return Discovery(problem, rounds, verdict, (), (), {})

@@ -21,6 +21,7 @@ from calibrate.basis import Basis
 from calibrate.equilibrium import Equilibrium, tangent_modulus
 
 Array = NDArray[np.float64]
+KEPT = 0.99  # share of the squared corrections; the smallest are left out
 
 
 def edge_operators(system: Equilibrium) -> tuple[sp.csr_array, sp.csr_array]:
@@ -43,6 +44,10 @@ def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
     """Sources (t, 2 v, s), N, at the material with coefficients c (n,)."""
     experiment, m = system.experiment, len(system.areas)
     middle, to_gradient = edge_operators(system)
+    size = np.sum([((middle @ u) ** 2).sum(axis=1) for u in experiment.displacements], axis=0)
+    order = np.argsort(size)[::-1]
+    kept = np.sort(order[: np.searchsorted(np.cumsum(size[order]), KEPT * size.sum()) + 1])
+    middle, to_gradient = sp.csr_array(middle[kept]), sp.csr_array(sp.csc_array(to_gradient)[:, kept])
     plain = kinematics.shape_gradients(experiment.points, experiment.triangles)[1]
     share = (system.areas - plain) / system.areas
     curved = np.flatnonzero(share)
@@ -65,7 +70,7 @@ def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
         result.append(np.concatenate(blocks))
     single = np.array(result)
     places = np.concatenate(
-        [edge_middles(system), edge_middles(system), experiment.points[experiment.triangles[curved]].mean(axis=1)]
+        [edge_middles(system)[kept], edge_middles(system)[kept], experiment.points[experiment.triangles[curved]].mean(axis=1)]
     )
     cell = np.floor(places / system.fields.spacing).astype(np.int64)
     kind = np.repeat([0, 0, 1], [middle.shape[0], middle.shape[0], len(curved)])

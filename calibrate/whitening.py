@@ -60,15 +60,23 @@ class Whitening:
         return np.concatenate(parts, axis=1).reshape(*leading, -1)
 
 
-def whitening(assembled: Assembled, c: Array, rows: Mask, sources: Array | None = None) -> Whitening:
-    """Weights at coefficients c (n,) for the equations `rows` (t, 2 v); sources (t, 2 v, s) of a common discrepancy."""
+def covariances(assembled: Assembled, c: Array) -> list[Array]:
+    """Noise covariance (2 v, 2 v), N^2, of every increment at coefficients c (n,)."""
     system = assembled.system
-    lowers = []
-    for i, F in enumerate(system.deformation_gradients):
-        covariance = noise_model.residual_covariance(
+    return [
+        noise_model.residual_covariance(
             system, assembled.basis, c, F, system.loads[i], assembled.noise_factor, assembled.noise
         )
-        lowers.append(reduction.whitening(covariance[np.ix_(rows[i], rows[i])]) if rows[i].any() else np.zeros((0, 0)))
+        for i, F in enumerate(system.deformation_gradients)
+    ]
+
+
+def whitening(noise: list[Array], rows: Mask, sources: Array | None = None) -> Whitening:
+    """Weights for the equations `rows` (t, 2 v) of noise `covariances`; sources (t, 2 v, s) of a common discrepancy."""
+    lowers = [
+        reduction.whitening(covariance[np.ix_(used, used)]) if used.any() else np.zeros((0, 0))
+        for covariance, used in zip(noise, rows, strict=True)
+    ]
     n = int(rows.sum())
     plain = Whitening(rows, tuple(lowers), np.zeros((n, 0)), np.zeros(0))
     if sources is None:

@@ -1,11 +1,6 @@
 """Sheets with a history: mesh, sheet, loading and its factors in time in; a `SurfaceSolution` in seconds out.
 
-Plane stress as in `forward.problem`, with the additions of `forward.effects`. State variables live at the Gauss points:
-
-- the largest x = I1 - 3 so far;
-- S and Q of viscosity. Between two steps S is linear in time, so that with z = dt / tau
-  Q = exp(-z) Q_old + g (1 - exp(-z)) / z (S - S_old);
-- F33 of a compressible sheet, from P33 = 0 by Newton's method at each point, condensed from the tangent.
+The physics of a step is in `inelastic_problem`; here the steps follow a path of load factors, which may turn.
 """
 
 from __future__ import annotations
@@ -17,124 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forward._dolfinx import JIT_OPTIONS, MPI, QUADRATURE_DEGREE, basix, compiler_needed, dolfinx, ufl, versions
+from forward._dolfinx import MPI, compiler_needed, versions
 from forward.effects import Sheet
 from forward.errors import ConvergenceError, LoadingError
+from forward.inelastic_problem import InelasticProblem
 from forward.loading import SYMMETRY, Loading
 from forward.plane_stress import Options
-from forward.problem import Outcome, PlaneStressProblem
 from forward.solution import SurfaceSolution
 from forward.stepping import HISTORY, State, predict
 from meshes import Mesh
 
 Array = NDArray[np.float64]
-THICKNESS_STEPS, THICKNESS_TOLERANCE = 30, 1e-13
-
-
-class InelasticProblem(PlaneStressProblem):
-    """A sheet whose components `held` move to load_factor * `values`; `solve` a step of time, then `commit` its state."""
-
-    def __init__(self, mesh: Mesh, sheet: Sheet, held: Any, values: Array, options: Options, comm: Any) -> None:
-        self.sheet, self.symmetric = sheet, not sheet.softens
-        super().__init__(mesh, sheet, sheet.thickness, held, values, options.tolerance, options.max_iterations, comm)
-        if sheet.bulk_modulus is not None:
-            self.problem.solver.setFunction(self._residual, self.problem.b)
-
-    def step(self, load_factor: float, duration: float) -> Outcome:
-        """Equilibrium after `duration`, s, from the committed state."""
-        if self.sheet.prony is not None:
-            z = duration / self.sheet.prony.tau
-            self._decay.value = np.exp(-z)
-            self._gain.value = self.sheet.prony.g * -np.expm1(-z) / z
-        return self.solve(load_factor)
-
-    def commit(self) -> None:
-        """Take the present state as the past of the next step."""
-        if self.sheet.softens:
-            _set(self._largest, np.maximum(_get(self._largest), self._at_points(self._x)))
-        if self.sheet.prony is not None:
-            S = self._at_points(self._S)
-            Q = float(self._decay.value) * _get(self._Q) + float(self._gain.value) * (S - _get(self._S_old))
-            _set(self._Q, Q)
-            _set(self._S_old, S)
-
-    def _forms(self, sheet: Any, thickness: float) -> tuple[Any, Any, Any]:
-        domain, constant = self.domain, dolfinx.fem.Constant
-        material = constant(domain, np.array(sheet.material.parameters))
-        additions = [constant(domain, np.array(a.values)) for a in sheet.additions]
-        dx = ufl.dx(domain=domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
-        h = constant(domain, float(thickness))
-        F = ufl.variable(ufl.Identity(2) + ufl.grad(self.u))
-        C = F.T * F
-        compressible = sheet.bulk_modulus is not None
-        self._F33 = self._function(())
-        F33 = ufl.variable(self._F33) if compressible else 1 / ufl.det(F)
-        J = ufl.det(F) * F33
-        I1 = ufl.tr(C) + F33**2
-        I2 = ufl.det(C) + ufl.tr(C) * F33**2
-        if compressible:
-            I1, I2 = J ** (-2 / 3) * I1, J ** (-4 / 3) * I2
-        X = ufl.SpatialCoordinate(domain)
-        W = sheet.energy(I1, I2, C, X, material, additions)
-        if compressible:
-            kappa = constant(domain, float(sheet.bulk_modulus))
-            W += sheet.field(X, additions) * kappa / 2 * (J - 1) ** 2
-        elastic = ufl.diff(W, F)
-        if sheet.softens:
-            self._largest, x = self._function(()), I1 - 3
-            self._x = self._expression(x)
-            elastic *= sheet.factor(x, ufl.max_value(self._largest, x), additions)
-        P = elastic
-        if sheet.prony is not None:
-            self._decay, self._gain = constant(domain, 0.0), constant(domain, 0.0)
-            self._Q, self._S_old = self._function((2, 2)), self._function((2, 2))
-            self._S = self._expression(ufl.inv(F) * elastic)
-            P = (1 + self._gain) * elastic + F * (self._decay * self._Q - self._gain * self._S_old)
-        test, step = ufl.TestFunction(self.V), ufl.TrialFunction(self.V)
-        forces = h * ufl.inner(P, ufl.grad(test)) * dx
-        tangent = ufl.derivative(forces, self.u, step)
-        if compressible:
-            P33 = ufl.diff(W, F33)
-            stiffness = ufl.diff(P33, F33)
-            self._thinning = self._expression(ufl.as_vector([P33, stiffness]))
-            change = -ufl.inner(ufl.diff(P33, F), ufl.grad(step)) / stiffness
-            tangent += h * ufl.inner(ufl.diff(P, F33), ufl.grad(test)) * change * dx
-            self._F33.x.array[:] = 1.0
-        return h * W * dx, forces, tangent
-
-    def _function(self, shape: tuple[int, ...]) -> Any:
-        """A function (zero) of values of `shape` at the Gauss points."""
-        element = basix.ufl.quadrature_element("quadrilateral", shape, degree=QUADRATURE_DEGREE)
-        return dolfinx.fem.Function(dolfinx.fem.functionspace(self.domain, element))
-
-    def _expression(self, value: Any) -> Any:
-        """Compiled `value` at the Gauss points."""
-        points, _ = basix.make_quadrature(basix.CellType.quadrilateral, QUADRATURE_DEGREE)
-        return dolfinx.fem.Expression(value, points, jit_options=JIT_OPTIONS)
-
-    def _at_points(self, expression: Any) -> Array:
-        """Values (cells, 9, ...) of a compiled expression."""
-        return expression.eval(self.domain, np.arange(len(self.domain.geometry.dofmaps[0]), dtype=np.int32))
-
-    def _residual(self, snes: Any, x: Any, b: Any) -> None:
-        """Nodal forces at the displacements x, each point as thick as P33 = 0 asks for."""
-        dolfinx.fem.petsc.assign(x, self.u)
-        self.u.x.scatter_forward()
-        self._find_thickness()
-        problem = self.problem
-        dolfinx.fem.petsc.assemble_residual(
-            snes, x, b, self.u, problem.F, problem.J, [support.bc for support in self.supports]
-        )
-
-    def _find_thickness(self) -> None:
-        """F33 at the Gauss points, by Newton's method from where it was."""
-        for _ in range(THICKNESS_STEPS):
-            values = self._at_points(self._thinning)
-            change = -values[..., 0] / values[..., 1]
-            old = _get(self._F33)
-            _set(self._F33, np.maximum(old + change, old / 2))
-            if not np.abs(change).max() > THICKNESS_TOLERANCE:
-                break
 
 
 @dataclass(frozen=True)
@@ -164,7 +52,7 @@ def solve_history(
     loading = loading.on(mesh)
     supports = loading.prescribed(mesh)
     with compiler_needed():
-        problem = InelasticProblem(mesh, sheet, *supports, options, comm)
+        problem = InelasticProblem(mesh, sheet, *supports, options.tolerance, options.max_iterations, comm)
     kept = _Kept(problem, sheet, {n: mesh.boundary_nodes(n) for n in loading.displacements if n not in SYMMETRY})
     kept.description = {**sheet.to_dict(), "loading": loading.to_dict(), "substeps": substeps, **versions()}
     try:
@@ -257,16 +145,3 @@ def _distinct(states: list[State]) -> list[State]:
         if len(kept) < HISTORY and all(abs(state.load_factor - k.load_factor) > 1e-6 for k in kept):
             kept.insert(0, state)
     return kept
-
-
-def _get(function: Any) -> Array:
-    """Values (cells, 9, ...) of a function at the Gauss points."""
-    shape = (*function.function_space.dofmap.list.shape, *function.ufl_shape)
-    values = function.x.array.reshape(-1, function.function_space.dofmap.bs)
-    return values[function.function_space.dofmap.list].reshape(shape)
-
-
-def _set(function: Any, values: Array) -> None:
-    """Give a function at the Gauss points its values (cells, 9, ...)."""
-    bs = function.function_space.dofmap.bs
-    function.x.array.reshape(-1, bs)[function.function_space.dofmap.list.ravel()] = values.reshape(-1, bs)

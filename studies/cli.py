@@ -61,6 +61,12 @@ COMMANDS = {
         "uniaxial, equi-biaxial and pure-shear curves of a model",
         "equigap predict results/calibrate/model.json\n  equigap predict model.json --stretch 2.5 --against arruda_boyce",
     ),
+    "discover": Command(
+        "studies.discovery",
+        "find what a hyperelastic model leaves unexplained in a test",
+        "equigap discover results/simulate/experiment.npz\n  equigap discover pull_x.npz --hold-out pull_y.npz\n"
+        "  equigap discover sheet.npz --hold-out every:2 --without 'force offset' -o results/sheet",
+    ),
     "resolution": Command(
         "studies.resolution",
         "study: how camera resolution and noise limit what is identified",
@@ -70,6 +76,11 @@ COMMANDS = {
         "studies.thickness",
         "study: how thick a specimen may be before a plane-stress calibration misleads",
         "equigap thickness --quick\n  equigap thickness --thicknesses 5,30 --seeds 20\n  equigap thickness --fine --profile my-cluster",
+    ),
+    "blind": Command(
+        "studies.blind",
+        "study: does the diagnosis find hidden effects, and nothing where nothing is?",
+        "equigap blind --quick\n  equigap blind --trials 5 --nulls 20 --jobs 8",
     ),
     "supervised": Command(
         "studies.supervised",

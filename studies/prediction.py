@@ -140,7 +140,7 @@ def calibrated_stretch(model: Model, mode: str) -> float:
 
 
 def range_remark(curve: Curve) -> str:
-    """Where a curve leaves the calibrated range, and how sure it is where it still is inside."""
+    """Where a curve leaves the calibrated range."""
     name, top = curve.mode.replace("_", " "), float(curve.stretch[-1])
     if curve.limit >= LARGEST:
         return f"{name}: the model file states no calibrated range; whether the curve extrapolates is unknown."

@@ -9,9 +9,10 @@ import pytest
 from calibrate.effects import CATALOGUE
 from calibrate.experiment import Experiment
 from forward.effects import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, Prony
-from studies import blind_data
-from studies.blind_data import HISTORIES, RAMP, SPECIMENS, clean_experiment, draw, label, make, sheet, write
+from studies import blind_solution
+from studies.blind_data import HISTORIES, RAMP, draw, label, make, write
 from studies.blind_effects import EFFECTS, FREQUENT, GAUGES, SOLID, UNLOADING
+from studies.blind_solution import SPECIMENS, clean_experiment, sheet
 from studies.errors import OptionError
 
 PLATES = [seed for seed in range(60) if draw(seed, None).specimen == "plate"]
@@ -21,10 +22,10 @@ PLATES = [seed for seed in range(60) if draw(seed, None).specimen == "plate"]
 def coarse(monkeypatch):
     """Few quads, so that a trial takes a tenth of a second."""
     sizes = {name: {"hole_size": 1.5, "far_size": 4.0} for name in ("plate", "wide plate")}
-    monkeypatch.setattr(blind_data, "SIZES", {**blind_data.SIZES, **sizes})
-    blind_data.forward_mesh.cache_clear()
+    monkeypatch.setattr(blind_solution, "SIZES", {**blind_solution.SIZES, **sizes})
+    blind_solution.forward_mesh.cache_clear()
     yield
-    blind_data.forward_mesh.cache_clear()
+    blind_solution.forward_mesh.cache_clear()
 
 
 def plate(effect, second=None, **conditions):

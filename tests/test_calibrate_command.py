@@ -86,6 +86,11 @@ def test_everything_is_written(run):
     assert manifest["seed"] == 0
     assert manifest["results"]["unit"] == "MPa"
     assert set(manifest["outputs"]) == {"report.html", "model.json", "forces.csv"}
+    points = manifest["results"]["curve_points"]
+    assert all(p["low_95"] < p["stress"] < p["high_95"] for p in points)
+    assert {p["calibrated"] for p in points} == {True, False}
+    assert model.uncertainty.covariance.shape == (model.architecture.n_parameters,) * 2
+    assert "95 % bands" in report
     assert "MPa" in said
     assert str(folder / "report.html") in said
 

@@ -15,9 +15,9 @@ from studies.disturbances import (
     Scale,
     SubsetSmoothing,
     UnmeasuredStrip,
-    inside,
     observe,
 )
+from studies.edges import inside
 from studies.errors import OptionError
 
 SHEET = SquareSheet(half_length=20.0, half_width=20.0, far_size=4.0)

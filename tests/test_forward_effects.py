@@ -11,7 +11,8 @@ from forward import ArrudaBoyce, Loading, MooneyRivlin, NeoHooke, Yeoh
 from forward._dolfinx import MPI
 from forward.effects import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, Prony, Sheet
 from forward.errors import ConvergenceError, LoadingError, MaterialError
-from forward.inelastic import InelasticProblem, solve_history
+from forward.inelastic import solve_history
+from forward.inelastic_problem import InelasticProblem
 from forward.plane_stress import Options, solve
 from meshes import Cross, SquareSheet, Strip, quads
 
@@ -39,7 +40,7 @@ def affine(sheet, F, specimen=None):
     """The square sheet with every node moved by F: its problem after one step."""
     mesh = quads(specimen or SquareSheet(half_length=5.0, half_width=5.0, far_size=5.0))
     values = mesh.points @ (np.asarray(F) - np.eye(2)).T
-    problem = InelasticProblem(mesh, sheet, np.ones_like(values, bool), values, Options(), MPI.COMM_WORLD)
+    problem = InelasticProblem(mesh, sheet, np.ones_like(values, bool), values, 1e-10, 25, MPI.COMM_WORLD)
     assert problem.step(1.0, 1.0).converged
     return problem
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from calibrate.model import Model
 from calibrate.pann import Architecture
+from calibrate.uncertainty import Uncertainty
 from studies import cli, prediction
 
 MU = 0.3
@@ -67,6 +69,38 @@ def test_the_command_leaves_table_figure_report_and_manifest(file: Path, tmp_pat
     assert set(manifest["outputs"]) == {"curves.png", "curves.csv"}
     assert manifest["results"]["unit"] == "MPa"
     assert (tmp_path / "out" / "report.html").stat().st_size < 5_000_000
+
+
+def test_bands_are_those_of_the_model_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Standard deviation 0.002 of mu / 2 alone: that of P is 0.004 (x - x^-n), and the 95 % band 1.96 of it."""
+    factor = np.zeros((4, 1))
+    factor[-1] = 0.002
+    model = replace(neo_hooke(), uncertainty=Uncertainty(factor, 1.0, 1.0, True))
+    model.save(tmp_path / "model.json")
+    assert cli.main(["predict", str(tmp_path / "model.json"), "-o", str(tmp_path / "out"), "--points", "21"]) == 0
+    rows = list(csv.DictReader((tmp_path / "out" / "curves.csv").read_text().splitlines()[1:]))
+    power = {"uniaxial": -2, "equibiaxial": -5, "pure_shear": -3}
+    for row in rows:
+        x, stress = float(row["stretch"]), float(row["nominal_stress_MPa"])
+        std = 0.004 * (x - x ** power[row["mode"]])
+        assert float(row["standard_deviation_MPa"]) == pytest.approx(std, abs=1e-9)
+        assert float(row["low_95_MPa"]) == pytest.approx(stress - 1.96 * std, abs=1e-6)
+        assert float(row["high_95_MPa"]) == pytest.approx(stress + 1.96 * std, abs=1e-6)
+    assert {row["calibrated"] for row in rows} == {"0", "1"}
+    said = capsys.readouterr().out
+    assert said.count("leaves the calibrated range at a stretch of") == 3
+    report = (tmp_path / "out" / "report.html").read_text()
+    assert "leaves the calibrated range" in report and "95 %" in report
+
+
+def test_a_model_without_uncertainty_gets_no_bands(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["predict", str(file), "-o", str(tmp_path / "out"), "--points", "3", "--stretch", "1.2"]) == 0
+    said = capsys.readouterr().out
+    assert "no bands are given" in said
+    assert said.count("within the calibrated range up to its end") == 3
+    assert "standard_deviation" not in (tmp_path / "out" / "curves.csv").read_text()
 
 
 def test_an_unknown_thickness_is_told(tmp_path: Path) -> None:

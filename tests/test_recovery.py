@@ -1,13 +1,19 @@
 """Recovered kinematics: exact for what they can represent, rates of convergence, areas between curved edges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import norm
-from synthetic import plate, rotation
+from synthetic import ArrudaBoyce, derivatives, plate, rotation
 
-from calibrate import recovery
-from calibrate.experiment import boundary_nodes
+from calibrate import fit, recovery, reduction
+from calibrate.basis import basis_for
+from calibrate.equilibrium import Equilibrium
+from calibrate.experiment import Noise, boundary_nodes
 from calibrate.kinematics import gradient_operator, shape_gradients
+from calibrate.virtual_fields import virtual_fields
+from studies.pulls import clean_cross
 
 
 def grid(n: int, m: int | None = None, jitter: float = 0.2, seed: int = 0):
@@ -238,9 +244,9 @@ def test_a_straight_edge_stays_beside_an_edge_that_is_not_free():
 
 def test_jagged_edges_keep_the_area():
     """Steps of 45 degrees in and out: what each segment adds, another takes away."""
-    points, triangles = grid(30, 4, jitter=0.0)
-    points *= 30.0
-    teeth = np.repeat([0.0, 1.0], 3)[np.arange(1, 32) % 6]
+    points, triangles = grid(32, 4, jitter=0.0)
+    points *= 32.0
+    teeth = np.repeat([0.0, 1.0], 3)[np.arange(33) % 6]
     top = np.flatnonzero(points[:, 1] == 4)
     points[top, 1] += teeth
     plain = shape_gradients(points, triangles)[1]
@@ -266,6 +272,43 @@ def test_no_segment_outgrows_its_triangle(seed):
     share = recovery.areas(points, triangles, boundary_nodes(triangles)) / shape_gradients(points, triangles)[1]
     assert (np.abs(share - 1) <= 3 * recovery.SEGMENT + 1e-12).all()
     assert abs(np.mean(share) - 1) < 0.02
+
+
+# what it is worth
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("nodes", "chi_square", "bias"),
+    [
+        (1300, (1.66, 0.117), ((-0.70, -0.33, -1.18), (-0.13, 0.00, -0.61))),
+        (2484, (0.28, 0.011), ((-0.27, -0.09, -0.76), (-0.05, -0.02, -0.14))),
+    ],
+)
+def test_the_perforated_cross(nodes, chi_square, bias):
+    """The table of docs/method.md: biquadratic data at the nodes, exact but weighed as if they had noise.
+
+    Chi-square a row of the residual of the true material, linear and recovered, and the bias of psi_1 at I1 = 3.5, 4, 5
+    of the convex spline, %.
+    """
+    experiment = replace(clean_cross(nodes, 10), noise=Noise(0.1, 4.0, 0.0, 0.005))
+    fields, I1 = virtual_fields(experiment), np.array([3.5, 4.0, 5.0])
+    for linear in (True, False):
+        system = Equilibrium(experiment, fields, linear)
+        basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+        truth = np.zeros((len(basis.site_inputs), 2))
+        truth[:, 0] = slope_of_arruda_boyce(3 + basis.site_inputs[:, 0])
+        quadratic = reduction.assemble(system, basis).quadratic(basis.interpolation @ truth.ravel())
+        loss = quadratic.loss(basis.interpolation @ truth.ravel()) / quadratic.n_rows
+        assert loss == pytest.approx(chi_square[0 if linear else 1], rel=0.05)
+        c = fit.convex_spline(quadratic, "I1")
+        found = basis.spline.matrix(np.sqrt((I1 - 3) / basis.top)) @ (quadratic.stiffness_factor(c) * c)
+        error = 100 * (found / slope_of_arruda_boyce(I1) - 1)
+        np.testing.assert_allclose(error, bias[0 if linear else 1], atol=0.03)
+
+
+def slope_of_arruda_boyce(I1):
+    return derivatives(ArrudaBoyce(), np.stack([I1, I1], axis=-1))[:, 0]
 
 
 # invariances

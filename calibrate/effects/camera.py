@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 
 from calibrate.effects.effect import Effect, Parameter
@@ -12,7 +13,11 @@ from calibrate.effects.recovery import laplacian
 
 @dataclass(frozen=True)
 class LensDistortion(Effect):
-    """Radial: a point at x from the middle of the picture is seen at x (1 + k |x|^2 / R^2), R half the extent."""
+    """Radial: a point at x from the middle of the picture is seen at x (1 + k |x|^2 / R^2), R half the extent.
+
+    Both pictures are distorted. With A the gradient of the true by the seen reference points, the true deformation
+    gradient is F A^-1, F that of the true places by the seen points, and P turns into det A P A^-T (Piola transformation).
+    """
 
     name = "lens distortion"
     stage = "measurement"
@@ -21,14 +26,27 @@ class LensDistortion(Effect):
     decided_by = "pictures of a dot grid"
 
     def displacements(self, data, u, a, shape):
-        centre = 0.5 * (data.points.min(axis=0) + data.points.max(axis=0))
-        X = data.points - centre
-        R2 = (0.5 * data.size) ** 2
+        X = data.points - centre(data)
+        return u - a[0] * excess(data, X + u)
 
-        def seen(x):
-            return x * jnp.sum(x * x, axis=-1, keepdims=True) / R2
+    def stress(self, data, F, P, a, shape, law):
+        X = data.centroids - centre(data)
+        A = jnp.eye(2) - a[0] * jax.vmap(jax.jacfwd(lambda x: excess(data, x)))(X)
+        inverse = jnp.linalg.inv(A)
+        full = jax.vmap(law)((F @ inverse).reshape(-1, 2, 2)).reshape(F.shape)
+        plain = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
+        seen = jnp.linalg.det(A)[:, None, None] * full @ jnp.swapaxes(inverse, -1, -2)
+        return P + seen - plain
 
-        return u - a[0] * (seen(X + u) - seen(X))
+
+def centre(data):
+    """Middle (2,) of the specimen, mm."""
+    return 0.5 * (data.points.min(axis=0) + data.points.max(axis=0))
+
+
+def excess(data, x):
+    """x |x|^2 / R^2 (..., 2), mm, of places x (..., 2) from the middle."""
+    return x * jnp.sum(x * x, axis=-1, keepdims=True) / (0.5 * data.size) ** 2
 
 
 @dataclass(frozen=True)
@@ -42,10 +60,9 @@ class OutOfPlane(Effect):
     decided_by = "a second camera, or a telecentric lens"
 
     def displacements(self, data, u, a, shape):
-        centre = 0.5 * (data.points.min(axis=0) + data.points.max(axis=0))
         size = jnp.sqrt((data.u**2).mean(axis=(1, 2)))
         share = (size / size.max())[:, None, None]
-        return u - a[0] * share * (data.points - centre + u)
+        return u - a[0] * share * (data.points - centre(data) + u)
 
 
 @dataclass(frozen=True)
@@ -86,5 +103,5 @@ class Scale(Effect):
     amplitudes = (Parameter("e", "1", typical=0.02),)
     gauge = "a common factor of modulus, force, thickness and DIC scale"
 
-    def loads(self, data, loads, boundary, a, shape):
-        return loads / (1.0 + a[0])
+    def loads(self, data, loads, a, shape):
+        return loads * (1.0 + a[0])

@@ -153,6 +153,6 @@ class Effect:
         """
         return P
 
-    def loads(self, data: Data, loads: Any, boundary: Any, a: Any, shape: Any) -> Any:
-        """True forces of the rows (t, 2, v), N, of the measured ones; boundary (v,): whether the field carries a load."""
+    def loads(self, data: Data, loads: Any, a: Any, shape: Any) -> Any:
+        """True forces (t, 2, b), N, of the measured ones on the b loaded boundaries."""
         return loads

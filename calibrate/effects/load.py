@@ -20,11 +20,11 @@ class ForceOffset(Effect):
     amplitudes = (Parameter("f0", "N", typical=0.1),)
     decided_by = "a record that starts before the loading"
 
-    def loads(self, data, loads, boundary, a, shape):
+    def loads(self, data, loads, a, shape):
         last = loads[-1]
         size = jnp.sqrt(jnp.sum(last * last, axis=0))
         direction = last / jnp.where(size > 0, size, 1.0)
-        return loads - a[0] * direction * boundary
+        return loads - a[0] * direction
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Lag(Effect):
             return "time"
         return None if len(data.time) > 2 else "more increments"
 
-    def loads(self, data, loads, boundary, a, shape):
+    def loads(self, data, loads, a, shape):
         rate = rate_matrix(data.time)
         return loads - a[0] * jnp.einsum("ts,siv->tiv", rate, loads)
 
@@ -57,7 +57,7 @@ class ForceGain(Effect):
     amplitudes = (Parameter("g", "1", typical=0.02),)
     gauge = "a common factor of modulus, force, thickness and DIC scale"
 
-    def loads(self, data, loads, boundary, a, shape):
+    def loads(self, data, loads, a, shape):
         return loads * (1.0 + a[0])
 
 
@@ -71,7 +71,7 @@ class Rotation(Effect):
     amplitudes = (Parameter("phi", "rad", typical=0.02),)
     decided_by = "a picture of a plumb line"
 
-    def loads(self, data, loads, boundary, a, shape):
+    def loads(self, data, loads, a, shape):
         c, s = jnp.cos(a[0]), jnp.sin(a[0])
         return jnp.stack([c * loads[:, 0] - s * loads[:, 1], s * loads[:, 0] + c * loads[:, 1]], axis=1)
 

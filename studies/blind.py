@@ -1,0 +1,97 @@
+"""`equigap blind`: does the diagnosis find what is hidden, and nothing where nothing is?
+
+In: numbers of trials. Out: a folder with every trial, its diagnosis and label, tables, confusion matrix, report. Trials are
+independent; a killed run goes on with those that are not there yet.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
+
+from studies.blind_case import Plan, run
+from studies.folder import open_output_folder
+from studies.options import add_output, output_folder
+
+DESCRIPTION = """\
+Blind trials of `equigap discover`: a seed draws specimen, base material, one hidden effect or none, amplitude and noise;
+the diagnosis sees the Experiment alone. Prints the confusion matrix and writes every trial."""
+PAIRS = (
+    ("second invariant", "force offset"),
+    ("viscoelasticity", "stiffness gradient"),
+    ("one fibre family", "unmeasured strip"),
+    ("compressibility", "image rotation"),
+    ("Mullins softening", "second invariant"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `equigap blind`."""
+    parser.add_argument("--trials", type=int, default=20, help="for each effect (default: %(default)s)")
+    parser.add_argument("--nulls", type=int, default=100, help="without an effect (default: %(default)s)")
+    parser.add_argument("--pairs", type=int, default=20, help="with two effects (default: %(default)s)")
+    parser.add_argument("--only", metavar="EFFECT,EFFECT,...", help="effects to hide (default: all that can be found)")
+    parser.add_argument("--seed", type=int, default=1000, help="of the first trial (default: %(default)s)")
+    parser.add_argument("--quick", action="store_true", help="one trial an effect, two without: shows the path")
+    parser.add_argument("--jobs", type=int, help="trials side by side (default: number of cores)")
+    add_output(parser, "blind")
+
+
+def plans(arguments: argparse.Namespace) -> list[Plan]:
+    """All trials, mixed so that a run that is stopped has some of each. Raises `ConfigError`."""
+    from calibrate.errors import ConfigError
+    from studies.blind_effects import FREQUENT
+
+    effects = list(FREQUENT)
+    if arguments.only is not None:
+        effects = [name.strip() for name in arguments.only.split(",") if name.strip()]
+        unknown = [name for name in effects if name not in FREQUENT]
+        if unknown:
+            raise ConfigError(f"--only {unknown[0]}: choose from {', '.join(FREQUENT)}")
+    n, nulls, pairs = (1, 2, 1) if arguments.quick else (arguments.trials, arguments.nulls, arguments.pairs)
+    if min(n, nulls, pairs) < 0 or n + nulls + pairs == 0:
+        raise ConfigError("--trials, --nulls and --pairs count trials; give numbers that are not negative")
+    single = [Plan(arguments.seed + i, (name,), True) for i in range(n) for name in effects]
+    none = [Plan(arguments.seed + i) for i in range(nulls)]
+    both = [Plan(arguments.seed + i, PAIRS[i % len(PAIRS)]) for i in range(pairs)]
+    ranked = [(k / max(len(group), 1), plan) for group in (single, none, both) for k, plan in enumerate(group)]
+    return [plan for _, plan in sorted(ranked, key=lambda pair: pair[0])]
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Run or resume the trials and write the report."""
+    from studies.blind_report import write_report
+    from studies.errors import StudyError
+    from studies.progress import Progress
+
+    todo = plans(arguments)
+    settings = {"trials": arguments.trials, "nulls": arguments.nulls, "pairs": arguments.pairs,
+                "only": arguments.only, "seed": arguments.seed, "quick": arguments.quick}  # fmt: skip
+    folder = open_output_folder(output_folder(arguments, "blind"), arguments.overwrite, {"study": "blind", **settings})
+    trials, cache = folder / "trials", folder / "cache"
+    trials.mkdir(parents=True, exist_ok=True)
+    jobs = arguments.jobs or os.cpu_count() or 1
+    missing = [plan for plan in todo if not (trials / plan.name / "diagnosis.json").exists()]
+    failures: dict[str, str] = {}
+    progress = Progress("blind trials", len(todo), "trial")
+    progress.to(len(todo) - len(missing))
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        tasks = {pool.submit(run, plan, trials, cache): plan for plan in missing}
+        try:
+            for task in as_completed(tasks):
+                error = task.exception()
+                if isinstance(error, (KeyboardInterrupt, MemoryError)):
+                    raise error
+                if error is not None:
+                    failures[tasks[task].name] = f"{type(error).__name__}: {error}"
+                progress.update()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    progress.close()
+    print(write_report(folder, [trials / plan.name for plan in todo if plan.name not in failures], failures))
+    if len(failures) > 0.1 * len(todo):
+        raise StudyError(f"{len(failures)} of {len(todo)} trials failed, first: {next(iter(failures.items()))}")
+    return 0

@@ -1,0 +1,158 @@
+"""One blind trial: write it, diagnose it, and never both with the label in hand.
+
+In: a `Plan`. Out: ``experiment.npz`` and ``sealed/label.json``, then ``diagnosis.json``, for which the label is not opened;
+`judge` alone compares the two.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+NULL = "none"
+GLOBAL_LIMIT = 10.0  # score above which an effect counts as strong
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A trial: seed, effects to hide, and whether to diagnose it once more without the first of them."""
+
+    seed: int
+    effects: tuple[str, ...] = ()
+    absent: bool = False
+
+    @property
+    def name(self) -> str:
+        return "+".join(self.effects).replace(" ", "_") + f"-{self.seed}" if self.effects else f"{NULL}-{self.seed}"
+
+
+def run(plan: Plan, folder: str | Path, cache: str | Path | None = None) -> str:
+    """Write and diagnose a trial that is not there yet; return its name. Every file is written atomically."""
+    import jax
+
+    if cache is not None:
+        jax.config.update("jax_compilation_cache_dir", str(cache))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    home = Path(folder) / plan.name
+    if not (home / "experiment.npz").exists() or not (home / "sealed" / "label.json").exists():
+        from studies.blind_data import draw, write
+
+        write(draw(plan.seed, *(plan.effects or (None,))), home)
+    if not (home / "diagnosis.json").exists():
+        from studies.writing import write_json
+
+        write_json(home / "diagnosis.json", diagnose(home / "experiment.npz", plan.effects[:1] if plan.absent else ()))
+    return plan.name
+
+
+def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
+    """What the diagnosis says of an Experiment; `without`: once more with these effects taken out of the catalogue."""
+    from calibrate import diagnosis, discovery
+    from calibrate.effects import CATALOGUE
+    from calibrate.experiment import Experiment
+
+    start = time.process_time()
+    experiment = Experiment.load(path)
+    problem, base = diagnosis.prepare([experiment], [discovery.HoldOut().training])
+    found = discovery.close_loop(problem, base, whole_table=False)
+    content = {"full": described(found), "seconds": time.process_time() - start}
+    if without:
+        rest = tuple(e for e in CATALOGUE if e.name not in without)
+        content["without"] = list(without)
+        content["absent"] = described(discovery.close_loop(problem, base, rest, whole_table=False))
+    return content
+
+
+def described(found: Any) -> dict[str, Any]:
+    """A `Discovery` as plain data."""
+    rounds = []
+    for r in found.rounds:
+        rounds.append(
+            {
+                "added": r.added,
+                "group": list(r.group),
+                "remarks": list(r.remarks),
+                "chi_square": r.fit.reduced_chi_square,
+                "p_value": r.fit.p_value,
+                "held": None if r.held is None else asdict(r.held),
+                "scores": {
+                    row.name: {
+                        "score": row.score.score,
+                        "adjusted": row.score.adjusted,
+                        "admissible": row.score.admissible,
+                        "amplitudes": list(row.score.amplitudes),
+                        "like": dict(row.like),
+                    }
+                    for row in r.rows
+                    if row.score.status == "tested"
+                },
+            }
+        )
+    additions = [
+        {
+            "effect": a.effect.name,
+            "amplitudes": {p.name: v for p, v in zip(a.effect.amplitudes, a.amplitudes, strict=True)},
+            "deviations": {p.name: v for p, v in zip(a.effect.amplitudes, d, strict=True)},
+            "shape": {p.name: v for p, v in zip(a.effect.shapes, a.shape, strict=True)},
+        }
+        for a, d in zip(found.final.additions, found.final.errors, strict=True)
+    ]
+    return {
+        "verdict": found.verdict,
+        "named": list(found.named),
+        "closest": list(found.closest),
+        "groups": {k: list(v) for k, v in found.groups.items()},
+        "additions": additions,
+        "rounds": rounds,
+    }
+
+
+def judge(home: Path) -> dict[str, Any]:
+    """Compare a diagnosis with its label: the only place where both are open."""
+    label = json.loads((home / "sealed" / "label.json").read_text())
+    content = json.loads((home / "diagnosis.json").read_text())
+    full = content["full"]
+    hidden = label["effects"]
+    names = [h["name"] for h in hidden]
+    first = full["rounds"][0]
+    scores = {n: first["scores"].get(n, {}).get("score", 0.0) for n in names}
+    reach = {n: {n, *full["groups"].get(n, [])} for n in full["named"]}
+    result = {
+        "trial": home.name,
+        "hidden": names,
+        "verdict": full["verdict"],
+        "named": full["named"],
+        "closest": full["closest"],
+        "scores": scores,
+        "strong": bool(names) and min(scores.values()) > GLOBAL_LIMIT,
+        "hit": [any(n in group for group in reach.values()) for n in names],
+        "exact": [n in full["named"] for n in names],
+        "amplitudes": [_amplitude(h, full["additions"]) for h in hidden],
+        "seconds": content["seconds"],
+    }
+    if "absent" in content:
+        partners = {n for n, v in first["scores"].get(names[0], {}).get("like", {}).items() if v > 0.9}
+        result["absent"] = {
+            "verdict": content["absent"]["verdict"],
+            "named": content["absent"]["named"],
+            "closest": content["absent"]["closest"],
+            "wrong": [n for n in content["absent"]["named"] if n not in partners],
+            "partners": sorted(partners),
+        }
+    return result
+
+
+def _amplitude(hidden: dict[str, Any], additions: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """Pull (fitted - true) / deviation of each amplitude of an effect that is in the model, else None."""
+    for addition in additions:
+        if addition["effect"] == hidden["name"]:
+            pulls = {
+                name: (addition["amplitudes"][name] - true) / max(addition["deviations"][name], 1e-300)
+                for name, true in hidden["amplitudes"].items()
+                if name in addition["amplitudes"]
+            }
+            return {"true": hidden["amplitudes"], **addition, "pulls": pulls}
+    return None
