@@ -126,12 +126,6 @@ class Chain:
         axes = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
         return self.work(_noise_shift(self.kind, self.arrays, jnp.asarray(c), jnp.asarray(axes)))
 
-    def base_columns(self, c: Any, additions: Additions = ()) -> Array:
-        """d residual / d coefficients, (t, 2 v, n), N/MPa."""
-        effects, amplitudes, shapes = _parts(additions)
-        columns = _base_columns(self.kind, effects, self.arrays, jnp.asarray(c), _floats(amplitudes), _floats(shapes))
-        return np.moveaxis(self.work(columns), 0, -1)
-
     def signature(self, c: Any, effect: Effect, shape: tuple[float, ...], others: Additions = ()) -> Array:
         """d residual / d amplitude at the null value, (p, t, 2 v), beside effects that are in the model already."""
         null = tuple(p.null for p in effect.amplitudes)
@@ -219,17 +213,6 @@ def _noise_shift(kind, arrays, c, axes):
             step = jnp.zeros((axes.shape[0], 2, 2)).at[:, i, :].set(axes[:, :, q])
             change = change + 0.5 * (stress(F + step) + stress(F - step))
     return change
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _base_columns(kind, effects, arrays, c, amplitudes, shapes):
-    """Stresses (n, t, m, 2, 2), one coefficient after the other, which needs little memory."""
-    F = gradients(arrays.data, _displacements(effects, arrays, amplitudes, shapes))
-
-    def internal(c):
-        return _stress(kind, effects, arrays, c, amplitudes, shapes, F)
-
-    return jax.lax.map(lambda direction: jax.jvp(internal, (c,), (direction,))[1], jnp.eye(len(c)))
 
 
 @partial(jax.jit, static_argnums=(0, 1, 6))

@@ -37,6 +37,7 @@ COLLINEAR = 0.9  # |cos| of signatures that cannot be told apart
 ABSORBED = 1e-3  # share of a signature that must be left by the base
 DRAWS = 2000  # of the simulated search
 PASSES = 12
+STIFFENING = 0.1  # prior: by how much psi_1 may grow from one spline to the next, over its value at rest
 SETTLED = 0.05  # relative change of the base between the last two passes
 CONDITION = 1e-8
 UNSEEN = 1e-4  # size of a column, relative to the largest, that is not fitted
@@ -72,12 +73,14 @@ class Part:
 class Problem:
     """Experiments with fixed weights. parts: all; those without training rows are held out.
 
-    cone (n, k): the base models are non-negative sums of its columns.
+    cone (n, k): the base models are non-negative sums of its columns. prior (r, k), 1 / MPa: a weak normal prior on the
+    changes of psi_1, without which the last splines take up whatever is wrong and ruin the extrapolation.
     """
 
     parts: tuple[Part, ...]
     basis: SingleBasis
     cone: Array
+    prior: Array
     noise_is_known: bool
 
     @property
@@ -187,6 +190,7 @@ def prepare(
     chains = [Chain(system, basis) for system in systems]
     cone = base_cone(basis, base, max(trained_top(systems[i], masks[i]) for i in used))
     previous = c
+    prior, spread = smoothness(base, cone.shape[1]) / (STIFFENING * float(c.max())), 1.0
     for count in range(PASSES):
         whites = [whitening(covariances(assembled[i], c), masks[i]) for i in used]
         A = np.concatenate([w(np.moveaxis(np.array(assembled[i].matrices), -1, 0)).T
@@ -195,8 +199,9 @@ def prepare(
         d = np.concatenate([w(np.nan_to_num(systems[i].loads) + shift)
                             for w, i, shift in zip(whites, used, shifts, strict=True)])  # fmt: skip
         quadratic = reduction.Quadratic(basis, A.T @ A, A.T @ d, float(d @ d), len(d))
-        weights = bounded(A @ cone, d, np.zeros(cone.shape[1]), np.full(cone.shape[1], np.inf))
+        weights = bounded(A @ cone, d, np.zeros(cone.shape[1]), np.full(cone.shape[1], np.inf), prior * np.sqrt(spread))
         previous, c = c, cone @ weights
+        spread = max(1.0, quadratic.loss(c) / len(d))
         if not c.any():
             raise errors.FitError("the data do not constrain the material: forces or displacements are all noise")
         c = quadratic.stiffness_factor(c) * c
@@ -217,7 +222,7 @@ def prepare(
         noise = covariances(assembly, c)
         parts.append(Part(chain, assembly, whitening(noise, mask, common), whitening(noise, known & ~mask, common),
                           chain.noise_shift(c, assembly.noise_factor)))  # fmt: skip
-    problem = Problem(tuple(parts), basis, cone, all(a.noise_is_known for a in assembled))
+    problem = Problem(tuple(parts), basis, cone, prior, all(a.noise_is_known for a in assembled))
     return problem, refit(problem, c, ())
 
 
@@ -241,6 +246,11 @@ def base_cone(basis: SingleBasis, base: str, top: float, n: int = 24) -> Array:
     sites = np.zeros((n, len(x), 2))
     sites[:, :, basis.k] = values.T
     return basis.interpolation @ sites.reshape(n, -1).T
+
+
+def smoothness(base: str, n: int) -> Array:
+    """(n - 1, n): weights to the changes of psi_1 from one spline to the next."""
+    return np.eye(n)[1:] if base == "convex" else np.eye(n)[1:] - np.eye(n)[:-1]
 
 
 def denoised(problem: Problem, c: Array, r: Array, dispersion: float) -> list[Chain]:
@@ -268,15 +278,13 @@ def denoised(problem: Problem, c: Array, r: Array, dispersion: float) -> list[Ch
     return chains
 
 
-def base_columns(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> Array:
-    """Whitened d residual / d coefficients (N, n)."""
+def base_columns(problem: Problem, chains: Sequence[Chain]) -> Array:
+    """Whitened d residual / d coefficients (N, n) of the base alone, also beside effects: the residual is exact, so that
+    the amplitudes found are those at which it is orthogonal to these columns and to the signatures."""
     columns = []
     for chain in chains:
-        if additions:
-            columns.append(np.moveaxis(chain.base_columns(c, additions), -1, 0))
-        else:
-            F = kinematics.deformation_gradients(chain.system.gradient, np.asarray(chain.data.u))
-            columns.append(np.moveaxis(np.array([chain.system.matrix(problem.basis, f) for f in F]), -1, 0))
+        F = kinematics.deformation_gradients(chain.system.gradient, np.asarray(chain.data.u))
+        columns.append(np.moveaxis(np.array([chain.system.matrix(problem.basis, f) for f in F]), -1, 0))
     return problem.white(columns).T
 
 
@@ -299,44 +307,47 @@ def orthonormal(columns: Array) -> Array:
 
 
 def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6) -> Fit:
-    """Base in its cone and amplitudes in their bounds, together, by Gauss-Newton on the exact residual."""
-    cone = problem.cone
-    weights = np.maximum(np.linalg.lstsq(cone, c, rcond=None)[0], 0.0)
+    """Base and amplitudes together, by Gauss-Newton on the exact residual.
+
+    Amplitudes, in their bounds, are fitted beside all splines, so that they do not depend on what the base models can do;
+    the base then follows in its cone.
+    """
+    cone, n = problem.cone, problem.cone.shape[1]
     sizes = [len(a.amplitudes) for a in additions]
     parameters = [p for a in additions for p in a.effect.amplitudes]
     typical = np.array([p.typical for p in parameters])
-    lower = np.concatenate([np.zeros(cone.shape[1]), np.array([p.lower for p in parameters]) / typical])
-    upper = np.concatenate([np.full(cone.shape[1], np.inf), np.array([p.upper for p in parameters]) / typical])
-    x = np.concatenate([weights, np.array([v for a in additions for v in a.amplitudes]) / typical])
-    x = np.clip(x, lower, upper)
-    n = cone.shape[1]
+    lower, upper = (np.array([getattr(p, end) for p in parameters]) / typical for end in ("lower", "upper"))
+    w = np.maximum(np.linalg.lstsq(cone, c, rcond=None)[0], 0.0)
+    x = np.clip(np.array([v for a in additions for v in a.amplitudes]) / typical, lower, upper)
 
-    def current(x: Array) -> tuple[Array, Additions]:
-        split = np.split(x[n:] * typical, np.cumsum(sizes)[:-1]) if sizes else []
-        return cone @ x[:n], tuple(
+    def current() -> tuple[Array, Additions]:
+        split = np.split(x * typical, np.cumsum(sizes)[:-1]) if sizes else []
+        return cone @ w, tuple(
             replace(a, amplitudes=tuple(map(float, v))) for a, v in zip(additions, split, strict=True)
         )
 
     for _ in range(iterations):
-        c, now = current(x)
+        c, now = current()
         r = residual(problem, c, now)
         dispersion = max(1.0, float(r @ r) / len(r))
         chains = denoised(problem, c, r, dispersion)
-        G, S = base_columns(problem, chains, c, now), signatures(problem, chains, c, now)
-        A = np.concatenate([G @ cone, S * typical], axis=1)
-        new = bounded(A, A @ x - r, lower, upper)
-        step, x = np.linalg.norm(A @ (new - x)), new
-        if step < 1e-2:
+        G, S = base_columns(problem, chains), signatures(problem, chains, c, now) * typical
+        base = orthonormal(G)
+        left = S - base @ (base.T @ S)
+        change = bounded(left, left @ x - (r - base @ (base.T @ r)), lower, upper) - x if sizes else np.zeros(0)
+        A = G @ cone
+        new = bounded(A, A @ w - r - S @ change, np.zeros(n), np.full(n, np.inf), problem.prior * np.sqrt(dispersion))
+        step = np.linalg.norm(A @ (new - w)) + np.linalg.norm(S @ change)
+        w, x = new, x + change
+        if step < 1e-2 * np.sqrt(dispersion):
             break
-    c, now = current(x)
+    c, now = current()
     c = (1 + (1 - 1 / dispersion) * (stiffness_factor(problem, c, now) - 1)) * c
     r = residual(problem, c, now)
-    U = orthonormal(np.concatenate([G, S * typical], axis=1))
+    U = orthonormal(np.concatenate([G, S], axis=1))
     free = r - U @ (U.T @ r)
     spread = np.zeros(0)
     if sizes:
-        base = orthonormal(G)
-        left = S * typical - base @ (base.T @ (S * typical))
         spread = np.sqrt(np.diag(np.linalg.pinv(left.T @ left, rcond=CONDITION))) * typical
         spread = spread * np.sqrt(max(1.0, float(free @ free) / max(len(r) - U.shape[1], 1)))
     deviations = np.split(spread, np.cumsum(sizes)[:-1]) if sizes else []
@@ -365,8 +376,10 @@ def stiffness_factor(problem: Problem, c: Array, additions: Additions) -> float:
     return float(load @ load / (load @ internal))
 
 
-def bounded(A: Array, target: Array, lower: Array, upper: Array) -> Array:
-    """argmin |A x - target|^2 in bounds; columns scaled, reduced to their own number of rows."""
+def bounded(A: Array, target: Array, lower: Array, upper: Array, prior: Array | None = None) -> Array:
+    """argmin |A x - target|^2 + |prior x|^2 in bounds; columns scaled, reduced to their own number of rows."""
+    if prior is not None:
+        A, target = np.concatenate([A, prior]), np.concatenate([target, np.zeros(len(prior))])
     scale = np.linalg.norm(A, axis=0)
     seen = scale > UNSEEN * scale.max()  # what the data hardly see stays at its bound, or at zero
     if not seen.all():

@@ -215,7 +215,7 @@ def discover(
     """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
 
     hold_out: default every third increment, or nothing where there are experiments to be held out. whole_table: refit
-    with every effect, not only with significant ones. Raises `FitError` for a base that does not converge, `ConfigError`.
+    with every effect, not only with those that are tried. Raises `FitError` for a base that does not converge, `ConfigError`.
     """
     say = progress or (lambda text: None)
     if hold_out is None:
@@ -267,7 +267,7 @@ def _round(
             continue
         near = [(tested[j].effect.name, float(like[i, j])) for j in np.argsort(-like[i]) if j != i]
         row = Row(one, like=tuple((n, v) for n, v in near if v > 0.5))
-        if whole or one.adjusted < ALPHA:
+        if whole:
             say(f"fit with {one.effect.name}")
             row = _fitted(problem, state, row, iterations=2)
         rows.append(row)

@@ -1,7 +1,7 @@
 """A PANN from the base of a fit: what a diagnosis found, as the network that a calibration would have given.
 
 In: a `Problem` and a `Fit`. Out: a `Model` of I1 and how much worse it meets the training equations than the spline.
-The effects in the model are held; the loss is the quadratic one about the fit, whitened as it was.
+The effects in the model are held; the network is fitted to the quadratic loss about the fit, and judged by the exact one.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Distilled:
 
 def quadratic(problem: Problem, fit: Fit) -> Quadratic:
     """The training loss as a quadratic form in the spline coefficients, about those of the fit."""
-    G = diagnosis.base_columns(problem, fit.chains, fit.c, fit.additions)
+    G = diagnosis.base_columns(problem, fit.chains)
     target = G @ fit.c - fit.residual
     return Quadratic(problem.basis, G.T @ G, G.T @ target, float(target @ target), len(target))
 
@@ -57,11 +57,13 @@ def distil(
     """Fit PANN_I1^layers to the base of a fit. Raises `FitError`."""
     loss = quadratic(problem, fit)
     architecture, found = fit_network(loss, "I1", layers, fit.c, n_starts, seed)
+    exact = diagnosis.residual(problem, found.coefficients, fit.additions)
+    network_loss = float(exact @ exact)
     model = Model(
         architecture,
         np.asarray(found.parameters),
         problem.parts[0].experiment.stress_unit,
         {"I1": (3.0, 3.0 + problem.basis.top)},
-        {"loss": found.loss, "spline_loss": fit.loss, "equations": fit.n_rows},
+        {"loss": network_loss, "spline_loss": fit.loss, "equations": fit.n_rows},
     )
-    return Distilled(model, fit.loss, found.loss, fit.n_rows)
+    return Distilled(model, fit.loss, network_loss, fit.n_rows)

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the simulated search (default: 0)")
     parser.add_argument(
-        "--quick", action="store_true", help="refit with significant candidates only, draw fewer pictures"
+        "--quick", action="store_true", help="refit only candidates that are tried, draw fewer pictures"
     )
     add_output(parser, "discover")
 

@@ -38,7 +38,7 @@ def write(folder: Path, view: View, model: ExtendedModel, manifest: Any) -> Path
         report.paragraph(remark)
     report.heading("Models").table(*model_table(view), MODEL_CAPTION)
     report.heading("Where and when")
-    for path, figure, caption in _figures(folder, view):
+    for path, figure, caption in pictures(folder, view):
         write_figure(path, figure, dpi=140)
         report.figure(path, caption)
     for i, now in enumerate(view.discovery.rounds, start=1):
@@ -86,7 +86,7 @@ def model_words(model: ExtendedModel) -> str:
     return text
 
 
-def _figures(folder: Path, view: View) -> Iterator[tuple[Path, Any, str]]:
+def pictures(folder: Path, view: View) -> Iterator[tuple[Path, Any, str]]:
     """Path, figure and caption of every picture."""
     parts = view.discovery.problem.parts[: 1 if view.quick else MOST_TESTS]
     for name, (draw, caption) in figures.OF_A_TEST.items():

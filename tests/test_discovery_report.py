@@ -11,7 +11,6 @@ import pytest
 from discoveries import C01, explained, held, nothing, sheet, view
 from matplotlib.figure import Figure
 
-from calibrate.diagnosis import Problem
 from calibrate.discovery import Discovery
 from studies import discovery_figures, discovery_report, discovery_words
 from studies.discovery_review import (
@@ -32,7 +31,7 @@ def row(name: str, number: int = 0):
 
 
 def without_noise(found: Discovery) -> Discovery:
-    return replace(found, problem=Problem(found.problem.parts, found.problem.basis, found.problem.cone, False))
+    return replace(found, problem=replace(found.problem, noise_is_known=False))
 
 
 # --- numbers --------------------------------------------------------------------------------------------------
@@ -115,7 +114,7 @@ def test_everything_can_be_written_as_json():
 
 def test_verdict_names_effect_amplitude_and_errors():
     text = discovery_words.verdict(view(explained()))
-    assert text.startswith("explained: second invariant (c01 = 0.03")
+    assert text.startswith("explained: second invariant (c01 = 0.0")
     assert "MPa" in text
     assert "force error" in text
     assert "held out (every third increment)" in text
@@ -175,7 +174,8 @@ def test_table_has_a_row_for_every_candidate():
 def test_second_table_shows_what_is_in_the_model():
     _, rows = discovery_words.candidate_table(explained().rounds[1], "MPa")
     assert rows[0][:2] == ["second invariant", "in the model"]
-    assert rows[0][8].startswith("c01 = 0.03")
+    assert rows[0][8].startswith("c01 = 0.0")
+    assert rows[0][8].endswith("MPa")
 
 
 def test_refusals_are_told_in_the_table():
