@@ -134,16 +134,21 @@ class Chain:
     def derivative(self, c: Any, additions: Additions) -> Array:
         """d residual / d amplitudes of the last addition, (p, t, 2 v), at the values they have."""
         *others, last = additions
-        before = _parts(tuple(others))
-        arguments = jnp.asarray(c), _floats(before[1]), _floats(before[2])
-        a, shape = jnp.asarray(last.amplitudes, float), jnp.asarray(last.shape, float)
-        u, F, P, loads = _state(self.kind, before[0], self.arrays, *arguments, last.effect, a, shape)
-        stress, force = _direct(self.kind, last.effect, self.arrays, arguments[0], F, P, loads, a, shape)
+        effects, amplitudes, shapes = _parts(tuple(others))
+        before = _floats(amplitudes), _floats(shapes)
+        c, a, shape = jnp.asarray(c), jnp.asarray(last.amplitudes, float), jnp.asarray(last.shape, float)
+        data, kind, effect = self.arrays.data, self.kind, last.effect
+        moves = type(effect).displacements is not Effect.displacements
+        u = _displaced(effects, self.arrays, *before)
+        F = _gradients(data, _moved(effect, data, u, a, shape) if moves else u)
+        P = _stressed(kind, effects, self.arrays, c, *before, F)
+        loads = _external(effects, self.arrays, *before)
+        stress, force = _direct(kind, effect, self.arrays, c, F, P, loads, a, shape)
         change = self.work(stress) - self.spread(force)
-        if type(last.effect).displacements is not Effect.displacements:
-            moved = _moved(last.effect, self.arrays.data, u, a, shape)
-            change = change + self.work(_pushed(self.kind, (*before[0], last.effect), self.arrays, arguments[0],
-                                                (*arguments[1], a), (*arguments[2], shape), moved))  # fmt: skip
+        if moves:
+            dF = _change_of_gradients(effect, data, u, a, shape)
+            dP = _pushed(kind, effects, self.arrays, c, *before, F, dF)
+            change = change + self.work(_pushed_on(kind, effect, self.arrays, c, F, P, a, shape, dF, dP))
         return change
 
 
@@ -215,17 +220,11 @@ def _noise_shift(kind, arrays, c, axes):
     return change
 
 
-@partial(jax.jit, static_argnums=(0, 1, 6))
-def _state(kind, effects, arrays, c, amplitudes, shapes, last, a, shape):
-    """Displacements before the last effect, F with it, stresses and loads before it."""
-    u = _displacements(effects, arrays, amplitudes, shapes)
-    F = gradients(arrays.data, last.displacements(arrays.data, u, a, shape))
-    return (
-        u,
-        F,
-        _stress(kind, effects, arrays, c, amplitudes, shapes, F),
-        _loads(effects, arrays, amplitudes, shapes),
-    )
+# What depends on the effects in the model and what depends on the last one is compiled apart, so that a new model does
+# not compile every candidate again.
+_gradients = jax.jit(gradients)
+_displaced = partial(jax.jit, static_argnums=0)(_displacements)
+_stressed = partial(jax.jit, static_argnums=(0, 1))(_stress)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -241,19 +240,34 @@ def _direct(kind, effect, arrays, c, F, P, loads, a, shape):
 
 @partial(jax.jit, static_argnums=0)
 def _moved(effect, data, u, a, shape):
-    """d displacements / d amplitudes, (p, t, n, 2)."""
-    return jnp.moveaxis(jax.jacfwd(lambda a: effect.displacements(data, u, a, shape))(a), -1, 0)
+    return effect.displacements(data, u, a, shape)
+
+
+@partial(jax.jit, static_argnums=0)
+def _change_of_gradients(effect, data, u, a, shape):
+    """d F / d amplitudes, (p, t, m, 2, 2)."""
+    return jnp.moveaxis(jax.jacfwd(lambda a: gradients(data, effect.displacements(data, u, a, shape)))(a), -1, 0)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _pushed(kind, effects, arrays, c, amplitudes, shapes, directions):
-    """Change (p, t, m, 2, 2) of the stress by directions (p, t, n, 2) of the corrected displacements."""
-    u = _displacements(effects, arrays, amplitudes, shapes)
+def _pushed(kind, effects, arrays, c, amplitudes, shapes, F, changes):
+    """Changes (p, t, m, 2, 2) of the stress by changes of F."""
 
-    def internal(u):
-        return _stress(kind, effects, arrays, c, amplitudes, shapes, gradients(arrays.data, u))
+    def stress(F):
+        return _stress(kind, effects, arrays, c, amplitudes, shapes, F)
 
-    return jax.lax.map(lambda direction: jax.jvp(internal, (u,), (direction,))[1], directions)
+    return jax.lax.map(lambda change: jax.jvp(stress, (F,), (change,))[1], changes)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _pushed_on(kind, effect, arrays, c, F, P, a, shape, changes, stresses):
+    """The same behind the last effect, from changes of F and of the stress before it."""
+    law = partial(base_law, *kind, arrays.top, c)
+
+    def stress(F, P):
+        return effect.stress(arrays.data, F, P, a, shape, law)
+
+    return jax.lax.map(lambda both: jax.jvp(stress, (F, P), both)[1], (changes, stresses))
 
 
 def base_law(k: int, n: int, top: Any, c: Any, f: Any) -> Any:

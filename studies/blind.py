@@ -9,6 +9,8 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
+import threading
+import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 
 from studies.blind_case import Plan, run
@@ -25,6 +27,8 @@ PAIRS = (
     ("compressibility", "image rotation"),
     ("Mullins softening", "second invariant"),
 )
+
+RENEWED = 40  # trials after which a worker is renewed, with the memory that compiled code takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +64,17 @@ def plans(arguments: argparse.Namespace) -> list[Plan]:
     return [plan for _, plan in sorted(ranked, key=lambda pair: pair[0])]
 
 
+def watch_parent(parent: int) -> None:
+    """End this worker when the command that started it is gone, even if it was killed."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(2.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Run or resume the trials and write the report."""
     from studies.blind_report import write_report
@@ -77,7 +92,8 @@ def main(arguments: argparse.Namespace) -> int:
     failures: dict[str, str] = {}
     progress = Progress("blind trials", len(todo), "trial")
     progress.to(len(todo) - len(missing))
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, spawn, watch_parent, (os.getpid(),), max_tasks_per_child=RENEWED) as pool:
         tasks = {pool.submit(run, plan, trials, cache): plan for plan in missing}
         try:
             for task in as_completed(tasks):

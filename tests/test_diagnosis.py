@@ -1,0 +1,196 @@
+"""Diagnosis: weights, score test, and verdicts on data whose effect is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import synthetic
+from scipy import stats
+from scipy.optimize import nnls
+
+from calibrate import diagnosis, discovery, discrepancy, errors, kinematics, noise_model
+from calibrate.basis import SingleBasis, basis_for
+from calibrate.chain import Chain
+from calibrate.effects import CATALOGUE
+from calibrate.equilibrium import Equilibrium, equilibrium, neo_hooke
+from calibrate.experiment import Noise
+from calibrate.whitening import Whitening
+
+NOISE = Noise(0.004, 3.0, 3e-4, 2e-3)
+
+
+@cache
+def sheet(c01=0.0, seed=1):
+    """The plate in Mooney-Rivlin rubber, with noise and times."""
+    clean = synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, c01), n_increments=6)
+    return replace(synthetic.with_noise(clean, NOISE, seed), time=np.arange(1.0, 7.0), noise=NOISE)
+
+
+@cache
+def prepared(c01=0.0, seed=1):
+    return diagnosis.prepare([sheet(c01, seed)], [discovery.HoldOut().training])
+
+
+@cache
+def found(c01=0.0, seed=1):
+    return discovery.close_loop(*prepared(c01, seed), whole_table=False)
+
+
+def effect(name):
+    return next(e for e in CATALOGUE if e.name == name)
+
+
+def test_whitening_gives_unit_covariance():
+    """Noise of every increment and a source common to all, drawn with their covariance."""
+    rng = np.random.default_rng(0)
+    t, rows = 3, 5
+    lowers = tuple(np.tril(rng.standard_normal((rows, rows))) + 3 * np.eye(rows) for _ in range(t))
+    source = rng.standard_normal((t, rows, 2))
+    draws = 20000
+    noise = np.stack([rng.standard_normal((draws, rows)) @ low.T for low in lowers], axis=1)
+    data = noise + np.einsum("trs,ns->ntr", source, rng.standard_normal((draws, 2)))
+    plain = Whitening(np.ones((t, rows), bool), lowers, np.zeros((t * rows, 0)), np.zeros(0))
+    V = plain(np.moveaxis(source, -1, 0)).T
+    U, s, _ = np.linalg.svd(V, full_matrices=False)
+    white = Whitening(plain.rows, lowers, U, 1 / np.sqrt(1 + s**2) - 1)
+    covariance = np.cov(white(data).T)
+    np.testing.assert_allclose(covariance, np.eye(t * rows), atol=5 * np.sqrt(2 / draws))
+    z, r = rng.standard_normal(t * rows), rng.standard_normal((t, rows))
+    assert (white.adjoint(z) * r).sum() == pytest.approx(z @ white(r), rel=1e-12)
+
+
+def test_bounded_least_squares_is_that_of_scipy():
+    rng = np.random.default_rng(1)
+    A, b = rng.standard_normal((40, 6)), rng.standard_normal(40)
+    x = diagnosis.bounded(A, b, np.zeros(6), np.full(6, np.inf))
+    np.testing.assert_allclose(x, nnls(A, b)[0], atol=1e-7)
+
+
+def test_adjusted_p_is_uniform_where_nothing_is():
+    """Of searches in pure noise, the smallest adjusted p is below q in a share q."""
+    rng = np.random.default_rng(2)
+    Q = [np.linalg.qr(rng.standard_normal((60, k)))[0] for k in (1, 1, 3)]
+    Q[1] = np.concatenate([Q[1], 0.9 * Q[1] + 0.44 * np.linalg.qr(rng.standard_normal((60, 1)))[0]], axis=1)
+    Q[1][:, 1] /= np.linalg.norm(Q[1][:, 1])
+    smallest = []
+    for _ in range(150):
+        z = rng.standard_normal(60)
+        T = [(Q[0][:, 0] @ z) ** 2, max((Q[1].T @ z) ** 2), ((Q[2].T @ z) ** 2).sum()]
+        scores = [diagnosis.Score(CATALOGUE[i], "tested", score=T[i], degrees=k) for i, k in enumerate((1, 1, 3))]
+        smallest.append(min(s.adjusted for s in diagnosis.adjust(scores, Q, 1.0, 0)))
+    assert stats.kstest(smallest, "uniform").pvalue > 0.01
+
+
+def test_mean_shift_is_that_of_many_draws():
+    """Noise changes the mean of the residual by the sum over sigma points."""
+    e = sheet()
+    system = equilibrium(e)
+    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    assert isinstance(basis, SingleBasis)
+    chain, c = Chain(system, basis), neo_hooke(basis, 0.3)
+    factor = noise_model.noise_factor(e.points, replace(NOISE, displacement_std=0.05))
+    rng = np.random.default_rng(3)
+    mean, draws = np.zeros_like(system.loads), 150
+    base = chain.residual(c)
+    for _ in range(draws):
+        noise = noise_model.sample(factor, rng, e.n_increments)
+        mean += 0.5 * (chain.disturbed(noise).residual(c) + chain.disturbed(-noise).residual(c)) - base
+    mean /= draws
+    shift = chain.noise_shift(c, factor)
+    slope = (mean * shift).sum() / (shift**2).sum()
+    assert slope == pytest.approx(1, abs=0.1)
+
+
+def test_sources_are_the_derivative_of_the_correction():
+    """The sources common to all edges: how the residual answers when the recovery is scaled."""
+    e = sheet()
+    system = equilibrium(e)
+    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = neo_hooke(basis, 0.3)
+    bend, segment = np.moveaxis(discrepancy.sources(system, basis, c)[..., -2:], -1, 0)
+    middle, to_gradient = discrepancy.edge_operators(system)
+    correction = to_gradient @ middle
+    step = 1e-4
+    twins = []
+    for sign in (1, -1):
+        twin = Equilibrium(e, system.fields)
+        twin.__dict__["gradient"] = system.gradient + sign * step * correction
+        twins.append(twin)
+    residuals = []
+    for twin in twins:
+        F = kinematics.deformation_gradients(twin.gradient, e.displacements)
+        residuals.append(np.array([twin.matrix(basis, f) @ c for f in F]))
+    slope = (residuals[0] - residuals[1]) / (2 * step)
+    assert np.linalg.norm(bend - slope) < 0.15 * np.linalg.norm(slope)  # the smallest corrections are left out
+    assert np.abs(segment).max() > 0
+
+
+def test_nothing_is_found_where_nothing_is():
+    result = found()
+    assert result.verdict == "nothing significant"
+    assert result.final.additions == ()
+    assert result.base.p_value > 0.01
+
+
+def test_second_invariant_is_found_with_its_amplitude():
+    result = found(0.02)
+    assert result.verdict == "explained"
+    assert result.named == ("second invariant",)
+    (amplitude,), (deviation,) = result.final.additions[0].amplitudes, result.final.errors[0]
+    assert abs(amplitude - 0.02) < 3 * deviation
+    assert deviation < 0.1 * 0.02
+    first, last = result.rounds[0], result.rounds[-1]
+    assert last.held.chi_square < 0.5 * first.held.chi_square
+
+
+def test_absent_effect_is_not_given_another_name_without_saying():
+    """Without the second invariant in the catalogue nothing but its likes may be named."""
+    rest = [e for e in CATALOGUE if e.name != "second invariant"]
+    result = discovery.close_loop(*prepared(0.02), rest, whole_table=False)
+    like = dict(next(r for r in found(0.02).rounds[0].rows if r.name == "second invariant").like)
+    assert all(like.get(name, 0.0) > 0.9 for name in result.named)
+
+
+def test_gauges_and_what_the_data_lack_are_named():
+    scores = {row.name: row.score for row in found().rounds[0].rows}
+    assert scores["force gain"].status == scores["DIC scale"].status == "gauge"
+    assert scores["Mullins softening"].status == "not testable"
+    assert "unloading" in scores["Mullins softening"].why
+
+
+def test_signature_of_a_gauge_is_absorbed():
+    """A common factor of the forces is what the base can do: nothing of it is left."""
+    problem, state = prepared()
+    U = state.columns
+    r = state.residual - U @ (U.T @ state.residual)
+    gain = diagnosis.Addition(effect("force gain"), (0.0,))
+    assert diagnosis.examine_shape(problem, state, gain, U, r)[0].absorbed > 0.95
+
+
+@pytest.mark.parametrize(("text", "kind"), [("every:2", "every"), ("after:3.5", "after"), ("half:left", "half")])
+def test_rules_hold_out_what_they_say(text, kind):
+    rule = discovery.HoldOut.parse(text)
+    system = equilibrium(sheet())
+    mask = rule.training(system)
+    assert rule.kind == kind
+    assert mask.any()
+    assert not mask.all()
+    if kind == "after":
+        assert mask[:3].all()
+        assert not mask[3:].any()
+    if kind == "half":
+        assert (mask == mask[0]).all()
+
+
+@pytest.mark.parametrize("text", ["every:1", "after:soon", "half:middle", "some"])
+def test_nonsense_is_refused(text):
+    with pytest.raises(errors.ConfigError, match="--hold-out"):
+        discovery.HoldOut.parse(text)
+
+
+def test_holding_out_everything_is_refused():
+    with pytest.raises(errors.ConfigError, match="leaves nothing"):
+        discovery.HoldOut.parse("after:0.5").training(equilibrium(sheet()))
