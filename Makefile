@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help setup study quick test test-all lint format clean
+.PHONY: help setup study blind quick test test-all lint format clean
 
 help: ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 18
@@ -24,10 +24,14 @@ study: setup ## run the resolution and the thickness study at their default sett
 	$(EQUIGAP) resolution --jobs $(JOBS)
 	$(EQUIGAP) thickness --jobs $(JOBS)
 
+blind: setup ## blind trials of the diagnosis (hours; resumes where it was)
+	$(EQUIGAP) blind --jobs $(JOBS)
+
 quick: setup ## everything at its smallest, a few minutes
 	$(EQUIGAP) specimens --quick -o $(QUICK)/specimens
 	$(EQUIGAP) simulate --quick -o $(QUICK)/simulate
 	$(EQUIGAP) calibrate $(QUICK)/simulate/experiment.npz --quick -o $(QUICK)/calibrate
+	$(EQUIGAP) discover $(QUICK)/simulate/experiment.npz --quick -o $(QUICK)/discover
 	$(EQUIGAP) predict $(QUICK)/calibrate/model.json --against arruda_boyce -o $(QUICK)/predict
 	$(EQUIGAP) supervised --quick --data arruda-boyce -o $(QUICK)/supervised
 	$(EQUIGAP) resolution --quick --jobs $(JOBS) --output $(QUICK)/resolution

@@ -169,9 +169,15 @@ def gradients(data: Data, u: Any) -> Any:
     return jnp.eye(2) + jnp.einsum("tmki,mkj->tmij", u[:, data.stencil], data.slopes)
 
 
+def _law(kind, arrays, c):
+    """The base model's stress (2, 2) at one deformation gradient (2, 2)."""
+    k, n = kind
+    return partial(base_law, k, n, arrays.top, c)
+
+
 def _stress(kind, effects, arrays, c, amplitudes, shapes, F):
     """P (t, m, 2, 2) with every effect."""
-    law = partial(base_law, *kind, arrays.top, c)
+    law = _law(kind, arrays, c)
     P = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
     for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
         P = effect.stress(arrays.data, F, P, a, shape, law)
@@ -207,7 +213,7 @@ def _external(effects, arrays, amplitudes, shapes):
 @partial(jax.jit, static_argnums=0)
 def _noise_shift(kind, arrays, c, axes):
     F = gradients(arrays.data, arrays.data.u)
-    law = jax.vmap(partial(base_law, *kind, arrays.top, c))
+    law = jax.vmap(_law(kind, arrays, c))
 
     def stress(F):
         return law(F.reshape(-1, 2, 2)).reshape(F.shape)
@@ -230,7 +236,7 @@ _stressed = partial(jax.jit, static_argnums=(0, 1))(_stress)
 @partial(jax.jit, static_argnums=(0, 1))
 def _direct(kind, effect, arrays, c, F, P, loads, a, shape):
     """Changes (p, t, m, 2, 2) of stress and (p, t, 2, b) of forces by amplitude, at fixed displacements."""
-    law = partial(base_law, *kind, arrays.top, c)
+    law = _law(kind, arrays, c)
 
     def response(a):
         return effect.stress(arrays.data, F, P, a, shape, law), effect.loads(arrays.data, loads, a, shape)
@@ -262,7 +268,7 @@ def _pushed(kind, effects, arrays, c, amplitudes, shapes, F, changes):
 @partial(jax.jit, static_argnums=(0, 1))
 def _pushed_on(kind, effect, arrays, c, F, P, a, shape, changes, stresses):
     """The same behind the last effect, from changes of F and of the stress before it."""
-    law = partial(base_law, *kind, arrays.top, c)
+    law = _law(kind, arrays, c)
 
     def stress(F, P):
         return effect.stress(arrays.data, F, P, a, shape, law)

@@ -413,7 +413,10 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
             skipped.append(why)
             continue
         result = examine(problem, state, effect, U, r)
-        (found.append(result) if result[0].status == "tested" else skipped.append(result[0]))  # type: ignore[func-returns-value]
+        if result[0].status == "tested":
+            found.append(result)
+        else:
+            skipped.append(result[0])
     if not found:
         return skipped
     everything = np.concatenate([Q for _, Q in found], axis=1)
@@ -429,9 +432,9 @@ def untestable(problem: Problem, effect: Effect) -> Score | None:
     """Why an effect cannot be tested with these data, or None."""
     if effect.gauge:
         return Score(effect, "gauge", f"cannot be told from {effect.gauge}")
-    lacking = {effect.missing(part.chain.data) for part in problem.trained}
-    if None not in lacking:
-        return Score(effect, "not testable", "needs " + " and ".join(sorted(str(x) for x in lacking)))
+    lacking = {effect.missing(part.chain.data) for part in problem.trained} - {None}
+    if lacking:
+        return Score(effect, "not testable", "needs " + " and ".join(sorted(map(str, lacking))))
     if len(problem.trained) > 1 and not effect.of_material:
         return Score(effect, "not testable", "belongs to one test, not to the material; needs a run on one experiment")
     return None

@@ -70,7 +70,11 @@ def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
         result.append(np.concatenate(blocks))
     single = np.array(result)
     places = np.concatenate(
-        [edge_middles(system)[kept], edge_middles(system)[kept], experiment.points[experiment.triangles[curved]].mean(axis=1)]
+        [
+            edge_middles(system)[kept],
+            edge_middles(system)[kept],
+            experiment.points[experiment.triangles[curved]].mean(axis=1),
+        ]
     )
     cell = np.floor(places / system.fields.spacing).astype(np.int64)
     kind = np.repeat([0, 0, 1], [middle.shape[0], middle.shape[0], len(curved)])
