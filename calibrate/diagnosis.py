@@ -25,7 +25,7 @@ from scipy.optimize import lsq_linear
 from calibrate import discrepancy, errors, kinematics, reduction
 from calibrate.basis import SingleBasis, Spline, basis_for, polyconvex
 from calibrate.chain import Addition, Additions, Chain
-from calibrate.effects import CATALOGUE, Effect
+from calibrate.effects import CATALOGUE, Effect, Parameter
 from calibrate.equilibrium import Equilibrium, equilibrium
 from calibrate.experiment import Experiment
 from calibrate.reduction import Assembled
@@ -40,6 +40,7 @@ PASSES = 12
 STIFFENING = 0.1  # prior: by how much psi_1 may grow from one spline to the next, over its value at rest
 SETTLED = 0.05  # relative change of the base between the last two passes
 CONDITION = 1e-8
+SHAPE_STEP = 1e-3  # of a radian, or of the size of a time, for derivatives by shapes
 UNSEEN = 1e-4  # size of a column, relative to the largest, that is not fitted
 
 
@@ -306,62 +307,120 @@ def orthonormal(columns: Array) -> Array:
     return U[:, s > 1e-5 * s[0]]
 
 
-def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6) -> Fit:
-    """Base and amplitudes together, by Gauss-Newton on the exact residual.
+@dataclass(frozen=True)
+class Variables:
+    """Amplitudes and shapes of additions as one vector of numbers of order 1, and its bounds."""
 
-    Amplitudes, in their bounds, are fitted beside all splines, so that they do not depend on what the base models can do;
-    the base then follows in its cone.
+    additions: Additions
+
+    @property
+    def parameters(self) -> list[tuple[Parameter, float]]:
+        return [
+            pair
+            for a in self.additions
+            for pair in (
+                *zip(a.effect.amplitudes, a.amplitudes, strict=True),
+                *zip(a.effect.shapes, a.shape, strict=True),
+            )
+        ]
+
+    @property
+    def sizes(self) -> list[int]:
+        return [len(a.amplitudes) + len(a.shape) for a in self.additions]
+
+    @property
+    def is_shape(self) -> NDArray[np.bool_]:
+        return np.array([k for a in self.additions for k in [False] * len(a.amplitudes) + [True] * len(a.shape)], bool)
+
+    @property
+    def scale(self) -> Array:
+        """Of amplitudes a typical one, of shapes their size (times) or a tenth of a radian (angles)."""
+        sizes = []
+        for (p, value), shape in zip(self.parameters, self.is_shape, strict=True):
+            sizes.append((0.1 if p.unit == "rad" else max(abs(value), 1e-12)) if shape else p.typical)
+        return np.array(sizes)
+
+    @property
+    def values(self) -> Array:
+        return np.array([value for _, value in self.parameters])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper; shapes move by no more than half their size, or a fifth of a radian, at a time."""
+        lower, upper = (np.array([getattr(p, end) for p, _ in self.parameters]) for end in ("lower", "upper"))
+        reach = np.where([p.unit == "rad" for p, _ in self.parameters], 2.0, 0.5) * self.scale
+        lower = np.where(self.is_shape, np.maximum(lower, self.values - reach), lower)
+        upper = np.where(self.is_shape, np.minimum(upper, self.values + reach), upper)
+        return lower, np.maximum(upper, lower)
+
+    def at(self, values: Array) -> Additions:
+        """The additions with other values."""
+        result = []
+        for a, part in zip(self.additions, np.split(values, np.cumsum(self.sizes)[:-1]), strict=True):
+            n = len(a.amplitudes)
+            result.append(replace(a, amplitudes=tuple(map(float, part[:n])), shape=tuple(map(float, part[n:]))))
+        return tuple(result)
+
+
+def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6) -> Fit:
+    """Base, amplitudes and shapes together, by Gauss-Newton on the exact residual.
+
+    Amplitudes and shapes, in their bounds, are fitted beside all splines, so that they do not depend on what the base
+    models can do; the base then follows in its cone.
     """
     cone, n = problem.cone, problem.cone.shape[1]
-    sizes = [len(a.amplitudes) for a in additions]
-    parameters = [p for a in additions for p in a.effect.amplitudes]
-    typical = np.array([p.typical for p in parameters])
-    lower, upper = (np.array([getattr(p, end) for p in parameters]) / typical for end in ("lower", "upper"))
     w = np.maximum(np.linalg.lstsq(cone, c, rcond=None)[0], 0.0)
-    x = np.clip(np.array([v for a in additions for v in a.amplitudes]) / typical, lower, upper)
-
-    def current() -> tuple[Array, Additions]:
-        split = np.split(x * typical, np.cumsum(sizes)[:-1]) if sizes else []
-        return cone @ w, tuple(
-            replace(a, amplitudes=tuple(map(float, v))) for a, v in zip(additions, split, strict=True)
-        )
-
     for _ in range(iterations):
-        c, now = current()
-        r = residual(problem, c, now)
+        c = cone @ w
+        r = residual(problem, c, additions)
         dispersion = max(1.0, float(r @ r) / len(r))
         chains = denoised(problem, c, r, dispersion)
-        G, S = base_columns(problem, chains), signatures(problem, chains, c, now) * typical
+        G = base_columns(problem, chains)
         base = orthonormal(G)
-        left = S - base @ (base.T @ S)
-        change = bounded(left, left @ x - (r - base @ (base.T @ r)), lower, upper) - x if sizes else np.zeros(0)
+        S, change, variables = np.zeros((len(r), 0)), np.zeros(0), Variables(additions)
+        left = S
+        if additions:
+            scale = variables.scale
+            S = signatures(problem, chains, c, additions) * scale
+            left = S - base @ (base.T @ S)
+            lower, upper = (end / scale for end in variables.bounds)
+            x = np.clip(variables.values / scale, lower, upper)
+            change = bounded(left, left @ x - (r - base @ (base.T @ r)), lower, upper) - x
+            additions = variables.at((x + change) * scale)
         A = G @ cone
         new = bounded(A, A @ w - r - S @ change, np.zeros(n), np.full(n, np.inf), problem.prior * np.sqrt(dispersion))
-        step = np.linalg.norm(A @ (new - w)) + np.linalg.norm(S @ change)
-        w, x = new, x + change
+        step, w = np.linalg.norm(A @ (new - w)) + np.linalg.norm(S @ change), new
         if step < 1e-2 * np.sqrt(dispersion):
             break
-    c, now = current()
-    c = (1 + (1 - 1 / dispersion) * (stiffness_factor(problem, c, now) - 1)) * c
-    r = residual(problem, c, now)
+    c = cone @ w
+    c = (1 + (1 - 1 / dispersion) * (stiffness_factor(problem, c, additions) - 1)) * c
+    r = residual(problem, c, additions)
     U = orthonormal(np.concatenate([G, S], axis=1))
     free = r - U @ (U.T @ r)
-    spread = np.zeros(0)
-    if sizes:
-        spread = np.sqrt(np.diag(np.linalg.pinv(left.T @ left, rcond=CONDITION))) * typical
+    deviations: list[tuple[float, ...]] = []
+    if additions:
+        spread = np.sqrt(np.diag(np.linalg.pinv(left.T @ left, rcond=CONDITION))) * scale
         spread = spread * np.sqrt(max(1.0, float(free @ free) / max(len(r) - U.shape[1], 1)))
-    deviations = np.split(spread, np.cumsum(sizes)[:-1]) if sizes else []
-    return Fit(c, now, float(r @ r), float(free @ free), len(r), U, r, tuple(chains),
-               tuple(tuple(map(float, d)) for d in deviations))  # fmt: skip
+        for a, part in zip(additions, np.split(spread, np.cumsum(variables.sizes)[:-1]), strict=True):
+            deviations.append(tuple(map(float, part[: len(a.amplitudes)])))
+    return Fit(c, additions, float(r @ r), float(free @ free), len(r), U, r, tuple(chains), tuple(deviations))
 
 
 def signatures(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> Array:
-    """Whitened derivatives (N, sum p) by all amplitudes: of each addition as if it were the last of the chain."""
+    """Whitened derivatives (N, k) by all amplitudes and shapes, in the order of `Variables`."""
     columns = []
     for i, addition in enumerate(additions):
         others = additions[:i] + additions[i + 1 :]
         columns.append(signature(problem, chains, c, (*others, addition)))
-    return np.concatenate(columns, axis=1) if columns else np.zeros((sum(p.train.size for p in problem.trained), 0))
+        for j, value in enumerate(addition.shape):
+            step = SHAPE_STEP * (1.0 if addition.effect.shapes[j].unit == "rad" else max(abs(value), 1e-12))
+            ends = []
+            for sign in (1, -1):
+                shape = (*addition.shape[:j], value + sign * step, *addition.shape[j + 1 :])
+                twin = (*additions[:i], replace(addition, shape=shape), *additions[i + 1 :])
+                ends.append(problem.white([chain.with_additions(c, twin) for chain in chains]))
+            columns.append(((ends[0] - ends[1]) / (2 * step))[:, None])
+    return np.concatenate(columns, axis=1)
 
 
 def loads(problem: Problem, additions: Additions = ()) -> Array:

@@ -34,6 +34,7 @@ MINOR = 0.03  # of what the strongest effect explains: what its own formula may 
 CLOSE = 9.2  # difference of scores below which the likelihoods of two effects differ by less than 100 to 1
 MAX_ROUNDS = 4
 TRIES = 3
+REFINED = 5  # significant effects whose shape is refined before they are compared
 SHAPE_EVALUATIONS = 24
 
 
@@ -294,6 +295,8 @@ def _fitted(problem: Problem, state: Fit, row: Row, iterations: int) -> Row:
 def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[Round, Fit | None]:
     """Add the best effect that is significant, admissible and confirmed by what was held out."""
     significant = [row for row in now.rows if row.score.status == "tested" and row.score.adjusted < ALPHA]
+    refined = [replace(row, score=_best_shape(problem, now.fit, row.score)) for row in significant[:REFINED]]
+    significant = sorted([*refined, *significant[REFINED:]], key=lambda row: -row.score.evidence)
     remarks, tried = [], 0
     for row in significant:
         if not row.score.admissible:
@@ -303,7 +306,7 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
             break
         tried += 1
         say(f"adding {row.name}")
-        best = _fitted(problem, now.fit, replace(row, score=_best_shape(problem, now.fit, row.score)), 6)
+        best = _fitted(problem, now.fit, row, 6)
         assert best.fit is not None and best.addition is not None
         if _idle(best.addition, best.deviations):
             remarks.append(f"{row.name}: no amplitude within its bounds differs from none when everything is refitted")
@@ -312,7 +315,7 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
             remarks.append(f"{row.name}: the error on held-out data does not fall")
             continue
         group = (row.name, *_alike(row, significant))
-        rows = tuple(best if r is row else r for r in now.rows)
+        rows = tuple(best if r.name == row.name else r for r in now.rows)
         return replace(now, rows=rows, added=row.name, group=group, remarks=tuple(remarks)), best.fit
     return replace(now, remarks=tuple(remarks)), None
 
@@ -352,12 +355,13 @@ def _best_shape(problem: Problem, state: Fit, found: Score) -> Score:
         if any(not p.lower <= v <= p.upper for p, v in zip(found.effect.shapes, shape, strict=True)):
             return 0.0
         one, _ = diagnosis.examine_shape(problem, state, Addition(found.effect, null, shape), U, r)
-        if one.status == "tested" and one.admissible and one.score > best_score[0]:
-            best_score[0] = one.score
-            best = replace(found, shape=shape, amplitudes=one.amplitudes, errors=one.errors)
+        first[0] = first[0] or max(one.score, 1e-300)
+        score = found.score * one.score / first[0]
+        if one.status == "tested" and one.admissible >= best.admissible and score > best.score:
+            best = replace(one, score=score, p_value=found.p_value, adjusted=found.adjusted)
         return -one.score
 
-    best_score = [-np.inf]
+    first = [0.0]
     start = np.where(logarithmic, np.log(np.maximum(found.shape, 1e-12)), found.shape)
     step = np.where(logarithmic, 0.5, 0.13)
     simplex = np.concatenate([start[None], start + np.diag(step)])

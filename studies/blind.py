@@ -12,6 +12,7 @@ import os
 import threading
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import count
 
 from studies.blind_case import Plan, run
 from studies.folder import open_output_folder
@@ -57,9 +58,10 @@ def plans(arguments: argparse.Namespace) -> list[Plan]:
     n, nulls, pairs = (1, 2, 1) if arguments.quick else (arguments.trials, arguments.nulls, arguments.pairs)
     if min(n, nulls, pairs) < 0 or n + nulls + pairs == 0:
         raise ConfigError("--trials, --nulls and --pairs count trials; give numbers that are not negative")
-    single = [Plan(arguments.seed + i, (name,), True) for i in range(n) for name in effects]
-    none = [Plan(arguments.seed + i) for i in range(nulls)]
-    both = [Plan(arguments.seed + i, PAIRS[i % len(PAIRS)]) for i in range(pairs)]
+    seeds = count(arguments.seed)  # every trial its own: effects of one seed would share material, specimen and noise
+    single = [Plan(next(seeds), (name,), True) for _ in range(n) for name in effects]
+    none = [Plan(next(seeds)) for _ in range(nulls)]
+    both = [Plan(next(seeds), PAIRS[i % len(PAIRS)]) for i in range(pairs)]
     ranked = [(k / max(len(group), 1), plan) for group in (single, none, both) for k, plan in enumerate(group)]
     return [plan for _, plan in sorted(ranked, key=lambda pair: pair[0])]
 

@@ -46,9 +46,7 @@ class TwoFibreFamilies(Effect):
 
     def shape_values(self, data):
         return [
-            (axis, half)
-            for axis in (0.0, np.pi / 4, np.pi / 2, -np.pi / 4)
-            for half in (np.pi / 12, np.pi / 6, np.pi / 4)
+            (float(axis), float(half)) for axis in np.arange(-4, 4) * np.pi / 8 for half in np.arange(1, 5) * np.pi / 16
         ]
 
     def stress(self, data, F, P, a, shape, law):
