@@ -34,9 +34,14 @@ def prepared(c01=0.0, seed=1):
     return diagnosis.prepare([sheet(c01, seed)], [discovery.HoldOut().training])
 
 
+NAMES = ("second invariant", "force offset", "stiffness gradient", "out-of-plane motion", "lens distortion",
+         "Mullins softening", "force gain", "DIC scale")  # fmt: skip
+FEW = tuple(e for e in CATALOGUE if e.name in NAMES)
+
+
 @cache
 def found(c01=0.0, seed=1):
-    return discovery.close_loop(*prepared(c01, seed), whole_table=False)
+    return discovery.close_loop(*prepared(c01, seed), FEW, whole_table=False)
 
 
 def effect(name):
@@ -148,7 +153,7 @@ def test_second_invariant_is_found_with_its_amplitude():
 
 def test_absent_effect_is_not_given_another_name_without_saying():
     """Without the second invariant in the catalogue nothing but its likes may be named."""
-    rest = [e for e in CATALOGUE if e.name != "second invariant"]
+    rest = [e for e in FEW if e.name != "second invariant"]
     result = discovery.close_loop(*prepared(0.02), rest, whole_table=False)
     like = dict(next(r for r in found(0.02).rounds[0].rows if r.name == "second invariant").like)
     assert all(like.get(name, 0.0) > 0.9 for name in result.named)

@@ -1,0 +1,92 @@
+"""Blind study: plans, judgement and tables, on made-up diagnoses; one real trial (slow)."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+import pytest
+
+from calibrate.errors import ConfigError
+from studies import blind, blind_case, blind_report
+from studies.blind_case import Plan
+from studies.cli import main
+
+
+def arguments(*words):
+    parser = argparse.ArgumentParser()
+    blind.add_arguments(parser)
+    return parser.parse_args(words)
+
+
+def trial(tmp_path, name, hidden, named=(), verdict="explained", score=50.0, value=1.0, deviation=0.1, absent=None):
+    """A folder with a label and a diagnosis: `hidden` with amplitude 1."""
+    home = tmp_path / name
+    (home / "sealed").mkdir(parents=True)
+    effects = [{"name": n, "amplitudes": {"a": 1.0}, "shape": {}, "more": {}} for n in hidden]
+    (home / "sealed" / "label.json").write_text(json.dumps({"effects": effects}))
+    scores = {n: {"score": score, "adjusted": 0.0, "admissible": True, "amplitudes": [1.0], "like": {"twin": 0.95}}
+              for n in hidden}  # fmt: skip
+    full = {
+        "verdict": verdict, "named": list(named), "closest": [], "groups": {n: [n, "twin"] for n in named},
+        "additions": [{"effect": n, "amplitudes": {"a": value}, "deviations": {"a": deviation}, "shape": {}} for n in named],
+        "rounds": [{"scores": scores}],
+    }  # fmt: skip
+    content = {"full": full, "seconds": 1.0}
+    if absent is not None:
+        content["absent"] = {"verdict": "explained", "named": absent, "closest": []}
+    (home / "diagnosis.json").write_text(json.dumps(content))
+    return home
+
+
+def test_every_trial_has_its_own_seed_and_kinds_are_mixed():
+    plans = blind.plans(
+        arguments("--trials", "2", "--nulls", "4", "--pairs", "2", "--only", "force offset,viscoelasticity")
+    )
+    assert len({p.seed for p in plans}) == len({p.name for p in plans}) == len(plans) == 10
+    assert {len(p.effects) for p in plans[:5]} == {0, 1, 2}
+    assert all(p.absent == (len(p.effects) == 1) for p in plans)
+
+
+def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
+    homes = [
+        trial(tmp_path, "hit", ["force offset"], ["force offset"], value=1.1, absent=["twin"]),
+        trial(tmp_path, "group", ["twin"], ["force offset"]),
+        trial(tmp_path, "wrong", ["lens distortion"], ["force offset"], absent=["viscoelasticity"]),
+        trial(tmp_path, "weak", ["force offset"], verdict="nothing significant", score=2.0),
+        trial(tmp_path, "null", [], verdict="nothing significant"),
+        trial(tmp_path, "alarm", [], verdict="significant, not explained"),
+        trial(tmp_path, "pair", ["force offset", "viscoelasticity"], ["force offset", "viscoelasticity"], value=2.0),
+    ]
+    text = blind_report.write_report(tmp_path, homes, {})
+    numbers = json.loads((tmp_path / "summary.json").read_text())
+    assert (numbers["nulls"], numbers["null_detections"], numbers["null_names"]) == (2, 1, 0)
+    assert (numbers["strong"], numbers["strong_group_named"], numbers["strong_named"]) == (3, 2, 1)
+    assert (numbers["amplitudes"], numbers["amplitudes_within"]) == (1, 1)
+    assert (numbers["absent"], numbers["absent_wrong"]) == (2, 1)
+    assert (numbers["pairs"], numbers["pairs_found"]) == (1, 1)
+    assert "1 of 2 (50 %)" in text
+    confusion = (tmp_path / "confusion.csv").read_text()
+    assert confusion.splitlines()[0].startswith("hidden,nothing,unexplained")
+    assert (tmp_path / "report.html").exists()
+    judged = blind_case.judge(homes[0])
+    assert judged["amplitudes"][0]["pulls"]["a"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "words", [["--only", "gravity"], ["--trials", "-1"], ["--trials", "0", "--nulls", "0", "--pairs", "0"]]
+)
+def test_nonsense_is_refused(words):
+    with pytest.raises(ConfigError):
+        blind.plans(arguments(*words))
+
+
+@pytest.mark.slow
+def test_a_trial_runs_and_goes_on_where_it_was(tmp_path, capsys):
+    words = ["blind", "--trials", "0", "--nulls", "1", "--pairs", "0", "--jobs", "1", "-o", str(tmp_path / "out")]
+    assert main(words) == 0
+    made = tmp_path / "out" / "trials" / Plan(1000).name / "diagnosis.json"
+    time = made.stat().st_mtime_ns
+    assert main(words) == 0
+    assert made.stat().st_mtime_ns == time
+    assert "Nothing hidden" in capsys.readouterr().out
