@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import lsq_linear
@@ -42,6 +43,8 @@ SETTLED = 0.05  # relative change of the base between the last two passes
 CONDITION = 1e-8
 SHAPE_STEP = 1e-3  # of a radian, or of the size of a time, for derivatives by shapes
 UNSEEN = 1e-4  # size of a column, relative to the largest, that is not fitted
+SLOW_PLACES, SLOW_TIMES = 3, 4  # cosines over each side of a specimen, over its increments
+DOUBTFUL = 0.1  # variance of a discrepancy over that of noise, from which a direction says nothing of noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +100,10 @@ class Problem:
 class Fit:
     """Base and effects fitted together.
 
-    c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations; degrees: n_rows minus what the
-    base (all its splines) and the amplitudes can adjust. additions: effects; errors: a standard deviation for each
+    c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. free_loss: of the part that
+    neither the base (all its splines) nor the amplitudes could change, with `degrees` of freedom. clear: the same, of the
+    part that a discretisation error could not change either. smooth: of the part that varies slowly over specimen and
+    increments, see `slow`. additions: effects; errors: a standard deviation for each
     amplitude. columns (N, k): orthonormal, what the fit can adjust.
     """
 
@@ -106,15 +111,14 @@ class Fit:
     additions: Additions
     loss: float
     free_loss: float
+    degrees: int
+    clear: tuple[float, int]
+    smooth: tuple[float, int]
     n_rows: int
     columns: Array = field(repr=False)
     residual: Array = field(repr=False)
     chains: tuple[Chain, ...] = field(repr=False)
     errors: tuple[tuple[float, ...], ...] = ()
-
-    @property
-    def degrees(self) -> int:
-        return self.n_rows - self.columns.shape[1]
 
     @property
     def reduced_chi_square(self) -> float:
@@ -123,8 +127,18 @@ class Fit:
 
     @property
     def p_value(self) -> float:
-        """Probability of a misfit as large, if there is nothing but noise."""
-        return float(stats.chi2.sf(self.free_loss, self.degrees))
+        """Probability of a misfit as large, if there is nothing but noise, from all three (Bonferroni).
+
+        The weights allow for discretisation errors of a size that they seldom have, so that `free_loss` alone is too
+        forgiving; an effect that acts as these errors do is not seen in `clear`; a small one that acts everywhere alike
+        is lost in the noise of many equations, but not in `smooth`.
+        """
+        return min(1.0, 3 * min(float(stats.chi2.sf(loss, max(n, 1))) for loss, n in self.misfits))
+
+    @property
+    def misfits(self) -> tuple[tuple[float, int], ...]:
+        """Chi-square and degrees of freedom of the three tests of `p_value`."""
+        return (self.free_loss, self.degrees), self.clear, self.smooth
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,11 +185,12 @@ def prepare(
     train: Sequence[Rows],
     spacing: float | None = None,
     with_discrepancy: bool = True,
-    base: str = "convex",
+    base: str = "positive",
 ) -> tuple[Problem, Fit]:
     """Problem and base fit. train: for each experiment, the equations to be used; the others are held out.
 
-    base: 'convex' (psi_1 does not fall with I1, as in a PANN) or 'positive' (psi_1 >= 0 only).
+    base: 'positive' (psi_1 >= 0) or 'convex' (psi_1 does not fall with I1 either, as in a PANN; rubber that softens before
+    it stiffens then shows up in the errors of the base, not as an effect).
 
     Weights follow the base in `PASSES` passes. Raises `FitError` when it does not settle.
     """
@@ -267,14 +282,11 @@ def denoised(problem: Problem, c: Array, r: Array, dispersion: float) -> list[Ch
         forces = part.train.adjoint(r[start : start + part.train.size]) / dispersion
         start += part.train.size
         system, factor = part.system, part.assembled.noise_factor
-        v = system.fields.n_fields
         noise = np.zeros_like(system.experiment.displacements)
         for i, F in enumerate(system.deformation_gradients):
             if not part.train.rows[i].any():
                 continue
-            blocks = system.tangent(problem.basis, F, c)
-            for k in range(2):
-                noise[i, :, k] = factor @ (factor.T @ (blocks[0][k].T @ forces[i, :v] + blocks[1][k].T @ forces[i, v:]))
+            noise[i] = factor @ (factor.T @ system.pulled_back(problem.basis, F, c, forces[i]))
         chains.append(part.chain.disturbed(-noise))
     return chains
 
@@ -303,8 +315,9 @@ def orthonormal(columns: Array) -> Array:
     """Orthonormal basis of the span of columns (N, k), directions without information dropped."""
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
-    U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    return U[:, s > 1e-5 * s[0]]
+    U, R = np.linalg.qr(columns)
+    left, s, _ = np.linalg.svd(R)
+    return U @ left[:, s > 1e-5 * s[0]]
 
 
 @dataclass(frozen=True)
@@ -386,6 +399,7 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
             lower, upper = (end / scale for end in variables.bounds)
             x = np.clip(variables.values / scale, lower, upper)
             change = bounded(left, left @ x - (r - base @ (base.T @ r)), lower, upper) - x
+            change[~S.any(axis=0)] = 0.0  # shapes that mean something at the null value only
             additions = variables.at((x + change) * scale)
         A = G @ cone
         new = bounded(A, A @ w - r - S @ change, np.zeros(n), np.full(n, np.inf), problem.prior * np.sqrt(dispersion))
@@ -396,14 +410,95 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
     c = (1 + (1 - 1 / dispersion) * (stiffness_factor(problem, c, additions) - 1)) * c
     r = residual(problem, c, additions)
     U = orthonormal(np.concatenate([G, S], axis=1))
-    free = r - U @ (U.T @ r)
+    free, degrees = beyond(r, U)
+    clear = beyond(r, np.concatenate([U, doubtful([part.train for part in problem.trained])], axis=1))
     deviations: list[tuple[float, ...]] = []
     if additions:
-        spread = np.sqrt(np.diag(np.linalg.pinv(left.T @ left, rcond=CONDITION))) * scale
-        spread = spread * np.sqrt(max(1.0, float(free @ free) / max(len(r) - U.shape[1], 1)))
+        values, vectors = np.linalg.eigh(left.T @ left)
+        spread = np.sqrt((vectors**2 / np.maximum(values, CONDITION * values.max())).sum(axis=1)) * scale
+        spread = spread * np.sqrt(max(1.0, free / max(degrees, 1)))
         for a, part in zip(additions, np.split(spread, np.cumsum(variables.sizes)[:-1]), strict=True):
             deviations.append(tuple(map(float, part[: len(a.amplitudes)])))
-    return Fit(c, additions, float(r @ r), float(free @ free), len(r), U, r, tuple(chains), tuple(deviations))
+    generic = slow(problem)
+    generic = orthonormal(generic - U @ (U.T @ generic))
+    smooth = float(((generic.T @ r) ** 2).sum()), generic.shape[1]
+    return Fit(c, additions, float(r @ r), free, degrees, clear, smooth, len(r), U, r, tuple(chains), tuple(deviations))
+
+
+def slow(problem: Problem) -> Array:
+    """Whitened disturbances (N, k) of no particular kind that vary slowly over a specimen and its increments.
+
+    Forces on every loaded boundary, and body forces as cosines over the specimen; both as cosines over the increments.
+    """
+    blocks = []
+    for part in problem.trained:
+        system, points = part.system, part.experiment.points
+        nodal = np.bincount(part.experiment.triangles.ravel(), np.repeat(system.areas / 3, 3), len(points))
+        size = np.asarray(system.fields.values.T @ nodal).ravel()
+        total = np.asarray(system.fields.values.sum(axis=0)).ravel()
+        x = (np.asarray(system.fields.values.T @ points) / total[:, None] - points.min(axis=0)) / np.ptp(points, axis=0)
+        k = np.arange(SLOW_PLACES)
+        cosines = [np.cos(np.pi * np.multiply.outer(x[:, i], k)) for i in range(2)]
+        places = np.einsum("v,vk,vl->klv", size, *cosines).reshape(-1, len(size))
+        loaded = np.array([system.fields.boundary == b for b in range(len(part.experiment.loaded))], float)
+        places = np.concatenate([places, loaded])
+        t = (np.arange(len(system.loads)) + 0.5) / len(system.loads)
+        times = np.cos(np.pi * np.multiply.outer(np.arange(min(SLOW_TIMES, len(t))), t))
+        values = np.einsum("st,ij,pv->psijtv", times, np.eye(2), places)
+        values = np.moveaxis(values, -2, -3).reshape(-1, len(t), 2 * len(size))
+        blocks.append(part.train(values).T)
+    return scipy.linalg.block_diag(*blocks)
+
+
+def doubtful(weights: Sequence[Whitening]) -> Array:
+    """Directions (N, k) in which a discretisation error may be as large as noise, for rows of several parts."""
+    blocks = [w.U[:, w.shrink < 1 / np.sqrt(1 + DOUBTFUL) - 1] for w in weights]
+    return scipy.linalg.block_diag(*blocks)
+
+
+def beyond(r: Array, columns: Array) -> tuple[float, int]:
+    """|r|^2 of the part of r (N,) that no combination of columns (N, k) changes, and its degrees of freedom."""
+    Q = orthonormal(columns) if columns.size else columns
+    free = r - Q @ (Q.T @ r)
+    return float(free @ free), len(r) - Q.shape[1]
+
+
+def predictive(problem: Problem, fit: Fit) -> tuple[float, int] | None:
+    """How much |r|^2 rises beyond the noise when the equations held out are fitted too, and for how many of them.
+
+    Chi-square distributed with as many degrees of freedom if the model predicts them within noise, the uncertainty of
+    its parameters included (Chow 1960). Coefficients that only the equations held out see are free. None: nothing is
+    held out.
+    """
+    used = [part for part in problem.parts if part.held.size]
+    if not used:
+        return None
+    parts = [*problem.trained, *(part for part in used if not part.train.size)]
+    columns, errors_ = [], []
+    for part in parts:
+        own = fit.additions if part.train.size else tuple(a for a in fit.additions if a.effect.of_material)
+        F = part.system.deformation_gradients
+        G = np.moveaxis(np.array([part.system.matrix(problem.basis, f) for f in F]), -1, 0)
+        S = [np.zeros((0, *G.shape[1:]))]
+        for addition in fit.additions:
+            n = len(addition.amplitudes)
+            if addition in own:
+                S.append(part.chain.derivative(fit.c, (*(a for a in own if a is not addition), addition)))
+            else:
+                S.append(np.zeros((n, *G.shape[1:])))
+        columns.append(np.concatenate([G, *S]))
+        errors_.append(part.residual(fit.c, own))
+    train = [(k, part) for k, part in enumerate(parts) if part.train.size]
+    held = [(k, part) for k, part in enumerate(parts) if part.held.size]
+    A = np.concatenate([part.train(columns[k]).T for k, part in train])
+    B = np.concatenate([part.held(columns[k]).T for k, part in held])
+    r = np.concatenate([part.train(errors_[k]) for k, part in train])
+    s = np.concatenate([part.held(errors_[k]) for k, part in held])
+    doubt = doubtful([part.train for _, part in train]), doubtful([part.held for _, part in held])
+    before, n_before = beyond(r, np.concatenate([A, doubt[0]], axis=1))
+    both = np.concatenate([np.concatenate([A, B]), scipy.linalg.block_diag(*doubt)], axis=1)
+    after, n_after = beyond(np.concatenate([r, s]), both)
+    return max(after - before, 0.0), max(n_after - n_before, 0)
 
 
 def signatures(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> Array:

@@ -3,19 +3,22 @@
 In: Experiments, what to hold out. Out: `Discovery` with a round for each model, and a verdict.
 
 An effect is added if its adjusted p-value is small, its amplitude is physically admissible, and the error on equations
-that were not used for fitting falls. It is named only if what it leaves is noise, or less than a tenth of what it
-explains; otherwise it is the closest of the catalogue, and the verdict says that the rest is not explained.
+that were not used for fitting falls. Once nothing more is added, each effect is taken out again and the others compete
+for its place. Effects are named only if what they leave is noise, or a small part of what they explain, both where they
+were fitted and where they were not, and if they are not more than two: a catalogue that lacks the true effect
+imitates it with several. Otherwise they are the closest of the catalogue, and the verdict says that the rest is not
+explained.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.optimize import minimize
 
 from calibrate import diagnosis, errors
@@ -27,13 +30,15 @@ from calibrate.experiment import Experiment
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-ALPHA = 0.05
-GLOBAL = 0.01
-REST = 0.1  # of what was explained, that may be left
+ALPHA = 0.03  # of the search for an effect
+GLOBAL = 0.005  # of the misfit as a whole, once where it was fitted and once where it was not
+REST = 0.03  # of what was explained, that may be left
 MINOR = 0.03  # of what the strongest effect explains: what its own formula may leave, so that no other is named for it
+NAMED = 2  # effects that together are called an explanation
 CLOSE = 9.2  # difference of scores below which the likelihoods of two effects differ by less than 100 to 1
-MAX_ROUNDS = 4
+MAX_ROUNDS = 3
 TRIES = 3
+RIVAL = 0.8  # of the best score: effects so close are fitted before one is chosen, as scores are those of small effects
 REFINED = 5  # significant effects whose shape is refined before they are compared
 SHAPE_EVALUATIONS = 24
 
@@ -139,15 +144,32 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """A model, its errors, the tests of what it leaves, and what was added (None: nothing). remarks: why not others."""
+    """A model, its errors, the tests of what it leaves, and what was added (None: nothing). remarks: why not others.
+
+    predicted: chi-square and degrees of freedom of what was held out, see `diagnosis.predictive`.
+    """
 
     fit: Fit
     train: Misfit
     held: Misfit | None
     rows: tuple[Row, ...]
+    predicted: tuple[float, int] | None = None
     added: str | None = None
     group: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+
+    @property
+    def predicted_p(self) -> float:
+        """Probability of a prediction as bad, if the model is right; 1 where nothing is held out."""
+        return 1.0 if self.predicted is None else float(stats.chi2.sf(self.predicted[0], max(self.predicted[1], 1)))
+
+
+@dataclass(frozen=True)
+class Review:
+    """Effects of a model, each taken out in turn. gains: by how much the misfit then rises. groups: others for its place."""
+
+    gains: dict[str, float] = field(default_factory=dict)
+    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +230,7 @@ def discover(
     held: Sequence[Experiment] = (),
     effects: Sequence[Effect] = CATALOGUE,
     spacing: float | None = None,
-    base: str = "convex",
+    base: str = "positive",
     whole_table: bool = True,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
@@ -238,15 +260,19 @@ def close_loop(
 ) -> Discovery:
     """Rounds of tests and additions from a base fit, see `discover`."""
     rounds: list[Round] = []
+    review, reviewed = Review(), False
     while True:
         say(f"round {len(rounds) + 1}: testing effects")
         now = _round(problem, state, effects, whole_table, seed, say)
         added = None
         if len(rounds) < MAX_ROUNDS:
             now, added = _extend(problem, now, say)
+        if added is None and len(state.additions) > 1 and not reviewed:
+            reviewed = True
+            now, review, added = _review(problem, now, effects, seed, say)
         rounds.append(now)
         if added is None:
-            return _conclude(problem, tuple(rounds))
+            return _conclude(problem, tuple(rounds), review)
         state = _without_idle(problem, added)
 
 
@@ -277,6 +303,7 @@ def _round(
         misfit(problem, state.c, state.additions, False),  # type: ignore[arg-type]
         misfit(problem, state.c, state.additions, True),
         tuple(rows),
+        diagnosis.predictive(problem, state),
     )
 
 
@@ -297,12 +324,14 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
     significant = [row for row in now.rows if row.score.status == "tested" and row.score.adjusted < ALPHA]
     refined = [replace(row, score=_best_shape(problem, now.fit, row.score)) for row in significant[:REFINED]]
     significant = sorted([*refined, *significant[REFINED:]], key=lambda row: -row.score.evidence)
-    remarks, tried = [], 0
+    remarks: list[str] = []
+    confirmed: list[Row] = []
+    tried = 0
     for row in significant:
         if not row.score.admissible:
             remarks.append(f"{row.name}: significant, but with an inadmissible amplitude")
             continue
-        if tried == TRIES:
+        if tried == TRIES or (confirmed and row.score.score < RIVAL * confirmed[0].score.score):
             break
         tried += 1
         say(f"adding {row.name}")
@@ -310,14 +339,55 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
         assert best.fit is not None and best.addition is not None
         if _idle(best.addition, best.deviations):
             remarks.append(f"{row.name}: no amplitude within its bounds differs from none when everything is refitted")
-            continue
-        if now.held is not None and best.held is not None and not _better(now.held, best.held):
+        elif now.held is not None and best.held is not None and not _better(now.held, best.held):
             remarks.append(f"{row.name}: the error on held-out data does not fall")
-            continue
-        group = (row.name, *_alike(row, significant))
-        rows = tuple(best if r.name == row.name else r for r in now.rows)
-        return replace(now, rows=rows, added=row.name, group=group, remarks=tuple(remarks)), best.fit
-    return replace(now, remarks=tuple(remarks)), None
+        else:
+            confirmed.append(best)
+    if not confirmed:
+        return replace(now, remarks=tuple(remarks)), None
+    best = min(confirmed, key=_price)
+    assert best.fit is not None
+    equal = [row.name for row in confirmed if row is not best and _price(row) < _price(best) + CLOSE]
+    group = dict.fromkeys((best.name, *_alike(best, significant), *equal))
+    rows = tuple(best if row.name == best.name else row for row in now.rows)
+    return replace(now, rows=rows, added=best.name, group=tuple(group), remarks=tuple(remarks)), best.fit
+
+
+def _price(row: Row) -> float:
+    """Misfit of a fit with an effect, and the price of its amplitudes (Schwarz 1978)."""
+    assert row.fit is not None
+    return row.fit.free_loss + row.score.degrees * float(np.log(row.fit.n_rows))
+
+
+def _review(
+    problem: Problem, now: Round, effects: Sequence[Effect], seed: int, say: Callable[[str], None]
+) -> tuple[Round, Review, Fit | None]:
+    """Take each effect out and let all compete for its place; with another model if that is better."""
+    state = best = now.fit
+    gains: dict[str, float] = {}
+    groups: dict[str, tuple[str, ...]] = {}
+    exchanged: tuple[str, str] | tuple[()] = ()
+    for one in state.additions:
+        name = one.effect.name
+        say(f"without {name}")
+        without = diagnosis.refit(problem, state.c, tuple(a for a in state.additions if a is not one))
+        gains[name] = without.free_loss - state.free_loss
+        scores = [s for s in diagnosis.score(problem, without, effects, seed) if s.status == "tested"]
+        scores = [_best_shape(problem, without, s) for s in scores[:REFINED]]
+        likely = [s for s in scores if s.admissible and s.effect.name != name and s.adjusted < ALPHA]
+        own = next((s.score for s in scores if s.effect.name == name), 0.0)
+        rivals = [s for s in likely if s.score > min(own - CLOSE, RIVAL * own)][:TRIES]
+        rows = [_fitted(problem, without, Row(s), 6) for s in rivals]
+        left = {row.name: row.fit.free_loss for row in rows if row.fit is not None}
+        groups[name] = (name, *(other for other, loss in left.items() if loss < state.free_loss + CLOSE))
+        for row in rows:
+            assert row.fit is not None and row.addition is not None
+            if row.fit.free_loss < best.free_loss - CLOSE and not _idle(row.addition, row.deviations):
+                best, exchanged = row.fit, (name, row.name)
+    if not exchanged:
+        return now, Review(gains, groups), None
+    remark = f"{exchanged[1]} takes the place of {exchanged[0]}: beside the other effects it explains more"
+    return replace(now, added=exchanged[1], group=(exchanged[1],), remarks=(*now.remarks, remark)), Review(), best
 
 
 def _alike(row: Row, significant: Sequence[Row]) -> list[str]:
@@ -384,20 +454,33 @@ def _without_idle(problem: Problem, state: Fit) -> Fit:
     return state if len(kept) == len(state.additions) else diagnosis.refit(problem, state.c, kept)
 
 
-def _conclude(problem: Problem, rounds: tuple[Round, ...]) -> Discovery:
+def _conclude(problem: Problem, rounds: tuple[Round, ...], review: Review) -> Discovery:
     """Verdict from the rounds."""
-    first, last = rounds[0].fit, rounds[-1].fit
-    names = tuple(a.effect.name for a in last.additions)
+    first, last = rounds[0], rounds[-1]
+    names = tuple(a.effect.name for a in last.fit.additions)
     groups = {r.added: r.group for r in rounds if r.added in names}
-    excess, left = first.free_loss - first.degrees, last.free_loss - last.degrees
-    candidates = any(r.score.status == "tested" and r.score.adjusted < ALPHA for r in rounds[-1].rows)
-    beyond_noise = problem.noise_is_known and last.p_value < GLOBAL
-    if names:
-        clean = left < REST * max(excess - left, 0.0) or not (beyond_noise or candidates)
-        verdict = "explained" if clean else "significant, not explained"
-        gains = {a.added: a.fit.free_loss - b.fit.free_loss for a, b in pairwise(rounds)}
-        major = tuple(n for n in names if gains.get(n, 0.0) >= MINOR * max(gains.values()))
-        named = major if clean else ()
-        return Discovery(problem, rounds, verdict, named, tuple(n for n in names if n not in named), groups)
-    verdict = "significant, not explained" if candidates or beyond_noise else "nothing significant"
-    return Discovery(problem, rounds, verdict, (), (), {})
+    groups.update({name: group for name, group in review.groups.items() if name in names})
+    candidates = any(r.score.status == "tested" and r.score.adjusted < ALPHA for r in last.rows)
+    noisy = not problem.noise_is_known or (last.fit.p_value > GLOBAL and last.predicted_p > GLOBAL)
+    if not names:
+        verdict = "significant, not explained" if candidates or not noisy else "nothing significant"
+        return Discovery(problem, rounds, verdict, (), (), {})
+    clean = noisy and not candidates
+    explained = len(names) <= NAMED and (clean or _small(first, last))
+    gains = review.gains or dict.fromkeys(names, first.fit.free_loss - last.fit.free_loss)
+    major = tuple(n for n in names if clean or gains.get(n, np.inf) >= MINOR * max(gains.values()))
+    named = major if explained else ()
+    verdict = "explained" if explained else "significant, not explained"
+    return Discovery(problem, rounds, verdict, named, tuple(n for n in names if n not in named), groups)
+
+
+def _small(first: Round, last: Round) -> bool:
+    """Whether what is left is a small part of what was explained, fitted and held out."""
+    before = *first.fit.misfits, first.predicted
+    after = *last.fit.misfits, last.predicted
+    for b, a in zip(before, after, strict=True):
+        if b is None or a is None:
+            continue
+        if a[0] - a[1] > REST * max(b[0] - a[0], 0.0) and stats.chi2.sf(a[0], max(a[1], 1)) < GLOBAL:
+            return False
+    return True

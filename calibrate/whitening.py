@@ -19,6 +19,7 @@ from calibrate.reduction import Assembled
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 KEPT = 0.995  # share of the variance of the sources that is kept
+SMALL = 0.02  # variance of a discrepancy over that of noise, below which it is left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,5 +92,5 @@ def whitening(noise: list[Array], rows: Mask, sources: Array | None = None) -> W
         values, W = np.linalg.eigh(V.T @ V)
         keep = values > 1e-8 * max(values.max(), 1e-300)
         values, U = values[keep], V @ W[:, keep] / np.sqrt(values[keep])
-    keep = values > 1e-4
+    keep = values > SMALL
     return Whitening(rows, tuple(lowers), U[:, keep], 1 / np.sqrt(1 + values[keep]) - 1)

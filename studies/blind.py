@@ -11,12 +11,15 @@ import multiprocessing
 import os
 import threading
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
 from itertools import count
+from pathlib import Path
 
 from studies.blind_case import Plan, run
+from studies.errors import StudyError
 from studies.folder import open_output_folder
 from studies.options import add_output, output_folder
+from studies.progress import Progress
 
 DESCRIPTION = """\
 Blind trials of `equigap discover`: a seed draws specimen, base material, one hidden effect or none, amplitude and noise;
@@ -29,7 +32,8 @@ PAIRS = (
     ("Mullins softening", "second invariant"),
 )
 
-RENEWED = 40  # trials after which a worker is renewed, with the memory that compiled code takes
+RENEWED = 10  # trials after which a worker is renewed, with the memory that compiled code takes
+BREAKDOWNS = 3  # of the pool of workers, after which the run is given up
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -77,11 +81,29 @@ def watch_parent(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def diagnose_all(
+    missing: list[Plan], trials: Path, cache: Path, jobs: int, failures: dict[str, str], progress: Progress
+) -> None:
+    """Run trials side by side; errors go to `failures`. Raises `BrokenExecutor` when a worker dies."""
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, spawn, watch_parent, (os.getpid(),), max_tasks_per_child=RENEWED) as pool:
+        tasks = {pool.submit(run, plan, trials, cache): plan for plan in missing}
+        try:
+            for task in as_completed(tasks):
+                error = task.exception()
+                if isinstance(error, (KeyboardInterrupt, MemoryError, BrokenExecutor)):
+                    raise error
+                if error is not None:
+                    failures[tasks[task].name] = f"{type(error).__name__}: {error}"
+                progress.update()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Run or resume the trials and write the report."""
     from studies.blind_report import write_report
-    from studies.errors import StudyError
-    from studies.progress import Progress
 
     todo = plans(arguments)
     settings = {"trials": arguments.trials, "nulls": arguments.nulls, "pairs": arguments.pairs,
@@ -94,20 +116,20 @@ def main(arguments: argparse.Namespace) -> int:
     failures: dict[str, str] = {}
     progress = Progress("blind trials", len(todo), "trial")
     progress.to(len(todo) - len(missing))
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, spawn, watch_parent, (os.getpid(),), max_tasks_per_child=RENEWED) as pool:
-        tasks = {pool.submit(run, plan, trials, cache): plan for plan in missing}
+    for breakdown in range(BREAKDOWNS):
         try:
-            for task in as_completed(tasks):
-                error = task.exception()
-                if isinstance(error, (KeyboardInterrupt, MemoryError)):
-                    raise error
-                if error is not None:
-                    failures[tasks[task].name] = f"{type(error).__name__}: {error}"
-                progress.update()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+            diagnose_all(
+                [plan for plan in missing if plan.name not in failures], trials, cache, jobs, failures, progress
+            )
+            break
+        except BrokenExecutor:  # a worker was killed: for memory, or by hand
+            missing = [plan for plan in todo if not (trials / plan.name / "diagnosis.json").exists()]
+            if breakdown == BREAKDOWNS - 1:
+                raise StudyError(
+                    f"workers were killed {BREAKDOWNS} times, perhaps for want of memory; give --jobs 1, and the same "
+                    f"command again: {len(todo) - len(missing)} of {len(todo)} trials are kept"
+                ) from None
+            progress.to(len(todo) - len(missing))
     progress.close()
     print(write_report(folder, [trials / plan.name for plan in todo if plan.name not in failures], failures))
     if len(failures) > 0.1 * len(todo):

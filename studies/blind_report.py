@@ -111,7 +111,8 @@ def summary(judged: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _pulls(one: dict[str, Any]) -> list[float]:
-    return [p for a in one["amplitudes"] if a is not None for p in a["pulls"].values()]
+    """Of the amplitudes of hidden effects that were named."""
+    return [p for a in one["amplitudes"] if a is not None and a["effect"] in one["named"] for p in a["pulls"].values()]
 
 
 def _line(one: dict[str, Any]) -> list[Any]:

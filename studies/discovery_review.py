@@ -244,6 +244,13 @@ def round_record(now: Round, unit: str) -> dict[str, Any]:
         "degrees_of_freedom": now.fit.degrees,
         "reduced_chi_square": now.fit.reduced_chi_square,
         "p_value": now.fit.p_value,
+        "misfits": {
+            name: {"chi_square": loss, "degrees_of_freedom": n}
+            for name, (loss, n) in zip(("all", "no discretisation error", "slow"), now.fit.misfits, strict=True)
+        },
+        "predicted": None
+        if now.predicted is None
+        else {"chi_square": now.predicted[0], "degrees_of_freedom": now.predicted[1], "p_value": now.predicted_p},
         "train": misfit_record(now.train),
         "held_out": misfit_record(now.held),
         "candidates": [record(row, now, unit) for row in now.rows],

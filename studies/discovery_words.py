@@ -25,11 +25,11 @@ SMALLEST = 1e-16  # p-values below are all the same
 LISTED = 3  # amplitudes that a cell of the table can hold
 MODEL_COLUMNS = [
     "model", "reduced chi-square", "degrees of freedom", "p", "chi-square each, fitted", "force error, fitted, %",
-    "field error, fitted, %", "chi-square each, held out", "force error, held out, %", "field error, held out, %",
+    "field error, fitted, %", "p, held out", "chi-square each, held out", "force error, held out, %", "field error, held out, %",
 ]  # fmt: skip
 MODEL_CAPTION = (
     "Reduced chi-square and p: of what no energy of I1 can absorb, against the noise; chi-square each: per equation, "
-    "with the model as it is. Force error: norm of the force errors over the norm of the measured forces. Field error: "
+    "with the model as it is. p, held out: of how any such energy predicts it. Force error: norm of the force errors over the norm of the measured forces. Field error: "
     "norm of the virtual work that fields without a load leave, over the same norm."
 )
 CANDIDATE_CAPTION = (
@@ -44,7 +44,7 @@ def verdict(view: View) -> str:
     """The verdict in plain words, one paragraph."""
     found = view.discovery
     if found.verdict == "nothing significant":
-        return f"nothing significant: {_best_candidate(found.rounds[-1])}; {_left(view, found.final)}"
+        return f"nothing significant: {_best_candidate(found.rounds[-1])}; {_left(view)}"
     final = found.final
     if found.verdict == "explained":
         parts = [f"explained: {_additions(final, found.named, view.unit)}", _errors(view)]
@@ -56,9 +56,9 @@ def verdict(view: View) -> str:
     if found.closest:
         return "; ".join([
             f"significant, not explained: the closest is {_additions(final, found.closest, view.unit)}", _errors(view),
-            _left(view, final), _best_candidate(found.rounds[-1]),
+            _left(view), _best_candidate(found.rounds[-1]),
         ])  # fmt: skip
-    return f"significant, not explained by any candidate: {_left(view, final)}; {_best_candidate(found.rounds[-1])}"
+    return f"significant, not explained by any candidate: {_left(view)}; {_best_candidate(found.rounds[-1])}"
 
 
 def _additions(fit: Fit, names: tuple[str, ...], unit: str) -> str:
@@ -122,12 +122,15 @@ def _deciding(view: View, names: tuple[str, ...]) -> str:
     return "; or ".join(dict.fromkeys(tests))
 
 
-def _left(view: View, fit: Fit) -> str:
+def _left(view: View) -> str:
     """How large what is left is, against the noise."""
     if not view.discovery.problem.noise_is_known:
         return "the noise is unknown, so that what is left cannot be compared with it"
-    size = f"reduced chi-square {fit.reduced_chi_square:.3g}, p {p_text(fit.p_value)}"
-    if fit.p_value < GLOBAL:
+    now = view.discovery.rounds[-1]
+    size = f"reduced chi-square {now.fit.reduced_chi_square:.3g}, p {p_text(now.fit.p_value)}"
+    if now.predicted is not None:
+        size += f"; p of what was held out {p_text(now.predicted_p)}"
+    if min(now.fit.p_value, now.predicted_p) < GLOBAL:
         return f"what the model leaves is more than noise ({size})"
     return f"what the model leaves is no more than noise ({size})"
 
@@ -191,9 +194,10 @@ def model_table(view: View) -> tuple[list[str], list[list[Any]]]:
     for now in view.discovery.rounds:
         fit, held = now.fit, now.held
         outside = (held.chi_square, 100 * held.force, 100 * held.field) if held else (None, None, None)
+        predicted = _p(now.predicted_p) if _calibrated(view) and now.predicted is not None else None
         rows.append([
             model_name(fit), fit.reduced_chi_square, fit.degrees, _p(fit.p_value) if _calibrated(view) else None,
-            now.train.chi_square, 100 * now.train.force, 100 * now.train.field, *outside,
+            now.train.chi_square, 100 * now.train.force, 100 * now.train.field, predicted, *outside,
         ])  # fmt: skip
     return MODEL_COLUMNS, rows
 

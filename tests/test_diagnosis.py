@@ -74,6 +74,16 @@ def test_bounded_least_squares_is_that_of_scipy():
     np.testing.assert_allclose(x, nnls(A, b)[0], atol=1e-7)
 
 
+def test_what_lies_beyond_columns_has_its_degrees_of_freedom():
+    rng = np.random.default_rng(6)
+    columns = rng.standard_normal((30, 4))
+    columns = np.column_stack([columns, columns @ [1.0, 2.0, 0.0, -1.0]])
+    r = rng.standard_normal(30)
+    loss, degrees = diagnosis.beyond(r + columns @ rng.standard_normal(5), columns)
+    assert degrees == 26
+    assert loss == pytest.approx(np.sum((r - columns @ np.linalg.lstsq(columns, r, rcond=None)[0]) ** 2), rel=1e-9)
+
+
 def test_adjusted_p_is_uniform_where_nothing_is():
     """Of searches in pure noise, the smallest adjusted p is below q in a share q."""
     rng = np.random.default_rng(2)
@@ -131,6 +141,58 @@ def test_sources_are_the_derivative_of_the_correction():
     slope = (residuals[0] - residuals[1]) / (2 * step)
     assert np.linalg.norm(bend - slope) < 0.15 * np.linalg.norm(slope)  # the smallest corrections are left out
     assert np.abs(segment).max() > 0
+
+
+def test_weights_are_pulled_back_by_the_transposed_tangent():
+    system = equilibrium(sheet())
+    basis = SingleBasis(0, 1.0, 8)
+    c, F = neo_hooke(basis, 0.3), system.deformation_gradients[3]
+    weights = np.random.default_rng(5).standard_normal(2 * system.fields.n_fields)
+    K, (x, y) = system.tangent(basis, F, c), np.split(weights, 2)
+    expected = np.stack([K[0][k].T @ x + K[1][k].T @ y for k in (0, 1)], axis=1)
+    np.testing.assert_allclose(system.pulled_back(basis, F, c, weights), expected, atol=1e-12 * abs(expected).max())
+
+
+def test_prediction_is_judged_with_the_uncertainty_of_the_fit():
+    """The rise of the misfit is e^T (I + B (A^T A)^-1 B^T)^-1 e with the error of prediction e = s - B A^+ r."""
+    problem, _ = diagnosis.prepare([sheet()], [discovery.HoldOut().training], with_discrepancy=False)
+    state = diagnosis.refit(problem, diagnosis.first_guess([problem.parts[0].assembled]), ())
+    chi_square, degrees = diagnosis.predictive(problem, state)
+    part = problem.parts[0]
+    F = part.system.deformation_gradients
+    G = np.moveaxis(np.array([part.system.matrix(problem.basis, f) for f in F]), -1, 0)
+    A, B = part.train(G).T, part.held(G).T
+    A, B = (M / np.maximum(np.linalg.norm(A, axis=0), 1e-300) for M in (A, B))
+    r = part.residual(state.c)
+    e = part.held(r) - B @ np.linalg.lstsq(A, part.train(r), rcond=1e-10)[0]
+    spread = np.eye(len(e)) + B @ np.linalg.pinv(A.T @ A, rcond=1e-12, hermitian=True) @ B.T
+    assert chi_square == pytest.approx(e @ np.linalg.solve(spread, e), rel=0.02)
+    assert degrees == pytest.approx(len(e), abs=6)
+    assert stats.chi2.sf(chi_square, degrees) > 1e-3
+
+
+def test_slow_disturbances_hold_a_force_that_is_wrong_by_a_constant():
+    problem, _ = prepared()
+    columns = diagnosis.slow(problem)
+    part = problem.parts[0]
+    wrong = np.zeros(part.shift.shape)
+    wrong[:, : part.system.fields.n_fields] = part.system.fields.boundary == 0
+    white = part.train(wrong)
+    Q = diagnosis.orthonormal(columns)
+    assert np.linalg.norm(white - Q @ (Q.T @ white)) < 1e-6 * np.linalg.norm(white)
+    assert Q.shape[1] == 88  # 4 times x 2 components x (9 places + 2 boundaries)
+
+
+def test_a_small_transverse_force_is_seen_without_any_candidate():
+    """The misfit of all equations hardly rises; that of slow disturbances does."""
+    e = sheet()
+    wrong = np.array([0.0, 3 * NOISE.force_std])
+    moved = replace(e, loaded=tuple(replace(b, force=b.force + wrong) for b in e.loaded))
+    _, state = diagnosis.prepare([moved], [discovery.HoldOut().training])
+    (everything, n), _, (smooth, k) = state.misfits
+    assert stats.chi2.sf(smooth, k) < 1e-4
+    assert stats.chi2.sf(everything, n) > 0.1
+    assert state.p_value < discovery.GLOBAL
 
 
 def test_nothing_is_found_where_nothing_is():

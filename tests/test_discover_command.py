@@ -78,7 +78,7 @@ def test_everything_is_written_and_the_verdict_is_said(run, asked):
     assert str(folder / "report.html") in said
     assert asked[0]["rule"] is None
     assert asked[0]["effects"] == CATALOGUE
-    assert (asked[0]["base"], asked[0]["whole"], asked[0]["seed"]) == ("convex", True, 0)
+    assert (asked[0]["base"], asked[0]["whole"], asked[0]["seed"]) == ("positive", True, 0)
     model = ExtendedModel.load(folder / "model.json")
     assert model.verdict == "explained"
     assert model.hold_out == "every third increment"
