@@ -105,6 +105,12 @@ class Chain:
         """Residual (t, 2 v), N, with effects in the model."""
         return self.residual(c, *_parts(additions))
 
+    def stress(self, c: Any, additions: Additions = ()) -> Array:
+        """P (t, m, 2, 2), MPa, with effects in the model."""
+        effects, amplitudes, shapes = _parts(additions)
+        amplitudes, shapes = _floats(amplitudes), _floats(shapes)
+        return np.asarray(_response(self.kind, effects, self.arrays, jnp.asarray(c), amplitudes, shapes)[0])
+
     def external(self, additions: Additions = ()) -> Array:
         """Loads (t, 2 v), N, as the effects correct them: minus the residual of a material without stiffness."""
         effects, amplitudes, shapes = _parts(additions)

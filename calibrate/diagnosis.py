@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -72,10 +73,15 @@ class Part:
     def system(self) -> Equilibrium:
         return self.chain.system
 
+    @cached_property
+    def linear(self) -> Equilibrium:
+        """The same equations with linear triangles."""
+        return Equilibrium(self.experiment, self.system.fields, linear=True)
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Experiments with fixed weights. parts: all; those without training rows are held out.
+    """Experiments with weights. parts: all; those without training rows are held out.
 
     cone (n, k): the base models are non-negative sums of its columns. prior (r, k), 1 / MPa: a weak normal prior on the
     changes of psi_1, without which the last splines take up whatever is wrong and ruin the extrapolation.
@@ -86,6 +92,7 @@ class Problem:
     cone: Array
     prior: Array
     noise_is_known: bool
+    with_discrepancy: bool
 
     @property
     def trained(self) -> tuple[Part, ...]:
@@ -167,9 +174,10 @@ class Score:
 
     @property
     def evidence(self) -> float:
-        """Improvement minus the price of its amplitudes (Schwarz 1978), for ranking."""
+        """Improvement minus the price of its amplitudes and shapes (Schwarz 1978), for ranking."""
         n = 1000 if self.direction is None else len(self.direction)
-        return self.score - self.degrees * float(np.log(n)) if self.status == "tested" else -np.inf
+        price = (self.degrees + len(self.shape)) * float(np.log(n))
+        return self.score - price if self.status == "tested" else -np.inf
 
 
 Rows = Callable[[Equilibrium], Mask]
@@ -231,15 +239,37 @@ def prepare(
             f"the base model has not converged (its forces still change by {change:.1%} when the weights are updated); "
             "a diagnosis of it would be one of the fit: check forces, units and free edges, or give a larger --spacing"
         )
-    parts = []
-    for chain, assembly, mask in zip(chains, assembled, masks, strict=True):
-        known = all_rows(chain.system)
-        common = discrepancy.sources(chain.system, basis, c) if with_discrepancy else None
-        noise = covariances(assembly, c)
-        parts.append(Part(chain, assembly, whitening(noise, mask, common), whitening(noise, known & ~mask, common),
-                          chain.noise_shift(c, assembly.noise_factor)))  # fmt: skip
-    problem = Problem(tuple(parts), basis, cone, prior, all(a.noise_is_known for a in assembled))
+    known = [all_rows(system) for system in systems]
+    parts = [
+        weighted(chain, assembly, basis, c, mask, full & ~mask, with_discrepancy)
+        for chain, assembly, mask, full in zip(chains, assembled, masks, known, strict=True)
+    ]
+    noise_is_known = all(a.noise_is_known for a in assembled)
+    problem = Problem(tuple(parts), basis, cone, prior, noise_is_known, with_discrepancy)
     return problem, refit(problem, c, ())
+
+
+def weighted(
+    chain: Chain, assembled: Assembled, basis: SingleBasis, c: Array, train: Mask, held: Mask, with_discrepancy: bool
+) -> Part:
+    """One Experiment with the weights that belong to the material with coefficients c (n,)."""
+    common = discrepancy.sources(chain.system, basis, c) if with_discrepancy else None
+    noise = covariances(assembled, c)
+    shift = chain.noise_shift(c, assembled.noise_factor)
+    return Part(chain, assembled, whitening(noise, train, common), whitening(noise, held, common), shift)
+
+
+def reweighted(problem: Problem, fit: Fit) -> Problem:
+    """The same equations with the weights of a fit with effects: those of its base, as stiff as base and effects are."""
+    load = loads(problem, fit.additions)
+    whole = residual(problem, fit.c, fit.additions) + load
+    base = residual(problem, fit.c, ()) + loads(problem)
+    c = fit.c * float(load @ whole) / float(load @ base)
+    parts = [
+        weighted(p.chain, p.assembled, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy)
+        for p in problem.parts
+    ]
+    return replace(problem, parts=tuple(parts))
 
 
 def first_guess(assembled: Sequence[Assembled]) -> Array:
@@ -417,12 +447,33 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
         values, vectors = np.linalg.eigh(left.T @ left)
         spread = np.sqrt((vectors**2 / np.maximum(values, CONDITION * values.max())).sum(axis=1)) * scale
         spread = spread * np.sqrt(max(1.0, free / max(degrees, 1)))
+        wrong = recovered(problem, c)
+        shift = bounded(
+            left, wrong - base @ (base.T @ wrong), np.full(len(scale), -np.inf), np.full(len(scale), np.inf)
+        )
+        spread = np.hypot(spread, shift * scale)
         for a, part in zip(additions, np.split(spread, np.cumsum(variables.sizes)[:-1]), strict=True):
             deviations.append(tuple(map(float, part[: len(a.amplitudes)])))
     generic = slow(problem)
     generic = orthonormal(generic - U @ (U.T @ generic))
     smooth = float(((generic.T @ r) ** 2).sum()), generic.shape[1]
     return Fit(c, additions, float(r @ r), free, degrees, clear, smooth, len(r), U, r, tuple(chains), tuple(deviations))
+
+
+def recovered(problem: Problem, c: Array) -> Array:
+    """Whitened change (N,) of the residual when the triangles are taken for linear again.
+
+    A standard deviation of what the recovered kinematics still miss. Its effect on an amplitude is added to that of
+    noise, because errors of neighbouring edges are less independent than the weights assume.
+    """
+    changes = []
+    for part in problem.trained:
+        work = [
+            np.array([system.matrix(problem.basis, F) @ c for F in system.deformation_gradients])
+            for system in (part.linear, part.system)
+        ]
+        changes.append(work[0] - work[1])
+    return problem.white(changes)
 
 
 def slow(problem: Problem) -> Array:

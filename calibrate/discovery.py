@@ -36,7 +36,7 @@ REST = 0.03  # of what was explained, that may be left
 MINOR = 0.03  # of what the strongest effect explains: what its own formula may leave, so that no other is named for it
 NAMED = 2  # effects that together are called an explanation
 CLOSE = 9.2  # difference of scores below which the likelihoods of two effects differ by less than 100 to 1
-MAX_ROUNDS = 3
+MOST = 3  # effects in a model: one more than can be named
 TRIES = 3
 RIVAL = 0.8  # of the best score: effects so close are fitted before one is chosen, as scores are those of small effects
 REFINED = 5  # significant effects whose shape is refined before they are compared
@@ -260,20 +260,23 @@ def close_loop(
 ) -> Discovery:
     """Rounds of tests and additions from a base fit, see `discover`."""
     rounds: list[Round] = []
-    review, reviewed = Review(), False
+    review, reviewed = Review(), set()
     while True:
         say(f"round {len(rounds) + 1}: testing effects")
         now = _round(problem, state, effects, whole_table, seed, say)
-        added = None
-        if len(rounds) < MAX_ROUNDS:
-            now, added = _extend(problem, now, say)
-        if added is None and len(state.additions) > 1 and not reviewed:
-            reviewed = True
+        added, names = None, frozenset(a.effect.name for a in state.additions)
+        if len(names) > 1 and names not in reviewed:
+            reviewed.add(names)
             now, review, added = _review(problem, now, effects, seed, say)
+        enough = len(names) >= NAMED and _small(rounds[0], now)
+        if added is None and len(names) < MOST and not enough:
+            now, added = _extend(problem, now, say)
         rounds.append(now)
         if added is None:
             return _conclude(problem, tuple(rounds), review)
         state = _without_idle(problem, added)
+        problem = diagnosis.reweighted(problem, state)  # those of a base that makes up for an effect are wrong
+        state = diagnosis.refit(problem, state.c, state.additions)
 
 
 def _nothing(system: Equilibrium) -> Mask:
@@ -354,9 +357,9 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
 
 
 def _price(row: Row) -> float:
-    """Misfit of a fit with an effect, and the price of its amplitudes (Schwarz 1978)."""
+    """Misfit of a fit with an effect, and the price of its amplitudes and shapes (Schwarz 1978)."""
     assert row.fit is not None
-    return row.fit.free_loss + row.score.degrees * float(np.log(row.fit.n_rows))
+    return row.fit.free_loss + (row.score.degrees + len(row.score.shape)) * float(np.log(row.fit.n_rows))
 
 
 def _review(
@@ -367,23 +370,28 @@ def _review(
     gains: dict[str, float] = {}
     groups: dict[str, tuple[str, ...]] = {}
     exchanged: tuple[str, str] | tuple[()] = ()
+    most = 1.0
     for one in state.additions:
         name = one.effect.name
         say(f"without {name}")
-        without = diagnosis.refit(problem, state.c, tuple(a for a in state.additions if a is not one))
+        others = tuple(a for a in state.additions if a is not one)
+        without = diagnosis.refit(problem, state.c, others)
         gains[name] = without.free_loss - state.free_loss
         scores = [s for s in diagnosis.score(problem, without, effects, seed) if s.status == "tested"]
         scores = [_best_shape(problem, without, s) for s in scores[:REFINED]]
         likely = [s for s in scores if s.admissible and s.effect.name != name and s.adjusted < ALPHA]
-        own = next((s.score for s in scores if s.effect.name == name), 0.0)
-        rivals = [s for s in likely if s.score > min(own - CLOSE, RIVAL * own)][:TRIES]
-        rows = [_fitted(problem, without, Row(s), 6) for s in rivals]
-        left = {row.name: row.fit.free_loss for row in rows if row.fit is not None}
-        groups[name] = (name, *(other for other, loss in left.items() if loss < state.free_loss + CLOSE))
+        own = next((s for s in scores if s.effect.name == name), None)
+        height = own.score if own else 0.0
+        rivals = [s for s in likely if s.score > min(height - CLOSE, RIVAL * height)][:TRIES]
+        start = replace(state, additions=others)  # the others as they were beside this one
+        rows = [_fitted(problem, start, Row(s), 6) for s in rivals]
+        mine = _price(Row(own, state)) if own else state.free_loss
+        groups[name] = (name, *(row.name for row in rows if _price(row) < mine + CLOSE))
         for row in rows:
             assert row.fit is not None and row.addition is not None
-            if row.fit.free_loss < best.free_loss - CLOSE and not _idle(row.addition, row.deviations):
-                best, exchanged = row.fit, (name, row.name)
+            gain = mine - _price(row)
+            if gain > most and not _idle(row.addition, row.deviations):
+                most, best, exchanged = gain, row.fit, (name, row.name)
     if not exchanged:
         return now, Review(gains, groups), None
     remark = f"{exchanged[1]} takes the place of {exchanged[0]}: beside the other effects it explains more"

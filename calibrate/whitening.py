@@ -80,7 +80,7 @@ def whitening(noise: list[Array], rows: Mask, sources: Array | None = None) -> W
     ]
     n = int(rows.sum())
     plain = Whitening(rows, tuple(lowers), np.zeros((n, 0)), np.zeros(0))
-    if sources is None:
+    if sources is None or n == 0:
         return plain
     V = plain(np.moveaxis(sources, -1, 0)).T
     size = (V**2).sum(axis=0)

@@ -132,6 +132,7 @@ def judge(home: Path) -> dict[str, Any]:
         "hit": [any(n in group for group in reach.values()) for n in names],
         "exact": [n in full["named"] for n in names],
         "amplitudes": [_amplitude(h, full["additions"]) for h in hidden],
+        "field": [_field(h, full["additions"], home) for h in hidden],
         "seconds": content["seconds"],
     }
     if "absent" in content:
@@ -144,6 +145,26 @@ def judge(home: Path) -> dict[str, Any]:
             "partners": sorted(partners),
         }
     return result
+
+
+def _field(hidden: dict[str, Any], additions: list[dict[str, Any]], home: Path) -> float | None:
+    """Correlation of fitted and hidden stiffness over the specimen, by area; a patch has no coefficients of cosines."""
+    import numpy as np
+
+    from calibrate.experiment import Experiment, signed_areas
+
+    fitted = next((a["amplitudes"] for a in additions if a["effect"] == hidden["name"]), None)
+    if fitted is None or "height" not in hidden["more"]:
+        return None
+    e = Experiment.load(home / "experiment.npz")
+    places, patch = e.points[e.triangles].mean(axis=1), hidden["more"]
+    low, high = e.points.min(axis=0), e.points.max(axis=0)
+    x = np.pi * (places - low) / (high - low)
+    waves = [v * np.cos(int(k[1]) * x[:, 0]) * np.cos(int(k[2]) * x[:, 1]) for k, v in fitted.items()]
+    distance = ((places - [patch["x"], patch["y"]]) ** 2).sum(axis=1)
+    true = patch["height"] * np.exp(-distance / (2 * patch["width"] ** 2))
+    spread = np.cov(np.sum(waves, axis=0), true, aweights=np.abs(signed_areas(e.points, e.triangles)))
+    return float(spread[0, 1] / np.sqrt(spread[0, 0] * spread[1, 1]))
 
 
 def _amplitude(hidden: dict[str, Any], additions: list[dict[str, Any]]) -> dict[str, Any] | None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from studies.blind_case import judge
 
+FIELD = "stiffness field"
 NOTHING, UNEXPLAINED = "nothing", "unexplained"
 
 
@@ -105,14 +106,16 @@ def summary(judged: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "absent_wrong": int(total[9]),
         "pairs": len(strong_pairs),
         "pairs_found": sum(all(one["hit"]) for one in strong_pairs),
+        "field_correlation": [f for one in judged for f in one["field"] if f is not None],
         "seconds": float(np.median([one["seconds"] for one in judged])) if judged else 0.0,
         "effects": lines,
     }
 
 
 def _pulls(one: dict[str, Any]) -> list[float]:
-    """Of the amplitudes of hidden effects that were named."""
-    return [p for a in one["amplitudes"] if a is not None and a["effect"] in one["named"] for p in a["pulls"].values()]
+    """Of the amplitudes of hidden effects that were named; a field's coefficients have no true values."""
+    found = [a for a in one["amplitudes"] if a is not None and a["effect"] in one["named"] and a["effect"] != FIELD]
+    return [p for a in found for p in a["pulls"].values()]
 
 
 def _line(one: dict[str, Any]) -> list[Any]:
@@ -130,11 +133,14 @@ def share(part: int, whole: int) -> str:
 def words(numbers: dict[str, Any]) -> str:
     """The answer."""
     n = numbers
+    fields = n["field_correlation"]
+    likeness = f"Stiffness field: correlation with the hidden one, median {np.median(fields):.2f}. " if fields else ""
     return (
         f"Nothing hidden: something was found in {share(n['null_detections'], n['nulls'])}. "
         f"One effect with a score above 10: its group named in {share(n['strong_group_named'], n['strong'])}, "
         f"the effect itself in {share(n['strong_named'], n['strong'])}. "
         f"Amplitude within its 95 % interval: {share(n['amplitudes_within'], n['amplitudes'])}. "
+        f"{likeness}"
         f"Effect taken out of the catalogue: wrongly named {share(n['absent_wrong'], n['absent'])}. "
         f"Two strong effects: both found in {share(n['pairs_found'], n['pairs'])}. "
         f"CPU time of a diagnosis, median: {n['seconds']:.1f} s."

@@ -27,6 +27,9 @@ from studies.edges import inside, inward
 from studies.errors import OptionError
 
 Array = NDArray[np.float64]
+PIXELS = (
+    12  # along the side of a subset that an edge cuts; an even number, so that none lies on an edge through its middle
+)
 
 
 @dataclass(frozen=True)
@@ -165,7 +168,8 @@ class SubsetSmoothing(Disturbance):
     """A displacement is fitted to those over a square of `side`, mm, cut off at the specimen's edges.
 
     affine: the subset may strain (a plane is fitted and read at its middle), as in most programs; else the mean is
-    taken, which near an edge belongs to another point. Inside both are the same. The places are Gauss points, 5 x 5.
+    taken, which near an edge belongs to another point. Inside both are the same. Whole subsets are summed over 5 x 5
+    Gauss points, those that an edge cuts over the centres of `PIXELS` x `PIXELS` cells.
     """
 
     side: float
@@ -174,9 +178,26 @@ class SubsetSmoothing(Disturbance):
 
     def displacements(self, solution, specimen, X):
         x, w = np.polynomial.legendre.leggauss(5)
-        offsets = 0.5 * self.side * np.array([(a, b) for a in x for b in x])
+        whole = inside(specimen, (X[:, None] + self._offsets(np.linspace(-1, 1, 9))).reshape(-1, 2))
+        whole = whole.reshape(len(X), -1).all(axis=1)
+        cells = (2 * np.arange(PIXELS) + 1) / PIXELS - 1
+        result = np.empty((len(solution.displacements), *X.shape))
+        for nodes, at, weights in (
+            (np.flatnonzero(whole), x, np.outer(w, w).ravel()),
+            (np.flatnonzero(~whole), cells, np.ones(PIXELS**2)),
+        ):
+            if len(nodes):
+                result[:, nodes] = self._read(solution, specimen, X[nodes], self._offsets(at), weights)
+        return result
+
+    def _offsets(self, at: Array) -> Array:
+        """Places (q^2, 2), mm, from the middle of a subset; at (q,): from -1 to 1."""
+        return 0.5 * self.side * np.array([(a, b) for a in at for b in at])
+
+    def _read(self, solution: SurfaceSolution, specimen: Specimen, X: Array, offsets: Array, weights: Array) -> Array:
+        """Displacements (t, n, 2) fitted over the places that lie in the specimen."""
         places = X[:, None] + offsets
-        weights = np.outer(w, w).ravel() * inside(specimen, places.reshape(-1, 2)).reshape(len(X), -1)
+        weights = weights * inside(specimen, places.reshape(-1, 2)).reshape(len(X), -1)
         there = weights > 0
         basis = np.concatenate([np.ones((len(offsets), 1)), offsets / self.side], axis=1)[:, : 3 if self.affine else 1]
         gram = np.einsum("nq,qa,qb->nab", weights, basis, basis)

@@ -211,7 +211,7 @@ def compose(
     report.paragraph(
         f"A perforated cross in Arruda-Boyce rubber, {settings.displacement:g} mm pulled at each arm in "
         f"{settings.increments} increments, was solved with Q2 quadrilaterals (plane stress, 1 mm thick), seen by a "
-        "camera on a triangulation, and calibrated with linear triangles. Coarser meshes keep the given share of the "
+        "camera on a triangulation, and calibrated on it with recovered gradients. Coarser meshes keep the given share of the "
         "nodes; displacements are L2-projected. Noise: standard deviation 0.1 mm, covariance exp(-r^2 / (2 l^2)) with "
         "l = 4 mm, new in every increment; forces to 1e-4. The calibrated range ends at the 99.9 % quantile (by area "
         f"and increment) of I1 in the clean data, I1 = {limit:.2f}. Bias is the mean stress error over the mean stress, "

@@ -4,7 +4,8 @@ In: the settings in the folder's ``run.json``. Out, in the same folder:
 ``plane.npz`` (2D plane stress, a quarter, 1 mm thick), ``solid_H.npz`` (3D on the same plane mesh, an eighth),
 ``epsilon_H.npz`` (`studies.epsilon`), ``states.npz`` (`studies.stress_error.States` of the 2D solution),
 ``mesh.npz`` (points of the camera on the whole cross), ``experiments/CONDITION_SEED.npz``: what the camera sees of the
-surface, and ``cases/CONDITION_SEED.json``: for each loss the model calibrated in plane stress and its errors.
+surface, and ``cases/CONDITION_SEED.json``: for each of `LOSSES` the model calibrated in plane stress and its errors;
+`CORRECTED` is the default loss on displacements of the mean over the thickness, as `calibrate.effects.thickness` has them.
 H is the thickness in mm, CONDITION is H or "plane", SEED a number or "clean". The noise of a seed is the same in all
 conditions, so that differences between them are those of the specimens.
 
@@ -21,16 +22,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from studies.cases import EXTRAPOLATION, LOSSES, CaseSettings
+from studies import cases
+from studies.cases import EXTRAPOLATION, CaseSettings
 
 if TYPE_CHECKING:
     from forward.solution import SurfaceSolution
 
-__all__ = ["EXTRAPOLATION", "LOSSES", "PLANE", "Settings"]
+__all__ = ["CORRECTED", "EXTRAPOLATION", "LOSSES", "PLANE", "Settings"]
 
 PLANE = "plane"
 PLANE_THICKNESS = 1.0  # mm
 BATCH = 6  # seeds a job calibrates at most
+CORRECTED = "thickness-corrected"
+LOSSES = (cases.LOSSES[0], CORRECTED, *cases.LOSSES[1:])
 
 
 @dataclass(frozen=True)
@@ -220,7 +224,8 @@ def case(folder: Path, settings: Settings, condition: str, *seeds: str) -> None:
             "triangles": len(experiment.triangles),
             "calibrated_I1": limit,
             "losses": {
-                loss: fit_loss(experiment, settings, loss, reference, limit) for loss in losses_for(settings, seed)
+                loss: fit_loss(experiment, settings, loss, reference, limit)
+                for loss in losses_for(settings, condition, seed)
             },
         }
         write_json(case_path(folder, condition, seed), content)
@@ -228,17 +233,23 @@ def case(folder: Path, settings: Settings, condition: str, *seeds: str) -> None:
 
 def fit_loss(experiment: Any, settings: Settings, loss: str, reference: Any, limit: float) -> dict[str, Any]:
     """A loss's part of a case."""
-    from studies.cases import fit
+    from calibrate.effects.thickness import of_the_mean
     from studies.stress_error import summary
 
-    result, content = fit(experiment, settings, loss, limit)
+    if loss == CORRECTED:
+        experiment, loss = of_the_mean(experiment), LOSSES[0]
+    result, content = cases.fit(experiment, settings, loss, limit)
     return {**content, **summary(result.model, reference)}
 
 
-def losses_for(settings: Settings, seed: str) -> tuple[str, ...]:
-    """Which losses a case is fitted with: the dependent scaling only for clean data and the first seeds."""
+def losses_for(settings: Settings, condition: str, seed: str) -> tuple[str, ...]:
+    """Which losses a case is fitted with: the dependent scaling only for clean data and the first seeds, the correction
+    only for what is thick (a solution in plane stress is its own mean)."""
     few = ["clean", *map(str, settings.seeds[: settings.dependent_seeds])]
-    return LOSSES if seed in few else LOSSES[:2]
+    left_out = {CORRECTED} if condition == PLANE else set()
+    if seed not in few:
+        left_out.add(LOSSES[-1])
+    return tuple(loss for loss in LOSSES if loss not in left_out)
 
 
 def experiment_path(folder: Path, condition: str, seed: str) -> Path:

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from studies import solid_pictures, thickness_figures, thickness_models, thickness_tables, thickness_words
-from studies.cases import LOSSES
 from studies.output import Manifest, track, write_csv, write_figure
 from studies.report import Report
-from studies.resolution_report import LABELS
+from studies.thickness_case import LOSSES
 from studies.thickness_results import Results
 from studies.thickness_tables import AGREEMENT, FIELD_COLUMNS, FIT_COLUMNS, FORCE_COLUMNS, NOISES, STRESSES
+from studies.thickness_words import LABELS
 
 VERDICT_COLUMNS = ("condition", "loss", "noise", "worst median bias (%)", "mode", "worst P5 or P95 of the stress error (%)",
                    "component", "largest error (% of largest stress)", "trustworthy")  # fmt: skip

@@ -26,7 +26,7 @@ from studies import style
 from studies.epsilon import EpsilonField, difference
 from studies.errors import DamagedFileError
 from studies.stress_error import Reference, States
-from studies.thickness_case import PLANE, Settings, case_path, format_thickness
+from studies.thickness_case import CORRECTED, LOSSES, PLANE, Settings, case_path, format_thickness
 
 Array = NDArray[np.float64]
 LINE_LENGTH = 25.0  # mm from a rim, at most half the way to the next hole
@@ -84,7 +84,12 @@ class Results:
                 for condition in self.conditions for seed in self.settings.noise_seeds]  # fmt: skip
 
     def fits(self, condition: str, loss: str, noisy: bool) -> list[dict[str, Any]]:
-        """Results of a loss, with its seed: of clean data (one), or of all noise seeds."""
+        """Results of a loss, with its seed: of clean data (one), or of all noise seeds.
+
+        A correction for the thickness leaves the 2D reference as it is.
+        """
+        if condition == PLANE and loss == CORRECTED and any(CORRECTED in c["losses"] for c in self.cases):
+            loss = LOSSES[0]
         chosen = [c for c in self.cases if c["condition"] == condition and (c["seed"] != "clean") == noisy]
         return [{**c["losses"][loss], "seed": c["seed"]} for c in chosen if loss in c["losses"]]
 

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.cases import LOSSES
 from studies.epsilon import EpsilonField, weighted_quantile
 from studies.metrics import MODES
 from studies.stress_error import COMPONENTS
+from studies.thickness_case import LOSSES
 from studies.thickness_results import Results, arm_forces
 
 Array = NDArray[np.float64]

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from studies.cases import EXTRAPOLATION, LOSSES
-from studies.resolution_report import LABELS
+from studies.cases import EXTRAPOLATION
+from studies.resolution_report import LABELS as NAMES
+from studies.thickness_case import CORRECTED, LOSSES
 from studies.thickness_results import PLANE, Line, Results
 from studies.thickness_tables import (
     BIAS_LIMIT,
@@ -27,6 +28,7 @@ from studies.thickness_tables import (
     verdicts,
 )
 
+LABELS = {**NAMES, CORRECTED: "default loss, thickness-corrected"}
 CLEARLY = 1.5  # a stress error is clearly larger when it is this many times as large
 SEVERE = 0.1  # a deformation error is severe where epsilon reaches this
 MEANINGLESS = 5.0  # %, bias of the 2D reference from which on a loss tells nothing about thickness
@@ -62,7 +64,25 @@ def answer(results: Results) -> list[str]:
                 n = len(results.fits(judged[0].condition, loss, noisy))
                 noise = f"with noise ({n} seed{'s' * (n > 1)})" if noisy else "without noise"
                 text.append(f"{title(loss)}, {noise}: {_reach(results, judged)}")
-    return [*text, beyond(results), first(results), CONDITION]
+    return [*text, *extended(results), beyond(results), first(results), CONDITION]
+
+
+def extended(results: Results) -> list[str]:
+    """What the correction for the thickness changes, noisy and clean; nothing where it was not fitted."""
+    text = []
+    for noisy, noise in NOISES.items():
+        pairs = zip(verdicts(results, LOSSES[0], noisy), verdicts(results, CORRECTED, noisy), strict=False)
+        parts = [f"{results.name(a.condition)}: {_change(a.bias, b.bias)} % bias, {_change(a.largest, b.largest)} % largest "
+                 f"error, {_change(a.stress, b.stress)} % stress error"
+                 for a, b in pairs if a.condition != PLANE]  # fmt: skip
+        if parts:
+            text.append(f"Displacements of the mean over the thickness, from those of the surface by the leading-order correction "
+                        f"(docs/thickness.md), {noise}: {'; '.join(parts)}.")  # fmt: skip
+    return text
+
+
+def _change(before: float, after: float) -> str:
+    return f"{before:+.2f} to {after:+.2f}"
 
 
 def beyond(results: Results) -> str:

@@ -8,10 +8,13 @@ import pytest
 from calibrate.basis import SingleBasis
 from calibrate.chain import Chain, gradients
 from calibrate.effects import CATALOGUE, Data
+from calibrate.effects.borders import nearest_lines, subset_moments
+from calibrate.effects.branches import motion
+from calibrate.effects.camera import LensDistortion, OutOfPlane, UnmeasuredStrip, undistorted
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.fibres import reinforcement
-from calibrate.effects.load import rate_matrix
-from calibrate.effects.recovery import laplacian
+from calibrate.effects.load import Lag
+from calibrate.effects.recovery import second_derivatives
 from calibrate.effects.thickness import Thickness
 from calibrate.effects.viscosity import Viscosity
 from calibrate.equilibrium import Equilibrium
@@ -184,14 +187,99 @@ def test_thickness_of_a_linear_sheet():
     inside = (np.abs(points - 5) < 1.5).all(axis=1)
     np.testing.assert_allclose(moved[inside, 0], 3.0 * -2 * e, rtol=1e-4)
     np.testing.assert_allclose(moved[inside, 1], 0.0, atol=1e-4 * e)
-    curved = jnp.asarray(np.stack([points[:, 0] ** 2, points[:, 1] ** 2 * 2], axis=-1)[None])
-    found = np.asarray(laplacian(data, curved))[0][inside]
-    np.testing.assert_allclose(found, np.broadcast_to([2.0, 4.0], found.shape), atol=1e-9)
 
 
-def test_rates_are_exact_for_parabolas():
-    t = np.array([0.0, 1.0, 1.5, 4.0])
-    np.testing.assert_allclose(rate_matrix(t) @ (2 * t**2 - t), 4 * t - 1, atol=1e-12)
+def test_second_derivatives_of_parabolas_are_exact(chain):
+    data = chain.data
+    x, y = np.asarray(data.points).T
+    u = jnp.asarray(np.stack([x**2 - 3 * x * y, 2 * y**2 + x], axis=-1)[None])
+    found = np.asarray(second_derivatives(data, u))[0]
+    np.testing.assert_allclose(found[:, 0], np.broadcast_to([[2, -3], [-3, 0]], (len(x), 2, 2)), atol=1e-8)
+    np.testing.assert_allclose(found[:, 1], np.broadcast_to([[0, 0], [0, 4]], (len(x), 2, 2)), atol=1e-8)
+
+
+def test_motion_follows_each_branch():
+    """Parabolas in time, up to 2 s and back: exact on either side of the turning point, at rest at t = 0."""
+    t, way = np.array([0.5, 1.0, 2.0, 2.5, 3.5]), np.array([1.0, -2.0])
+
+    def up(t):
+        return t + 0.2 * t**2
+
+    def down(t):
+        return up(2.0) - 1.1 * (t - 2) + 0.1 * (t - 2) ** 2
+
+    u = np.where(t < 2, up(t), down(t))[:, None, None] * way
+    M = motion(t, u)
+    for s in (0.3, -0.3):
+        branch = 0 if s > 0 else 1
+        found = u + np.einsum("ij,jnc->inc", s * M[branch, 0] + s**2 * M[branch, 1], u)
+        on_first = t + s < 2 if s < 0 else t < 2
+        expected = np.where(on_first, up(t + s), down(t + s))
+        np.testing.assert_allclose(found[:, 0], expected[:, None] * way, atol=1e-12)
+
+
+def test_lag_at_a_turning_point(chain):
+    """After the third picture the sheet goes back, before it it came: either sign of dt lowers the displacement."""
+    u = chain.data.u
+    for dt in (0.1, -0.1):
+        moved = Lag().displacements(chain.data, u, jnp.array([dt]), (0.0,))
+        assert float(jnp.abs(moved[2]).sum()) < float(jnp.abs(u[2]).sum())
+
+
+def test_distorted_places_are_found_back(chain):
+    x = jnp.asarray(np.random.default_rng(0).uniform(-15, 15, (50, 2)))
+    for k in (-0.03, 0.0, 0.03):
+        seen = x * (1 + k * (x**2).sum(-1, keepdims=True) / 10.0**2)
+        np.testing.assert_allclose(undistorted(seen, k, 10.0), x, atol=1e-6)
+    data, k = chain.data, 0.02
+    X, R = data.points - 0.5 * jnp.array([20.0, 10.0]), 10.0
+    place = X + data.u
+    bent = [x * (1 + k * (x**2).sum(-1, keepdims=True) / R**2) for x in (X, place)]
+    from dataclasses import replace
+
+    seen = replace(data, points=bent[0], size=jnp.ptp(bent[0], axis=0).max())
+    true = LensDistortion().displacements(seen, bent[1] - bent[0], jnp.array([k]), ())
+    np.testing.assert_allclose(bent[0] + true, place, atol=1e-6)
+
+
+def test_out_of_plane_motion_is_undone(chain):
+    """Exactly, but for the share of the loading, which is read from magnified displacements."""
+    data, m = chain.data, 0.01
+    X = data.points - jnp.array([10.0, 5.0])
+    share = jnp.sqrt((data.u**2).mean(axis=(1, 2)))
+    share = (share / share.max())[:, None, None]
+    from dataclasses import replace
+
+    seen = replace(data, u=(X + data.u) * (1 + m * share) - X)
+    true = OutOfPlane().displacements(seen, seen.u, jnp.array([m]), ())
+    np.testing.assert_allclose(true, data.u, atol=0.02 * m * float(jnp.abs(X).max()))
+
+
+def test_subset_moments(chain):
+    """Of a whole square 1; at a straight edge -1/2 along the normal (a plane through x^2 on half of the square reads
+    -side^2 / 24 at its edge, where the whole square reads side^2 / 12), 1 along the edge; both in a corner."""
+    points, triangles = chain.system.experiment.points, chain.system.experiment.triangles
+    lines = nearest_lines(points, triangles)
+    np.testing.assert_allclose(lines[:, 0, 0], np.minimum.reduce([*points.T, 20 - points[:, 0], 10 - points[:, 1]]))
+    found = np.asarray(subset_moments(jnp.asarray(lines), 1.2))
+    at = {tuple(p): m for p, m in zip(points, found, strict=True)}
+    np.testing.assert_allclose(at[10, 5], np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(at[10, 10], np.diag([1, -0.5]), atol=0.01)
+    np.testing.assert_allclose(at[0, 5], np.diag([-0.5, 1]), atol=0.01)
+    np.testing.assert_allclose(np.diag(at[20, 0]), [-0.5, -0.5], atol=0.01)
+
+
+def test_a_strip_continues_the_stress(chain):
+    """In a homogeneous field the strip carries the stress of its neighbours: forces rise by its share of the width."""
+    from dataclasses import replace
+
+    data = chain.data
+    H = jnp.array([[0.2, 0.0], [0.0, -0.1]])
+    u = jnp.broadcast_to(data.points @ H.T, data.u.shape)
+    F = jnp.broadcast_to(jnp.eye(2) + H, (len(u), len(data.areas), 2, 2))
+    found = UnmeasuredStrip().stress(replace(data, u=u), F, F, jnp.array([0.5]), (), lambda f: f)
+    total = np.asarray((found[0] * data.areas[:, None, None]).sum(axis=0))
+    np.testing.assert_allclose(total, np.asarray(F[0, 0]) * (200 + 0.5 * 40), atol=1e-8)
 
 
 def test_a_strip_widens_the_sheet(chain):

@@ -21,7 +21,7 @@ from forward.solution import SurfaceSolution
 from meshes import Cross, quads, triangles
 from studies import thickness, thickness_case, workflow
 from studies.output import open_output_folder
-from studies.thickness_case import Settings, losses_for, solid_memory, targets
+from studies.thickness_case import CORRECTED, PLANE, Settings, losses_for, solid_memory, targets
 
 SMALL = Settings(nodes=900, seeds=(0, 1), thicknesses=(10.0, 12.5), increments=2)
 
@@ -79,8 +79,10 @@ def test_settings_survive_the_folder(tmp_path):
 
 def test_clean_data_are_always_fitted_with_the_dependent_scaling():
     settings = replace(SMALL, dependent_seeds=1)
-    assert [len(losses_for(settings, seed)) for seed in ("clean", "0", "1")] == [3, 3, 2]
-    assert [len(losses_for(SMALL, seed)) for seed in ("clean", "0", "1")] == [3, 2, 2]
+    for condition, more in ((PLANE, 0), ("10", 1)):
+        assert [len(losses_for(settings, condition, seed)) - more for seed in ("clean", "0", "1")] == [3, 3, 2]
+        assert [len(losses_for(SMALL, condition, seed)) - more for seed in ("clean", "0", "1")] == [3, 2, 2]
+    assert CORRECTED in losses_for(SMALL, "10", "1") and CORRECTED not in losses_for(SMALL, PLANE, "1")
 
 
 @pytest.mark.parametrize("seeds", [1, 5, 6, 10, 100])

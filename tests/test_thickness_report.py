@@ -91,6 +91,25 @@ def test_a_failure_in_between_ends_the_trust(results):
     assert one.ok and not dataclasses.replace(one, largest=6.0).ok
 
 
+def test_the_correction_is_set_beside_the_default(results):
+    """Half of the bias is left; the 2D reference is its own correction."""
+    from studies.thickness_case import CORRECTED
+
+    assert thickness_words.extended(results) == []
+    halves = [{**case, "losses": {**case["losses"], **({} if case["condition"] == "plane" else {
+        CORRECTED: {**case["losses"]["weighted"], "inside": [{**s, "bias": s["bias"] / 2} for s in
+                                                             case["losses"]["weighted"]["inside"]]}})}}
+              for case in results.cases]  # fmt: skip
+    corrected = dataclasses.replace(results)
+    corrected.__dict__["cases"] = halves
+    assert corrected.fits("plane", CORRECTED, True) == corrected.fits("plane", "weighted", True)
+    texts = thickness_words.extended(corrected)
+    clean = next(text for text in texts if "clean" in text)
+    bias = thickness_tables.verdict(results, "40", "weighted", False).bias
+    assert f"40 mm: {bias:+.2f} to {bias / 2:+.2f} % bias" in clean and len(texts) == 2
+    assert "2D" not in clean
+
+
 def test_answer_and_claims_carry_the_numbers(results):
     definition, noisy, clean, *paper, beyond, first, condition = thickness_words.answer(results)
     assert "1 %" in definition and "5 %" in definition

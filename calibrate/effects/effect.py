@@ -17,6 +17,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate import recovery
+from calibrate.effects.borders import nearest_lines
+from calibrate.effects.branches import motion
+from calibrate.effects.membrane import Membrane
 from calibrate.experiment import Experiment
 
 Array = NDArray[np.float64]
@@ -42,7 +45,11 @@ class Data:
 
     points (n, 2), triangles (m, 3), stencil (m, k) and slopes (m, k, 2): gradient at the centroids = sum over the
     stencil of nodal values times slopes, 1/mm; areas (m,) mm^2, centroids (m, 2), u (t, n, 2) mm, time (t,) s or None,
-    thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm.
+    thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm, edge_nodes (m, 2): of a free
+    edge, motion: see
+    `calibrate.effects.branches`, None without a time,
+    lines (n, 2, 4): see `calibrate.effects.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
+    the stencil and slopes above, membrane: see `calibrate.effects.membrane`.
     """
 
     points: Any
@@ -56,6 +63,12 @@ class Data:
     thickness: Any
     size: Any
     edges: Any
+    edge_nodes: Any
+    motion: Any
+    membrane: Membrane
+    lines: Any
+    rings: Any
+    ring_slopes: Any
 
     @classmethod
     def of(cls, experiment: Experiment) -> Data:
@@ -63,6 +76,10 @@ class Data:
         points, triangles = experiment.points, experiment.triangles
         areas = recovery.areas(points, triangles, experiment.free_nodes)
         stencil, slopes = padded(recovery.centroid_gradients(points, triangles))
+        x, y = recovery.nodal_gradients(points, triangles)
+        length, edge_nodes = free_edges(experiment)
+        order = np.arange(2 * len(points)).reshape(2, -1).T.ravel()
+        rings, ring_slopes = padded(sp.csr_array(sp.csr_array(sp.vstack([x, y]))[order]))
         return cls(
             jnp.asarray(points),
             jnp.asarray(triangles),
@@ -74,7 +91,13 @@ class Data:
             None if experiment.time is None else jnp.asarray(experiment.time),
             jnp.asarray(experiment.thickness or 1.0),
             jnp.asarray(np.ptp(experiment.points, axis=0).max()),
-            jnp.asarray(free_edges(experiment) / areas),
+            jnp.asarray(length / areas),
+            jnp.asarray(edge_nodes),
+            None if experiment.time is None else jnp.asarray(motion(experiment.time, experiment.displacements)),
+            Membrane.of(experiment),
+            jnp.asarray(nearest_lines(points, triangles)),
+            jnp.asarray(rings),
+            jnp.asarray(ring_slopes),
         )
 
 
@@ -100,8 +123,8 @@ def padded(operator: sp.csr_array) -> tuple[NDArray[np.int64], Array]:
     return nodes, weights
 
 
-def free_edges(experiment: Experiment) -> Array:
-    """Length (m,), mm, of the free edges of each triangle."""
+def free_edges(experiment: Experiment) -> tuple[Array, NDArray[np.int64]]:
+    """Length (m,), mm, of the free edges of each triangle, and the nodes (m, 2) of one of them (0 where there is none)."""
     triangles, points = experiment.triangles, experiment.points
     pairs = np.concatenate([triangles[:, [a, (a + 1) % 3]] for a in range(3)])
     _, first, count = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True, return_counts=True)
@@ -113,7 +136,10 @@ def free_edges(experiment: Experiment) -> Array:
     ends = pairs[single]
     edge = (free | gripped)[ends].all(axis=1) & free[ends].any(axis=1)
     length = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
-    return np.bincount(single[edge] % len(triangles), length[edge], len(triangles))
+    owner = single[edge] % len(triangles)
+    nodes = np.zeros((len(triangles), 2), np.int64)
+    nodes[owner] = ends[edge]
+    return np.bincount(owner, length[edge], len(triangles)), nodes
 
 
 @dataclass(frozen=True)

@@ -29,12 +29,18 @@ class ForceOffset(Effect):
 
 @dataclass(frozen=True)
 class Lag(Effect):
-    """Forces were read dt after the image."""
+    """Forces were read dt after the picture, when the displacements were those of t + dt.
+
+    Displacements are interpolated on the branch of the history that follows a picture if dt > 0, and on the one before if
+    dt < 0. `branch` stands for the sign of dt where that is not known yet: 1, -1, or 0 for the mean of both. Forces, which
+    are less smooth in time and may be held out, stay as they are.
+    """
 
     name = "lag between force and image"
     stage = "load"
-    formula = "F(t) - dt dF/dt"
+    formula = "u(t + dt)"
     amplitudes = (Parameter("dt", "s", typical=0.2),)
+    shapes = (Parameter("branch", "1", lower=-1.0, upper=1.0),)
     decided_by = "a pause in the loading, or a second rate"
 
     def missing(self, data):
@@ -42,9 +48,15 @@ class Lag(Effect):
             return "time"
         return None if len(data.time) > 2 else "more increments"
 
-    def loads(self, data, loads, a, shape):
-        rate = rate_matrix(data.time)
-        return loads - a[0] * jnp.einsum("ts,siv->tiv", rate, loads)
+    def shape_values(self, data):
+        if data.motion is None or np.allclose(data.motion[0], data.motion[1]):
+            return [(0.0,)]
+        return [(1.0,), (-1.0,), (0.0,)]
+
+    def displacements(self, data, u, a, shape):
+        after = jnp.where(a[0] > 0, 1.0, jnp.where(a[0] < 0, 0.0, 0.5 * (1.0 + shape[0])))
+        rate, bend = after * data.motion[0] + (1.0 - after) * data.motion[1]
+        return u + jnp.einsum("ts,sni->tni", a[0] * rate + a[0] ** 2 * bend, u)
 
 
 @dataclass(frozen=True)
@@ -74,15 +86,3 @@ class Rotation(Effect):
     def loads(self, data, loads, a, shape):
         c, s = jnp.cos(a[0]), jnp.sin(a[0])
         return jnp.stack([c * loads[:, 0] - s * loads[:, 1], s * loads[:, 0] + c * loads[:, 1]], axis=1)
-
-
-def rate_matrix(time):
-    """(t, t): values to their time derivative, by parabolas through three neighbours."""
-    n = len(time)
-    D = jnp.zeros((n, n))
-    for i in range(n):
-        first = min(max(i - 1, 0), n - 3)
-        j = np.arange(first, first + 3)
-        powers = (time[j] - time[i])[None, :] ** np.arange(3)[:, None]
-        D = D.at[i, j].set(jnp.linalg.solve(powers, jnp.array([0.0, 1.0, 0.0])))
-    return D

@@ -26,11 +26,9 @@ def gradient_at_nodes(data, nodal):
     return jnp.stack([to_nodes(data, found[..., j]) for j in range(2)], axis=-1)
 
 
-def laplacian(data, u):
-    """Recovered Laplacian (t, n, 2) of displacements (t, n, 2), 1/mm."""
-    columns = []
-    for i in range(2):
-        first = gradient_at_nodes(data, u[..., i])
-        second = [gradient_at_nodes(data, first[..., j])[..., j] for j in range(2)]
-        columns.append(second[0] + second[1])
-    return jnp.stack(columns, axis=-1)
+def second_derivatives(data, u):
+    """Second derivatives (t, n, 2, 2, 2), 1/mm, of displacements (t, n, 2): gradients at the nodes of such gradients, each
+    from quadratics over two rings of neighbours (`calibrate.recovery.nodal_gradients`)."""
+    first = jnp.einsum("tnkc,nkj->tncj", u[:, data.rings], data.ring_slopes)
+    second = jnp.einsum("tnkcj,nki->tncji", first[:, data.rings], data.ring_slopes)
+    return 0.5 * (second + jnp.swapaxes(second, -1, -2))
