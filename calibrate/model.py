@@ -134,6 +134,11 @@ class Model:
             content = json.loads(path.read_text())
         except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
             raise errors.ModelFileError(f"{path}: not a JSON model file ({error})") from error
+        if isinstance(content, dict) and content.get("format") == "equigap-extended-model":
+            raise errors.ModelFileError(
+                f"{path}: an extended model of `equigap discover`, whose effects no network holds; predict with "
+                "calibrate.extended.ExtendedModel, or save its 'network' (the base alone) as a file of its own"
+            )
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise errors.ModelFileError(f"{path}: 'format' is not '{FORMAT}'; `equigap calibrate` writes model files")
         if content.get("version") != VERSION:

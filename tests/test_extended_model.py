@@ -19,6 +19,7 @@ from calibrate.effects.effect import Parameter
 from calibrate.equilibrium import neo_hooke
 from calibrate.errors import ConfigError, DataNotFoundError, ModelFileError
 from calibrate.extended import ExtendedModel, amplitude_unit, fingerprint
+from calibrate.model import Model
 from studies.discovery import extended
 from studies.discovery_review import forces, residual
 
@@ -171,3 +172,10 @@ def test_units_without_a_thickness():
     assert amplitude_unit(Parameter("k", "MPa"), "N/mm") == "N/mm"
     assert amplitude_unit(Parameter("beta", "1/MPa"), "N/mm") == "mm/N"
     assert amplitude_unit(Parameter("tau", "s"), "N/mm") == "s"
+
+
+def test_commands_that_want_a_network_name_it(tmp_path):
+    path = tmp_path / "model.json"
+    neo_hookean().save(path)
+    with pytest.raises(ModelFileError, match=r"model.json: an extended model .*ExtendedModel"):
+        Model.load(path)
