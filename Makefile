@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help setup study blind quick test test-all lint format clean
+.PHONY: help setup study blind measured quick test test-all lint format clean
 
 help: ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 18
@@ -26,6 +26,9 @@ study: setup ## run the resolution and the thickness study at their default sett
 
 blind: setup ## blind trials of the diagnosis (hours; resumes where it was)
 	$(EQUIGAP) blind --jobs $(JOBS)
+
+measured: setup ## what measured sheets and homogeneous tests do beyond hyperelasticity (EQUIGAP_DATA, or fetched)
+	$(EQUIGAP) measured
 
 quick: setup ## everything at its smallest, a few minutes
 	$(EQUIGAP) specimens --quick -o $(QUICK)/specimens

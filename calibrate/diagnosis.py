@@ -39,6 +39,7 @@ COLLINEAR = 0.9  # |cos| of signatures that cannot be told apart
 ABSORBED = 1e-3  # share of a signature that must be left by the base
 DRAWS = 2000  # of the simulated search
 PASSES = 12
+FOLLOWED = 3  # iterations of a fit in which the estimate of the true displacements follows it
 STIFFENING = 0.1  # prior: by how much psi_1 may grow from one spline to the next, over its value at rest
 SETTLED = 0.05  # relative change of the base between the last two passes
 CONDITION = 1e-8
@@ -413,13 +414,14 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
     """
     cone, n = problem.cone, problem.cone.shape[1]
     w = np.maximum(np.linalg.lstsq(cone, c, rcond=None)[0], 0.0)
-    for _ in range(iterations):
+    for k in range(iterations):
         c = cone @ w
         r = residual(problem, c, additions)
         dispersion = max(1.0, float(r @ r) / len(r))
-        chains = denoised(problem, c, r, dispersion)
-        G = base_columns(problem, chains)
-        base = orthonormal(G)
+        if k < FOLLOWED:
+            chains = denoised(problem, c, r, dispersion)
+            G = base_columns(problem, chains)
+            base = orthonormal(G)
         S, change, variables = np.zeros((len(r), 0)), np.zeros(0), Variables(additions)
         left = S
         if additions:

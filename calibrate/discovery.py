@@ -39,8 +39,8 @@ CLOSE = 9.2  # difference of scores below which the likelihoods of two effects d
 MOST = 3  # effects in a model: one more than can be named
 TRIES = 3
 RIVAL = 0.8  # of the best score: effects so close are fitted before one is chosen, as scores are those of small effects
-REFINED = 5  # significant effects whose shape is refined before they are compared
-SHAPE_EVALUATIONS = 24
+REFINED = 4  # significant effects whose shape is refined before they are compared
+SHAPE_EVALUATIONS = 14  # the fit goes on from there
 
 
 @dataclass(frozen=True)
@@ -418,7 +418,7 @@ def _better(before: Misfit, after: Misfit) -> bool:
 
 def _best_shape(problem: Problem, state: Fit, found: Score) -> Score:
     """The score at the best shape near the best one of the grid."""
-    if not found.shape:
+    if not found.shape or not found.effect.shapes_vary:
         return found
     U = state.columns
     r = state.residual - U @ (U.T @ state.residual)

@@ -82,6 +82,11 @@ COMMANDS = {
         "study: does the diagnosis find hidden effects, and nothing where nothing is?",
         "equigap blind --quick\n  equigap blind --trials 5 --nulls 20 --jobs 8",
     ),
+    "measured": Command(
+        "studies.measured",
+        "study: what measured sheets and homogeneous tests do beyond hyperelasticity",
+        "equigap measured --quick\n  equigap measured --until 15 --frames 24 -o results/measured",
+    ),
     "supervised": Command(
         "studies.supervised",
         "fit networks directly to stress-stretch data",

@@ -18,6 +18,7 @@ from studies import column_import, column_map, data, dic_csv
 from studies.folder import open_output_folder
 from studies.import_report import picture, report, summary
 from studies.manifest import Manifest
+from studies.missing_frames import with_missing_frames
 from studies.series import Series, to_experiment
 from studies.synchronise import Selection
 from studies.viewer import write_viewer_file
@@ -149,6 +150,7 @@ def _read(args: argparse.Namespace) -> Read:
     )  # fmt: skip
     series = dic_csv.sheet_series(frames, record, options, args.name or source.stem)
     series.provenance["source"] = source.name
+    series = with_missing_frames(series)
     return series, _selection(args), _stated(args), args.noise, inputs
 
 
@@ -176,6 +178,8 @@ def _read_map(args: argparse.Namespace, source: Path) -> Read:
     columns = column_map.read_map(source)
     series = column_import.column_series(columns, source.parent)
     series.provenance.update(source=source.name, map=asdict(columns))
+    if columns.frames.rate_hz is not None:
+        series = with_missing_frames(series)
     return series, columns.selection, columns.stated_noise, columns.noise.kind, [source]
 
 

@@ -45,10 +45,8 @@ class Data:
 
     points (n, 2), triangles (m, 3), stencil (m, k) and slopes (m, k, 2): gradient at the centroids = sum over the
     stencil of nodal values times slopes, 1/mm; areas (m,) mm^2, centroids (m, 2), u (t, n, 2) mm, time (t,) s or None,
-    thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm, edge_nodes (m, 2): of a free
-    edge, motion: see
-    `calibrate.effects.branches`, None without a time,
-    lines (n, 2, 4): see `calibrate.effects.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
+    thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm, edge_nodes (m, 2): of
+    a free edge, motion: see `calibrate.effects.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
     the stencil and slopes above, membrane: see `calibrate.effects.membrane`.
     """
 
@@ -146,7 +144,8 @@ def free_edges(experiment: Experiment) -> tuple[Array, NDArray[np.int64]]:
 class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.
 
-    name; stage: one of STAGES; formula: for the report; amplitudes; shapes; gauge: why it can never be told apart
+    name; stage: one of STAGES; formula: for the report; amplitudes; shapes; shapes_vary: whether other shapes than the
+    `shape_values` mean anything; gauge: why it can never be told apart
     from another quantity, or nothing; decided_by: the experiment that tells it from its likes; of_material: holds for
     every specimen of a material, not of one test alone.
     """
@@ -156,6 +155,7 @@ class Effect:
     formula: ClassVar[str]
     amplitudes: ClassVar[tuple[Parameter, ...]]
     shapes: ClassVar[tuple[Parameter, ...]] = ()
+    shapes_vary: ClassVar[bool] = True
     gauge: ClassVar[str] = ""
     decided_by: ClassVar[str] = ""
     of_material: ClassVar[bool] = False

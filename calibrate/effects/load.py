@@ -41,6 +41,7 @@ class Lag(Effect):
     formula = "u(t + dt)"
     amplitudes = (Parameter("dt", "s", typical=0.2),)
     shapes = (Parameter("branch", "1", lower=-1.0, upper=1.0),)
+    shapes_vary = False
     decided_by = "a pause in the loading, or a second rate"
 
     def missing(self, data):
