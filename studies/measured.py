@@ -1,0 +1,154 @@
+"""`equigap measured`: the loop closed on measured data; nothing but the data in, one report with its numbers out.
+
+Out: ``report.html``, ``measured.json`` (every number), ``errors.csv``, ``candidates.csv``, ``sections.csv``,
+``homogeneous.csv``, ``control.csv``, pictures and a manifest. Every step is kept in ``steps/`` and not made again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from studies.options import add_output, count, output_folder, positive, settings
+
+if TYPE_CHECKING:
+    from calibrate.experiment import Experiment
+
+DESCRIPTION = """\
+What measured sheets and measured homogeneous tests do beyond a hyperelastic model of I1. Learns on Soft_Homo, carries
+that to Stiff2_Homo with one factor refitted, locates what differs in Stiff2_Hetero; runs the loops of Treloar, Kawabata
+and HNBR50; and looks for effects where there can be none. Takes some minutes; a stopped run goes on where it was."""
+FIRST, SECOND, HETERO = "Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero"
+FINE, CELL = 5.0, 3.5  # mm: virtual fields and grid of the map of stiffness
+LOCAL_FRAMES, TRIPLETS = 12, 14
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `equigap measured`."""
+    parser.add_argument(
+        "--until", type=positive, default=15.0, metavar="S", help="fitted up to then, scored after (15)"
+    )
+    parser.add_argument("--frames", type=count, default=24, help="of each sheet (default: %(default)s)")
+    parser.add_argument(
+        "--spacing", type=positive, default=12.0, metavar="MM", help="of the virtual fields on the sheets (12)"
+    )
+    parser.add_argument("--base", choices=("positive", "convex"), default="positive", help="see `equigap discover`")
+    parser.add_argument("--quick", action="store_true", help="the sheets alone, with 15 frames")
+    add_output(parser, "measured")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Run every step that is not there yet, write the report. Raises `DataNotFoundError` and errors of an Experiment."""
+    from studies import data
+    from studies.discovery import Stages
+    from studies.measured_report import write
+    from studies.output import Manifest, open_output_folder
+
+    started = time.time()
+    sources = [data.sheet(name) for name in (FIRST, SECOND, HETERO)]  # before anything is made: are the data there?
+    key = settings(args)
+    folder = open_output_folder(output_folder(args, "measured"), args.overwrite, {"study": "measured", **key})
+    manifest = Manifest(0, key, sources, started)
+    with Stages() as say:
+        results = Steps(folder, args, say).all()
+        say("writing the report")
+        report, answer = write(folder, results, manifest)
+    print(f"{answer}\nreport: {report}")
+    return 0
+
+
+class Steps:
+    """The steps of the study; each returns plain numbers, kept as JSON under ``steps/``."""
+
+    def __init__(self, folder: Path, args: argparse.Namespace, say: Callable[[str], None]) -> None:
+        self.folder, self.args, self.say = folder, args, say
+        self.frames = 15 if args.quick else args.frames
+        self._sheets: dict[str, Experiment] = {}
+
+    def all(self) -> dict[str, Any]:
+        """Every step's result by name."""
+        results: dict[str, Any] = {}
+        for name in (FIRST, SECOND, HETERO):
+            results[f"record_{name}"] = self.step(f"record_{name}", partial(self.record, name))
+        results["first"] = self.step("first", lambda: self.learn(FIRST))
+        results["rivals"] = self.step("rivals", lambda: self.rivals(results["first"]))
+        results["second"] = self.step("second", lambda: self.transfer(SECOND, results["first"]))
+        results["hetero"] = self.step("hetero", lambda: self.transfer(HETERO, results["second"]))
+        results["map"] = self.step("map", lambda: self.locate(results["hetero"]))
+        for name in (FIRST, SECOND, HETERO):
+            results[f"control_{name}"] = self.step(f"control_{name}", partial(self.control, name))
+        if not self.args.quick:
+            from studies.homogeneous_loops import loops
+
+            for loop in loops():
+                key = f"loop_{loop.name}"
+                results[key] = self.step(key, partial(self.homogeneous, loop))
+        return results
+
+    def step(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """The result kept from an earlier run, or a new one."""
+        from studies.writing import plain, write_json
+
+        path = self.folder / "steps" / f"{name}.json"
+        if path.exists():
+            return json.loads(path.read_text())
+        self.say(name.replace("_", " "))
+        began = time.monotonic()
+        result = plain({**make(), "seconds": None})
+        result["seconds"] = round(time.monotonic() - began, 1)
+        write_json(path, result)
+        return result
+
+    def sheet(self, name: str) -> Experiment:
+        """The sheet with its increments."""
+        from studies.importing import import_experiment
+
+        if name not in self._sheets:
+            self._sheets[name] = import_experiment(name, frames=str(self.frames))
+        return self._sheets[name]
+
+    def record(self, name: str) -> dict[str, Any]:
+        from studies.measured_record import record
+
+        return record(name, self.sheet(name))
+
+    def learn(self, name: str) -> dict[str, Any]:
+        from studies.measured_sheets import learn
+
+        args = self.args
+        return learn(self.sheet(name), args.until, args.spacing, args.base, self.say)
+
+    def rivals(self, learnt: dict[str, Any]) -> dict[str, Any]:
+        from studies.measured_sheets import Material, Split, rivals
+
+        e = self.sheet(FIRST)
+        material = Material.from_dict(learnt["models"][-1]["material"])
+        return {"models": rivals(e, material, Split.of(e, self.args.until), self.args.spacing)}
+
+    def transfer(self, name: str, learnt: dict[str, Any]) -> dict[str, Any]:
+        from studies.measured_sheets import transfer
+
+        return transfer(self.sheet(name), learnt["models"], self.args.until, self.args.spacing)
+
+    def locate(self, carried: dict[str, Any]) -> dict[str, Any]:
+        from studies.importing import import_experiment
+        from studies.measured_sheets import Material, stiffness_map
+
+        e = import_experiment(HETERO, frames=str(LOCAL_FRAMES))
+        material = Material.from_dict(carried["models"][-1]["material"])
+        return stiffness_map(e, material, self.args.until, FINE, CELL)
+
+    def control(self, name: str) -> dict[str, Any]:
+        from studies.measured_control import imported, split_half
+
+        return split_half(imported(name, TRIPLETS), self.args.spacing)
+
+    def homogeneous(self, loop: Any) -> dict[str, Any]:
+        from studies.measured_homogeneous import close
+
+        return close(loop, self.say)

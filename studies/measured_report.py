@@ -1,0 +1,114 @@
+"""The report on measured data: results of `studies.measured` in; HTML with pictures, JSON and CSV out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from studies import measured_words as words
+from studies.measured_figures import FIGURES
+from studies.output import write_csv, write_figure, write_json
+from studies.report import Report
+
+RELAXED = (
+    "The same effects with two kinds of base: a material that is softer at larger strain, and one that relaxes while it is "
+    "pulled. On one ramp at one speed strain and time go together, so that both fit; a pause in the loading, a second speed or "
+    "an unloading would tell."
+)
+CONTRACTION = (
+    "Compressibility, fibres across the pull and motion out of plane all make the sheet contract less than an "
+    "incompressible one. Edges that are gripped do not contract in the pictures, which speaks against motion out of plane. A "
+    "gauge of the thickness during the pull tells compressibility, a sheet printed or cut at a right angle tells fibres."
+)
+WARP = (
+    "The strain that is left at no load has no contraction with it and the same pattern in sheets of different stiffness: it is "
+    "no stress. A sheet that was not flat in the first picture does this; a reference picture under a small load, or a second "
+    "camera, would tell."
+)
+
+
+def write(folder: Path, results: dict[str, Any], manifest: Any) -> tuple[Path, str]:
+    """Write everything into `folder`; returns the report's path and the answer in words."""
+    answer = words.answers(results)
+    files = [folder / "report.html", *_data(folder, results)]
+    pictures = _pictures(folder, results)
+    report = Report("Measured data: what a hyperelastic model leaves", "printed sheets under 2D DIC; homogeneous tests")
+    report.heading("Findings").paragraph(".\n".join(answer) + ".")
+    report.heading("The records").table(*words.record_table(results))
+    report.paragraph(WARP)
+    _figure(report, pictures, "records")
+    learnt = results["first"]
+    report.heading(f"Learnt on {learnt['name']}").paragraph(words.verdict(learnt) + ".")
+    report.table(*words.error_table(learnt["models"])).table(*words.amplitude_table(learnt["models"]))
+    report.table(*words.candidate_table(learnt["rounds"]))
+    report.heading("Strain or time").paragraph(RELAXED).table(*words.rival_table(results["rivals"]["models"]))
+    report.heading("Contraction").paragraph(CONTRACTION)
+    report.heading(f"Carried to {results['second']['name']}, one factor refitted")
+    report.table(*words.error_table(results["second"]["models"]))
+    _figure(report, pictures, "sections")
+    _figure(report, pictures, "grips")
+    report.heading(f"What differs in {results['hetero']['name']}")
+    report.table(*words.error_table(results["hetero"]["models"])).table(*words.map_table(results["map"]))
+    _figure(report, pictures, "stiffness")
+    report.heading("Negative control").table(*words.control_table(results))
+    if words.loop_table(results)[1]:
+        report.heading("Homogeneous tests").table(*words.loop_table(results))
+        for key, r in results.items():
+            if key.startswith("loop_"):
+                report.paragraph(f"{r['name']}: {r['question']} {r['verdict']}.")
+        _figure(report, pictures, "homogeneous")
+    record = manifest.to_dict()
+    report.heading("How it was made").details("Settings", record["settings"]).details("Versions", record["versions"])
+    report.save(files[0])
+    manifest.beside(*files, *(path for path, _ in pictures.values()), in_words=answer)
+    return files[0], "\n".join(answer)
+
+
+def _figure(report: Report, pictures: dict[str, tuple[Path, str]], name: str) -> None:
+    if name in pictures:
+        report.figure(*pictures[name])
+
+
+def _pictures(folder: Path, results: dict[str, Any]) -> dict[str, tuple[Path, str]]:
+    drawn = {}
+    for name, (draw, caption) in FIGURES.items():
+        figure = draw(results)
+        if figure is not None:
+            write_figure(folder / f"{name}.png", figure, dpi=130)
+            drawn[name] = folder / f"{name}.png", caption
+    return drawn
+
+
+def _data(folder: Path, results: dict[str, Any]) -> list[Path]:
+    """measured.json, errors.csv, candidates.csv, sections.csv, homogeneous.csv, control.csv."""
+    write_json(folder / "measured.json", results)
+    rows, sections = [], []
+    for key in ("first", "second", "hetero"):
+        for model in results[key]["models"]:
+            for part, errors in model["errors"].items():
+                rows.append([results[key]["name"], key, model["name"], part, *errors.values()])
+            for time, values in zip(results[key]["time"], model["sections"], strict=True):
+                sections.append([results[key]["name"], key, model["name"], time, *values])
+    for part, both in results["map"]["errors"].items():
+        for when, errors in both.items():
+            rows.append(
+                [results["map"]["name"], "map", f"stiffness that varies, {when}", part, *errors.values(), None, None]
+            )
+    tables = {
+        "errors": (
+            ["sheet", "step", "model", "increments", "force", "field", "section_scatter", "lower_over_upper"],
+            rows,
+        ),
+        "sections": (
+            ["sheet", "step", "model", "time_s", *(f"band_{i}" for i in range(1, len(sections[0]) - 3))],
+            sections,
+        ),
+        "homogeneous": words.loop_table(results),
+        "control": words.control_table(results),
+    }
+    tables["candidates"] = words.candidate_table(results["first"]["rounds"])
+    paths = [folder / "measured.json"]
+    for name, (columns, lines) in tables.items():
+        write_csv(folder / f"{name}.csv", columns, lines)
+        paths.append(folder / f"{name}.csv")
+    return paths

@@ -1,0 +1,161 @@
+"""Tables and sentences on measured data. Results of `studies.measured` in, text out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from studies.measured_figures import SHEETS
+
+Table = tuple[list[str], list[list[Any]]]
+PARTS = ("fitted", "scored")
+
+
+def percent(value: float) -> str:
+    """'2.6 %'."""
+    return f"{100 * value:.2g} %"
+
+
+def error_table(models: list[dict[str, Any]]) -> Table:
+    """One row a model: errors on what was fitted and on what was scored."""
+    columns = ["model", "factor", "force, fitted", "force, scored", "field, fitted", "field, scored",
+               "section scatter, scored", "lower / upper third, scored"]  # fmt: skip
+    rows = []
+    for m in models:
+        fitted, scored = m["errors"]["fitted"], m["errors"]["scored"]
+        rows.append([m["name"], m.get("factor"), percent(fitted["force"]), percent(scored["force"]),
+                     percent(fitted["field"]), percent(scored["field"]), percent(scored["section_scatter"]),
+                     round(scored["lower_over_upper"], 3)])  # fmt: skip
+    return columns, rows
+
+
+def record_table(results: dict[str, Any]) -> Table:
+    """What each record says before any model."""
+    columns = ["sheet", "missing frames", "exponent of the force", "contraction in the middle",
+               "largest axial strain left at no load", "lateral"]  # fmt: skip
+    rows = []
+    for name in SHEETS:
+        r = results[f"record_{name}"]
+        gaps = ", ".join(f"{n} before frame {k}" for k, n in r["missing_frames"].items()) or "none"
+        inner = [max(map(abs, part[1:-1])) for part in r["at_rest"]]
+        rows.append(
+            [
+                name,
+                gaps,
+                round(r["force_exponent"], 3),
+                round(r["contraction"], 3),
+                percent(inner[0]),
+                percent(inner[1]),
+            ]
+        )
+    return columns, rows
+
+
+def amplitude_table(models: list[dict[str, Any]]) -> Table:
+    """Amplitudes of the last model."""
+    rows = [[a["effect"], a["name"], a["value"], a["deviation"], a["unit"]] for a in models[-1]["amplitudes"]]
+    return ["effect", "amplitude", "value", "standard deviation", "unit"], rows
+
+
+def candidate_table(rounds: list[dict[str, Any]]) -> Table:
+    """Every candidate of every round."""
+    columns = ["round", "effect", "score", "share of the misfit", "adjusted p", "admissible", "chi-square, confirming",
+               "added", "signature like"]  # fmt: skip
+    rows = []
+    for i, now in enumerate(rounds, start=1):
+        for c in now["candidates"]:
+            rows.append([i, c["effect"], c["score"], percent(c["share"]), c["adjusted_p"],
+                         "yes" if c["admissible"] else "no", c["confirming_chi_square"],
+                         "yes" if c["effect"] == now["added"] else "", ", ".join(c["like"])])  # fmt: skip
+    return columns, rows
+
+
+def rival_table(rivals: list[dict[str, Any]]) -> Table:
+    """Softening with strain against relaxation in time."""
+    columns = ["base", "force, fitted", "field, fitted", "force, scored", "field, scored", "branches (s: N/mm)"]
+    rows = []
+    for m in rivals:
+        fitted, scored = m["errors"]["fitted"], m["errors"]["scored"]
+        branches = ", ".join(f"{tau}: {g:.3g}" for tau, g in m["branches"].items() if g > 1e-6)
+        rows.append([m["name"], *(percent(v) for v in (fitted["force"], fitted["field"], scored["force"], scored["field"])),
+                     branches])  # fmt: skip
+    return columns, rows
+
+
+def map_table(located: dict[str, Any]) -> Table:
+    """Errors of the heterogeneous sheet before and after."""
+    rows = [
+        [
+            part,
+            *(
+                percent(located["errors"][part][when][what])
+                for what in ("force", "field")
+                for when in ("before", "after")
+            ),
+        ]
+        for part in PARTS
+    ]
+    return ["increments", "force before", "force after", "field before", "field after"], rows
+
+
+def control_table(results: dict[str, Any]) -> Table:
+    """The negative control."""
+    rows = []
+    for name in SHEETS:
+        r = results[f"control_{name}"]
+        first = max(r["effects"], key=lambda e: e["score"], default={"effect": None})
+        rows.append(
+            [name, r["triplets"], r["reduced_chi_square"], len(r["effects"]), r["smallest_adjusted_p"], first["effect"]]
+        )
+    return [
+        "sheet",
+        "pictures compared",
+        "reduced chi-square",
+        "effects tested",
+        "smallest adjusted p",
+        "highest score",
+    ], rows
+
+
+def loop_table(results: dict[str, Any]) -> Table:
+    """Homogeneous tests, before and after."""
+    rows = []
+    for key, r in results.items():
+        if key.startswith("loop_"):
+            effects = ", ".join([*r["named"], *(f"({name})" for name in r["closest"])]) or "none"
+            for t in r["tests"]:
+                role = "fitted" if t["fitted"] else "held out"
+                rows.append(
+                    [r["name"], t["name"], role, percent(t["before"]), percent(t["after"]), r["verdict"], effects]
+                )
+    return ["loop", "test", "role", "before", "after", "verdict", "effects"], rows
+
+
+def verdict(learnt: dict[str, Any]) -> str:
+    """One line on a sheet."""
+    base, final = learnt["models"][0]["errors"]["scored"], learnt["models"][-1]["errors"]["scored"]
+    effects = ", ".join(learnt["closest"])
+    text = f"{learnt['name']}: {learnt['verdict']}"
+    if effects:
+        text += f"; closest: {effects}"
+    return (
+        f"{text}; on increments never used, force error {percent(base['force'])} -> {percent(final['force'])}, "
+        f"field error {percent(base['field'])} -> {percent(final['field'])}"
+    )
+
+
+def answers(results: dict[str, Any]) -> list[str]:
+    """The findings, a line each."""
+    second, located = results["second"]["models"], results["map"]["errors"]["scored"]
+    carried = [percent(m["errors"]["scored"]["force"]) for m in (second[0], second[-1])]
+    controls = [results[f"control_{name}"] for name in SHEETS]
+    found = [c["name"] for c in controls if c["smallest_adjusted_p"] < 0.05]
+    return [
+        verdict(results["first"]),
+        f"carried to {results['second']['name']} with the stiffness times {second[-1]['factor']:.3g}: force error "
+        f"{carried[0]} -> {carried[1]}",
+        f"{results['map']['name']}: with a stiffness that varies, force error {percent(located['before']['force'])} -> "
+        f"{percent(located['after']['force'])}, field error {percent(located['before']['field'])} -> "
+        f"{percent(located['after']['field'])}",
+        "between neighbouring pictures: "
+        + (f"something significant in {', '.join(found)}" if found else "nothing significant"),
+    ]

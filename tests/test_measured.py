@@ -1,0 +1,180 @@
+"""Measured sheets: gaps in the pictures, initial warp, carrying a material, locating a stiffer place, the command."""
+
+import argparse
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.polynomial import legendre
+from scipy.optimize import brentq
+
+from calibrate import errors
+from calibrate.basis import SingleBasis
+from calibrate.chain import Addition
+from calibrate.effects import Data
+from calibrate.effects.compressibility import Compressibility
+from calibrate.effects.warp import ORDER, InitialWarp, integrals
+from calibrate.equilibrium import neo_hooke
+from calibrate.experiment import Experiment, LoadedBoundary
+from studies import measured, measured_sheets
+from studies.measured_control import triplets
+from studies.measured_sheets import Material, Split
+from studies.missing_frames import missing_frames
+
+SIZE, MU = 40.0, 0.4
+TIME = np.linspace(1.0, 20.0, 10)
+BASIS = SingleBasis(0, 1.0, 12)
+MATERIAL = Material(BASIS, neo_hooke(BASIS, MU), ())
+
+
+def sheet(stretches, lateral, forces, free):
+    """A square of SIZE mm whose rows (n,) move to the integral of `stretches` (t, n - 1), pulled along y; thickness 1 mm."""
+    n = stretches.shape[1] + 1
+    line = np.linspace(0, SIZE, n)
+    x, y = map(np.ravel, np.meshgrid(line, line))
+    number = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (number[i : n - 1 + i, j : n - 1 + j].ravel() for i, j in ((0, 0), (0, 1), (1, 1), (1, 0)))
+    triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    up = np.concatenate([np.zeros((len(stretches), 1)), np.cumsum((stretches - 1) * SIZE / (n - 1), axis=1)], axis=1)
+    u = np.stack([(lateral - 1)[:, None] * x, up[:, np.repeat(np.arange(n), n)]], axis=-1)
+    pull = np.stack([np.zeros(len(forces)), forces], axis=1)
+    sides = np.concatenate([number[1:-1, 0], number[1:-1, -1]]) if free else np.array([], int)
+    loaded = (LoadedBoundary("bottom", number[0], -pull), LoadedBoundary("top", number[-1], pull))
+    return Experiment("stand-in", np.stack([x, y], axis=1), triangles, u, loaded, sides, 1.0, TIME)
+
+
+@pytest.fixture(scope="module")
+def uniaxial():
+    """A neo-Hookean sheet that contracts freely: the stress is mu (l - 1 / l^2)."""
+    stretch = np.linspace(1.04, 1.4, len(TIME))
+    force = SIZE * MU * (stretch - stretch**-2)
+    return sheet(np.repeat(stretch[:, None], 12, axis=1), stretch**-0.5, force, True)
+
+
+@pytest.fixture(scope="module")
+def layered():
+    """Held in width, the upper half twice as stiff: mu (l - 1 / l^3) is the same in both halves."""
+    upper = np.linspace(1.02, 1.2, len(TIME))
+    stress = 2 * MU * (upper - upper**-3)
+    lower = np.array([brentq(lambda s, p=p: MU * (s - s**-3) - p, 1, 3) for p in stress])
+    stretches = np.concatenate([np.repeat(lower[:, None], 10, axis=1), np.repeat(upper[:, None], 10, axis=1)], axis=1)
+    return sheet(stretches, np.ones(len(TIME)), SIZE * stress, False)
+
+
+def steady(n=60):
+    """Displacements (n, 100, 2) of points that move on at an even pace, with a little jitter."""
+    points = np.random.default_rng(0).uniform(0, 40, (100, 2))
+    field = np.stack([-0.3 * points[:, 0], points[:, 1]], axis=1) / 40
+    jitter = 0.02 * np.random.default_rng(1).normal(size=n)
+    return field, (np.arange(n) + jitter)[:, None, None] * 0.08 * field
+
+
+def test_missing_frames_are_counted():
+    _, u = steady()
+    kept = np.delete(np.arange(60), [20, 21, 40])
+    assert missing_frames(0.2 * np.arange(57), u[kept]) == {20: 2, 38: 1}
+    assert missing_frames(0.2 * np.arange(60), u) == {}
+
+
+def test_a_slip_is_no_missing_frame():
+    """A step twice as long, but of another field, is the specimen's own."""
+    field, u = steady()
+    slip = u.copy()
+    slip[30:] += 0.08 * np.stack([field[:, 1], field[:, 0]], axis=1) * 1.5
+    assert missing_frames(0.2 * np.arange(60), slip) == {}
+    assert missing_frames(np.cumsum(np.linspace(0.1, 0.3, 60)), u) == {}
+
+
+def test_warp_strains_are_legendre_polynomials():
+    x = np.linspace(-1, 1, 9)
+    for k in range(1, ORDER + 1):
+        expected = legendre.legval(x, legendre.legint(np.eye(ORDER + 1)[k], lbnd=-1))
+        assert np.asarray(integrals(jnp.asarray(x)))[k - 1] == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_sheet_that_was_bowed_is_flattened(uniaxial):
+    """A slope q = s y / L makes the strain q^2 / 2: even in y, so that its part beyond the mean is p_2 / 3 s^2 / 2."""
+    s = 0.1
+    y = uniaxial.points[:, 1] - SIZE / 2
+    seen = s**2 / 2 * (y**3 / 3 / (SIZE / 2) ** 2 - y / 3)  # integral of q^2 / 2 minus its mean
+    amplitudes = np.zeros(2 * ORDER)
+    amplitudes[ORDER + 1] = s**2 / 2 * 2 / 3
+    u = uniaxial.displacements + np.stack([np.zeros_like(y), seen], axis=1)
+    flat = InitialWarp().displacements(Data.of(uniaxial), jnp.asarray(u), jnp.asarray(amplitudes), ())
+    assert np.asarray(flat) == pytest.approx(uniaxial.displacements, abs=1e-12)
+
+
+def test_section_forces_of_a_uniform_sheet(uniaxial):
+    found = measured_sheets.section_forces(uniaxial, MATERIAL)
+    assert found == pytest.approx(np.repeat(measured_sheets.force(uniaxial)[:, None], found.shape[1], axis=1), rel=2e-3)
+
+
+def test_a_material_is_carried_with_one_factor(uniaxial):
+    result = measured_sheets.transfer(uniaxial, [{"name": "base", "material": MATERIAL.scaled(0.5).to_dict()}], 10.0, 12.0)
+    model = result["models"][0]
+    assert model["factor"] == pytest.approx(2.0, rel=5e-3)
+    assert model["errors"]["scored"]["force"] < 5e-3
+    assert model["errors"]["scored"]["lower_over_upper"] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_scaling_a_material_scales_its_stress(uniaxial):
+    """beta in 1/MPa falls as the stiffness rises, so that the volume ratio stays."""
+    soft = Material(BASIS, MATERIAL.c, (Addition(Compressibility(), (0.2,)),))
+    assert measured_sheets.section_forces(uniaxial, soft.scaled(3.0)) == pytest.approx(
+        3 * measured_sheets.section_forces(uniaxial, soft), rel=1e-9
+    )
+    assert Material.from_dict(json.loads(json.dumps(soft.to_dict()))).additions == soft.additions
+
+
+def test_the_stiffer_half_is_located(layered):
+    found = measured_sheets.stiffness_map(layered, MATERIAL, 10.0, 8.0, 8.0)
+    y = layered.points[:, 1]
+    values = np.array(found["map"])
+    inner = np.abs(layered.points[:, 0] - SIZE / 2) < SIZE / 4
+    assert np.median(values[inner & (y < 0.3 * SIZE)]) == pytest.approx(1.0, abs=0.1)
+    assert np.median(values[inner & (y > 0.7 * SIZE)]) == pytest.approx(2.0, abs=0.2)
+    scored = found["errors"]["scored"]
+    assert scored["after"]["force"] < 0.2 * scored["before"]["force"]
+
+
+def test_increments_are_fitted_confirm_and_are_scored_once(uniaxial):
+    split = Split.of(uniaxial, 13.0)
+    assert (split.fitted.astype(int) + split.confirms + split.scored == 1).all()
+    assert TIME[split.fitted].max() < TIME[split.confirms].min() < TIME[split.scored].min()
+    with pytest.raises(errors.ConfigError, match="increments are before 2 s"):
+        Split.of(uniaxial, 2.0)
+
+
+def test_pictures_are_not_compared_across_a_gap():
+    time = 0.2 * np.arange(100)
+    time[51:] += 0.4
+    frames = np.array(triplets(time, 10)).reshape(-1, 3)
+    assert (np.diff(frames, axis=1) == 1).all() and (np.diff(frames[:, 1]) > 2).all()
+    assert np.ptp(time[frames], axis=1).max() < 0.5
+
+
+def steps(folder):
+    parser = argparse.ArgumentParser()
+    measured.add_arguments(parser)
+    return measured.Steps(folder, parser.parse_args([]), lambda text: None)
+
+
+def test_a_step_is_made_once(tmp_path):
+    made = []
+    for _ in range(2):
+        result = steps(tmp_path).step("one", lambda: {"value": made.append(1) or 3.0})
+    assert result["value"] == 3.0 and len(made) == 1
+
+
+def test_absent_data_are_named_before_anything_is_made(tmp_path, monkeypatch):
+    from studies import data
+
+    def absent(name):
+        raise errors.DataNotFoundError(f"data file {name} not found")
+
+    monkeypatch.setattr(data, "sheet", absent)
+    args = argparse.Namespace(output=tmp_path / "out", overwrite=False, quick=True)
+    with pytest.raises(errors.DataNotFoundError, match="Soft_Homo"):
+        measured.main(args)
+    assert not (tmp_path / "out").exists()
