@@ -45,7 +45,8 @@ def test_labels_speak_the_language_of_the_catalogue(effect):
     for seed in range(5):
         hidden = label(draw(seed, effect.name))["effects"][0]
         assert hidden["name"] == effect.name
-        for parameters, values in ((effect.amplitudes, hidden["amplitudes"]), (effect.shapes, hidden["shape"])):
+        shapes = effect.shapes if effect.shapes_vary else ()
+        for parameters, values in ((effect.amplitudes, hidden["amplitudes"]), (shapes, hidden["shape"])):
             assert [p.name for p in parameters] == list(values)
             assert all(p.lower <= values[p.name] <= p.upper for p in parameters)
 

@@ -103,6 +103,7 @@ class SubsetSmoothing(Effect):
     formula = "u + s2 M : grad grad u / 2, M: moments of a square cut by edges"
     amplitudes = (Parameter("s2", "mm^2", lower=0.0, typical=1.0),)
     shapes = (Parameter("side", "mm", lower=0.0),)
+    shapes_vary = False
     decided_by = "the same pictures correlated with smaller subsets"
 
     def shape_values(self, data):

@@ -144,8 +144,8 @@ def free_edges(experiment: Experiment) -> tuple[Array, NDArray[np.int64]]:
 class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.
 
-    name; stage: one of STAGES; formula: for the report; amplitudes; shapes; shapes_vary: whether other shapes than the
-    `shape_values` mean anything; gauge: why it can never be told apart
+    name; stage: one of STAGES; formula: for the report; amplitudes; shapes; shapes_vary: False where they only choose a
+    derivative at the null value and mean nothing once the amplitude is known; gauge: why it can never be told apart
     from another quantity, or nothing; decided_by: the experiment that tells it from its likes; of_material: holds for
     every specimen of a material, not of one test alone.
     """
