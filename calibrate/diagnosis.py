@@ -25,7 +25,7 @@ from scipy import stats
 from scipy.optimize import lsq_linear
 
 from calibrate import discrepancy, errors, kinematics, reduction
-from calibrate.basis import SingleBasis, Spline, basis_for, polyconvex
+from calibrate.basis import DEGREE, SingleBasis, Spline, basis_for, polyconvex
 from calibrate.chain import Addition, Additions, Chain
 from calibrate.effects import CATALOGUE, Effect, Parameter
 from calibrate.equilibrium import Equilibrium, equilibrium
@@ -85,7 +85,9 @@ class Problem:
     """Experiments with weights. parts: all; those without training rows are held out.
 
     cone (n, k): the base models are non-negative sums of its columns. prior (r, k), 1 / MPa: a weak normal prior on the
-    changes of psi_1, without which the last splines take up whatever is wrong and ruin the extrapolation.
+    changes of psi_1, without which the last splines take up whatever is wrong and ruin the extrapolation. parametric: effects
+    are tested and fitted beside the functions of the cone alone (a neo-Hookean base, for one), not beside all splines. An
+    effect that any energy of I1 could imitate is found only so, and only if the base is right.
     """
 
     parts: tuple[Part, ...]
@@ -94,6 +96,7 @@ class Problem:
     prior: Array
     noise_is_known: bool
     with_discrepancy: bool
+    parametric: bool = False
 
     @property
     def trained(self) -> tuple[Part, ...]:
@@ -285,14 +288,25 @@ def trained_top(system: Equilibrium, mask: Mask) -> float:
 
 
 def base_cone(basis: SingleBasis, base: str, top: float, n: int = 24) -> Array:
-    """(n_functions, n): psi_1 of which the base models are non-negative sums; constant beyond I1 - 3 = top."""
+    """(n_functions, n): psi_1 of which the base models are non-negative sums; constant beyond I1 - 3 = top.
+
+    Cubic splines in sqrt(I1 - 3); fewer than four functions are straight lines between n points, and one is neo-Hooke.
+    """
     x = basis.site_inputs[:, basis.k]
-    values = Spline(n).matrix(np.sqrt(np.minimum(x / top, 1.0)))
+    along = np.sqrt(np.minimum(x / top, 1.0))
+    values = Spline(n).matrix(along) if n > DEGREE else _hats(along, n)
     if base == "convex":
         values = np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
     sites = np.zeros((n, len(x), 2))
     sites[:, :, basis.k] = values.T
     return basis.interpolation @ sites.reshape(n, -1).T
+
+
+def _hats(x: Array, n: int) -> Array:
+    """(m, n): straight lines between n even points of [0, 1]; 1 everywhere where there is but one."""
+    if n == 1:
+        return np.ones((len(x), 1))
+    return np.stack([np.interp(x, np.linspace(0, 1, n), row) for row in np.eye(n)], axis=1)
 
 
 def smoothness(base: str, n: int) -> Array:
@@ -421,7 +435,9 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
         if k < FOLLOWED:
             chains = denoised(problem, c, r, dispersion)
             G = base_columns(problem, chains)
-            base = orthonormal(G)
+            A = G @ cone
+            span = A if problem.parametric else G
+            base = orthonormal(span)
         S, change, variables = np.zeros((len(r), 0)), np.zeros(0), Variables(additions)
         left = S
         if additions:
@@ -433,7 +449,6 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
             change = bounded(left, left @ x - (r - base @ (base.T @ r)), lower, upper) - x
             change[~S.any(axis=0)] = 0.0  # shapes that mean something at the null value only
             additions = variables.at((x + change) * scale)
-        A = G @ cone
         new = bounded(A, A @ w - r - S @ change, np.zeros(n), np.full(n, np.inf), problem.prior * np.sqrt(dispersion))
         step, w = np.linalg.norm(A @ (new - w)) + np.linalg.norm(S @ change), new
         if step < 1e-2 * np.sqrt(dispersion):
@@ -441,7 +456,7 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
     c = cone @ w
     c = (1 + (1 - 1 / dispersion) * (stiffness_factor(problem, c, additions) - 1)) * c
     r = residual(problem, c, additions)
-    U = orthonormal(np.concatenate([G, S], axis=1))
+    U = orthonormal(np.concatenate([span, S], axis=1))
     free, degrees = beyond(r, U)
     clear = beyond(r, np.concatenate([U, doubtful([part.train for part in problem.trained])], axis=1))
     deviations: list[tuple[float, ...]] = []

@@ -11,8 +11,9 @@ import multiprocessing
 import os
 import threading
 import time
+from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
-from itertools import count
+from itertools import batched, count
 from pathlib import Path
 
 from studies.blind_case import Plan, run
@@ -32,7 +33,7 @@ PAIRS = (
     ("Mullins softening", "second invariant"),
 )
 
-RENEWED = 10  # trials after which a worker is renewed, with the memory that compiled code takes
+RENEWED = 12  # trials a worker after which all are renewed, with the memory that compiled code takes
 BREAKDOWNS = 3  # of the pool of workers, after which the run is given up
 
 
@@ -84,10 +85,27 @@ def watch_parent(parent: int) -> None:
 def diagnose_all(
     missing: list[Plan], trials: Path, cache: Path, jobs: int, failures: dict[str, str], progress: Progress
 ) -> None:
-    """Run trials side by side; errors go to `failures`. Raises `BrokenExecutor` when a worker dies."""
+    """Run trials side by side; errors go to `failures`. Raises `BrokenExecutor` when a worker dies.
+
+    Workers are renewed all at once: `max_tasks_per_child` stops for good in some versions of Python (gh-115634).
+    """
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, spawn, watch_parent, (os.getpid(),), max_tasks_per_child=RENEWED) as pool:
-        tasks = {pool.submit(run, plan, trials, cache): plan for plan in missing}
+    for batch in batched(missing, jobs * RENEWED):
+        _diagnose_batch(
+            batch, trials, cache, ProcessPoolExecutor(jobs, spawn, watch_parent, (os.getpid(),)), failures, progress
+        )
+
+
+def _diagnose_batch(
+    batch: Sequence[Plan],
+    trials: Path,
+    cache: Path,
+    pool: ProcessPoolExecutor,
+    failures: dict[str, str],
+    progress: Progress,
+) -> None:
+    with pool:
+        tasks = {pool.submit(run, plan, trials, cache): plan for plan in batch}
         try:
             for task in as_completed(tasks):
                 error = task.exception()

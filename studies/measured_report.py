@@ -45,6 +45,10 @@ def write(folder: Path, results: dict[str, Any], manifest: Any) -> tuple[Path, s
     report.heading("Contraction").paragraph(CONTRACTION)
     report.heading(f"Carried to {results['second']['name']}, one factor refitted")
     report.table(*words.error_table(results["second"]["models"]))
+    own = results["own"]
+    report.heading(f"The same loop on {own['name']} alone").paragraph(words.verdict(own) + ".")
+    report.table(*words.error_table(own["models"])).table(*words.amplitude_table(own["models"]))
+    report.table(*words.candidate_table(own["rounds"]))
     _figure(report, pictures, "sections")
     _figure(report, pictures, "grips")
     report.heading(f"What differs in {results['hetero']['name']}")
@@ -83,7 +87,7 @@ def _data(folder: Path, results: dict[str, Any]) -> list[Path]:
     """measured.json, errors.csv, candidates.csv, sections.csv, homogeneous.csv, control.csv."""
     write_json(folder / "measured.json", results)
     rows, sections = [], []
-    for key in ("first", "second", "hetero"):
+    for key in ("first", "second", "own", "hetero"):
         for model in results[key]["models"]:
             for part, errors in model["errors"].items():
                 rows.append([results[key]["name"], key, model["name"], part, *errors.values()])
@@ -92,11 +96,30 @@ def _data(folder: Path, results: dict[str, Any]) -> list[Path]:
     for part, both in results["map"]["errors"].items():
         for when, errors in both.items():
             rows.append(
-                [results["map"]["name"], "map", f"stiffness that varies, {when}", part, *errors.values(), None, None]
+                [
+                    results["map"]["name"],
+                    "map",
+                    f"stiffness that varies, {when}",
+                    part,
+                    *errors.values(),
+                    None,
+                    None,
+                    None,
+                ]
             )
     tables = {
         "errors": (
-            ["sheet", "step", "model", "increments", "force", "field", "section_scatter", "lower_over_upper"],
+            [
+                "sheet",
+                "step",
+                "model",
+                "increments",
+                "force",
+                "field",
+                "mean_force",
+                "section_scatter",
+                "lower_over_upper",
+            ],
             rows,
         ),
         "sections": (
@@ -106,7 +129,12 @@ def _data(folder: Path, results: dict[str, Any]) -> list[Path]:
         "homogeneous": words.loop_table(results),
         "control": words.control_table(results),
     }
-    tables["candidates"] = words.candidate_table(results["first"]["rounds"])
+    columns, lines = words.candidate_table(results["first"]["rounds"])
+    more = words.candidate_table(results["own"]["rounds"])[1]
+    tables["candidates"] = (
+        ["sheet", *columns],
+        [[results[key]["name"], *line] for key, part in (("first", lines), ("own", more)) for line in part],
+    )
     paths = [folder / "measured.json"]
     for name, (columns, lines) in tables.items():
         write_csv(folder / f"{name}.csv", columns, lines)

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar, nnls
-from scipy.spatial import cKDTree
+from scipy.optimize import least_squares, nnls
 
 from calibrate import diagnosis, discovery, discrepancy, errors
 from calibrate.basis import SingleBasis
 from calibrate.chain import Addition, Additions, Chain
 from calibrate.diagnosis import Fit, Problem
 from calibrate.effects import CATALOGUE
-from calibrate.effects.viscosity import Viscosity
+from calibrate.effects.effect import Parameter
+from calibrate.effects.viscosity import SecondBranch, Viscosity
 from calibrate.effects.warp import InitialWarp
 from calibrate.equilibrium import Equilibrium, equilibrium, neo_hooke
 from calibrate.experiment import Experiment
@@ -35,12 +35,36 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Say = Callable[[str], None]
 KNOWN = ("force offset", "lag between force and image")  # the record says: no force at rest, pictures in time to 0.15 s
-EVERY = CATALOGUE if "initial warp" in {e.name for e in CATALOGUE} else (*CATALOGUE, InitialWarp())
-EFFECTS = tuple(effect for effect in EVERY if effect.name not in KNOWN)
-SPLINES = (5, 8, 12, 24)  # of the base model
-MOST, ITERATIONS = 3, 3  # effects that are added at most; steps of a fit that is tried
-CONFIRMS = 1 / 3  # of the increments up to the limit: the last ones
 RELAXATION = (0.5, 2.0, 8.0, 32.0)  # s, times of the branches tried
+FASTEST = 0.5  # s: a third of the time between increments; what relaxes faster is told by its product g tau alone
+
+
+@dataclass(frozen=True)
+class Relaxation(Viscosity):
+    """A Prony branch that the increments can resolve."""
+
+    shapes = (Parameter("tau", "s", lower=FASTEST),)
+
+    def shape_values(self, data: Any) -> list[tuple[float, ...]]:
+        return [(tau,) for tau in RELAXATION]
+
+
+@dataclass(frozen=True)
+class SecondRelaxation(Relaxation):
+    """Another one."""
+
+    name = SecondBranch.name
+
+
+EVERY = (*(Relaxation() if isinstance(e, Viscosity) else e for e in CATALOGUE), InitialWarp(), SecondRelaxation())
+EFFECTS = tuple(effect for effect in EVERY if effect.name not in KNOWN)
+AFTER = {SecondBranch.name: Viscosity.name}  # effects that mean nothing before another one is there
+SPLINES = (1, 2, 3, 5, 8, 12)  # of the base model
+FINER = 2  # bases that are tried in each round
+MOST, ITERATIONS = 7, 4  # additions at most; steps of a fit that is tried
+PAYS = 0.05  # share by which an addition must lower the error of what confirms
+CONFIRMS = 1 / 3  # of the increments up to the limit: the last ones
+SMOOTHING = (1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)  # weights of the differences of neighbours in a map
 SECTIONS = 9  # bands along the pull in which the section force is found
 
 
@@ -83,22 +107,21 @@ class Material:
     c: Array
     additions: Additions
 
-    def scaled(self, factor: float) -> Material:
-        """Stiffer by a factor: amplitudes in MPa follow, those in 1/MPa go the other way."""
+    def scaled(self, factor: float, strength: float = 1.0) -> Material:
+        """Stiffer by a factor: amplitudes in MPa follow, those in 1/MPa go the other way; relaxation by its own `strength`."""
         power = {"MPa": 1, "1/MPa": -1}
-        additions = tuple(
-            replace(
-                a,
-                amplitudes=tuple(
-                    v * factor ** power.get(p.unit, 0) for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True)
-                ),
-            )
-            for a in self.additions
-        )
+
+        def amplitudes(a: Addition) -> tuple[float, ...]:
+            own = strength if isinstance(a.effect, Viscosity) else 1.0
+            pairs = zip(a.amplitudes, a.effect.amplitudes, strict=True)
+            return tuple(own * v * factor ** power.get(p.unit, 0) for v, p in pairs)
+
+        additions = tuple(replace(a, amplitudes=amplitudes(a)) for a in self.additions)
         return Material(self.basis, factor * self.c, additions)
 
-    def base_only(self) -> Material:
-        return replace(self, additions=())
+    @property
+    def relaxes(self) -> bool:
+        return any(isinstance(a.effect, Viscosity) for a in self.additions)
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -120,17 +143,14 @@ class Material:
         return cls(SingleBasis(0, content["top"], content["splines"]), np.array(content["c"]), additions)
 
 
-def prepared(e: Experiment, split: Split, spacing: float, base: str, splines: int | None = None) -> tuple[Problem, Fit]:
-    """Problem whose held-out equations are those of the confirming increments alone, and its base fit.
-
-    splines: of the base; None: see `simplest_base`.
-    """
+def prepared(e: Experiment, split: Split, spacing: float, base: str, splines: int = 1) -> tuple[Problem, Fit]:
+    """Problem whose held-out equations are those of the confirming increments alone, and its base fit."""
     problem, fit = diagnosis.prepare([e], [lambda system: _rows(system, split.fitted)], spacing, base=base)
     part = problem.parts[0]
     confirms = _rows(part.system, split.confirms) & diagnosis.all_rows(part.system)
     held = whitening(covariances(part.assembled, fit.c), confirms, _common(problem, fit))
-    problem = replace(problem, parts=(replace(part, held=held),))
-    return simplest_base(problem, base, SPLINES if splines is None else (splines,))
+    problem = with_splines(replace(problem, parts=(replace(part, held=held),)), base, splines)
+    return problem, diagnosis.refit(problem, diagnosis.first_guess([part.assembled]), ())
 
 
 def _common(problem: Problem, fit: Fit) -> Array | None:
@@ -141,28 +161,19 @@ def _rows(system: Equilibrium, increments: Mask) -> Mask:
     return np.repeat(increments[:, None], system.loads.shape[1], axis=1)
 
 
-def simplest_base(problem: Problem, base: str, splines: Sequence[int] = SPLINES) -> tuple[Problem, Fit]:
-    """The problem with as many splines as predict best what confirms, and its base fit.
-
-    A fine base takes up whatever varies with the load, and then extrapolates badly; a coarse one cannot follow.
-    """
-    tops = [diagnosis.trained_top(part.system, part.train.rows) for part in problem.trained]
+def with_splines(problem: Problem, base: str, n: int) -> Problem:
+    """The problem with a base energy of n functions of I1."""
+    top = max(diagnosis.trained_top(part.system, part.train.rows) for part in problem.trained)
     start = diagnosis.first_guess([part.assembled for part in problem.trained])
-    fits = []
-    for n in splines:
-        prior = diagnosis.smoothness(base, n) / (diagnosis.STIFFENING * float(start.max()))
-        coarse = replace(problem, cone=diagnosis.base_cone(problem.basis, base, max(tops), n), prior=prior)
-        fit = diagnosis.refit(coarse, start, ())
-        predicted = discovery.misfit(coarse, fit.c, (), True)
-        fits.append((fit.loss if predicted is None else predicted.chi_square, coarse, fit))
-    _, coarse, fit = min(fits, key=lambda line: line[0])
-    return coarse, fit
+    prior = diagnosis.smoothness(base, n) / (diagnosis.STIFFENING * float(start.max()))
+    return replace(problem, cone=diagnosis.base_cone(problem.basis, base, top, n), prior=prior, parametric=True)
 
 
 @dataclass(frozen=True, eq=False)
 class Round:
     """A model, its errors on what was fitted and what confirms, the tests of what it leaves, and what was added."""
 
+    problem: Problem
     fit: Fit
     train: discovery.Misfit | None
     held: discovery.Misfit | None
@@ -170,51 +181,103 @@ class Round:
     confirmed: dict[str, float]
     added: str | None = None
 
+    @property
+    def splines(self) -> int:
+        return self.problem.cone.shape[1]
 
-def close_loop(problem: Problem, state: Fit, say: Say) -> list[Round]:
-    """Add, of all effects that are significant, the one that predicts best what confirms; until none predicts better.
 
-    `calibrate.discovery` tries them in the order of their scores, which here are those of several effects at once.
+def close_loop(problem: Problem, state: Fit, base: str, say: Say) -> list[Round]:
+    """Add effects in the order of their evidence, where they lower the error of what confirms; until none does.
+
+    The base starts as neo-Hooke and is made finer only when no effect helps: many splines take up whatever varies with the
+    load, time among it, and extrapolate badly. Of effects with one signature the one that predicts best is taken. The order
+    follows the score and not the gain in prediction, because an effect that is small but alone in what it does (relaxation)
+    shows only when those that disturb everything (a sheet that was not flat) are in the model.
     """
     rounds: list[Round] = []
     while True:
         say(f"round {len(rounds) + 1}: testing effects")
-        scores = diagnosis.score(problem, state, EFFECTS)
+        present = {a.effect.name for a in state.additions}
+        scores = diagnosis.score(
+            problem, state, [x for x in EFFECTS if AFTER.get(x.name, x.name) in {x.name, *present}]
+        )
         errors_ = [discovery.misfit(problem, state.c, state.additions, held) for held in (False, True)]
-        now = Round(state, errors_[0], errors_[1], scores, {})
-        best = state
-        lowest = np.inf if now.held is None else now.held.chi_square
-        for one in scores if len(rounds) < MOST else []:
-            if one.status != "tested" or one.adjusted > discovery.ALPHA:
-                continue
-            say(f"round {len(rounds) + 1}: fit with {one.effect.name}")
-            null = tuple(p.null for p in one.effect.amplitudes)
-            addition = Addition(one.effect, one.amplitudes if one.admissible else null, one.shape)
-            fit = _refit(problem, state, addition)
-            if fit is None:
-                continue
-            held = discovery.misfit(problem, fit.c, fit.additions, True)
-            idle = all(
-                abs(a - p) < 2 * d for a, p, d in zip(fit.additions[-1].amplitudes, null, fit.errors[-1], strict=True)
-            )
-            if held is None or idle:
-                continue
-            now.confirmed[one.effect.name] = held.chi_square
-            if held.chi_square < lowest:
-                best, lowest = fit, held.chi_square
-        if best is state:
+        now = Round(problem, state, errors_[0], errors_[1], scores, {})
+        found = _next(now, base, lambda text: say(f"round {len(rounds) + 1}: {text}")) if len(rounds) < MOST else None
+        if found is None:
             return [*rounds, now]
-        rounds.append(replace(now, added=best.additions[-1].effect.name))
-        state = best
+        rounds.append(replace(now, added=found[0]))
+        _, problem, state = found
 
 
-def _refit(problem: Problem, state: Fit, addition: Addition) -> Fit | None:
-    """The fit with one more effect; None where its stresses do not stay finite on the way."""
+def _next(now: Round, base: str, say: Say) -> tuple[str, Problem, Fit] | None:
+    """What is added, with the problem and the fit that follow; errors of all that is tried go to `now.confirmed`."""
+    assert now.held is not None
+    limit = (1 - PAYS) * both(now.held)
+    fits: dict[str, tuple[float, Problem, Fit]] = {}
+
+    def tried(name: str, problem: Problem, *starts: Addition | None) -> float:
+        if name not in fits:
+            say(f"fit with {name}")
+            found = [fit for start in starts if (fit := _refit(problem, now.fit, start)) is not None]
+            fit = min(found, key=lambda fit: fit.loss, default=None)
+            held = None if fit is None else discovery.misfit(problem, fit.c, fit.additions, True)
+            fits[name] = (np.inf if held is None else both(held), problem, now.fit if fit is None else fit)
+            if held is not None:
+                now.confirmed[name] = both(held)
+        return fits[name][0]
+
+    tested = [one for one in now.scores if one.status == "tested"]
+    like = diagnosis.likeness(tested)
+    for i, one in enumerate(tested):
+        if one.adjusted > discovery.ALPHA:
+            continue
+        group = [other for j, other in enumerate(tested) if j == i or like[i, j] > diagnosis.COLLINEAR]
+        group = [other for other in group if other.adjusted < discovery.ALPHA]
+        lowest = min(group, key=lambda other: tried(other.effect.name, now.problem, *_starts(now.problem, other)))
+        if fits[lowest.effect.name][0] < limit:
+            return lowest.effect.name, *fits[lowest.effect.name][1:]
+    for n in [n for n in SPLINES if n > now.splines][:FINER]:
+        name = f"base of {n} splines"
+        if tried(name, with_splines(now.problem, base, n), None) < limit:
+            return name, *fits[name][1:]
+    return None
+
+
+def _starts(problem: Problem, one: diagnosis.Score) -> list[Addition]:
+    """Additions at the amplitude of the score test, or at the null value where that is not admissible; times at several."""
+    null = tuple(p.null for p in one.effect.amplitudes)
+    starts = [Addition(one.effect, one.amplitudes if one.admissible else null, one.shape)]
+    if isinstance(one.effect, Viscosity):
+        shapes = one.effect.shape_values(problem.parts[0].chain.data)
+        starts += [Addition(one.effect, null, shape) for shape in shapes if shape != one.shape]
+    return starts
+
+
+def both(misfit: discovery.Misfit) -> float:
+    """Error of force and of field in one number: a factor on either counts alike, however many equations it has."""
+    return float(np.sqrt(misfit.force * misfit.field))
+
+
+def _refit(problem: Problem, state: Fit, addition: Addition | None) -> Fit | None:
+    """The fit with one more effect; None where it is not told from its null value, or its stresses are not finite."""
+    additions = state.additions if addition is None else (*state.additions, addition)
     try:
-        fit = diagnosis.refit(problem, state.c, (*state.additions, addition), ITERATIONS)
+        fit = diagnosis.refit(problem, state.c, additions, ITERATIONS)
     except ValueError:
         return None
-    return fit if np.isfinite(fit.loss) else None
+    if not np.isfinite(fit.loss):
+        return None
+    if addition is None:
+        return fit
+    null = (p.null for p in addition.effect.amplitudes)
+    changed = (abs(a - p) >= 2 * d for a, p, d in zip(fit.additions[-1].amplitudes, null, fit.errors[-1], strict=True))
+    return fit if any(changed) else None
+
+
+def base_name(splines: int) -> str:
+    """'neo-Hooke' or how many splines."""
+    return "neo-Hooke" if splines == 1 else f"{splines} splines"
 
 
 def verdict(last: Fit, scores: Sequence[diagnosis.Score]) -> str:
@@ -232,8 +295,8 @@ def learn(e: Experiment, until: float, spacing: float, base: str, say: Say) -> d
     say(f"{e.name}: base model")
     problem, fit = prepared(e, split, spacing, base)
     everything = replace(split, fitted=split.fitted | split.confirms)
-    whole, start = prepared(e, everything, spacing, base, problem.cone.shape[1])
-    rounds = close_loop(problem, fit, lambda text: say(f"{e.name}: {text}"))
+    rounds = close_loop(problem, fit, base, lambda text: say(f"{e.name}: {text}"))
+    whole, start = prepared(e, everything, spacing, base)
     result: dict[str, Any] = {
         "name": e.name,
         "spacing": spacing,
@@ -246,16 +309,17 @@ def learn(e: Experiment, until: float, spacing: float, base: str, say: Say) -> d
     }
     for now in rounds:
         say(f"{e.name}: all of the first {until:g} s")
+        whole = with_splines(whole, base, now.splines)
         try:
-            final = diagnosis.refit(whole, start.c, now.fit.additions) if now.fit.additions else start
+            final = diagnosis.refit(whole, start.c, now.fit.additions)
         except ValueError:  # not finite on the way: as it was found
             final = now.fit
         material = Material(whole.basis, final.c, final.additions)
         result["models"].append(
             {
-                "name": " + ".join(["base", *(a.effect.name for a in final.additions)]),
+                "name": " + ".join([base_name(now.splines), *(a.effect.name for a in final.additions)]),
                 "reduced_chi_square": final.reduced_chi_square,
-                "splines": whole.cone.shape[1],
+                "splines": now.splines,
                 "selection": {
                     "reduced_chi_square": now.fit.reduced_chi_square,
                     "fitted": _errors(now.train),
@@ -275,6 +339,8 @@ def learn(e: Experiment, until: float, spacing: float, base: str, say: Say) -> d
         result["rounds"].append(
             {
                 "added": now.added,
+                "error": None if now.held is None else both(now.held),
+                "bases": {name: error for name, error in now.confirmed.items() if name.startswith("base of")},
                 "candidates": [
                     {
                         "effect": one.effect.name,
@@ -282,7 +348,7 @@ def learn(e: Experiment, until: float, spacing: float, base: str, say: Say) -> d
                         "adjusted_p": one.adjusted,
                         "share": one.share,
                         "admissible": one.admissible,
-                        "confirming_chi_square": now.confirmed.get(one.effect.name),
+                        "confirming_error": now.confirmed.get(one.effect.name),
                         "like": [
                             tested[j].effect.name
                             for j in range(len(tested))
@@ -323,6 +389,7 @@ def account(e: Experiment, material: Material, split: Split, spacing: float) -> 
         result["errors"][name] = {
             "force": float(np.linalg.norm(r[rows][:, grips]) / size),
             "field": float(np.linalg.norm(r[rows][:, fields]) / size),
+            "mean_force": float(np.sqrt(np.mean((sections[rows].mean(axis=1) / pull[rows] - 1) ** 2))),
             "section_scatter": float(np.sqrt(np.mean((sections[rows] / pull[rows, None] - 1) ** 2))),
             "lower_over_upper": float(np.mean(lower[rows] / upper[rows])),
         }
@@ -349,35 +416,45 @@ def _without_loads(material: Material) -> Additions:
     return tuple(a for a in material.additions if a.effect.stage != "load")
 
 
-def carried(e: Experiment, material: Material, split: Split, spacing: float) -> tuple[Material, float]:
-    """The material with the one factor on its stiffness that fits the forces of the increments to be fitted."""
+def carried(
+    e: Experiment, material: Material, split: Split, spacing: float, strength: bool = False
+) -> tuple[Material, dict[str, float]]:
+    """The material with the factor on its stiffness, and on the `strength` of its relaxation, that fits the forces best.
+
+    Fitted to the forces at the grips in the increments to be fitted; everything else stays as it was learnt.
+    """
     system = equilibrium(e, spacing)
     rows = split.fitted | split.confirms
     grips = np.tile(system.fields.boundary >= 0, 2) & np.isfinite(system.loads).all(axis=0)
 
-    def misfit(log_factor: float) -> float:
-        scaled = material.scaled(float(np.exp(log_factor)))
-        r = Chain(system, material.basis).with_additions(scaled.c, scaled.additions)
-        return float((r[rows][:, grips] ** 2).sum())
+    def residuals(logs: Array) -> Array:
+        scaled = material.scaled(*np.exp(logs))
+        return Chain(system, material.basis).with_additions(scaled.c, scaled.additions)[rows][:, grips].ravel()
 
-    r = Chain(system, material.basis).with_additions(material.c, material.additions)[rows][:, grips]
-    load = system.loads[rows][:, grips]
-    guess = float(np.log(max(float((load * load).sum() / (load * (r + load)).sum()), 1e-3)))
-    best = minimize_scalar(misfit, bounds=(guess - 0.5, guess + 0.5), method="bounded", options={"xatol": 1e-3})
-    factor = float(np.exp(best.x))
-    return material.scaled(factor), factor
+    load = system.loads[rows][:, grips].ravel()
+    guess = float(load @ load) / max(float(load @ (residuals(np.zeros(1)) + load)), 1e-3 * float(load @ load))
+    start = np.log([guess, 1.0] if strength else [guess])
+    best = least_squares(residuals, start, x_scale=0.1, diff_step=1e-2, xtol=1e-4, max_nfev=20)
+    if not best.success:
+        raise errors.FitError(f"{e.name}: the carried material cannot be scaled to its forces: {best.message}")
+    factors = [float(f) for f in np.exp(best.x)]
+    return material.scaled(*factors), dict(zip(("stiffness", "relaxation"), factors, strict=False))
 
 
 def transfer(e: Experiment, models: Sequence[dict[str, Any]], until: float, spacing: float) -> dict[str, Any]:
-    """Every model learnt on another sheet, on this one, with one factor refitted."""
+    """Every model learnt on another sheet, on this one, with one factor refitted; the last also with its relaxation."""
     split = Split.of(e, until)
     result: dict[str, Any] = {"name": e.name, "time": _plain(e.time), "models": []}
-    for model in models:
-        material, factor = carried(e, Material.from_dict(model["material"]), split, spacing)
+    cases = [(model, False) for model in models]
+    if Material.from_dict(models[-1]["material"]).relaxes:
+        cases.append((models[-1], True))
+    for model, strength in cases:
+        material, factors = carried(e, Material.from_dict(model["material"]), split, spacing, strength)
         result["models"].append(
             {
-                "name": model["name"],
-                "factor": factor,
+                "name": model["name"] + (", relaxation refitted" if strength else ""),
+                "factor": factors["stiffness"],
+                "factors": factors,
                 "material": material.to_dict(),
                 **account(e, material, split, spacing),
             }
@@ -394,20 +471,19 @@ def stiffness_map(e: Experiment, material: Material, until: float, spacing: floa
     split = Split.of(e, until)
     system = equilibrium(e, spacing)
     chain = Chain(system, material.basis)
-    stress_work, loads, middle, hats = _work_by_place(e, chain, material, cell)
+    stress_work, loads, hats = _work_by_place(e, chain, material, cell)
     rows = split.fitted | split.confirms
     scale = np.abs(force(e))[:, None]
-    weights = [0.003, 0.01, 0.03, 0.1, 0.3, 1.0]
     A, b = stress_work / scale[..., None], loads / scale
     flat = lambda array, keep: array[rows][:, keep].reshape(-1, *array.shape[2:])  # noqa: E731
-    D = _differences(hats.shape[1], middle)
+    D = _differences(hats)
     n = A.shape[1] // 2
     left_out = np.tile(np.arange(n) % 3 == 1, 2) & np.tile(system.fields.boundary < 0, 2)
     scores = []
-    for weight in weights:
+    for weight in SMOOTHING:
         k = _smooth_fit(flat(A, ~left_out), flat(b, ~left_out), weight * D)
         scores.append(float(np.linalg.norm(flat(A, left_out) @ k - flat(b, left_out))))
-    weight = weights[int(np.argmin(scores))]
+    weight = SMOOTHING[int(np.argmin(scores))]
     k = _smooth_fit(flat(A, np.ones(2 * n, bool)), flat(b, np.ones(2 * n, bool)), weight * D)
     grips = np.tile(system.fields.boundary >= 0, 2)
     after = np.einsum("trk,k->tr", stress_work, k) - loads
@@ -438,16 +514,13 @@ def stiffness_map(e: Experiment, material: Material, until: float, spacing: floa
     return result
 
 
-def _work_by_place(
-    e: Experiment, chain: Chain, material: Material, cell: float
-) -> tuple[Array, Array, Array, sp.csr_array]:
-    """Work (t, 2 v, q) of the model's stress by hats on a grid, loads (t, 2 v), nodes' places (q, 2), hats (n, q)."""
+def _work_by_place(e: Experiment, chain: Chain, material: Material, cell: float) -> tuple[Array, Array, sp.csr_array]:
+    """Work (t, 2 v, q) of the model's stress by hats on a grid, loads (t, 2 v), hats (n, q)."""
     hats = _hats(e.points, cell)
     share = (_centroid_mean(e) @ hats).toarray()
-    middle = np.asarray(hats.T @ e.points) / np.asarray(hats.sum(axis=0)).reshape(-1, 1)
     P = chain.stress(material.c, material.additions)
     work = np.stack([chain.work(P * place[:, None, None]) for place in share.T], axis=-1)
-    return work, np.nan_to_num(chain.external(material.additions)), middle, hats
+    return work, np.nan_to_num(chain.external(material.additions)), hats
 
 
 def _smooth_fit(A: Array, b: Array, D: Array) -> Array:
@@ -456,12 +529,11 @@ def _smooth_fit(A: Array, b: Array, D: Array) -> Array:
     return nnls(np.concatenate([A, D]), np.concatenate([b, np.zeros(len(D))]), maxiter=50 * n)[0]
 
 
-def _differences(n: int, places: Array) -> Array:
-    """(pairs, n): differences of neighbouring nodes, at `places` (n, 2)."""
-    pitch = float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
-    pairs = cKDTree(places).query_pairs(1.2 * pitch, output_type="ndarray")
-    D = np.zeros((len(pairs), n))
-    D[np.arange(len(pairs)), pairs[:, 0]], D[np.arange(len(pairs)), pairs[:, 1]] = 1.0, -1.0
+def _differences(hats: sp.csr_array) -> Array:
+    """(pairs, q): differences of the values of neighbouring hats (n, q), those that overlap."""
+    pairs = sp.triu(hats.T @ hats, k=1).tocoo()
+    D = np.zeros((pairs.nnz, hats.shape[1]))
+    D[np.arange(pairs.nnz), pairs.row], D[np.arange(pairs.nnz), pairs.col] = 1.0, -1.0
     return D
 
 
@@ -498,7 +570,7 @@ def rivals(e: Experiment, material: Material, split: Split, spacing: float) -> l
         ("both", "positive", RELAXATION),
         ("neither", "convex", ()),
     ):
-        cone = diagnosis.base_cone(material.basis, base, top, SPLINES[1])
+        cone = diagnosis.base_cone(material.basis, base, top, 8)
         soft = neo_hooke(material.basis)
         A = [columns(cone[:, j]) for j in range(cone.shape[1])]
         A += [columns(soft, tau) - columns(soft) for tau in times]

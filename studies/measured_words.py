@@ -17,12 +17,14 @@ def percent(value: float) -> str:
 
 def error_table(models: list[dict[str, Any]]) -> Table:
     """One row a model: errors on what was fitted and on what was scored."""
-    columns = ["model", "factor", "force, fitted", "force, scored", "field, fitted", "field, scored",
-               "section scatter, scored", "lower / upper third, scored"]  # fmt: skip
+    columns = ["model", "factors", "force, fitted", "force, scored", "mean force, fitted", "mean force, scored",
+               "field, fitted", "field, scored", "section scatter, scored", "lower / upper third, scored"]  # fmt: skip
     rows = []
     for m in models:
         fitted, scored = m["errors"]["fitted"], m["errors"]["scored"]
-        rows.append([m["name"], m.get("factor"), percent(fitted["force"]), percent(scored["force"]),
+        factors = ", ".join(f"{name} {value:.3g}" for name, value in m.get("factors", {}).items())
+        rows.append([m["name"], factors, percent(fitted["force"]), percent(scored["force"]),
+                     percent(fitted["mean_force"]), percent(scored["mean_force"]),
                      percent(fitted["field"]), percent(scored["field"]), percent(scored["section_scatter"]),
                      round(scored["lower_over_upper"], 3)])  # fmt: skip
     return columns, rows
@@ -57,14 +59,20 @@ def amplitude_table(models: list[dict[str, Any]]) -> Table:
 
 
 def candidate_table(rounds: list[dict[str, Any]]) -> Table:
-    """Every candidate of every round."""
-    columns = ["round", "effect", "score", "share of the misfit", "adjusted p", "admissible", "chi-square, confirming",
+    """Every candidate of every round; the error is the geometric mean of those of force and field, where they confirm."""
+    columns = ["round", "effect", "score", "share of the misfit", "adjusted p", "admissible", "error, confirming",
                "added", "signature like"]  # fmt: skip
     rows = []
     for i, now in enumerate(rounds, start=1):
+        rows.append(
+            [i, "nothing more", None, None, None, None, now["error"], "yes" if now["added"] is None else "", ""]
+        )
+        for name, error in now["bases"].items():
+            added = "yes" if name == now["added"] else ""
+            rows.append([i, name, None, None, None, None, error, added, ""])
         for c in now["candidates"]:
             rows.append([i, c["effect"], c["score"], percent(c["share"]), c["adjusted_p"],
-                         "yes" if c["admissible"] else "no", c["confirming_chi_square"],
+                         "yes" if c["admissible"] else "no", c["confirming_error"],
                          "yes" if c["effect"] == now["added"] else "", ", ".join(c["like"])])  # fmt: skip
     return columns, rows
 
@@ -151,6 +159,7 @@ def answers(results: dict[str, Any]) -> list[str]:
     found = [c["name"] for c in controls if c["smallest_adjusted_p"] < 0.05]
     return [
         verdict(results["first"]),
+        f"the same loop on its own: {verdict(results['own'])}",
         f"carried to {results['second']['name']} with the stiffness times {second[-1]['factor']:.3g}: force error "
         f"{carried[0]} -> {carried[1]}",
         f"{results['map']['name']}: with a stiffness that varies, force error {percent(located['before']['force'])} -> "

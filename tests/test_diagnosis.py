@@ -99,6 +99,14 @@ def test_adjusted_p_is_uniform_where_nothing_is():
     assert stats.kstest(smallest, "uniform").pvalue > 0.01
 
 
+@pytest.mark.parametrize("n", [1, 2, 3, 5])
+def test_a_coarse_base_has_few_functions_and_neo_hooke_among_them(n):
+    basis = SingleBasis(0, 2.0)
+    cone = diagnosis.base_cone(basis, "positive", 2.0, n)
+    assert cone.shape == (basis.n_functions, n)
+    assert cone.sum(axis=1) == pytest.approx(neo_hooke(basis, 2.0), abs=1e-12)
+
+
 def test_mean_shift_is_that_of_many_draws():
     """Noise changes the mean of the residual by the sum over sigma points."""
     e = sheet()

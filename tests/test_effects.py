@@ -16,12 +16,14 @@ from calibrate.effects.fibres import reinforcement
 from calibrate.effects.load import Lag
 from calibrate.effects.recovery import second_derivatives
 from calibrate.effects.thickness import Thickness
-from calibrate.effects.viscosity import Viscosity
+from calibrate.effects.viscosity import SecondBranch, Viscosity
+from calibrate.effects.warp import InitialWarp
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment, LoadedBoundary
 from calibrate.virtual_fields import virtual_fields
 
-NAMES = [effect.name for effect in CATALOGUE]
+EVERY = (*CATALOGUE, InitialWarp(), SecondBranch())
+NAMES = [effect.name for effect in EVERY]
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +63,7 @@ def test_the_chain_is_the_linear_system(chain, c):
     np.testing.assert_allclose(np.asarray(chain.residual(c)), expected, atol=1e-13)
 
 
-@pytest.mark.parametrize("effect", CATALOGUE, ids=NAMES)
+@pytest.mark.parametrize("effect", EVERY, ids=NAMES)
 def test_null_changes_nothing(chain, c, effect):
     """To round-off: with and without the effect, the residual is compiled differently."""
     base = np.asarray(chain.residual(c))
@@ -72,7 +74,7 @@ def test_null_changes_nothing(chain, c, effect):
         )
 
 
-@pytest.mark.parametrize("effect", CATALOGUE, ids=NAMES)
+@pytest.mark.parametrize("effect", EVERY, ids=NAMES)
 def test_signature_is_the_derivative(chain, c, effect):
     """Against central differences, in every amplitude."""
     shape = effect.shape_values(chain.data)[-1]

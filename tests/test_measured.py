@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +15,7 @@ from calibrate.basis import SingleBasis
 from calibrate.chain import Addition
 from calibrate.effects import Data
 from calibrate.effects.compressibility import Compressibility
+from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import ORDER, InitialWarp, integrals
 from calibrate.equilibrium import neo_hooke
 from calibrate.experiment import Experiment, LoadedBoundary
@@ -111,11 +113,25 @@ def test_section_forces_of_a_uniform_sheet(uniaxial):
 
 
 def test_a_material_is_carried_with_one_factor(uniaxial):
-    result = measured_sheets.transfer(uniaxial, [{"name": "base", "material": MATERIAL.scaled(0.5).to_dict()}], 10.0, 12.0)
+    result = measured_sheets.transfer(
+        uniaxial, [{"name": "base", "material": MATERIAL.scaled(0.5).to_dict()}], 10.0, 12.0
+    )
     model = result["models"][0]
     assert model["factor"] == pytest.approx(2.0, rel=5e-3)
     assert model["errors"]["scored"]["force"] < 5e-3
     assert model["errors"]["scored"]["lower_over_upper"] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_strength_of_relaxation_is_carried_with_its_own_factor(uniaxial):
+    """A force with twice the overstress that was learnt."""
+    learnt = Material(BASIS, MATERIAL.c, (Addition(Viscosity(), (0.2,), (3.0,)),))
+    pull = measured_sheets.section_forces(uniaxial, learnt.scaled(1.5, 2.0)).mean(axis=1)
+    forces = np.stack([np.zeros(len(pull)), pull], axis=1)
+    loaded = tuple(replace(b, force=sign * forces) for b, sign in zip(uniaxial.loaded, (-1, 1), strict=True))
+    _, factors = measured_sheets.carried(
+        replace(uniaxial, loaded=loaded), learnt, Split.of(uniaxial, 13.0), 12.0, strength=True
+    )
+    assert factors == pytest.approx({"stiffness": 1.5, "relaxation": 2.0}, rel=2e-2)
 
 
 def test_scaling_a_material_scales_its_stress(uniaxial):
