@@ -43,6 +43,7 @@ FOLLOWED = 3  # iterations of a fit in which the estimate of the true displaceme
 STIFFENING = 0.1  # prior: by how much psi_1 may grow from one spline to the next, over its value at rest
 SETTLED = 0.05  # relative change of the base between the last two passes
 CONDITION = 1e-8
+SPLINES = 24  # of the base
 SHAPE_STEP = 1e-3  # of a radian, or of the size of a time, for derivatives by shapes
 UNSEEN = 1e-4  # size of a column, relative to the largest, that is not fitted
 SLOW_PLACES, SLOW_TIMES = 3, 4  # cosines over each side of a specimen, over its increments
@@ -65,6 +66,10 @@ class Part:
     def residual(self, c: Array, additions: Additions = ()) -> Array:
         """Residual (t, 2 v), N, without the mean that noise brings into it."""
         return self.chain.with_additions(c, additions) - self.shift
+
+    def carried(self, additions: Additions) -> Additions:
+        """Those that hold for this experiment: of the material, and all where it took part in the fit."""
+        return additions if self.train.size else tuple(a for a in additions if a.effect.of_material)
 
     @property
     def experiment(self) -> Experiment:
@@ -201,8 +206,9 @@ def prepare(
 ) -> tuple[Problem, Fit]:
     """Problem and base fit. train: for each experiment, the equations to be used; the others are held out.
 
-    base: 'positive' (psi_1 >= 0) or 'convex' (psi_1 does not fall with I1 either, as in a PANN; rubber that softens before
-    it stiffens then shows up in the errors of the base, not as an effect).
+    base: 'positive' (psi_1 >= 0), 'convex' (psi_1 does not fall with I1 either, as in a PANN; rubber that softens before
+    it stiffens then shows up in the errors of the base, not as an effect) or 'neo-Hooke' (psi_1 constant; effects are tested
+    beside it alone, see `Problem`).
 
     Weights follow the base in `PASSES` passes. Raises `FitError` when it does not settle.
     """
@@ -216,7 +222,8 @@ def prepare(
     assembled = [reduction.assemble(system, basis) for system in systems]
     c = first_guess([assembled[i] for i in used])
     chains = [Chain(system, basis) for system in systems]
-    cone = base_cone(basis, base, max(trained_top(systems[i], masks[i]) for i in used))
+    parametric = base == "neo-Hooke"
+    cone = base_cone(basis, base, max(trained_top(systems[i], masks[i]) for i in used), 1 if parametric else SPLINES)
     previous = c
     prior, spread = smoothness(base, cone.shape[1]) / (STIFFENING * float(c.max())), 1.0
     for count in range(PASSES):
@@ -249,7 +256,7 @@ def prepare(
         for chain, assembly, mask, full in zip(chains, assembled, masks, known, strict=True)
     ]
     noise_is_known = all(a.noise_is_known for a in assembled)
-    problem = Problem(tuple(parts), basis, cone, prior, noise_is_known, with_discrepancy)
+    problem = Problem(tuple(parts), basis, cone, prior, noise_is_known, with_discrepancy, parametric)
     return problem, refit(problem, c, ())
 
 
@@ -287,7 +294,7 @@ def trained_top(system: Equilibrium, mask: Mask) -> float:
     return float(polyconvex(F)[0][..., 0].max())
 
 
-def base_cone(basis: SingleBasis, base: str, top: float, n: int = 24) -> Array:
+def base_cone(basis: SingleBasis, base: str, top: float, n: int = SPLINES) -> Array:
     """(n_functions, n): psi_1 of which the base models are non-negative sums; constant beyond I1 - 3 = top.
 
     Cubic splines in sqrt(I1 - 3); fewer than four functions are straight lines between n points, and one is neo-Hooke.

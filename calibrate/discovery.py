@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 
 from calibrate import diagnosis, errors
 from calibrate.chain import Addition, Additions
-from calibrate.diagnosis import Fit, Part, Problem, Score
+from calibrate.diagnosis import Fit, Problem, Score
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment
@@ -204,7 +204,7 @@ def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misf
         weights = part.held if held else part.train
         if not weights.size:
             continue
-        r, load = part.residual(c, _carried(part, additions)), np.nan_to_num(part.system.loads)
+        r, load = part.residual(c, part.carried(additions)), np.nan_to_num(part.system.loads)
         carries = np.broadcast_to(np.tile(part.system.fields.boundary >= 0, 2), r.shape)
         force += float((r[weights.rows & carries] ** 2).sum())
         field_ += float((r[weights.rows & ~carries] ** 2).sum())
@@ -217,11 +217,6 @@ def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misf
         return None
     size = max(measured, 1e-300)
     return Misfit(float(np.sqrt(force / size)), float(np.sqrt(field_ / size)), chi / n, n)
-
-
-def _carried(part: Part, additions: Additions) -> Additions:
-    """Additions that hold for an experiment: those of the material, and all where it took part in the fit."""
-    return additions if part.train.size else tuple(a for a in additions if a.effect.of_material)
 
 
 def discover(

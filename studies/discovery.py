@@ -40,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "half:left|right|bottom|top, or none (default: the files given here, else every:3)",
     )  # fmt: skip
     parser.add_argument(
-        "--base", choices=("positive", "convex"), default="positive",
-        help="base model: energy of I1 that rises (default), or one that is convex too, as a network is",
+        "--base", choices=("positive", "convex", "neo-Hooke"), default="positive",
+        help="base model: energy of I1 that rises (default), one that is convex too, as a network is, or neo-Hooke",
     )  # fmt: skip
     parser.add_argument(
         "--spacing", type=positive, metavar="MM", help="of the virtual fields (default: from the noise)"

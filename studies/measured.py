@@ -94,6 +94,8 @@ class Steps:
 
     def step(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """The result kept from an earlier run, or a new one."""
+        import jax
+
         from studies.writing import plain, write_json
 
         path = self.folder / "steps" / f"{name}.json"
@@ -104,6 +106,7 @@ class Steps:
         result = plain({**make(), "seconds": None})
         result["seconds"] = round(time.monotonic() - began, 1)
         write_json(path, result)
+        jax.clear_caches()  # compiled code of all steps together takes more memory maps than a process may have
         return result
 
     def sheet(self, name: str) -> Experiment:

@@ -31,7 +31,7 @@ def close(loop: Loop, say: Callable[[str], None]) -> dict[str, Any]:
     for part in found.problem.parts:
         line: dict[str, Any] = {"name": part.experiment.name, "fitted": bool(part.train.size)}
         for when, fit in (("before", found.base), ("after", found.final)):
-            additions = discovery._carried(part, fit.additions)
+            additions = part.carried(fit.additions)
             r, loads = part.residual(fit.c, additions), part.system.loads
             known = np.isfinite(loads) & (loads != 0)
             line[when] = float(np.linalg.norm(r[known]) / np.linalg.norm(loads[known]))

@@ -11,9 +11,9 @@ from studies.output import write_csv, write_figure, write_json
 from studies.report import Report
 
 RELAXED = (
-    "The same effects with two kinds of base: a material that is softer at larger strain, and one that relaxes while it is "
-    "pulled. On one ramp at one speed strain and time go together, so that both fit; a pause in the loading, a second speed or "
-    "an unloading would tell."
+    "The same other effects with bases that are softer at larger strain (splines), and with one that relaxes while it is pulled "
+    "(branches). On one ramp at one speed strain and time go together, so that both fit; what they predict differs. A pause in "
+    "the loading, a second speed or an unloading would tell."
 )
 CONTRACTION = (
     "Compressibility, fibres across the pull and motion out of plane all make the sheet contract less than an "

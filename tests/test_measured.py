@@ -10,7 +10,7 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.optimize import brentq
 
-from calibrate import errors
+from calibrate import diagnosis, errors
 from calibrate.basis import SingleBasis
 from calibrate.chain import Addition
 from calibrate.effects import Data
@@ -132,6 +132,25 @@ def test_the_strength_of_relaxation_is_carried_with_its_own_factor(uniaxial):
         replace(uniaxial, loaded=loaded), learnt, Split.of(uniaxial, 13.0), 12.0, strength=True
     )
     assert factors == pytest.approx({"stiffness": 1.5, "relaxation": 2.0}, rel=2e-2)
+
+
+@pytest.mark.parametrize("base", ["neo-Hooke", "positive"])
+def test_on_one_ramp_relaxation_is_seen_beside_neo_hooke_alone(uniaxial, base):
+    """An energy of I1 of any shape can soften with strain as a branch relaxes with time."""
+    learnt = Material(BASIS, MATERIAL.c, (Addition(Viscosity(), (0.5,), (3.0,)),))
+    pull = measured_sheets.section_forces(uniaxial, learnt).mean(axis=1)
+    forces = np.stack([np.zeros(len(pull)), pull], axis=1)
+    loaded = tuple(replace(b, force=sign * forces) for b, sign in zip(uniaxial.loaded, (-1, 1), strict=True))
+    e = replace(uniaxial, loaded=loaded)
+    problem, fit = diagnosis.prepare([e], [diagnosis.all_rows], 12.0, base=base)
+    found = next(s for s in diagnosis.score(problem, fit, [Viscosity()]) if s.effect.name == Viscosity.name)
+    fit = diagnosis.refit(problem, fit.c, (Addition(Viscosity(), (0.0,), (3.0,)),))
+    if base == "neo-Hooke":
+        assert found.adjusted < 1e-6
+        assert fit.additions[0].amplitudes[0] == pytest.approx(0.5, abs=0.05)
+        assert fit.errors[0][0] < 0.1
+    else:
+        assert found.status != "tested" or found.adjusted > 0.01 or fit.errors[0][0] > 0.2
 
 
 def test_scaling_a_material_scales_its_stress(uniaxial):
