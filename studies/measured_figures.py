@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from studies import style
 
 SHEETS = ("Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero")
+BEFORE, AFTER = "neo-Hooke", "with every effect"
 COLOURS = [style.COLOURS[name] for name in ("blue", "vermilion", "green")]
 
 
@@ -44,11 +45,14 @@ def sections(results: dict[str, Any]) -> Figure:
         axes = figure.subplots(1, 2, sharey=True)
         for ax, key in zip(axes, ("first", "second"), strict=True):
             r = results[key]
-            for model, linestyle, colour in ((r["models"][0], "--", COLOURS[1]), (r["models"][-1], "-", COLOURS[0])):
+            for model, name, linestyle, colour in (
+                (r["models"][0], BEFORE, "--", COLOURS[1]),
+                (r["models"][-1], AFTER, "-", COLOURS[0]),
+            ):
                 values = np.array(model["sections"])
                 x = (np.arange(values.shape[1]) + 0.5) / values.shape[1]
                 scored = values[len(values) // 2 :]
-                ax.plot(x, scored.mean(axis=0), color=colour, linestyle=linestyle, label=model["name"])
+                ax.plot(x, scored.mean(axis=0), color=colour, linestyle=linestyle, label=name)
                 ax.fill_between(x, scored.min(axis=0), scored.max(axis=0), color=colour, alpha=0.2, linewidth=0)
             ax.axhline(1.0, color="0.5", linewidth=0.8, linestyle="-")
             ax.set(xlabel="place along the pull, bottom to top", title=r["name"])
@@ -63,12 +67,12 @@ def grips(results: dict[str, Any]) -> Figure:
         axes = figure.subplots(1, 3, sharey=True)
         for ax, key in zip(axes, ("first", "second", "hetero"), strict=True):
             r = results[key]
-            for model, linestyle in ((r["models"][0], "--"), (r["models"][-1], "-")):
+            for model, name, linestyle in ((r["models"][0], BEFORE, "--"), (r["models"][-1], AFTER, "-")):
                 size = np.linalg.norm(np.array(model["grip_error"]), axis=1)
-                ax.plot(r["time"], 100 * size, linestyle=linestyle, color=COLOURS[0], label=model["name"])
+                ax.plot(r["time"], 100 * size, linestyle=linestyle, color=COLOURS[0], label=name)
             ax.set(xlabel="time (s)", title=r["name"], yscale="log")
         axes[0].set(ylabel="force error (%)")
-        axes[0].legend(fontsize=6)
+        axes[0].legend(fontsize=8)
         return figure
 
 
@@ -82,7 +86,7 @@ def stiffness(results: dict[str, Any]) -> Figure:
         drawn = ax.tripcolor(
             places[:, 0], places[:, 1], r["triangles"], values, shading="gouraud", cmap=style.SEQUENTIAL
         )
-        figure.colorbar(drawn, label="stiffness / that of Stiff2_Homo")
+        figure.colorbar(drawn, label="stiffness / that of the carried material")
         ax.set(aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
         ax.grid(False)
         return figure

@@ -54,8 +54,18 @@ def record_table(results: dict[str, Any]) -> Table:
 
 def amplitude_table(models: list[dict[str, Any]]) -> Table:
     """Amplitudes of the last model."""
-    rows = [[a["effect"], a["name"], a["value"], a["deviation"], a["unit"]] for a in models[-1]["amplitudes"]]
-    return ["effect", "amplitude", "value", "standard deviation", "unit"], rows
+    columns = ["effect", "amplitude", "value", "standard deviation", "unit", "told from zero"]
+    return columns, [
+        [
+            a["effect"],
+            a["name"],
+            a["value"],
+            a["deviation"],
+            a["unit"],
+            "yes" if abs(a["value"]) > 2 * a["deviation"] else "no",
+        ]
+        for a in models[-1]["amplitudes"]
+    ]
 
 
 def candidate_table(rounds: list[dict[str, Any]]) -> Table:
