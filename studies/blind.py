@@ -46,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=5000, help="of the first trial (default: %(default)s)")
     parser.add_argument("--quick", action="store_true", help="one trial an effect, two without: shows the path")
     parser.add_argument("--jobs", type=int, help="trials side by side (default: number of cores)")
+    parser.add_argument("--report", action="store_true", help="only write the report, of the trials that are there")
     add_output(parser, "blind")
 
 
@@ -132,6 +133,12 @@ def main(arguments: argparse.Namespace) -> int:
     jobs = arguments.jobs or os.cpu_count() or 1
     missing = [plan for plan in todo if not (trials / plan.name / "diagnosis.json").exists()]
     failures: dict[str, str] = {}
+    if arguments.report:
+        if len(missing) == len(todo):
+            raise StudyError(f"{folder}: no trial is there yet; run the same command without --report first")
+        print(f"{len(todo) - len(missing)} of {len(todo)} trials")
+        print(write_report(folder, [trials / plan.name for plan in todo], failures))
+        return 0
     progress = Progress("blind trials", len(todo), "trial")
     progress.to(len(todo) - len(missing))
     for breakdown in range(BREAKDOWNS):

@@ -81,6 +81,11 @@ def test_nonsense_is_refused(words):
         blind.plans(arguments(*words))
 
 
+def test_a_report_of_no_trials_is_refused(tmp_path, capsys):
+    assert main(["blind", "--report", "-o", str(tmp_path / "out")]) == 2
+    assert "no trial is there yet" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_a_trial_runs_and_goes_on_where_it_was(tmp_path, capsys):
     words = ["blind", "--trials", "0", "--nulls", "1", "--pairs", "0", "--jobs", "1", "-o", str(tmp_path / "out")]
