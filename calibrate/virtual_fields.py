@@ -55,7 +55,7 @@ def virtual_fields(experiment: Experiment, spacing: float | None = None) -> Virt
     cutoff = np.ones(len(points))
     if constrained.size:
         cutoff = np.minimum(1.0, cKDTree(points[constrained]).query(points)[0] / spacing)
-    hats = sp.diags_array(cutoff) @ _hats(points, spacing)
+    hats = sp.diags_array(cutoff) @ bilinear_hats(points, spacing)
     # a hat that lives on a few nodes only is noise; its neighbours cover the place
     mass = np.asarray(hats.sum(axis=0)).ravel()
     # without a free or inner node (a homogeneous test) no hat is left: the loaded boundaries say it all
@@ -93,7 +93,7 @@ def nodal_fields(experiment: Experiment) -> VirtualFields:
     return VirtualFields(sp.csr_array(sp.hstack([single, sp.csr_array(edges)])), boundary, 0.0)
 
 
-def _hats(points: Array, spacing: float) -> sp.csr_array:
+def bilinear_hats(points: Array, spacing: float) -> sp.csr_array:
     """Bilinear hats (n_nodes, n_grid) of a grid centred on the specimen; columns without a node are dropped."""
     low, high = points.min(axis=0), points.max(axis=0)
     cells = np.maximum(1, np.ceil((high - low) / spacing)).astype(int)

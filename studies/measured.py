@@ -24,7 +24,7 @@ What measured sheets and measured homogeneous tests do beyond a hyperelastic mod
 that to Stiff2_Homo with one factor refitted, learns on Stiff2_Homo alone for comparison, locates what differs in
 Stiff2_Hetero; runs the loops of Treloar, Kawabata and HNBR50; and looks for effects where there can be none. Takes about
 twenty minutes; a stopped run goes on where it was."""
-FIRST, SECOND, HETERO = "Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero"
+FIRST, SECOND, HETERO = SHEETS = ("Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero")
 FINE, CELL = 5.0, 3.5  # mm: virtual fields and grid of the map of stiffness
 LOCAL_FRAMES, TRIPLETS = 12, 14
 
@@ -51,7 +51,7 @@ def main(args: argparse.Namespace) -> int:
     from studies.output import Manifest, open_output_folder
 
     started = time.time()
-    sources = [data.sheet(name) for name in (FIRST, SECOND, HETERO)]  # before anything is made: are the data there?
+    sources = [data.sheet(name) for name in SHEETS]  # before anything is made: are the data there?
     key = settings(args)
     folder = open_output_folder(output_folder(args, "measured"), args.overwrite, {"study": "measured", **key})
     manifest = Manifest(0, key, sources, started)
@@ -74,7 +74,7 @@ class Steps:
     def all(self) -> dict[str, Any]:
         """Every step's result by name."""
         results: dict[str, Any] = {}
-        for name in (FIRST, SECOND, HETERO):
+        for name in SHEETS:
             results[f"record_{name}"] = self.step(f"record_{name}", partial(self.record, name))
         results["first"] = self.step("first", lambda: self.learn(FIRST))
         results["rivals"] = self.step("rivals", lambda: self.rivals(results["first"]))
@@ -82,7 +82,7 @@ class Steps:
         results["own"] = self.step("own", lambda: self.learn(SECOND))
         results["hetero"] = self.step("hetero", lambda: self.transfer(HETERO, results["second"]))
         results["map"] = self.step("map", lambda: self.locate(results["hetero"]))
-        for name in (FIRST, SECOND, HETERO):
+        for name in SHEETS:
             results[f"control_{name}"] = self.step(f"control_{name}", partial(self.control, name))
         if not self.args.quick:
             from studies.homogeneous_loops import loops

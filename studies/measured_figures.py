@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from studies import style
+from studies.measured import SHEETS
 
-SHEETS = ("Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero")
 BEFORE, AFTER = "neo-Hooke", "with every effect"
 COLOURS = [style.COLOURS[name] for name in ("blue", "vermilion", "green")]
 
@@ -104,6 +104,8 @@ def homogeneous(results: dict[str, Any]) -> Figure | None:
             ax.plot([100 * t[when] for _, t in lines], y, marker, color=colour, label=when, linestyle="none")
         ax.set_yticks(y, [f"{n}: {t['name']}{'' if t['fitted'] else ' (held out)'}" for n, t in lines], fontsize=7)
         ax.set(xscale="log", xlabel="error of the stress (%)")
+        ax.set_xticks([3, 5, 10, 20, 50], ["3", "5", "10", "20", "50"])
+        ax.minorticks_off()
         ax.legend()
         return figure
 

@@ -16,14 +16,13 @@ RELAXED = (
     "the loading, a second speed or an unloading would tell."
 )
 CONTRACTION = (
-    "Compressibility, fibres across the pull and motion out of plane all make the sheet contract less than an "
-    "incompressible one. Edges that are gripped do not contract in the pictures, which speaks against motion out of plane. A "
-    "gauge of the thickness during the pull tells compressibility, a sheet printed or cut at a right angle tells fibres."
+    "Compressibility, fibres across the pull and motion out of plane all make a sheet contract less than an incompressible one. "
+    "Motion out of plane would make gripped edges contract in the pictures, too. A gauge of the thickness during the pull tells "
+    "compressibility, a sheet printed or cut at a right angle tells fibres."
 )
 WARP = (
-    "The strain that is left at no load has no contraction with it and the same pattern in sheets of different stiffness: it is "
-    "no stress. A sheet that was not flat in the first picture does this; a reference picture under a small load, or a second "
-    "camera, would tell."
+    "A strain left at no load is no stress if it has no contraction with it and the same pattern in sheets of different stiffness: "
+    "a sheet that was not flat in the first picture does this. A reference picture under a small load, or a second camera, would tell."
 )
 
 

@@ -24,11 +24,11 @@ from calibrate.chain import Addition, Additions, Chain
 from calibrate.diagnosis import Fit, Problem
 from calibrate.effects import CATALOGUE
 from calibrate.effects.effect import Parameter
-from calibrate.effects.viscosity import SecondBranch, Viscosity
+from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp
 from calibrate.equilibrium import Equilibrium, equilibrium, neo_hooke
 from calibrate.experiment import Experiment
-from calibrate.virtual_fields import VirtualFields, _hats
+from calibrate.virtual_fields import VirtualFields, bilinear_hats
 from calibrate.whitening import covariances, whitening
 
 Array = NDArray[np.float64]
@@ -51,14 +51,14 @@ class Relaxation(Viscosity):
 
 @dataclass(frozen=True)
 class SecondRelaxation(Relaxation):
-    """Another one."""
+    """A second one, for a material that relaxes over more than a decade of time."""
 
-    name = SecondBranch.name
+    name = "second relaxation time"
 
 
 EVERY = (*(Relaxation() if isinstance(e, Viscosity) else e for e in CATALOGUE), InitialWarp(), SecondRelaxation())
 EFFECTS = tuple(effect for effect in EVERY if effect.name not in KNOWN)
-AFTER = {SecondBranch.name: Viscosity.name}  # effects that mean nothing before another one is there
+AFTER = {SecondRelaxation.name: Viscosity.name}  # effects that mean nothing before another one is there
 SPLINES = (1, 2, 3, 5, 8, 12)  # of the base model
 FINER = 2  # bases that are tried in each round
 MOST, ITERATIONS = 7, 4  # additions at most; steps of a fit that is tried
@@ -302,7 +302,7 @@ def learn(e: Experiment, until: float, spacing: float, base: str, say: Say) -> d
     result: dict[str, Any] = {
         "name": e.name,
         "spacing": spacing,
-        "time": _plain(e.time),
+        "time": e.time,
         "split": {name: np.flatnonzero(mask).tolist() for name, mask in split.parts().items()},
         "verdict": verdict(rounds[-1].fit, rounds[-1].scores),
         "closest": [a.effect.name for a in rounds[-1].fit.additions],
@@ -375,8 +375,7 @@ def account(e: Experiment, material: Material, split: Split, spacing: float) -> 
     """Errors of a model on a sheet, the grips' forces, and the section forces over the measured force."""
     chain = Chain(equilibrium(e, spacing), material.basis)
     r, system = chain.with_additions(material.c, material.additions), chain.system
-    grips = np.tile(system.fields.boundary >= 0, 2) & np.isfinite(system.loads).all(axis=0)
-    fields = np.tile(system.fields.boundary < 0, 2)
+    grips = grip_rows(system)
     measured = system.loads[:, grips]
     sections = section_forces(e, material)
     pull = force(e)
@@ -387,10 +386,8 @@ def account(e: Experiment, material: Material, split: Split, spacing: float) -> 
         "grip_error": (r[:, grips] / np.linalg.norm(measured, axis=1)[:, None]).tolist(),
     }
     for name, rows in split.parts().items():
-        size = np.linalg.norm(measured[rows])
         result["errors"][name] = {
-            "force": float(np.linalg.norm(r[rows][:, grips]) / size),
-            "field": float(np.linalg.norm(r[rows][:, fields]) / size),
+            **force_and_field(system, r, rows),
             "mean_force": float(np.sqrt(np.mean((sections[rows].mean(axis=1) / pull[rows] - 1) ** 2))),
             "section_scatter": float(np.sqrt(np.mean((sections[rows] / pull[rows, None] - 1) ** 2))),
             "lower_over_upper": float(np.mean(lower[rows] / upper[rows])),
@@ -398,6 +395,20 @@ def account(e: Experiment, material: Material, split: Split, spacing: float) -> 
     result["force"] = pull.tolist()
     result["sections"] = (sections / pull[:, None]).tolist()
     return result
+
+
+def grip_rows(system: Equilibrium) -> Mask:
+    """Equations (2 v,) that hold a measured force."""
+    return np.tile(system.fields.boundary >= 0, 2) & np.isfinite(system.loads).all(axis=0)
+
+
+def force_and_field(system: Equilibrium, r: Array, increments: Mask) -> dict[str, float]:
+    """Relative errors of residuals r (t, 2 v) in some increments, see the top of this module."""
+    fields = np.tile(system.fields.boundary < 0, 2)
+    grips = grip_rows(system)
+    size = np.linalg.norm(system.loads[increments][:, grips])
+    parts = (("force", grips), ("field", fields))
+    return {name: float(np.linalg.norm(r[increments][:, rows]) / size) for name, rows in parts}
 
 
 def force(e: Experiment) -> Array:
@@ -427,7 +438,7 @@ def carried(
     """
     system = equilibrium(e, spacing)
     rows = split.fitted | split.confirms
-    grips = np.tile(system.fields.boundary >= 0, 2) & np.isfinite(system.loads).all(axis=0)
+    grips = grip_rows(system)
 
     def residuals(logs: Array) -> Array:
         scaled = material.scaled(*np.exp(logs))
@@ -446,7 +457,7 @@ def carried(
 def transfer(e: Experiment, models: Sequence[dict[str, Any]], until: float, spacing: float) -> dict[str, Any]:
     """Every model learnt on another sheet, on this one, with one factor refitted; the last also with its relaxation."""
     split = Split.of(e, until)
-    result: dict[str, Any] = {"name": e.name, "time": _plain(e.time), "models": []}
+    result: dict[str, Any] = {"name": e.name, "time": e.time, "models": []}
     models = [model for model in models if not model["name"].endswith(REFITTED)]
     cases = [(model, False) for model in models]
     if Material.from_dict(models[-1]["material"]).relaxes:
@@ -478,25 +489,31 @@ def stiffness_map(e: Experiment, material: Material, until: float, spacing: floa
     rows = split.fitted | split.confirms
     scale = np.abs(force(e))[:, None]
     A, b = stress_work / scale[..., None], loads / scale
-    flat = lambda array, keep: array[rows][:, keep].reshape(-1, *array.shape[2:])  # noqa: E731
+
+    def flat(array: Array, keep: Mask) -> Array:
+        return array[rows][:, keep].reshape(-1, *array.shape[2:])
+
     D = _differences(hats)
     n = A.shape[1] // 2
     fold = np.tile(np.random.default_rng(0).integers(FOLDS, size=n), 2)
-    inner = np.tile(system.fields.boundary < 0, 2)
+    inner, known = np.tile(system.fields.boundary < 0, 2), np.isfinite(system.loads).all(axis=0)
     parts = [inner & (fold == i) for i in range(FOLDS)]
 
     def left_out(weight: float | None) -> float:
         """|residual| of every field by a map that does not know it; None: by the same stiffness everywhere."""
         total = 0.0
         for part in parts:
-            k = np.ones(A.shape[2]) if weight is None else _smooth_fit(flat(A, ~part), flat(b, ~part), weight * D)
+            k = (
+                np.ones(A.shape[2])
+                if weight is None
+                else _smooth_fit(flat(A, known & ~part), flat(b, known & ~part), weight * D)
+            )
             total += float(((flat(A, part) @ k - flat(b, part)) ** 2).sum())
         return float(np.sqrt(total))
 
     scores = [left_out(weight) for weight in SMOOTHING]
     weight = SMOOTHING[int(np.argmin(scores))]
-    k = _smooth_fit(flat(A, np.ones(2 * n, bool)), flat(b, np.ones(2 * n, bool)), weight * D)
-    grips = np.tile(system.fields.boundary >= 0, 2)
+    k = _smooth_fit(flat(A, known), flat(b, known), weight * D)
     after = np.einsum("trk,k->tr", stress_work, k) - loads
     before = stress_work.sum(axis=2) - loads
     result: dict[str, Any] = {
@@ -511,20 +528,15 @@ def stiffness_map(e: Experiment, material: Material, until: float, spacing: floa
         "errors": {},
     }
     for name, mask in split.parts().items():
-        size = np.linalg.norm(loads[mask][:, grips])
         result["errors"][name] = {
-            when: {
-                "force": float(np.linalg.norm(r[mask][:, grips]) / size),
-                "field": float(np.linalg.norm(r[mask][:, ~grips]) / size),
-            }
-            for when, r in (("before", before), ("after", after))
+            when: force_and_field(system, r, mask) for when, r in (("before", before), ("after", after))
         }
     return result
 
 
 def _work_by_place(e: Experiment, chain: Chain, material: Material, cell: float) -> tuple[Array, Array, sp.csr_array]:
     """Work (t, 2 v, q) of the model's stress by hats on a grid, loads (t, 2 v), hats (n, q)."""
-    hats = _hats(e.points, cell)
+    hats = bilinear_hats(e.points, cell)
     share = (_centroid_mean(e) @ hats).toarray()
     P = chain.stress(material.c, material.additions)
     work = np.stack([chain.work(P * place[:, None, None]) for place in share.T], axis=-1)
@@ -551,10 +563,6 @@ def _centroid_mean(e: Experiment) -> sp.csr_array:
     return sp.csr_array((np.full(3 * m, 1 / 3), (rows, e.triangles.ravel())), shape=(m, len(e.points)))
 
 
-def _plain(values: Array | None) -> list[float] | None:
-    return None if values is None else values.tolist()
-
-
 def rivals(e: Experiment, material: Material, split: Split, spacing: float) -> list[dict[str, Any]]:
     """Softening with strain against relaxation with time: models with the same other effects, on the same increments.
 
@@ -563,7 +571,7 @@ def rivals(e: Experiment, material: Material, split: Split, spacing: float) -> l
     chain = Chain(equilibrium(e, spacing), material.basis)
     system = chain.system
     additions = tuple(a for a in material.additions if not isinstance(a.effect, Viscosity))
-    rows, grips = split.fitted | split.confirms, np.tile(system.fields.boundary >= 0, 2)
+    rows, known = split.fitted | split.confirms, np.isfinite(system.loads).all(axis=0)
     scale = np.abs(force(e))[:, None]
     top = diagnosis.trained_top(system, _rows(system, rows))
     loads = np.nan_to_num(chain.external(additions))
@@ -579,8 +587,8 @@ def rivals(e: Experiment, material: Material, split: Split, spacing: float) -> l
         A = [columns(cone[:, j]) for j in range(cone.shape[1])]
         A += [columns(soft, tau) - columns(soft) for tau in times]
         work = np.stack(A, axis=-1)
-        flat = (work / scale[..., None])[rows].reshape(-1, work.shape[-1])
-        weights = nnls(flat, (loads / scale)[rows].ravel(), maxiter=1000)[0]
+        flat = (work / scale[..., None])[rows][:, known].reshape(-1, work.shape[-1])
+        weights = nnls(flat, (loads / scale)[rows][:, known].ravel(), maxiter=1000)[0]
         r = work @ weights - loads
         line: dict[str, Any] = {
             "name": base_name(n) + (", relaxing" if times else ""),
@@ -588,10 +596,6 @@ def rivals(e: Experiment, material: Material, split: Split, spacing: float) -> l
             "errors": {},
         }
         for part, mask in split.parts().items():
-            size = np.linalg.norm(loads[mask][:, grips])
-            line["errors"][part] = {
-                "force": float(np.linalg.norm(r[mask][:, grips]) / size),
-                "field": float(np.linalg.norm(r[mask][:, ~grips]) / size),
-            }
+            line["errors"][part] = force_and_field(system, r, mask)
         result.append(line)
     return result

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from studies.measured_figures import SHEETS
+from studies.measured import SHEETS
 
 Table = tuple[list[str], list[list[Any]]]
 PARTS = ("fitted", "scored")

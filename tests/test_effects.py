@@ -16,13 +16,14 @@ from calibrate.effects.fibres import reinforcement
 from calibrate.effects.load import Lag
 from calibrate.effects.recovery import second_derivatives
 from calibrate.effects.thickness import Thickness
-from calibrate.effects.viscosity import SecondBranch, Viscosity
+from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment, LoadedBoundary
 from calibrate.virtual_fields import virtual_fields
+from studies.measured_sheets import SecondRelaxation
 
-EVERY = (*CATALOGUE, InitialWarp(), SecondBranch())
+EVERY = (*CATALOGUE, InitialWarp(), SecondRelaxation())
 NAMES = [effect.name for effect in EVERY]
 
 

@@ -150,7 +150,8 @@ def test_on_one_ramp_relaxation_is_seen_beside_neo_hooke_alone(uniaxial, base):
         assert fit.additions[0].amplitudes[0] == pytest.approx(0.5, abs=0.05)
         assert fit.errors[0][0] < 0.1
     else:
-        assert found.status != "tested" or found.adjusted > 0.01 or fit.errors[0][0] > 0.2
+        assert found.status == "absorbed"
+        assert fit.errors[0][0] > 1.0
 
 
 def test_scaling_a_material_scales_its_stress(uniaxial):

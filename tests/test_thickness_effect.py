@@ -9,7 +9,8 @@ import pytest
 
 from calibrate.chain import gradients
 from calibrate.effects import Data
-from calibrate.effects.thickness import Thickness, bend, gradient, of_the_mean
+from calibrate.effects.recovery import gradient
+from calibrate.effects.thickness import Thickness, bend, of_the_mean
 from calibrate.effects.thickness import stress_of_bend as eager
 from calibrate.equilibrium import equilibrium
 from calibrate.errors import ConfigError

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from calibrate.effects.borders import subset_moments
 from calibrate.effects.effect import Effect, Parameter
-from calibrate.effects.recovery import second_derivatives
+from calibrate.effects.recovery import gradient, second_derivatives
 
 NEWTON = 4  # steps
 
@@ -137,7 +137,7 @@ class UnmeasuredStrip(Effect):
 
     def stress(self, data, F, P, a, shape, law):
         w, there = a[0], (data.edges > 0)[:, None, None]
-        at_nodes = jnp.einsum("tnkc,nkj->tncj", data.u[:, data.rings], data.ring_slopes)
+        at_nodes = gradient(data, data.u)
         at_edge = jnp.eye(2) + at_nodes[:, data.edge_nodes].mean(axis=2)
         beyond = jnp.where(there, F + (at_edge - F) * (1.0 + 0.75 * w * data.edges)[:, None, None], F)
         both = [jax.vmap(law)(f.reshape(-1, 2, 2)).reshape(F.shape) for f in (beyond, F)]

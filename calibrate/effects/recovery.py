@@ -20,15 +20,13 @@ def slopes(data, nodal):
     return jnp.einsum("...mk,mkj->...mj", nodal[..., data.stencil], data.slopes)
 
 
-def gradient_at_nodes(data, nodal):
-    """Recovered gradient (..., n, 2) of a nodal field (..., n)."""
-    found = slopes(data, nodal)
-    return jnp.stack([to_nodes(data, found[..., j]) for j in range(2)], axis=-1)
+def gradient(data, nodal):
+    """Gradient at the nodes (t, n, ..., 2) of nodal values (t, n, ...), from quadratics over two rings of neighbours."""
+    return jnp.einsum("tnk...,nkj->tn...j", nodal[:, data.rings], data.ring_slopes)
 
 
 def second_derivatives(data, u):
-    """Second derivatives (t, n, 2, 2, 2), 1/mm, of displacements (t, n, 2): gradients at the nodes of such gradients, each
-    from quadratics over two rings of neighbours (`calibrate.recovery.nodal_gradients`)."""
-    first = jnp.einsum("tnkc,nkj->tncj", u[:, data.rings], data.ring_slopes)
-    second = jnp.einsum("tnkcj,nki->tncji", first[:, data.rings], data.ring_slopes)
+    """Second derivatives (t, n, 2, 2, 2), 1/mm, of displacements (t, n, 2): gradients at the nodes of such gradients
+    (`calibrate.recovery.nodal_gradients`)."""
+    second = gradient(data, gradient(data, u))
     return 0.5 * (second + jnp.swapaxes(second, -1, -2))

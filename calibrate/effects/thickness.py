@@ -37,7 +37,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.effect import Data, Effect, Parameter
-from calibrate.effects.recovery import slopes, to_nodes
+from calibrate.effects.recovery import gradient, slopes, to_nodes
 from calibrate.errors import ConfigError
 from calibrate.experiment import Experiment
 
@@ -107,11 +107,6 @@ def stress_of_bend(data: Any, F: Any, law: Any) -> Any:
     inside = steep[:, data.triangles].mean(axis=2)
     found = jax.vmap(change)(F.reshape(-1, 2, 2), inside.reshape(-1, 2), divergence.ravel())
     return found.reshape(F.shape)
-
-
-def gradient(data: Any, nodal: Any) -> Any:
-    """Gradient at the nodes (t, n, ..., 2) of nodal values (t, n, ...)."""
-    return jnp.einsum("tnk...,nkj->tn...j", nodal[:, data.rings], data.ring_slopes)
 
 
 def _inverse(F: Any) -> Any:

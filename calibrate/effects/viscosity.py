@@ -44,10 +44,3 @@ class Viscosity(Effect):
             overstress.append(H)
             before = now
         return P + a[0] * F @ jnp.stack(overstress)
-
-
-@dataclass(frozen=True)
-class SecondBranch(Viscosity):
-    """A second Prony branch, for a material that relaxes over more than one decade of time."""
-
-    name = "second relaxation time"
