@@ -8,6 +8,7 @@ sizes of the arrays only, so that it serves every experiment of a size.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -132,6 +133,36 @@ class Chain:
         axes = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
         return self.work(_noise_shift(self.kind, self.arrays, jnp.asarray(c), jnp.asarray(axes)))
 
+    def pulled_back(self, c: Array, additions: Additions, forces: Array) -> Array:
+        """K^T forces (t, n, 2) of forces (t, 2 v), N; K: tangent of the base at the displacements that additions correct."""
+        F, correction = self._corrected(additions)
+        pairs = zip(F, forces, strict=True)
+        duals = np.array([self.system.pulled_back(self.basis, f, c, force) for f, force in pairs])
+        return correction(duals[None])[0]
+
+    def spread_of_noise(self, c: Array, additions: Additions, factor: sp.csr_array) -> list[Array]:
+        """K B (2 v, 2 s), N, of every increment, with B the factor (n, s) of the noise."""
+        F, correction = self._corrected(additions)
+        rows = np.array(
+            [np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks]) for blocks in
+             (self.system.tangent(self.basis, f, c) for f in F)]
+        )  # fmt: skip
+        moved = correction(rows.swapaxes(0, 1))
+        return [np.hstack([moved[:, i, :, k] @ factor for k in range(2)]) for i in range(len(F))]
+
+    def _corrected(self, additions: Additions) -> tuple[Array, Callable[[Array], Array]]:
+        """F (t, m, 2, 2) at corrected displacements, and duals (k, t, n, 2) of these to those of the measured ones."""
+        effects, amplitudes, shapes = _parts(additions)
+        given = _floats(amplitudes), _floats(shapes)
+        if not additions:
+            return np.asarray(_gradients(self.arrays.data, self.arrays.data.u)), lambda duals: duals
+        u = _displaced(effects, self.arrays, *given)
+
+        def correction(duals: Array) -> Array:
+            return np.asarray(_pulled(effects, self.arrays, *given, jnp.asarray(duals)))
+
+        return np.asarray(_gradients(self.arrays.data, u)), correction
+
     def signature(self, c: Any, effect: Effect, shape: tuple[float, ...], others: Additions = ()) -> Array:
         """d residual / d amplitude at the null value, (p, t, 2 v), beside effects that are in the model already."""
         null = tuple(p.null for p in effect.amplitudes)
@@ -230,6 +261,17 @@ def _noise_shift(kind, arrays, c, axes):
             step = jnp.zeros((axes.shape[0], 2, 2)).at[:, i, :].set(axes[:, :, q])
             change = change + 0.5 * (stress(F + step) + stress(F - step))
     return change
+
+
+@partial(jax.jit, static_argnums=0)
+def _pulled(effects, arrays, amplitudes, shapes, duals):
+    """Duals (k, t, n, 2) of corrected displacements as duals of measured ones."""
+
+    def corrected(u):
+        return _displacements(effects, replace(arrays, data=replace(arrays.data, u=u)), amplitudes, shapes)
+
+    back = jax.vjp(corrected, arrays.data.u)[1]
+    return jax.lax.map(lambda dual: back(dual)[0], duals)
 
 
 # What depends on the effects in the model and what depends on the last one is compiled apart, so that a new model does

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import lsq_linear
 
-from calibrate import discrepancy, errors, kinematics, reduction
+from calibrate import discrepancy, errors, kinematics, noise_model, reduction
 from calibrate.basis import DEGREE, SingleBasis, Spline, basis_for, polyconvex
 from calibrate.chain import Addition, Additions, Chain
 from calibrate.effects import CATALOGUE, Effect, Parameter
@@ -45,6 +45,9 @@ SETTLED = 0.05  # relative change of the base between the last two passes
 CONDITION = 1e-8
 SPLINES = 24  # of the base
 SHAPE_STEP = 1e-3  # of a radian, or of the size of a time, for derivatives by shapes
+LEAST = 0.2  # of the information on an amplitude, that noise in its signature leaves
+SAMPLES = 2  # of noise, for its part in a signature
+TURNS, NEAR = 2, 0.5  # updates of the weights by a fit; standard deviations between both that are near enough
 UNSEEN = 1e-4  # size of a column, relative to the largest, that is not fitted
 SLOW_PLACES, SLOW_TIMES = 3, 4  # cosines over each side of a specimen, over its increments
 DOUBTFUL = 0.1  # variance of a discrepancy over that of noise, from which a direction says nothing of noise
@@ -54,7 +57,7 @@ DOUBTFUL = 0.1  # variance of a discrepancy over that of noise, from which a dir
 class Part:
     """One Experiment in a diagnosis: its chain, weights, and the equations (t, 2 v) used for fitting and held out.
 
-    shift (t, 2 v), N: see `Chain.noise_shift`.
+    shift (t, 2 v), N: see `Chain.noise_shift`. common: see `discrepancy.sources`.
     """
 
     chain: Chain
@@ -62,6 +65,7 @@ class Part:
     train: Whitening
     held: Whitening
     shift: Array = field(repr=False)
+    common: Array | None = field(repr=False)
 
     def residual(self, c: Array, additions: Additions = ()) -> Array:
         """Residual (t, 2 v), N, without the mean that noise brings into it."""
@@ -92,7 +96,8 @@ class Problem:
     cone (n, k): the base models are non-negative sums of its columns. prior (r, k), 1 / MPa: a weak normal prior on the
     changes of psi_1, without which the last splines take up whatever is wrong and ruin the extrapolation. parametric: effects
     are tested and fitted beside the functions of the cone alone (a neo-Hookean base, for one), not beside all splines. An
-    effect that any energy of I1 could imitate is found only so, and only if the base is right.
+    effect that any energy of I1 could imitate is found only so, and only if the base is right. c (n,), rough: the base
+    and the effects of second derivatives that the weights belong to, see `roughened`.
     """
 
     parts: tuple[Part, ...]
@@ -101,7 +106,9 @@ class Problem:
     prior: Array
     noise_is_known: bool
     with_discrepancy: bool
+    c: Array = field(repr=False)
     parametric: bool = False
+    rough: Additions = ()
 
     @property
     def trained(self) -> tuple[Part, ...]:
@@ -116,7 +123,7 @@ class Problem:
 class Fit:
     """Base and effects fitted together.
 
-    c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. free_loss: of the part that
+    c (n,): spline coefficients. log_determinant: of the covariance that the weights come from. loss: |whitened residual|^2 of `n_rows` training equations. free_loss: of the part that
     neither the base (all its splines) nor the amplitudes could change, with `degrees` of freedom. clear: the same, of the
     part that a discretisation error could not change either. smooth: of the part that varies slowly over specimen and
     increments, see `slow`. additions: effects; errors: a standard deviation for each
@@ -134,6 +141,7 @@ class Fit:
     columns: Array = field(repr=False)
     residual: Array = field(repr=False)
     chains: tuple[Chain, ...] = field(repr=False)
+    log_determinant: float
     errors: tuple[tuple[float, ...], ...] = ()
 
     @property
@@ -256,18 +264,36 @@ def prepare(
         for chain, assembly, mask, full in zip(chains, assembled, masks, known, strict=True)
     ]
     noise_is_known = all(a.noise_is_known for a in assembled)
-    problem = Problem(tuple(parts), basis, cone, prior, noise_is_known, with_discrepancy, parametric)
+    problem = Problem(tuple(parts), basis, cone, prior, noise_is_known, with_discrepancy, c, parametric)
     return problem, refit(problem, c, ())
 
 
 def weighted(
-    chain: Chain, assembled: Assembled, basis: SingleBasis, c: Array, train: Mask, held: Mask, with_discrepancy: bool
+    chain: Chain,
+    assembled: Assembled,
+    basis: SingleBasis,
+    c: Array,
+    train: Mask,
+    held: Mask,
+    with_discrepancy: bool,
 ) -> Part:
     """One Experiment with the weights that belong to the material with coefficients c (n,)."""
     common = discrepancy.sources(chain.system, basis, c) if with_discrepancy else None
     noise = covariances(assembled, c)
     shift = chain.noise_shift(c, assembled.noise_factor)
-    return Part(chain, assembled, whitening(noise, train, common), whitening(noise, held, common), shift)
+    return Part(chain, assembled, whitening(noise, train, common), whitening(noise, held, common), shift, common)
+
+
+def _reweighted(part: Part, c: Array, rough: Additions) -> Part:
+    """The same with the noise that effects `rough` amplify."""
+    if rough and part.train.size:
+        spreads = part.chain.spread_of_noise(c, rough, part.assembled.noise_factor)
+        pairs = zip(spreads, part.system.loads, strict=True)
+        noise = [noise_model.covariance_of(part.system, spread, load, part.assembled.noise) for spread, load in pairs]
+    else:
+        noise = covariances(part.assembled, c)
+    train, held = (whitening(noise, w.rows, part.common) for w in (part.train, part.held))
+    return replace(part, train=train, held=held)
 
 
 def reweighted(problem: Problem, fit: Fit) -> Problem:
@@ -280,7 +306,29 @@ def reweighted(problem: Problem, fit: Fit) -> Problem:
         weighted(p.chain, p.assembled, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy)
         for p in problem.parts
     ]
-    return replace(problem, parts=tuple(parts))
+    return roughened(replace(problem, parts=tuple(parts), c=c, rough=()), fit.additions)
+
+
+def roughened(problem: Problem, additions: Additions) -> Problem:
+    """The same equations and base with the weights of a model with these effects.
+
+    Those that take second derivatives of the displacements amplify their noise: with weights that do not know it, the
+    misfit of the true model is larger than that of none.
+    """
+    rough = _rough(problem, additions)
+    if rough == problem.rough:
+        return problem
+    return replace(problem, parts=tuple(_reweighted(p, problem.c, rough) for p in problem.parts), rough=rough)
+
+
+def _rough(problem: Problem, additions: Additions) -> Additions:
+    if not problem.noise_is_known:
+        return ()
+    return tuple(
+        a
+        for a in additions
+        if a.effect.rough and any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
+    )
 
 
 def first_guess(assembled: Sequence[Assembled]) -> Array:
@@ -321,7 +369,7 @@ def smoothness(base: str, n: int) -> Array:
     return np.eye(n)[1:] if base == "convex" else np.eye(n)[1:] - np.eye(n)[:-1]
 
 
-def denoised(problem: Problem, c: Array, r: Array, dispersion: float) -> list[Chain]:
+def denoised(problem: Problem, c: Array, additions: Additions, r: Array, dispersion: float) -> list[Chain]:
     """The trained chains at displacements without the noise that shows in the whitened residual r (N,).
 
     Signatures and residuals of noisy displacements hold the same noise, which biases their product. The maximum of the
@@ -329,18 +377,57 @@ def denoised(problem: Problem, c: Array, r: Array, dispersion: float) -> list[Ch
     with the signature S taken at u - Sigma K^T C^-1 r, the best linear estimate of the true displacements (K: tangent,
     Sigma: covariance of the noise). dispersion: only this part of the squared residual is taken for noise.
     """
-    chains, start = [], 0
+    pairs = zip(problem.trained, visible_noise(problem, c, additions, r), strict=True)
+    return [part.chain.disturbed(-noise / dispersion) for part, noise in pairs]
+
+
+def visible_noise(problem: Problem, c: Array, additions: Additions, r: Array) -> list[Array]:
+    """Sigma K^T C^-1 r (t, n, 2), mm, of each trained part; K knows of effects only those of second derivatives."""
+    found, start = [], 0
     for part in problem.trained:
-        forces = part.train.adjoint(r[start : start + part.train.size]) / dispersion
+        forces = part.train.adjoint(r[start : start + part.train.size])
         start += part.train.size
-        system, factor = part.system, part.assembled.noise_factor
-        noise = np.zeros_like(system.experiment.displacements)
-        for i, F in enumerate(system.deformation_gradients):
-            if not part.train.rows[i].any():
-                continue
-            noise[i] = factor @ (factor.T @ system.pulled_back(problem.basis, F, c, forces[i]))
-        chains.append(part.chain.disturbed(-noise))
-    return chains
+        factor = part.assembled.noise_factor
+        noise = np.moveaxis(part.chain.pulled_back(c, _rough(problem, additions), forces), 1, 0)
+        flat = factor @ (factor.T @ noise.reshape(len(noise), -1))
+        found.append(np.moveaxis(flat.reshape(noise.shape), 0, 1))
+    return found
+
+
+def excess(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions, U: Array, scale: Array) -> Array:
+    """(p, p): what the noise left in the signatures of the last addition adds to M, beside the columns U; sampled.
+
+    The noise that shows in the residual has been taken out, that which does not is independent of it: the score has the
+    variance M, but its slope is M less this, so that the amplitude is -(M - excess)^-1 g.
+    """
+    rough = _rough(problem, additions)
+    total = np.zeros((len(scale), len(scale)))
+    rng = np.random.default_rng(0)
+    plain = signature(problem, chains, c, additions)
+    for _ in range(SAMPLES):
+        noise = [
+            np.asarray(noise_model.sample(part.assembled.noise_factor, rng, part.experiment.n_increments))
+            for part in problem.trained
+        ]
+        moved = [chain.disturbed(z) for chain, z in zip(chains, noise, strict=True)]
+        change = [m.with_additions(c, rough) - k.with_additions(c, rough) for m, k in zip(moved, chains, strict=True)]
+        seen = visible_noise(problem, c, rough, problem.white(change))
+        hidden = [chain.disturbed(z - s) for chain, z, s in zip(chains, noise, seen, strict=True)]
+        S = (signature(problem, hidden, c, additions) - plain) * scale
+        S = S - U @ (U.T @ S)
+        total += S.T @ S / SAMPLES
+    return total
+
+
+def less(M: Array, N: Array) -> Array:
+    """M - N (p, p), no direction of M being left less than `LEAST` of itself."""
+    values, vectors = np.linalg.eigh(M)
+    keep = values > CONDITION * values.max()
+    root = vectors[:, keep] * np.sqrt(values[keep])
+    inverse = vectors[:, keep] / np.sqrt(values[keep])
+    shares, turn = np.linalg.eigh(inverse.T @ N @ inverse)
+    left = root @ turn
+    return M - (left * np.minimum(shares, 1 - LEAST)) @ left.T
 
 
 def base_columns(problem: Problem, chains: Sequence[Chain]) -> Array:
@@ -439,8 +526,8 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
         c = cone @ w
         r = residual(problem, c, additions)
         dispersion = max(1.0, float(r @ r) / len(r))
-        if k < FOLLOWED:
-            chains = denoised(problem, c, r, dispersion)
+        if k < FOLLOWED or problem.rough:
+            chains = denoised(problem, c, additions, r, dispersion)
             G = base_columns(problem, chains)
             A = G @ cone
             span = A if problem.parametric else G
@@ -468,8 +555,17 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
     clear = beyond(r, np.concatenate([U, doubtful([part.train for part in problem.trained])], axis=1))
     deviations: list[tuple[float, ...]] = []
     if additions:
-        values, vectors = np.linalg.eigh(left.T @ left)
-        spread = np.sqrt((vectors**2 / np.maximum(values, CONDITION * values.max())).sum(axis=1)) * scale
+        M, start = left.T @ left, 0
+        N = np.zeros_like(M)
+        for one, size in zip(additions, variables.sizes, strict=True):
+            own = slice(start, start + len(one.amplitudes))
+            if one.effect.rough and problem.noise_is_known:
+                others = tuple(a for a in additions if a is not one)
+                N[own, own] = excess(problem, chains, c, (*others, one), base, scale[own])
+            start += size
+        values, vectors = np.linalg.eigh(less(M, N))
+        inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
+        spread = np.sqrt(np.diag(inverse @ M @ inverse)) * scale
         spread = spread * np.sqrt(max(1.0, free / max(degrees, 1)))
         wrong = recovered(problem, c)
         shift = bounded(
@@ -481,7 +577,49 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
     generic = slow(problem)
     generic = orthonormal(generic - U @ (U.T @ generic))
     smooth = float(((generic.T @ r) ** 2).sum()), generic.shape[1]
-    return Fit(c, additions, float(r @ r), free, degrees, clear, smooth, len(r), U, r, tuple(chains), tuple(deviations))
+    determinant = sum(part.train.log_determinant for part in problem.trained)
+    return Fit(
+        c,
+        additions,
+        float(r @ r),
+        free,
+        degrees,
+        clear,
+        smooth,
+        len(r),
+        U,
+        r,
+        tuple(chains),
+        determinant,
+        tuple(deviations),
+    )
+
+
+def settled(problem: Problem, c: Array, additions: Additions, iterations: int = 6) -> tuple[Problem, Fit]:
+    """The fit with weights that know the noise of its second derivatives; as `refit` where no effect takes any.
+
+    Weights and amplitudes answer each other in turn: the next weights belong to the mean of both.
+    """
+    problem = roughened(problem, additions)
+    fit = refit(problem, c, additions, iterations)
+    for _ in range(TURNS):
+        found = {a.effect.name: (a, d) for a, d in zip(fit.additions, fit.errors, strict=True)}
+        far = [
+            any(abs(x - y) > NEAR * d for x, y, d in zip(old.amplitudes, found[old.effect.name][0].amplitudes,
+                                                         found[old.effect.name][1], strict=True))
+            for old in problem.rough
+        ]  # fmt: skip
+        if not any(far):
+            break
+        before = {a.effect.name: a.amplitudes for a in problem.rough}
+        middle = tuple(
+            replace(a, amplitudes=tuple(0.5 * (x + y) for x, y in
+                                        zip(before.get(a.effect.name, a.amplitudes), a.amplitudes, strict=True)))
+            for a in fit.additions
+        )  # fmt: skip
+        problem = roughened(problem, middle)
+        fit = refit(problem, fit.c, fit.additions, iterations)
+    return problem, fit
 
 
 def recovered(problem: Problem, c: Array) -> Array:
@@ -706,9 +844,12 @@ def examine_shape(problem: Problem, state: Fit, addition: Addition, U: Array, r:
     values, vectors = np.linalg.eigh(M)
     keep = values > CONDITION * values.max()
     Q = (left @ vectors[:, keep]) / np.sqrt(values[keep])
-    a = -vectors[:, keep] @ ((vectors[:, keep].T @ g) / values[keep])
-    T = float(-g @ a)
-    spread = np.sqrt(np.diag((vectors[:, keep] / values[keep]) @ vectors[:, keep].T))
+    T = float(((vectors[:, keep].T @ g) ** 2 / values[keep]).sum())
+    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
+    if effect.rough and problem.noise_is_known:
+        inverse = np.linalg.inv(less(M, excess(problem, state.chains, state.c, additions, U, typical)))
+    a = -inverse @ g
+    spread = np.sqrt(np.diag(inverse @ M @ inverse))
     null = np.array([p.null for p in effect.amplitudes])
     amplitudes = null + a * typical
     admissible = all(p.lower <= v <= p.upper for p, v in zip(effect.amplitudes, amplitudes, strict=True))

@@ -111,12 +111,20 @@ def _ordinal(n: int) -> str:
 @dataclass(frozen=True)
 class Misfit:
     """force: norm of force errors over norm of measured forces. field: norm of the virtual work that fields without a
-    load leave, over the same. chi_square: whitened squared residual an equation; rows: equations."""
+    load leave, over the same. chi_square: whitened squared residual an equation; rows: equations. noise: what the squares
+    of force and field are expected to be from noise alone. log_determinant: of the covariance behind chi_square, an equation."""
 
     force: float
     field: float
     chi_square: float
     rows: int
+    noise: tuple[float, float] = (0.0, 0.0)
+    log_determinant: float = 0.0
+
+    @property
+    def beyond_noise(self) -> tuple[float, float]:
+        """Squares of force and field less those of noise."""
+        return self.force**2 - self.noise[0], self.field**2 - self.noise[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +206,8 @@ class Discovery:
 
 def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misfit | None:
     """Errors on the training equations, or on those held out (None where there are none)."""
-    force = field_ = measured = chi = 0.0
+    force = field_ = measured = chi = determinant = 0.0
+    noise = np.zeros(2)
     n = 0
     for part in problem.parts:
         weights = part.held if held else part.train
@@ -208,6 +217,8 @@ def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misf
         carries = np.broadcast_to(np.tile(part.system.fields.boundary >= 0, 2), r.shape)
         force += float((r[weights.rows & carries] ** 2).sum())
         field_ += float((r[weights.rows & ~carries] ** 2).sum())
+        noise += [weights.variance[carries].sum(), weights.variance[~carries].sum()]
+        determinant += weights.log_determinant
         measured += float((load[weights.rows & carries] ** 2).sum())
         if not (weights.rows & carries).any():
             measured += float((load[np.isfinite(part.system.loads) & carries] ** 2).sum())
@@ -216,7 +227,8 @@ def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misf
     if not n:
         return None
     size = max(measured, 1e-300)
-    return Misfit(float(np.sqrt(force / size)), float(np.sqrt(field_ / size)), chi / n, n)
+    expected = float(noise[0] / size), float(noise[1] / size)
+    return Misfit(float(np.sqrt(force / size)), float(np.sqrt(field_ / size)), chi / n, n, expected, determinant / n)
 
 
 def discover(
@@ -271,7 +283,7 @@ def close_loop(
             return _conclude(problem, tuple(rounds), review)
         state = _without_idle(problem, added)
         problem = diagnosis.reweighted(problem, state)  # those of a base that makes up for an effect are wrong
-        state = diagnosis.refit(problem, state.c, state.additions)
+        problem, state = diagnosis.settled(problem, state.c, state.additions)
 
 
 def _nothing(system: Equilibrium) -> Mask:
@@ -306,9 +318,13 @@ def _round(
 
 
 def _fitted(problem: Problem, state: Fit, row: Row, iterations: int) -> Row:
-    """The row with a refit of base and effect and its errors."""
+    """The row with a refit of base and effect and its errors; what is not significant keeps the weights it has."""
     addition = Addition(row.score.effect, row.score.amplitudes, row.score.shape)
-    new = diagnosis.refit(problem, state.c, (*state.additions, addition), iterations)
+    additions = (*state.additions, addition)
+    if row.score.adjusted < ALPHA:
+        problem, new = diagnosis.settled(problem, state.c, additions, iterations)
+    else:
+        new = diagnosis.refit(problem, state.c, additions, iterations)
     return replace(
         row,
         fit=new,
@@ -343,18 +359,24 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
             confirmed.append(best)
     if not confirmed:
         return replace(now, remarks=tuple(remarks)), None
-    best = min(confirmed, key=_price)
+    best = min(confirmed, key=lambda row: _price(row, now.fit))
     assert best.fit is not None
-    equal = [row.name for row in confirmed if row is not best and _price(row) < _price(best) + CLOSE]
+    equal = [row.name for row in confirmed if row is not best and _price(row, now.fit) < _price(best, now.fit) + CLOSE]
     group = dict.fromkeys((best.name, *_alike(best, significant), *equal))
     rows = tuple(best if row.name == best.name else row for row in now.rows)
     return replace(now, rows=rows, added=best.name, group=tuple(group), remarks=tuple(remarks)), best.fit
 
 
-def _price(row: Row) -> float:
-    """Misfit of a fit with an effect, and the price of its amplitudes and shapes (Schwarz 1978)."""
+def _price(row: Row, weights: Fit) -> float:
+    """Misfit of a fit with an effect, and the price of its amplitudes and shapes (Schwarz 1978).
+
+    Effects that amplify noise lower the weights, and with them a misfit that is none of noise: that part does not count.
+    weights: a fit whose weights prices are compared by.
+    """
     assert row.fit is not None
-    return row.fit.free_loss + (row.score.degrees + len(row.score.shape)) * float(np.log(row.fit.n_rows))
+    lower = row.fit.log_determinant - weights.log_determinant
+    amplified = max(row.fit.reduced_chi_square - 1, 0.0) * lower
+    return row.fit.free_loss + amplified + (row.score.degrees + len(row.score.shape)) * float(np.log(row.fit.n_rows))
 
 
 def _review(
@@ -370,21 +392,21 @@ def _review(
         name = one.effect.name
         say(f"without {name}")
         others = tuple(a for a in state.additions if a is not one)
-        without = diagnosis.refit(problem, state.c, others)
+        weighted, without = diagnosis.settled(problem, state.c, others)
         gains[name] = without.free_loss - state.free_loss
-        scores = [s for s in diagnosis.score(problem, without, effects, seed) if s.status == "tested"]
-        scores = [_best_shape(problem, without, s) for s in scores[:REFINED]]
+        scores = [s for s in diagnosis.score(weighted, without, effects, seed) if s.status == "tested"]
+        scores = [_best_shape(weighted, without, s) for s in scores[:REFINED]]
         likely = [s for s in scores if s.admissible and s.effect.name != name and s.adjusted < ALPHA]
         own = next((s for s in scores if s.effect.name == name), None)
         height = own.score if own else 0.0
         rivals = [s for s in likely if s.score > min(height - CLOSE, RIVAL * height)][:TRIES]
         start = replace(state, additions=others)  # the others as they were beside this one
         rows = [_fitted(problem, start, Row(s), 6) for s in rivals]
-        mine = _price(Row(own, state)) if own else state.free_loss
-        groups[name] = (name, *(row.name for row in rows if _price(row) < mine + CLOSE))
+        mine = _price(Row(own, state), state) if own else state.free_loss
+        groups[name] = (name, *(row.name for row in rows if _price(row, state) < mine + CLOSE))
         for row in rows:
             assert row.fit is not None and row.addition is not None
-            gain = mine - _price(row)
+            gain = mine - _price(row, state)
             if gain > most and not _idle(row.addition, row.deviations):
                 most, best, exchanged = gain, row.fit, (name, row.name)
     if not exchanged:
@@ -408,7 +430,10 @@ def _alike(row: Row, significant: Sequence[Row]) -> list[str]:
 
 
 def _better(before: Misfit, after: Misfit) -> bool:
-    return after.chi_square < before.chi_square and (after.force < before.force or after.field < before.field)
+    """Whether an error falls; beyond noise, as some effects amplify it, and not by lower weights (see `_price`)."""
+    amplified = max(after.chi_square - 1, 0.0) * (after.log_determinant - before.log_determinant)
+    falls = (a < b for a, b in zip(after.beyond_noise, before.beyond_noise, strict=True))
+    return after.chi_square + amplified < before.chi_square and any(falls)
 
 
 def _best_shape(problem: Problem, state: Fit, found: Score) -> Score:
@@ -454,7 +479,7 @@ def _idle(addition: Addition, deviations: Sequence[float]) -> bool:
 def _without_idle(problem: Problem, state: Fit) -> Fit:
     """The fit without effects that a later one has made superfluous."""
     kept = tuple(a for a, d in zip(state.additions, state.errors, strict=True) if not _idle(a, d))
-    return state if len(kept) == len(state.additions) else diagnosis.refit(problem, state.c, kept)
+    return state if len(kept) == len(state.additions) else diagnosis.settled(problem, state.c, kept)[1]
 
 
 def _conclude(problem: Problem, rounds: tuple[Round, ...], review: Review) -> Discovery:

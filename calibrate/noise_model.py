@@ -61,7 +61,11 @@ def residual_covariance(
     """Covariance (rows, rows), N^2, of the residuals of one increment: K Sigma_u K^T + force noise."""
     blocks = system.tangent(basis, F, c)
     rows = [np.hstack([(block @ factor).toarray() for block in row]) for row in blocks]
-    spread = np.concatenate(rows)
+    return covariance_of(system, np.concatenate(rows), load, noise)
+
+
+def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise) -> Array:
+    """The same from spread (rows, s): what independent normal numbers do to the residuals, N."""
     covariance = spread @ spread.T
     std = np.nan_to_num(noise.force_std_relative * np.abs(load)) + noise.force_std * np.tile(
         system.fields.boundary >= 0, 2

@@ -40,6 +40,20 @@ class Whitening:
         white = self._noise(residuals)
         return white + ((white @ self.U) * self.shrink) @ self.U.T
 
+    @property
+    def log_determinant(self) -> float:
+        """Of the covariance of the residuals used."""
+        lowers = sum(2 * float(np.log(np.diag(lower)).sum()) for lower in self.lowers)
+        return lowers - 2 * float(np.log1p(self.shrink).sum())
+
+    @property
+    def variance(self) -> Array:
+        """Of the noise of each equation (t, 2 v), N^2; 0 of those not used."""
+        result = np.zeros(self.rows.shape)
+        for i, lower in enumerate(self.lowers):
+            result[i, self.rows[i]] = (lower**2).sum(axis=1)
+        return result
+
     def adjoint(self, white: Array) -> Array:
         """The transposed map: rows (N,) to (t, 2 v)."""
         white = white + self.U @ (self.shrink * (self.U.T @ white))
@@ -62,7 +76,7 @@ class Whitening:
 
 
 def covariances(assembled: Assembled, c: Array) -> list[Array]:
-    """Noise covariance (2 v, 2 v), N^2, of every increment at coefficients c (n,)."""
+    """Noise covariance (2 v, 2 v), N^2, of every increment at coefficients c (n,) of the base."""
     system = assembled.system
     return [
         noise_model.residual_covariance(

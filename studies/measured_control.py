@@ -77,7 +77,7 @@ def _with_noise(problem: Problem, c: Array, e: Experiment) -> Problem:
     noise = covariances(assembled, c)
     part = Part(
         Chain(system, problem.basis), assembled, whitening(noise, rows), whitening(noise, rows & False),
-        np.zeros(system.loads.shape),
+        np.zeros(system.loads.shape), None,
     )  # fmt: skip
     return replace(problem, parts=(part,), noise_is_known=True)
 

@@ -105,6 +105,7 @@ class SubsetSmoothing(Effect):
     shapes = (Parameter("side", "mm", lower=0.0),)
     shapes_vary = False
     decided_by = "the same pictures correlated with smaller subsets"
+    rough = True
 
     def shape_values(self, data):
         pitch = float(jnp.sqrt(2.0 * jnp.median(data.areas)))

@@ -147,7 +147,8 @@ class Effect:
     name; stage: one of STAGES; formula: for the report; amplitudes; shapes; shapes_vary: False where they only choose a
     derivative at the null value and mean nothing once the amplitude is known; gauge: why it can never be told apart
     from another quantity, or nothing; decided_by: the experiment that tells it from its likes; of_material: holds for
-    every specimen of a material, not of one test alone.
+    every specimen of a material, not of one test alone; rough: adds second derivatives of the displacements to them, whose
+    noise the weights of a model with it must know.
     """
 
     name: ClassVar[str]
@@ -159,6 +160,7 @@ class Effect:
     gauge: ClassVar[str] = ""
     decided_by: ClassVar[str] = ""
     of_material: ClassVar[bool] = False
+    rough: ClassVar[bool] = False
 
     def missing(self, data: Data) -> str | None:
         """What the data lack for this effect to be tested ('time', 'unloading', ...), or None."""

@@ -53,6 +53,7 @@ class Thickness(Effect):
     formula = "u + b F33 F^-T grad F33, b = h^2 / 12"
     amplitudes = (Parameter("b", "mm^2", lower=0.0, typical=10.0),)
     decided_by = "a thinner specimen of the same shape"
+    rough = True
 
     def displacements(self, data, u, a, shape):
         return u + a[0] * bend(data, jnp.eye(2) + gradient(data, u))

@@ -1,0 +1,128 @@
+"""Effects of second derivatives: their noise in the weights, in the score and in the fit, against samples of noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import synthetic
+
+from calibrate import diagnosis, noise_model
+from calibrate.basis import SingleBasis
+from calibrate.chain import Addition, Chain
+from calibrate.effects import SubsetSmoothing, Thickness
+from calibrate.effects.effect import Data
+from calibrate.equilibrium import equilibrium, neo_hooke
+from calibrate.experiment import Noise
+from studies import blind_data, blind_solution
+
+NOISE = Noise(0.02, 1.5, 3e-4, 2e-3)
+SMOOTHED = 1.0  # mm^2
+SIDE = np.sqrt(12 * SMOOTHED)
+
+
+@cache
+def smoothed():
+    """The plate as subsets of SIDE see it, to the order in the variance of a subset that the effect has."""
+    clean = synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.0), n_increments=6, n_theta=56, n_radial=11)
+    data = Data.of(clean)
+
+    def corrected(a):
+        return SubsetSmoothing().displacements(data, data.u, jnp.array([a]), (SIDE,))
+
+    u = data.u - SMOOTHED * jax.jvp(corrected, (0.0,), (1.0,))[1]
+    return replace(clean, displacements=np.asarray(u), noise=NOISE)
+
+
+def addition(amplitude=SMOOTHED):
+    return Addition(SubsetSmoothing(), (amplitude,), (SIDE,))
+
+
+@cache
+def noisy(seed):
+    return replace(synthetic.with_noise(smoothed(), NOISE, seed), noise=NOISE)
+
+
+@cache
+def prepared(seed):
+    return diagnosis.prepare([noisy(seed)], [diagnosis.all_rows], with_discrepancy=False)
+
+
+def test_spread_of_noise_is_the_derivative_of_the_residual():
+    """By finite differences, and its transpose by the adjoint identity; an effect of displacements alone, so exact."""
+    system = equilibrium(noisy(0))
+    basis = SingleBasis(0, 1.0, 8)
+    chain, c = Chain(system, basis), neo_hooke(basis, 0.3)
+    factor = noise_model.noise_factor(system.experiment.points, NOISE)
+    rng = np.random.default_rng(1)
+    white = rng.standard_normal((factor.shape[1], 2))
+    u = np.broadcast_to(1e-4 * (factor @ white), chain.data.u.shape)
+    ends = [chain.disturbed(sign * u).with_additions(c, (addition(),)) for sign in (1, -1)]
+    slope = (ends[0] - ends[1]) / 2e-4
+    spread = chain.spread_of_noise(c, (addition(),), factor)
+    for i, K in enumerate(spread):
+        np.testing.assert_allclose(K @ white.T.ravel(), slope[i], atol=1e-5 * np.abs(slope[i]).max())
+    forces = rng.standard_normal(slope.shape)
+    back = chain.pulled_back(c, (addition(),), forces)
+    for i, K in enumerate(spread):
+        expected = np.einsum("s,s", forces[i], K @ white.T.ravel())
+        assert np.einsum("nk,nk", back[i], factor @ white) == pytest.approx(expected, rel=1e-9)
+
+
+def test_weights_without_such_an_effect_stay_as_they_are():
+    problem, _ = prepared(0)
+    assert diagnosis.roughened(problem, ()) is problem
+    assert diagnosis.roughened(problem, (Addition(Thickness(), (0.0,), ()),)) is problem
+    assert diagnosis.roughened(problem, (addition(0.5),)).rough == (addition(0.5),)
+
+
+def test_excess_is_what_noise_adds_to_a_signature():
+    """Squared signatures of noisy displacements, less that of clean ones, mean over seeds against the estimate of each."""
+    problem, base = prepared(0)
+    chain = problem.parts[0].chain
+    thick = (Addition(Thickness(), (0.0,), ()),)
+    clean = chain.disturbed(smoothed().displacements - np.asarray(chain.data.u))
+    exact = diagnosis.signature(problem, [clean], base.c, thick)
+    exact = exact - base.columns @ (base.columns.T @ exact)
+    added, estimated = [], []
+    for seed in range(6):
+        moved = chain.disturbed(noisy(seed).displacements - np.asarray(chain.data.u))
+        r = problem.white([moved.with_additions(base.c)]) - problem.white([clean.with_additions(base.c)])
+        seen = diagnosis.visible_noise(problem, base.c, (), r)[0]
+        S = diagnosis.signature(problem, [moved.disturbed(-seen)], base.c, thick)
+        S = S - base.columns @ (base.columns.T @ S)
+        added.append(float((S**2).sum() - (exact**2).sum()))
+        N = diagnosis.excess(problem, [moved.disturbed(-seen)], base.c, thick, base.columns, np.ones(1))
+        estimated.append(float(N[0, 0]))
+    assert np.mean(estimated) > 0.1 * float((exact**2).sum())
+    assert np.mean(added) == pytest.approx(np.mean(estimated), rel=0.15)
+
+
+def test_information_left_is_never_less_than_a_share():
+    M, N = np.diag([4.0, 1.0]), np.diag([3.9, 0.25])
+    np.testing.assert_allclose(diagnosis.less(M, N), np.diag([4 * diagnosis.LEAST, 0.75]), atol=1e-12)
+    np.testing.assert_allclose(diagnosis.less(M, np.zeros((2, 2))), M, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_thickness_is_found_without_bias_in_noise():
+    """A plate from the 3D model, five draws of noise: mean b, its spread, and the misfit of the true model."""
+    trial = blind_data.draw(5043, Thickness.name)
+    clean = blind_solution.clean_experiment(trial)
+    b, errors, chi, plain = [], [], [], []
+    for seed in range(5):
+        problem, base = diagnosis.prepare([blind_data.record(replace(trial, seed=seed), clean)], [diagnosis.all_rows])
+        start = (Addition(Thickness(), (0.5,), ()),)
+        _, fit = diagnosis.settled(problem, base.c, start)
+        b.append(fit.additions[0].amplitudes[0])
+        errors.append(fit.errors[0][0])
+        chi.append(fit.reduced_chi_square)
+        plain.append(diagnosis.refit(problem, base.c, fit.additions).reduced_chi_square)
+    assert abs(np.mean(b) - trial.effects[0].amplitudes["b"]) < 3 * np.mean(errors) / np.sqrt(5)
+    assert 0.3 < np.std(b, ddof=1) / np.mean(errors) < 2.0
+    assert np.mean(chi) == pytest.approx(1.0, abs=0.08)
+    assert np.mean(plain) > 1.1
