@@ -90,7 +90,7 @@ def fitted(experiment: Any, name: str) -> tuple[Any, Any]:
     r = base.residual - U @ (U.T @ base.residual)
     one, _ = diagnosis.examine(problem, base, effect, U, r)
     start = Addition(effect, one.amplitudes or tuple(p.typical for p in effect.amplitudes), one.shape)
-    return base, diagnosis.refit(problem, base.c, (start,), iterations=8)
+    return base, diagnosis.settled(problem, base.c, (start,), iterations=8)[1]
 
 
 def main(words: list[str] | None = None) -> int:

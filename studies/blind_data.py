@@ -23,7 +23,7 @@ from calibrate.experiment import Experiment, LoadedBoundary, Noise, signed_areas
 from forward.materials import ArrudaBoyce, Material, NeoHooke, Yeoh
 from meshes import Mesh
 from studies.blind_effects import EFFECTS, FREQUENT, SOLID, UNLOADING, Hidden, Situation, check, log_uniform
-from studies.blind_solution import SPECIMENS, camera_mesh, clean_experiment
+from studies.blind_solution import SPECIMENS, camera_mesh, clean_experiment, warp
 from studies.camera import GaussianField, stream
 from studies.writing import write_json
 
@@ -36,6 +36,7 @@ HISTORIES = (
 HISTORY_SHARE = 0.3  # of the trials whose effect does not ask for unloading
 FIELD_RESOLUTION = 512
 WAVES = 4  # of the cosines that the catalogue describes a field with, in each direction
+STRAINS = 4  # Legendre polynomials of the strain of a warp, in each direction
 NOISE, REST = 0, 1  # random streams
 
 
@@ -127,6 +128,8 @@ def label(trial: Trial) -> dict[str, Any]:
     for content in effects:
         if content["name"] == "stiffness field":
             content["amplitudes"] = waves(camera_mesh(trial.specimen), content["more"])
+        elif content["name"] == "initial warp":
+            content["amplitudes"] = strains(camera_mesh(trial.specimen), content["more"])
     return {**asdict(trial), "material": trial.material.to_dict(), "effects": effects}
 
 
@@ -141,6 +144,18 @@ def waves(mesh: Mesh, patch: dict[str, float]) -> dict[str, float]:
     root = np.sqrt(signed_areas(mesh.points, mesh.cells))
     a = np.linalg.lstsq(root[:, None] * np.array(basis).T, root * s, rcond=None)[0]
     return {f"a{i // WAVES}{i % WAVES}": float(a[i] / a[0]) for i in range(1, WAVES**2)}
+
+
+def strains(mesh: Mesh, more: dict[str, float]) -> dict[str, float]:
+    """The catalogue's coefficients: strain that a bent specimen regains, theta^2 / 2, in Legendre polynomials of x and y."""
+    size = np.ptp(mesh.points, axis=0)
+    xi, weights = np.polynomial.legendre.leggauss(60)
+    angle = warp(more).inclination(0.5 * size[int(more["axis"])] * xi)
+    result = {f"{letter}{k}": 0.0 for letter in "ab" for k in range(1, STRAINS + 1)}
+    for k in range(1, STRAINS + 1):
+        p = np.polynomial.legendre.Legendre.basis(k)(xi)
+        result["ab"[int(more["axis"])] + str(k)] = float((2 * k + 1) / 2 * (weights * p * angle**2 / 2).sum())
+    return result
 
 
 def record(trial: Trial, clean: Experiment) -> Experiment:

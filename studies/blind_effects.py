@@ -127,6 +127,13 @@ def _strip(rng, s):
     return {"w": s.extent * log_uniform(rng, 0.001, 0.01)}, {}, {}
 
 
+def _warp(rng, s):
+    """Bends so wide that the catalogue's polynomials can follow half of them to a quarter of the strain."""
+    place, width = (float(s.extent * v) for v in (rng.uniform(-0.3, 0.3), rng.uniform(0.25, 0.5)))
+    strain = log_uniform(rng, 2e-4, 5e-3)  # half the square of the slope
+    return {}, {}, {"axis": int(rng.integers(2)), "slope": (2 * strain) ** 0.5, "place": place, "width": width}
+
+
 Draw = Callable[[np.random.Generator, Situation], tuple[dict[str, float], dict[str, float], dict[str, float]]]
 MATERIAL: dict[str, Draw] = {
     "second invariant": _second_invariant,
@@ -150,6 +157,7 @@ RECORDING: dict[str, Draw] = {
     "out-of-plane motion": _out_of_plane,
     "subset smoothing": _subset,
     "unmeasured strip": _strip,
+    "initial warp": _warp,
 }
 EFFECTS = {**MATERIAL, **RECORDING}
 GAUGES = ("force gain", "DIC scale")

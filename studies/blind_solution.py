@@ -28,6 +28,7 @@ from studies.disturbances import (
     Scale,
     SubsetSmoothing,
     UnmeasuredStrip,
+    Warp,
     observe,
 )
 
@@ -156,6 +157,11 @@ def sheet(trial: Trial) -> Sheet:
     return laws.Sheet(trial.material, trial.thickness, tuple(additions), **changes)
 
 
+def warp(more: dict[str, float]) -> Warp:
+    """The bent specimen of a trial."""
+    return Warp(int(more["axis"]), more["slope"], more["place"], more["width"])
+
+
 def disturbances(trial: Trial) -> list[Disturbance]:
     """The effects that are in the recording."""
     kinds: dict[str, type[Disturbance]] = {
@@ -168,4 +174,6 @@ def disturbances(trial: Trial) -> list[Disturbance]:
             found.append(kinds[hidden.name](**hidden.amplitudes))
         elif hidden.name == SubsetSmoothing.name:
             found.append(SubsetSmoothing(hidden.more["side"]))
+        elif hidden.name == Warp.name:
+            found.append(warp(hidden.more))
     return found

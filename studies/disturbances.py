@@ -3,9 +3,9 @@
 A camera sees the point x at V_t(x). Its correlation follows a seen point of the reference picture, so that the
 reference points are V_0(X), with X the nodes of the camera's mesh on the specimen, and the measured displacements
 
-    u = V_t(X + mean of U) - V_0(X),
+    u = V_t(X + mean of U) - V_0(W(X)),
 
-where the mean is over a subset, if there is one. Noise is added afterwards (`studies.camera`). Each disturbance is one
+where the mean is over a subset, if there is one, and W is where the specimen was before it was flat. Noise is added afterwards (`studies.camera`). Each disturbance is one
 small class with its amplitude; several act one after the other. `label` names it as the catalogue of effects does.
 """
 
@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from calibrate.experiment import Experiment
 from forward.solution import SurfaceSolution
@@ -50,6 +51,10 @@ class Disturbance:
     def displacements(self, solution: SurfaceSolution, specimen: Specimen, X: Array) -> Array | None:
         """Displacements (t, n, 2), mm, that the correlation finds at X (n, 2); None: those of the points."""
         return None
+
+    def before(self, x: Array) -> Array:
+        """Where points x (n, 2), mm, from the middle of the specimen, are seen before it is loaded."""
+        return x
 
     def see(self, x: Array, share: Any, size: float) -> Array:
         """Where points x (..., 2), mm, from the middle of the picture, are seen; share: of the loading, 0 to 1."""
@@ -228,6 +233,36 @@ class UnmeasuredStrip(Disturbance):
         return mesh.points + self.w * inward(mesh)
 
 
+@dataclass(frozen=True)
+class Warp(Disturbance):
+    """A specimen that was bent in the reference picture, and is flat in all others.
+
+    Along axis (0: x, 1: y) it had the height z = h exp(-(s - place)^2 / (2 width^2)) over its length s, mm; slope is the
+    steepest inclination, rad. Seen from above its points are at the integral of the cosine of the inclination.
+    """
+
+    axis: int
+    slope: float
+    place: float
+    width: float
+    name: ClassVar[str] = "initial warp"
+
+    def inclination(self, s: Array) -> Array:
+        """Angle, rad, at lengths s, mm, from the middle."""
+        x = (s - self.place) / self.width
+        return self.slope * x * np.exp(0.5 - 0.5 * x**2)
+
+    def before(self, x):
+        s = np.linspace(x[:, self.axis].min(), x[:, self.axis].max(), 2001)
+        lost = CubicSpline(s, 1 - np.cos(self.inclination(s))).antiderivative()
+        seen = x.copy()
+        seen[:, self.axis] -= lost(x[:, self.axis]) - lost(0.0)
+        return seen
+
+    def label(self):
+        return {"name": self.name, "amplitudes": {}, "shape": {}, **asdict(self)}
+
+
 def observe(
     solution: SurfaceSolution,
     specimen: Specimen,
@@ -251,6 +286,8 @@ def observe(
     u = smoothed[-1] if smoothed else solution.evaluate(X)
     middle, size = 0.5 * (X.min(axis=0) + X.max(axis=0)), float(np.ptp(X, axis=0).max())
     before, after = X - middle, X - middle + u
+    for d in disturbances:
+        before = d.before(before)
     forces = dict(solution.reactions)
     for d in disturbances:
         before, after = d.see(before, 0.0, size), d.see(after, share, size)

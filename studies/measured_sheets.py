@@ -25,7 +25,6 @@ from calibrate.diagnosis import Fit, Problem
 from calibrate.effects import CATALOGUE
 from calibrate.effects.effect import Parameter
 from calibrate.effects.viscosity import Viscosity
-from calibrate.effects.warp import InitialWarp
 from calibrate.equilibrium import Equilibrium, equilibrium, neo_hooke
 from calibrate.experiment import Experiment
 from calibrate.virtual_fields import VirtualFields, bilinear_hats
@@ -56,7 +55,7 @@ class SecondRelaxation(Relaxation):
     name = "second relaxation time"
 
 
-EVERY = (*(Relaxation() if isinstance(e, Viscosity) else e for e in CATALOGUE), InitialWarp(), SecondRelaxation())
+EVERY = (*(Relaxation() if isinstance(e, Viscosity) else e for e in CATALOGUE), SecondRelaxation())
 EFFECTS = tuple(effect for effect in EVERY if effect.name not in KNOWN)
 AFTER = {SecondRelaxation.name: Viscosity.name}  # effects that mean nothing before another one is there
 SPLINES = (1, 2, 3, 5, 8, 12)  # of the base model

@@ -15,6 +15,7 @@ from studies.disturbances import (
     Scale,
     SubsetSmoothing,
     UnmeasuredStrip,
+    Warp,
     observe,
 )
 from studies.edges import inside
@@ -69,7 +70,8 @@ def test_nothing_disturbed(exact, mesh, clean):
 
 
 @pytest.mark.parametrize("disturbance", [LensDistortion(0.0), OutOfPlane(0.0), Rotation(0.0), Scale(0.0),
-                                         ForceOffset(0.0), ForceGain(0.0), UnmeasuredStrip(0.0)])  # fmt: skip
+                                         ForceOffset(0.0), ForceGain(0.0), UnmeasuredStrip(0.0),
+                                         Warp(0, 0.0, 1.0, 5.0)])  # fmt: skip
 def test_no_amplitude_no_change(exact, mesh, clean, disturbance):
     seen = observe(exact, SHEET, mesh, [disturbance])
     np.testing.assert_allclose(seen.points, clean.points, atol=1e-12)
@@ -211,3 +213,20 @@ def test_inside():
 def test_amplitudes_are_numbers():
     with pytest.raises(OptionError, match="finite"):
         LensDistortion(np.nan)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_warp_is_a_length_that_is_regained(exact, mesh, clean, axis):
+    """By the length of the arc: over a span dx the sheet is sqrt(dx^2 + dz^2) long, z = h exp(-(s - p)^2 / (2 w^2))."""
+    warp = Warp(axis, 0.05, 3.0, 6.0)
+    seen = observe(exact, SHEET, mesh, [warp])
+    regained = seen.displacements - clean.displacements
+    np.testing.assert_allclose(regained[1:], regained[:1].repeat(2, axis=0), atol=1e-12)
+    assert not regained[..., 1 - axis].any()
+    np.testing.assert_array_equal(force_of(seen), force_of(clean))
+    s, x = mesh.points[:, axis], seen.points[:, axis]
+    order = np.argsort(s)
+    fine = np.linspace(s.min(), s.max(), 20001)
+    z = 0.05 * 6.0 * np.exp(0.5) * np.exp(-((fine - 3.0) ** 2) / (2 * 6.0**2))  # small slopes: dz/ds = sin theta
+    span = np.interp(s[order], fine, np.concatenate([[0], np.cumsum(np.sqrt(np.diff(fine) ** 2 - np.diff(z) ** 2))]))
+    np.testing.assert_allclose(np.diff(x[order]), np.diff(span), atol=3e-6)

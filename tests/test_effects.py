@@ -17,13 +17,12 @@ from calibrate.effects.load import Lag
 from calibrate.effects.recovery import second_derivatives
 from calibrate.effects.thickness import Thickness
 from calibrate.effects.viscosity import Viscosity
-from calibrate.effects.warp import InitialWarp
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment, LoadedBoundary
 from calibrate.virtual_fields import virtual_fields
 from studies.measured_sheets import SecondRelaxation
 
-EVERY = (*CATALOGUE, InitialWarp(), SecondRelaxation())
+EVERY = (*CATALOGUE, SecondRelaxation())
 NAMES = [effect.name for effect in EVERY]
 
 

@@ -13,6 +13,7 @@ from calibrate.effects.load import ForceGain, ForceOffset, Lag, Rotation
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.thickness import Thickness
 from calibrate.effects.viscosity import Viscosity
+from calibrate.effects.warp import InitialWarp
 
 CATALOGUE: tuple[Effect, ...] = (
     SecondInvariant(),
@@ -34,6 +35,7 @@ CATALOGUE: tuple[Effect, ...] = (
     OutOfPlane(),
     SubsetSmoothing(),
     UnmeasuredStrip(),
+    InitialWarp(),
 )
 
 __all__ = ["CATALOGUE", "Data", "Effect", "Parameter"]
