@@ -36,7 +36,7 @@ HISTORIES = (
 HISTORY_SHARE = 0.3  # of the trials whose effect does not ask for unloading
 FIELD_RESOLUTION = 512
 WAVES = 4  # of the cosines that the catalogue describes a field with, in each direction
-STRAINS = 4  # Legendre polynomials of the strain of a warp, in each direction
+STRAINS = 5  # Legendre polynomials of the strain of a warp, in each direction
 NOISE, REST = 0, 1  # random streams
 
 
@@ -151,8 +151,8 @@ def strains(mesh: Mesh, more: dict[str, float]) -> dict[str, float]:
     size = np.ptp(mesh.points, axis=0)
     xi, weights = np.polynomial.legendre.leggauss(60)
     angle = warp(more).inclination(0.5 * size[int(more["axis"])] * xi)
-    result = {f"{letter}{k}": 0.0 for letter in "ab" for k in range(1, STRAINS + 1)}
-    for k in range(1, STRAINS + 1):
+    result = {f"{letter}{k}": 0.0 for letter in "ab" for k in range(STRAINS)}
+    for k in range(STRAINS):
         p = np.polynomial.legendre.Legendre.basis(k)(xi)
         result["ab"[int(more["axis"])] + str(k)] = float((2 * k + 1) / 2 * (weights * p * angle**2 / 2).sum())
     return result
