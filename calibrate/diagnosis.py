@@ -123,11 +123,11 @@ class Problem:
 class Fit:
     """Base and effects fitted together.
 
-    c (n,): spline coefficients. log_determinant: of the covariance that the weights come from. loss: |whitened residual|^2 of `n_rows` training equations. free_loss: of the part that
+    c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. free_loss: of the part that
     neither the base (all its splines) nor the amplitudes could change, with `degrees` of freedom. clear: the same, of the
     part that a discretisation error could not change either. smooth: of the part that varies slowly over specimen and
-    increments, see `slow`. additions: effects; errors: a standard deviation for each
-    amplitude. columns (N, k): orthonormal, what the fit can adjust.
+    increments, see `slow`. additions: effects; errors: a standard deviation for each amplitude. columns (N, k): orthonormal,
+    what the fit can adjust. log_determinant: of the covariance that the weights come from.
     """
 
     c: Array
@@ -394,16 +394,10 @@ def visible_noise(problem: Problem, c: Array, additions: Additions, r: Array) ->
     return found
 
 
-def excess(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions, U: Array, scale: Array) -> Array:
-    """(p, p): what the noise left in the signatures of the last addition adds to M, beside the columns U; sampled.
-
-    The noise that shows in the residual has been taken out, that which does not is independent of it: the score has the
-    variance M, but its slope is M less this, so that the amplitude is -(M - excess)^-1 g.
-    """
-    rough = _rough(problem, additions)
-    total = np.zeros((len(scale), len(scale)))
+def hidden_noise(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[list[Array]]:
+    """Samples of noise (t, n, 2), mm, of each trained part, without what would show in the residual."""
+    rough, samples = _rough(problem, additions), []
     rng = np.random.default_rng(0)
-    plain = signature(problem, chains, c, additions)
     for _ in range(SAMPLES):
         noise = [
             np.asarray(noise_model.sample(part.assembled.noise_factor, rng, part.experiment.n_increments))
@@ -412,10 +406,31 @@ def excess(problem: Problem, chains: Sequence[Chain], c: Array, additions: Addit
         moved = [chain.disturbed(z) for chain, z in zip(chains, noise, strict=True)]
         change = [m.with_additions(c, rough) - k.with_additions(c, rough) for m, k in zip(moved, chains, strict=True)]
         seen = visible_noise(problem, c, rough, problem.white(change))
-        hidden = [chain.disturbed(z - s) for chain, z, s in zip(chains, noise, seen, strict=True)]
-        S = (signature(problem, hidden, c, additions) - plain) * scale
+        samples.append([z - s for z, s in zip(noise, seen, strict=True)])
+    return samples
+
+
+def excess(
+    problem: Problem,
+    chains: Sequence[Chain],
+    c: Array,
+    additions: Additions,
+    U: Array,
+    scale: Array,
+    hidden: list[list[Array]],
+) -> Array:
+    """(p, p): what `hidden_noise` adds to M, by the signatures of the last addition beside the columns U.
+
+    The noise that shows in the residual has been taken out, that which does not is independent of it: the score has the
+    variance M, but its slope is M less this, so that the amplitude is -(M - excess)^-1 g.
+    """
+    total = np.zeros((len(scale), len(scale)))
+    plain = signature(problem, chains, c, additions)
+    for sample in hidden:
+        moved = [chain.disturbed(z) for chain, z in zip(chains, sample, strict=True)]
+        S = (signature(problem, moved, c, additions) - plain) * scale
         S = S - U @ (U.T @ S)
-        total += S.T @ S / SAMPLES
+        total += S.T @ S / len(hidden)
     return total
 
 
@@ -561,7 +576,8 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
             own = slice(start, start + len(one.amplitudes))
             if one.effect.rough and problem.noise_is_known:
                 others = tuple(a for a in additions if a is not one)
-                N[own, own] = excess(problem, chains, c, (*others, one), base, scale[own])
+                hidden = hidden_noise(problem, chains, c, additions)
+                N[own, own] = excess(problem, chains, c, (*others, one), base, scale[own], hidden)
             start += size
         values, vectors = np.linalg.eigh(less(M, N))
         inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
@@ -772,6 +788,7 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
     r = r - U @ (U.T @ r)
     found: list[tuple[Score, Array]] = []
     skipped = []
+    hidden = hidden_noise(problem, state.chains, state.c, state.additions) if problem.noise_is_known else []
     for effect in effects:
         if effect.name in present:
             continue
@@ -779,7 +796,7 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
         if why:
             skipped.append(why)
             continue
-        result = examine(problem, state, effect, U, r)
+        result = examine(problem, state, effect, U, r, hidden)
         if result[0].status == "tested":
             found.append(result)
         else:
@@ -807,14 +824,19 @@ def untestable(problem: Problem, effect: Effect) -> Score | None:
     return None
 
 
-def examine(problem: Problem, state: Fit, effect: Effect, U: Array, r: Array) -> tuple[Score, Array]:
-    """Score of one effect over its shapes, and orthonormal signatures (N, k) of all shapes for the simulation."""
+def examine(
+    problem: Problem, state: Fit, effect: Effect, U: Array, r: Array, hidden: list[list[Array]] | None = None
+) -> tuple[Score, Array]:
+    """Score of one effect over its shapes, and orthonormal signatures (N, k) of all shapes for the simulation.
+
+    hidden: see `hidden_noise`; found here where it is not given.
+    """
     null = tuple(p.null for p in effect.amplitudes)
     best: Score | None = None
     blocks, absorbed_most = [], 1.0
     shapes = effect.shape_values(problem.trained[0].chain.data)
     for shape in shapes:
-        one, Q = examine_shape(problem, state, Addition(effect, null, tuple(shape)), U, r)
+        one, Q = examine_shape(problem, state, Addition(effect, null, tuple(shape)), U, r, hidden)
         absorbed_most = min(absorbed_most, one.absorbed)
         if one.status != "tested":
             continue
@@ -829,7 +851,9 @@ def examine(problem: Problem, state: Fit, effect: Effect, U: Array, r: Array) ->
     return replace(best, p_value=p), np.concatenate(blocks, axis=1)
 
 
-def examine_shape(problem: Problem, state: Fit, addition: Addition, U: Array, r: Array) -> tuple[Score, Array]:
+def examine_shape(
+    problem: Problem, state: Fit, addition: Addition, U: Array, r: Array, hidden: list[list[Array]] | None = None
+) -> tuple[Score, Array]:
     """Score of one effect with one shape, and its orthonormal signature (N, p)."""
     effect = addition.effect
     typical = np.array([p.typical for p in effect.amplitudes])
@@ -847,7 +871,8 @@ def examine_shape(problem: Problem, state: Fit, addition: Addition, U: Array, r:
     T = float(((vectors[:, keep].T @ g) ** 2 / values[keep]).sum())
     inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
     if effect.rough and problem.noise_is_known:
-        inverse = np.linalg.inv(less(M, excess(problem, state.chains, state.c, additions, U, typical)))
+        hidden = hidden_noise(problem, state.chains, state.c, state.additions) if hidden is None else hidden
+        inverse = np.linalg.inv(less(M, excess(problem, state.chains, state.c, additions, U, typical, hidden)))
     a = -inverse @ g
     spread = np.sqrt(np.diag(inverse @ M @ inverse))
     null = np.array([p.null for p in effect.amplitudes])

@@ -96,7 +96,9 @@ def test_excess_is_what_noise_adds_to_a_signature():
         S = diagnosis.signature(problem, [moved.disturbed(-seen)], base.c, thick)
         S = S - base.columns @ (base.columns.T @ S)
         added.append(float((S**2).sum() - (exact**2).sum()))
-        N = diagnosis.excess(problem, [moved.disturbed(-seen)], base.c, thick, base.columns, np.ones(1))
+        chains = [moved.disturbed(-seen)]
+        hidden = diagnosis.hidden_noise(problem, chains, base.c, ())
+        N = diagnosis.excess(problem, chains, base.c, thick, base.columns, np.ones(1), hidden)
         estimated.append(float(N[0, 0]))
     assert np.mean(estimated) > 0.1 * float((exact**2).sum())
     assert np.mean(added) == pytest.approx(np.mean(estimated), rel=0.15)
