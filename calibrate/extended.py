@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from calibrate import errors, noise_model
 from calibrate.basis import SingleBasis
 from calibrate.chain import Addition, Additions, Chain
-from calibrate.effects import CATALOGUE, Parameter
+from calibrate.effects import KNOWN, Parameter, Viscosity
 from calibrate.equilibrium import equilibrium
 from calibrate.experiment import Experiment
 from calibrate.files import write_atomically
@@ -132,6 +132,33 @@ class ExtendedModel:
         """The same with a network and how good it is."""
         return replace(self, network=network, network_loss=loss)
 
+    @property
+    def relaxes(self) -> bool:
+        """Whether it holds a branch of viscoelasticity."""
+        return any(isinstance(a.effect, Viscosity) for a in self.additions)
+
+    def scaled(self, factor: float, strength: float = 1.0) -> ExtendedModel:
+        """Stiffer by a factor: amplitudes in MPa follow, those in 1/MPa go the other way; relaxation by its own `strength`.
+
+        For another batch of the same material; what does not scale with stiffness stays.
+        """
+        power = {"MPa": 1, "1/MPa": -1}
+        additions, deviations = [], []
+        for a, spread in zip(self.additions, self.errors, strict=True):
+            own = strength if isinstance(a.effect, Viscosity) else 1.0
+            factors = [own * factor ** power.get(p.unit, 0) for p in a.effect.amplitudes]
+            values = tuple(f * v for f, v in zip(factors, a.amplitudes, strict=True))
+            additions.append(replace(a, amplitudes=values))
+            deviations.append(tuple(f * d for f, d in zip(factors, spread, strict=True)))
+        return replace(
+            self,
+            c=factor * self.c,
+            additions=tuple(additions),
+            errors=tuple(deviations),
+            network=None,
+            network_loss={},
+        )
+
     @classmethod
     def load(cls, path: str | Path) -> ExtendedModel:
         """Read a file of `save`. Raises `ModelFileError` naming the key that is wrong."""
@@ -214,7 +241,7 @@ def _addition_to_dict(addition: Addition, deviations: tuple[float, ...], stress_
 
 
 def _addition_from_dict(content: dict[str, Any]) -> tuple[Addition, tuple[float, ...]]:
-    known = {effect.name: effect for effect in CATALOGUE}
+    known = {effect.name: effect for effect in KNOWN}
     if content["effect"] not in known:
         raise ValueError(f"effect '{content['effect']}' unknown; this version knows {', '.join(known)}")
     effect = known[content["effect"]]

@@ -1,7 +1,7 @@
 """`equigap measured`: the loop closed on measured data; nothing but the data in, one report with its numbers out.
 
 Out: ``report.html``, ``measured.json`` (every number), ``errors.csv``, ``candidates.csv``, ``sections.csv``,
-``homogeneous.csv``, ``control.csv``, pictures and a manifest. Every step is kept in ``steps/`` and not made again.
+``homogeneous.csv``, ``control.csv``, a model file of every sheet learnt on (`equigap predict`), pictures and a manifest. Every step is kept in ``steps/`` and not made again.
 """
 
 from __future__ import annotations
@@ -123,30 +123,33 @@ class Steps:
         return record(name, self.sheet(name))
 
     def learn(self, name: str) -> dict[str, Any]:
-        from studies.measured_sheets import learn
+        from studies.measured_loop import learn
 
         args = self.args
         return learn(self.sheet(name), args.until, args.spacing, args.base, self.say)
 
     def rivals(self, learnt: dict[str, Any]) -> dict[str, Any]:
-        from studies.measured_sheets import Material, Split, rivals
+        from calibrate.extended import ExtendedModel
+        from studies.measured_account import Split
+        from studies.measured_transfer import rivals
 
         e = self.sheet(FIRST)
-        material = Material.from_dict(learnt["models"][-1]["material"])
-        return {"models": rivals(e, material, Split.of(e, self.args.until), self.args.spacing)}
+        model = ExtendedModel.from_dict(learnt["models"][-1]["model"])
+        return {"models": rivals(e, model, Split.of(e, self.args.until), self.args.spacing)}
 
     def transfer(self, name: str, learnt: dict[str, Any]) -> dict[str, Any]:
-        from studies.measured_sheets import transfer
+        from studies.measured_transfer import transfer
 
         return transfer(self.sheet(name), learnt["models"], self.args.until, self.args.spacing)
 
     def locate(self, carried: dict[str, Any]) -> dict[str, Any]:
+        from calibrate.extended import ExtendedModel
         from studies.importing import import_experiment
-        from studies.measured_sheets import Material, stiffness_map
+        from studies.measured_map import stiffness_map
 
         e = import_experiment(HETERO, frames=str(LOCAL_FRAMES))
-        material = Material.from_dict(carried["models"][-1]["material"])
-        return stiffness_map(e, material, self.args.until, FINE, CELL)
+        model = ExtendedModel.from_dict(carried["models"][-1]["model"])
+        return stiffness_map(e, model, self.args.until, FINE, CELL)
 
     def control(self, name: str) -> dict[str, Any]:
         from studies.measured_control import imported, split_half

@@ -19,7 +19,7 @@ from calibrate.diagnosis import Part, Problem
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment, Noise
 from calibrate.whitening import covariances, whitening
-from studies.measured_sheets import EVERY
+from studies.measured_loop import EVERY
 
 Array = NDArray[np.float64]
 MEAN_OF_TWO = np.sqrt(1.5)  # std of a value minus the mean of two others

@@ -83,7 +83,7 @@ def _pictures(folder: Path, results: dict[str, Any]) -> dict[str, tuple[Path, st
 
 
 def _data(folder: Path, results: dict[str, Any]) -> list[Path]:
-    """measured.json, errors.csv, candidates.csv, sections.csv, homogeneous.csv, control.csv."""
+    """measured.json, errors.csv, candidates.csv, sections.csv, homogeneous.csv, control.csv, and model files."""
     write_json(folder / "measured.json", results)
     rows, sections = [], []
     for key in ("first", "second", "own", "hetero"):
@@ -135,6 +135,9 @@ def _data(folder: Path, results: dict[str, Any]) -> list[Path]:
         [[results[key]["name"], *line] for key, part in (("first", lines), ("own", more)) for line in part],
     )
     paths = [folder / "measured.json"]
+    for key in ("first", "own"):
+        paths.append(folder / f"model_{results[key]['name']}.json")
+        write_json(paths[-1], results[key]["models"][-1]["model"])
     for name, (columns, lines) in tables.items():
         write_csv(folder / f"{name}.csv", columns, lines)
         paths.append(folder / f"{name}.csv")

@@ -7,7 +7,7 @@ import pytest
 
 from calibrate.basis import SingleBasis
 from calibrate.chain import Chain, gradients
-from calibrate.effects import CATALOGUE, Data
+from calibrate.effects import CATALOGUE, Data, SecondViscosity
 from calibrate.effects.borders import nearest_lines, subset_moments
 from calibrate.effects.branches import motion
 from calibrate.effects.camera import LensDistortion, OutOfPlane, UnmeasuredStrip, undistorted
@@ -20,9 +20,8 @@ from calibrate.effects.viscosity import Viscosity
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment, LoadedBoundary
 from calibrate.virtual_fields import virtual_fields
-from studies.measured_sheets import SecondRelaxation
 
-EVERY = (*CATALOGUE, SecondRelaxation())
+EVERY = (*CATALOGUE, SecondViscosity())
 NAMES = [effect.name for effect in EVERY]
 
 

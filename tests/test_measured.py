@@ -18,15 +18,25 @@ from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import ORDER, InitialWarp, polynomials
 from calibrate.equilibrium import equilibrium, neo_hooke
 from calibrate.experiment import Experiment, LoadedBoundary
-from studies import measured, measured_sheets
+from calibrate.extended import ExtendedModel
+from studies import measured, measured_account, measured_map, measured_transfer
+from studies.measured_account import Split
 from studies.measured_control import triplets
-from studies.measured_sheets import Material, Split
 from studies.missing_frames import missing_frames
 
 SIZE, MU = 40.0, 0.4
 TIME = np.linspace(1.0, 20.0, 10)
 BASIS = SingleBasis(0, 1.0, 12)
-MATERIAL = Material(BASIS, neo_hooke(BASIS, MU), ())
+
+
+def material(*additions):
+    """Neo-Hooke with effects."""
+    return ExtendedModel(
+        BASIS, neo_hooke(BASIS, MU), additions, tuple((0.0,) * len(a.amplitudes) for a in additions), "MPa"
+    )
+
+
+MATERIAL = material()
 
 
 def sheet(stretches, lateral, forces, free):
@@ -114,13 +124,15 @@ def test_a_sheet_that_was_bowed_is_flattened(uniaxial):
 
 
 def test_section_forces_of_a_uniform_sheet(uniaxial):
-    found = measured_sheets.section_forces(uniaxial, MATERIAL)
-    assert found == pytest.approx(np.repeat(measured_sheets.force(uniaxial)[:, None], found.shape[1], axis=1), rel=2e-3)
+    found = measured_account.section_forces(uniaxial, MATERIAL)
+    assert found == pytest.approx(
+        np.repeat(measured_account.force(uniaxial)[:, None], found.shape[1], axis=1), rel=2e-3
+    )
 
 
 def test_a_material_is_carried_with_one_factor(uniaxial):
-    result = measured_sheets.transfer(
-        uniaxial, [{"name": "base", "material": MATERIAL.scaled(0.5).to_dict()}], 10.0, 12.0
+    result = measured_transfer.transfer(
+        uniaxial, [{"name": "base", "model": MATERIAL.scaled(0.5).to_dict()}], 10.0, 12.0
     )
     model = result["models"][0]
     assert model["factor"] == pytest.approx(2.0, rel=5e-3)
@@ -130,11 +142,11 @@ def test_a_material_is_carried_with_one_factor(uniaxial):
 
 def test_the_strength_of_relaxation_is_carried_with_its_own_factor(uniaxial):
     """A force with twice the overstress that was learnt."""
-    learnt = Material(BASIS, MATERIAL.c, (Addition(Viscosity(), (0.2,), (3.0,)),))
-    pull = measured_sheets.section_forces(uniaxial, learnt.scaled(1.5, 2.0)).mean(axis=1)
+    learnt = material(Addition(Viscosity(), (0.2,), (3.0,)))
+    pull = measured_account.section_forces(uniaxial, learnt.scaled(1.5, 2.0)).mean(axis=1)
     forces = np.stack([np.zeros(len(pull)), pull], axis=1)
     loaded = tuple(replace(b, force=sign * forces) for b, sign in zip(uniaxial.loaded, (-1, 1), strict=True))
-    _, factors = measured_sheets.carried(
+    _, factors = measured_transfer.carried(
         replace(uniaxial, loaded=loaded), learnt, Split.of(uniaxial, 13.0), 12.0, strength=True
     )
     assert factors == pytest.approx({"stiffness": 1.5, "relaxation": 2.0}, rel=2e-2)
@@ -143,8 +155,8 @@ def test_the_strength_of_relaxation_is_carried_with_its_own_factor(uniaxial):
 @pytest.mark.parametrize("base", ["neo-Hooke", "positive"])
 def test_on_one_ramp_relaxation_is_seen_beside_neo_hooke_alone(uniaxial, base):
     """An energy of I1 of any shape can soften with strain as a branch relaxes with time."""
-    learnt = Material(BASIS, MATERIAL.c, (Addition(Viscosity(), (0.5,), (3.0,)),))
-    pull = measured_sheets.section_forces(uniaxial, learnt).mean(axis=1)
+    learnt = material(Addition(Viscosity(), (0.5,), (3.0,)))
+    pull = measured_account.section_forces(uniaxial, learnt).mean(axis=1)
     forces = np.stack([np.zeros(len(pull)), pull], axis=1)
     loaded = tuple(replace(b, force=sign * forces) for b, sign in zip(uniaxial.loaded, (-1, 1), strict=True))
     e = replace(uniaxial, loaded=loaded)
@@ -162,15 +174,15 @@ def test_on_one_ramp_relaxation_is_seen_beside_neo_hooke_alone(uniaxial, base):
 
 def test_scaling_a_material_scales_its_stress(uniaxial):
     """beta in 1/MPa falls as the stiffness rises, so that the volume ratio stays."""
-    soft = Material(BASIS, MATERIAL.c, (Addition(Compressibility(), (0.2,)),))
-    assert measured_sheets.section_forces(uniaxial, soft.scaled(3.0)) == pytest.approx(
-        3 * measured_sheets.section_forces(uniaxial, soft), rel=1e-9
+    soft = material(Addition(Compressibility(), (0.2,)))
+    assert measured_account.section_forces(uniaxial, soft.scaled(3.0)) == pytest.approx(
+        3 * measured_account.section_forces(uniaxial, soft), rel=1e-9
     )
-    assert Material.from_dict(json.loads(json.dumps(soft.to_dict()))).additions == soft.additions
+    assert ExtendedModel.from_dict(json.loads(json.dumps(soft.to_dict()))).additions == soft.additions
 
 
 def test_the_stiffer_half_is_located(layered):
-    found = measured_sheets.stiffness_map(layered, MATERIAL, 10.0, 8.0, 8.0)
+    found = measured_map.stiffness_map(layered, MATERIAL, 10.0, 8.0, 8.0)
     y = layered.points[:, 1]
     values = np.array(found["map"])
     inner = np.abs(layered.points[:, 0] - SIZE / 2) < SIZE / 4

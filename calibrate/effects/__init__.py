@@ -1,4 +1,4 @@
-"""The catalogue: one module an effect, or a family of them; `CATALOGUE` lists all.
+"""The catalogue: one module an effect, or a family of them; `CATALOGUE` lists all that are tested, `KNOWN` also those that a model file may hold.
 
 Adding an effect: write a subclass of `Effect` in a module of its own and name it here.
 """
@@ -12,7 +12,7 @@ from calibrate.effects.history import Mullins, Payne
 from calibrate.effects.load import ForceGain, ForceOffset, Lag, Rotation
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.thickness import Thickness
-from calibrate.effects.viscosity import Viscosity
+from calibrate.effects.viscosity import SecondViscosity, Viscosity
 from calibrate.effects.warp import InitialWarp
 
 CATALOGUE: tuple[Effect, ...] = (
@@ -38,4 +38,6 @@ CATALOGUE: tuple[Effect, ...] = (
     InitialWarp(),
 )
 
-__all__ = ["CATALOGUE", "Data", "Effect", "Parameter"]
+KNOWN = (*CATALOGUE, SecondViscosity())
+
+__all__ = ["CATALOGUE", "KNOWN", "Data", "Effect", "Parameter", "SecondViscosity", "Viscosity"]

@@ -44,3 +44,10 @@ class Viscosity(Effect):
             overstress.append(H)
             before = now
         return P + a[0] * F @ jnp.stack(overstress)
+
+
+@dataclass(frozen=True)
+class SecondViscosity(Viscosity):
+    """A second branch, for a material that relaxes over more than a decade of time; tested beside the first only."""
+
+    name = "second relaxation time"

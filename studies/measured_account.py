@@ -1,0 +1,124 @@
+"""What a model says of a measured sheet: an Experiment and a model in, errors and section forces out.
+
+A sheet's increments are split three ways. Of those up to `until` the first two thirds are fitted and the last third confirms
+what is added, so that an effect must pay where the deformation is larger than any that was fitted. The models chosen are
+then fitted to all up to `until`. Those after `until` are scored once, at the end. Errors: of force, the norm of what the two
+grips disagree over the norm of the measured forces; of the field, the norm of the virtual work that fields without a load
+leave, over the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from calibrate import errors
+from calibrate.chain import Additions, Chain
+from calibrate.equilibrium import Equilibrium, equilibrium
+from calibrate.experiment import Experiment
+from calibrate.extended import ExtendedModel
+from calibrate.virtual_fields import VirtualFields
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+CONFIRMS = 1 / 3  # of the increments up to the limit: the last ones
+SECTIONS = 9  # bands along the pull in which the section force is found
+
+
+@dataclass(frozen=True)
+class Split:
+    """Increments (t,) that are fitted, that confirm, and that are scored."""
+
+    fitted: Mask
+    confirms: Mask
+    scored: Mask
+
+    @classmethod
+    def of(cls, e: Experiment, until: float) -> Split:
+        """By time. Raises `ConfigError` where one of the three would be empty."""
+        if e.time is None:
+            raise errors.ConfigError(f"{e.name}: has no time, so that no first part can be fitted")
+        early = np.flatnonzero(e.time <= until)
+        fitted, confirms = (np.zeros(e.n_increments, bool) for _ in range(2))
+        fitted[early] = True
+        confirms[early[early.size - round(CONFIRMS * early.size) :]] = True
+        fitted &= ~confirms
+        scored = e.time > until
+        if fitted.sum() < 3 or not confirms.any() or not scored.any():
+            raise errors.ConfigError(
+                f"{e.name}: {early.size} of {e.n_increments} increments are before {until:g} s; give more --frames or "
+                "another --until"
+            )
+        return cls(fitted, confirms, scored)
+
+    def parts(self) -> dict[str, Mask]:
+        """What was fitted in the end, and what was scored."""
+        return {"fitted": self.fitted | self.confirms, "scored": self.scored}
+
+
+def account(e: Experiment, model: ExtendedModel, split: Split, spacing: float) -> dict[str, Any]:
+    """Errors of a model on a sheet, the grips' forces, and the section forces over the measured force."""
+    chain = Chain(equilibrium(e, spacing), model.basis)
+    r, system = chain.with_additions(model.c, model.additions), chain.system
+    grips = grip_rows(system)
+    measured = system.loads[:, grips]
+    sections = section_forces(e, model)
+    pull = force(e)
+    thirds = sections.shape[1] // 3
+    lower, upper = sections[:, :thirds].mean(axis=1), sections[:, -thirds:].mean(axis=1)
+    result: dict[str, Any] = {
+        "errors": {},
+        "grip_error": (r[:, grips] / np.linalg.norm(measured, axis=1)[:, None]).tolist(),
+    }
+    for name, rows in split.parts().items():
+        result["errors"][name] = {
+            **force_and_field(system, r, rows),
+            "mean_force": float(np.sqrt(np.mean((sections[rows].mean(axis=1) / pull[rows] - 1) ** 2))),
+            "section_scatter": float(np.sqrt(np.mean((sections[rows] / pull[rows, None] - 1) ** 2))),
+            "lower_over_upper": float(np.mean(lower[rows] / upper[rows])),
+        }
+    result["force"] = pull.tolist()
+    result["sections"] = (sections / pull[:, None]).tolist()
+    return result
+
+
+def equations(system: Equilibrium, increments: Mask) -> Mask:
+    """All equations (t, 2 v) of increments (t,)."""
+    return np.repeat(increments[:, None], system.loads.shape[1], axis=1)
+
+
+def grip_rows(system: Equilibrium) -> Mask:
+    """Equations (2 v,) that hold a measured force."""
+    return np.tile(system.fields.boundary >= 0, 2) & np.isfinite(system.loads).all(axis=0)
+
+
+def force_and_field(system: Equilibrium, r: Array, increments: Mask) -> dict[str, float]:
+    """Relative errors of residuals r (t, 2 v) in some increments, see the top of this module."""
+    fields = np.tile(system.fields.boundary < 0, 2)
+    grips = grip_rows(system)
+    size = np.linalg.norm(system.loads[increments][:, grips])
+    parts = (("force", grips), ("field", fields))
+    return {name: float(np.linalg.norm(r[increments][:, rows]) / size) for name, rows in parts}
+
+
+def force(e: Experiment) -> Array:
+    """Pull (t,), N: the mean size of the forces along y of the two grips."""
+    return np.mean([np.abs(b.force[:, 1]) for b in e.loaded], axis=0)
+
+
+def section_forces(e: Experiment, model: ExtendedModel, n: int = SECTIONS) -> Array:
+    """Force along y through the sheet (t, n), N, as the model has it, mean over each of n bands, bottom band first."""
+    y = e.points[:, 1]
+    edges = np.linspace(y.min(), y.max(), n + 1)
+    values = np.stack([np.clip((y - a) / (b - a), 0, 1) for a, b in pairwise(edges)], axis=1)
+    fields = VirtualFields(sp.csr_array(values), np.full(n, -1), float(edges[1] - edges[0]))
+    return Chain(Equilibrium(e, fields), model.basis).with_additions(model.c, _without_loads(model))[:, n:]
+
+
+def _without_loads(model: ExtendedModel) -> Additions:
+    return tuple(a for a in model.additions if a.effect.stage != "load")

@@ -1,0 +1,110 @@
+"""What was learnt on one measured sheet, on another: carried with one factor, and against rival models.
+
+In: Experiments and models. Out: dictionaries of plain numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, nnls
+
+from calibrate import diagnosis, errors
+from calibrate.chain import Addition, Chain
+from calibrate.effects.viscosity import Viscosity
+from calibrate.equilibrium import equilibrium, neo_hooke
+from calibrate.experiment import Experiment
+from calibrate.extended import ExtendedModel
+from studies.measured_account import Split, account, equations, force, force_and_field, grip_rows
+from studies.measured_loop import RELAXATION, base_name
+
+Array = NDArray[np.float64]
+REFITTED = ", relaxation refitted"
+
+
+def carried(
+    e: Experiment, model: ExtendedModel, split: Split, spacing: float, strength: bool = False
+) -> tuple[ExtendedModel, dict[str, float]]:
+    """The model with the factor on its stiffness, and on the `strength` of its relaxation, that fits the forces best.
+
+    Fitted to the forces at the grips in the increments to be fitted; everything else stays as it was learnt.
+    """
+    system = equilibrium(e, spacing)
+    rows = split.fitted | split.confirms
+    grips = grip_rows(system)
+
+    def residuals(logs: Array) -> Array:
+        scaled = model.scaled(*np.exp(logs))
+        return Chain(system, model.basis).with_additions(scaled.c, scaled.additions)[rows][:, grips].ravel()
+
+    load = system.loads[rows][:, grips].ravel()
+    guess = float(load @ load) / max(float(load @ (residuals(np.zeros(1)) + load)), 1e-3 * float(load @ load))
+    start = np.log([guess, 1.0] if strength else [guess])
+    best = least_squares(residuals, start, x_scale=0.1, diff_step=1e-2, xtol=1e-4, max_nfev=20)
+    if not best.success:
+        raise errors.FitError(f"{e.name}: the carried material cannot be scaled to its forces: {best.message}")
+    factors = [float(f) for f in np.exp(best.x)]
+    return model.scaled(*factors), dict(zip(("stiffness", "relaxation"), factors, strict=False))
+
+
+def transfer(e: Experiment, models: Sequence[dict[str, Any]], until: float, spacing: float) -> dict[str, Any]:
+    """Every model learnt on another sheet, on this one, with one factor refitted; the last also with its relaxation."""
+    split = Split.of(e, until)
+    result: dict[str, Any] = {"name": e.name, "time": e.time, "models": []}
+    learnt = [one for one in models if not one["name"].endswith(REFITTED)]
+    cases = [(one, False) for one in learnt]
+    if ExtendedModel.from_dict(learnt[-1]["model"]).relaxes:
+        cases.append((learnt[-1], True))
+    for one, strength in cases:
+        model, factors = carried(e, ExtendedModel.from_dict(one["model"]), split, spacing, strength)
+        result["models"].append(
+            {
+                "name": one["name"] + (REFITTED if strength else ""),
+                "factor": factors["stiffness"],
+                "factors": factors,
+                "model": model.to_dict(),
+                **account(e, model, split, spacing),
+            }
+        )
+    return result
+
+
+def rivals(e: Experiment, model: ExtendedModel, split: Split, spacing: float) -> list[dict[str, Any]]:
+    """Softening with strain against relaxation with time: models with the same other effects, on the same increments.
+
+    Strain: psi_1 >= 0 in straight lines or splines. Time: Prony branches of neo-Hooke with fixed times.
+    """
+    chain = Chain(equilibrium(e, spacing), model.basis)
+    system = chain.system
+    additions = tuple(a for a in model.additions if not isinstance(a.effect, Viscosity))
+    rows, known = split.fitted | split.confirms, np.isfinite(system.loads).all(axis=0)
+    scale = np.abs(force(e))[:, None]
+    top = diagnosis.trained_top(system, equations(system, rows))
+    loads = np.nan_to_num(chain.external(additions))
+
+    def columns(c: Array, tau: float | None = None) -> Array:
+        branch = () if tau is None else (Addition(Viscosity(), (1.0,), (tau,)),)
+        return chain.work(chain.stress(c, (*additions, *branch)))
+
+    result = []
+    for n, times in ((1, ()), (1, RELAXATION), (2, ()), (3, ()), (5, ()), (3, RELAXATION)):
+        cone = diagnosis.base_cone(model.basis, "positive", top, n)
+        soft = neo_hooke(model.basis)
+        A = [columns(cone[:, j]) for j in range(cone.shape[1])]
+        A += [columns(soft, tau) - columns(soft) for tau in times]
+        work = np.stack(A, axis=-1)
+        flat = (work / scale[..., None])[rows][:, known].reshape(-1, work.shape[-1])
+        weights = nnls(flat, (loads / scale)[rows][:, known].ravel(), maxiter=1000)[0]
+        r = work @ weights - loads
+        line: dict[str, Any] = {
+            "name": base_name(n) + (", relaxing" if times else ""),
+            "branches": dict(zip(map(str, times), weights[cone.shape[1] :].tolist(), strict=True)),
+            "errors": {},
+        }
+        for part, mask in split.parts().items():
+            line["errors"][part] = force_and_field(system, r, mask)
+        result.append(line)
+    return result
