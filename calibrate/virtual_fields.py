@@ -21,6 +21,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from calibrate.errors import ConfigError
 from calibrate.experiment import Experiment, boundary_nodes
 
 Array = NDArray[np.float64]
@@ -48,9 +49,19 @@ def default_spacing(experiment: Experiment) -> float:
 
 
 def virtual_fields(experiment: Experiment, spacing: float | None = None) -> VirtualFields:
-    """Build the virtual fields of an experiment on a grid of `spacing` mm."""
+    """Build the virtual fields of an experiment on a grid of `spacing` mm.
+
+    Raises `ConfigError` for a spacing that leaves no field inside the specimen.
+    """
     spacing = default_spacing(experiment) if spacing is None else float(spacing)
     points = experiment.points
+    extent = float(np.ptp(points, axis=0).max())
+    inside = len(boundary_nodes(experiment.triangles)) < len(points)  # a homogeneous test is all boundary
+    if inside and not 0 < spacing <= extent:
+        raise ConfigError(
+            f"{experiment.name}: virtual fields {spacing:g} mm apart do not fit a specimen of {extent:.3g} mm; give a "
+            f"--spacing well below it ({default_spacing(experiment):.3g} by default)"
+        )
     constrained = np.setdiff1d(boundary_nodes(experiment.triangles), experiment.free_nodes)
     cutoff = np.ones(len(points))
     if constrained.size:

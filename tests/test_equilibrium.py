@@ -205,3 +205,9 @@ def test_boundary_nodes_of_the_plate(experiment):
     loaded = np.concatenate([b.nodes for b in experiment.loaded])
     rims = np.union1d(loaded, experiment.free_nodes)
     np.testing.assert_array_equal(boundary_nodes(experiment.triangles), rims)
+
+
+@pytest.mark.parametrize("spacing", [0.0, 200.0])
+def test_virtual_fields_that_do_not_fit_are_refused(experiment, spacing):
+    with pytest.raises(errors.ConfigError, match="--spacing"):
+        virtual_fields(experiment, spacing)
