@@ -33,6 +33,7 @@ PAIRS = (
     ("Mullins softening", "second invariant"),
 )
 
+WINDOW = 72  # trials that are put in an order of their own
 RENEWED = 12  # trials a worker after which all are renewed, with the memory that compiled code takes
 BREAKDOWNS = 3  # of the pool of workers, after which the run is given up
 
@@ -70,6 +71,17 @@ def plans(arguments: argparse.Namespace) -> list[Plan]:
     both = [Plan(next(seeds), PAIRS[i % len(PAIRS)]) for i in range(pairs)]
     ranked = [(k / max(len(group), 1), plan) for group in (single, none, both) for k, plan in enumerate(group)]
     return [plan for _, plan in sorted(ranked, key=lambda pair: pair[0])]
+
+
+def in_order_of_size(todo: Sequence[Plan]) -> list[Plan]:
+    """Trials of one specimen and number of increments in a row, within a `WINDOW`: they share compiled code."""
+    from studies.blind_data import draw
+
+    def size(plan: Plan) -> tuple[str, int]:
+        trial = draw(plan.seed, *(plan.effects or (None,)))
+        return trial.specimen, len(trial.factors)
+
+    return [plan for window in batched(todo, WINDOW) for plan in sorted(window, key=size)]
 
 
 def watch_parent(parent: int) -> None:
@@ -144,7 +156,12 @@ def main(arguments: argparse.Namespace) -> int:
     for breakdown in range(BREAKDOWNS):
         try:
             diagnose_all(
-                [plan for plan in missing if plan.name not in failures], trials, cache, jobs, failures, progress
+                in_order_of_size([plan for plan in missing if plan.name not in failures]),
+                trials,
+                cache,
+                jobs,
+                failures,
+                progress,
             )
             break
         except BrokenExecutor:  # a worker was killed: for memory, or by hand

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
+from itertools import batched, pairwise
 
 import pytest
 
 from calibrate.errors import ConfigError
 from studies import blind, blind_case, blind_report
 from studies.blind_case import Plan
+from studies.blind_data import draw
 from studies.cli import main
 
 
@@ -46,6 +48,16 @@ def test_every_trial_has_its_own_seed_and_kinds_are_mixed():
     assert len({p.seed for p in plans}) == len({p.name for p in plans}) == len(plans) == 10
     assert {len(p.effects) for p in plans[:5]} == {0, 1, 2}
     assert all(p.absent == (len(p.effects) == 1) for p in plans)
+
+
+def test_trials_of_one_size_follow_each_other():
+    todo = blind.plans(arguments("--trials", "2", "--nulls", "10", "--pairs", "0"))
+    ordered = blind.in_order_of_size(todo)
+    assert sorted(p.name for p in ordered) == sorted(p.name for p in todo)
+    for window in batched(ordered, blind.WINDOW):
+        trials = [draw(p.seed, *(p.effects or (None,))) for p in window]
+        sizes = [(t.specimen, len(t.factors)) for t in trials]
+        assert sum(a != b for a, b in pairwise(sizes)) == len(set(sizes)) - 1
 
 
 def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
