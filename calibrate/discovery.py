@@ -338,6 +338,9 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
     significant = [row for row in now.rows if row.score.status == "tested" and row.score.adjusted < ALPHA]
     refined = [replace(row, score=_best_shape(problem, now.fit, row.score)) for row in significant[:REFINED]]
     significant = sorted([*refined, *significant[REFINED:]], key=lambda row: -row.score.evidence)
+    likes = _likes(significant)
+    significant = [replace(row, like=likes[row.name]) for row in significant]
+    now = replace(now, rows=tuple(replace(row, like=likes.get(row.name, row.like)) for row in now.rows))
     remarks: list[str] = []
     confirmed: list[Row] = []
     tried = 0
@@ -365,6 +368,22 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
     group = dict.fromkeys((best.name, *_alike(best, significant), *equal))
     rows = tuple(best if row.name == best.name else row for row in now.rows)
     return replace(now, rows=rows, added=best.name, group=tuple(group), remarks=tuple(remarks)), best.fit
+
+
+def _likes(rows: Sequence[Row]) -> dict[str, tuple[tuple[str, float], ...]]:
+    """Cosines above 0.5 between effects at their best shapes, where these are more alike than at those of the grid.
+
+    Two families of fibres that close up are one, which no shape of the grid shows.
+    """
+    cosines = diagnosis.likeness([row.score for row in rows]) if rows else np.zeros((0, 0))
+    result = {}
+    for row, line in zip(rows, cosines, strict=True):
+        like = dict(row.like)
+        for other, cosine in zip(rows, line, strict=True):
+            if other is not row and cosine > max(like.get(other.name, 0.0), 0.5):
+                like[other.name] = float(cosine)
+        result[row.name] = tuple(sorted(like.items(), key=lambda pair: -pair[1]))
+    return result
 
 
 def _price(row: Row, weights: Fit) -> float:

@@ -18,6 +18,7 @@ from calibrate.effects import CATALOGUE
 from calibrate.equilibrium import Equilibrium, equilibrium, neo_hooke
 from calibrate.experiment import Noise
 from calibrate.whitening import Whitening
+from studies import blind_data
 
 NOISE = Noise(0.004, 3.0, 3e-4, 2e-3)
 
@@ -269,3 +270,14 @@ def test_nonsense_is_refused(text):
 def test_holding_out_everything_is_refused():
     with pytest.raises(errors.ConfigError, match="leaves nothing"):
         discovery.HoldOut.parse("after:0.5").training(equilibrium(sheet()))
+
+
+@pytest.mark.slow
+def test_families_of_fibres_that_close_up_are_declared_alike():
+    """One family from the UFL model: two families, left to imitate it, are named as its like."""
+    trial = next(t for s in range(60) if (t := blind_data.draw(s, "one fibre family")).specimen == "plate"
+                 and t.effects[0].amplitudes["k"] > 0.02 * t.material.shear_modulus)  # fmt: skip
+    result = discovery.discover([blind_data.make(trial)[0]], whole_table=False)
+    row = next(r for r in result.rounds[0].rows if r.name == "one fibre family")
+    assert "one fibre family" in result.named
+    assert dict(row.like)["two fibre families"] > diagnosis.COLLINEAR
