@@ -878,6 +878,11 @@ def examine_shape(
     null = np.array([p.null for p in effect.amplitudes])
     amplitudes = null + a * typical
     admissible = all(p.lower <= v <= p.upper for p, v in zip(effect.amplitudes, amplitudes, strict=True))
+    if not admissible and len(a) > 1:  # the best within the bounds; its score is less, its price is not
+        lower, upper = (np.array([getattr(p, end) for p in effect.amplitudes]) for end in ("lower", "upper"))
+        a = bounded(left, -r, (lower - null) / typical, (upper - null) / typical)
+        amplitudes, admissible = null + a * typical, True
+        T = max(float(-2 * (g @ a) - a @ M @ a), 0.0)
     change = left @ a
     direction = change / max(np.linalg.norm(change), 1e-300)
     return (

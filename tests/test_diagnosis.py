@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import synthetic
 from scipy import stats
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear, nnls
 
 from calibrate import diagnosis, discovery, discrepancy, errors, kinematics, noise_model
 from calibrate.basis import SingleBasis, basis_for
-from calibrate.chain import Chain
+from calibrate.chain import Addition, Chain
 from calibrate.effects import CATALOGUE
 from calibrate.equilibrium import Equilibrium, equilibrium, neo_hooke
 from calibrate.experiment import Noise
@@ -228,6 +228,23 @@ def test_absent_effect_is_not_given_another_name_without_saying():
     result = discovery.close_loop(*prepared(0.02), rest, whole_table=False)
     like = dict(next(r for r in found(0.02).rounds[0].rows if r.name == "second invariant").like)
     assert all(like.get(name, 0.0) > 0.9 for name in result.named)
+
+
+def test_amplitudes_of_a_family_stay_within_their_bounds():
+    """A warp only shortens: its score is the fall of the misfit at the best amplitudes that are admissible."""
+    problem, state = prepared(0.02)
+    warp = effect("initial warp")
+    U, r = state.columns, state.residual - state.columns @ (state.columns.T @ state.residual)
+    one, _ = diagnosis.examine_shape(problem, state, Addition(warp, (0.0,) * len(warp.amplitudes)), U, r)
+    S = diagnosis.signature(problem, state.chains, state.c, (Addition(warp, (0.0,) * len(warp.amplitudes)),))
+    left = S - U @ (U.T @ S)
+    bounds = [[getattr(p, end) for p in warp.amplitudes] for end in ("lower", "upper")]
+    best = lsq_linear(left / np.linalg.norm(left), -r / np.linalg.norm(left), bounds, method="bvls", tol=1e-14)
+    free = np.linalg.lstsq(left, -r, rcond=None)[0]
+    assert (free < bounds[0]).any() and one.admissible
+    assert np.all(np.array(one.amplitudes) >= np.array(bounds[0]) - 1e-15)
+    assert one.score == pytest.approx(r @ r - ((r + left @ best.x) ** 2).sum(), rel=1e-3)
+    assert one.score < r @ r - ((r + left @ free) ** 2).sum()
 
 
 def test_gauges_and_what_the_data_lack_are_named():

@@ -6,7 +6,7 @@ the sheet was bent to a cylinder about the other:
 
     e_x = sum a_k p_k(x),   e_y = sum b_k p_k(y),   p_k Legendre polynomials over the extent, k = 0 .. 4.
 
-With A = diag(1 + e_x, 1 + e_y), the gradient of the true by the seen reference points, the true deformation gradient is
+A bend shortens, whatever its sign, so that the means a_0 and b_0 are not negative. With A = diag(1 + e_x, 1 + e_y), the gradient of the true by the seen reference points, the true deformation gradient is
 F A^-1, and P turns into det A P A^-T (Piola transformation).
 """
 
@@ -31,7 +31,7 @@ class InitialWarp(Effect):
     stage = "measurement"
     formula = "F A^-1, A = diag(1 + sum a_k p_k(x), 1 + sum b_k p_k(y))"
     amplitudes = tuple(
-        Parameter(f"{letter}{k}", "1", lower=-STEEPEST, upper=STEEPEST, typical=0.002)
+        Parameter(f"{letter}{k}", "1", lower=-STEEPEST if k else 0.0, upper=STEEPEST, typical=0.002)
         for letter in "ab"
         for k in range(ORDER + 1)
     )
