@@ -47,6 +47,10 @@ SPLINES = 24  # of the base
 SHAPE_STEP = 1e-3  # of a radian, or of the size of a time, for derivatives by shapes
 LEAST = 0.2  # of the information on an amplitude, that noise in its signature leaves
 SAMPLES = 2  # of noise, for its part in a signature
+HALVINGS, RISE = (
+    5,
+    1.02,
+)  # of a step; share by which a step may raise the misfit, as signatures are not its slope exactly
 TURNS, NEAR = 2, 0.5  # updates of the weights by a fit; standard deviations between both that are near enough
 UNSEEN = 1e-4  # size of a column, relative to the largest, that is not fitted
 SLOW_PLACES, SLOW_TIMES = 3, 4  # cosines over each side of a specimen, over its increments
@@ -465,6 +469,12 @@ def residual(problem: Problem, c: Array, additions: Additions) -> Array:
     return problem.white([part.residual(c, additions) for part in problem.trained])
 
 
+def loss(problem: Problem, c: Array, additions: Additions) -> float:
+    """|whitened training residual|^2."""
+    r = residual(problem, c, additions)
+    return float(r @ r)
+
+
 def orthonormal(columns: Array) -> Array:
     """Orthonormal basis of the span of columns (N, k), directions without information dropped."""
     size = np.linalg.norm(columns, axis=0)
@@ -533,13 +543,13 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
     """Base, amplitudes and shapes together, by Gauss-Newton on the exact residual.
 
     Amplitudes and shapes, in their bounds, are fitted beside all splines, so that they do not depend on what the base
-    models can do; the base then follows in its cone.
+    models can do; the base then follows in its cone. Steps that raise the misfit are halved.
     """
     cone, n = problem.cone, problem.cone.shape[1]
     w = np.maximum(np.linalg.lstsq(cone, c, rcond=None)[0], 0.0)
+    r = residual(problem, cone @ w, additions)
     for k in range(iterations):
         c = cone @ w
-        r = residual(problem, c, additions)
         dispersion = max(1.0, float(r @ r) / len(r))
         if k < FOLLOWED or problem.rough:
             chains = denoised(problem, c, additions, r, dispersion)
@@ -557,9 +567,17 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
             x = np.clip(variables.values / scale, lower, upper)
             change = bounded(left, left @ x - (r - base @ (base.T @ r)), lower, upper) - x
             change[~S.any(axis=0)] = 0.0  # shapes that mean something at the null value only
-            additions = variables.at((x + change) * scale)
         new = bounded(A, A @ w - r - S @ change, np.zeros(n), np.full(n, np.inf), problem.prior * np.sqrt(dispersion))
-        step, w = np.linalg.norm(A @ (new - w)) + np.linalg.norm(S @ change), new
+        step = np.linalg.norm(A @ (new - w)) + np.linalg.norm(S @ change)
+        before = float(r @ r)
+        for halving in range(HALVINGS):
+            part = 0.5**halving
+            tried = variables.at((x + part * change) * scale) if additions else ()
+            moved = w + part * (new - w)
+            r = residual(problem, cone @ moved, tried)
+            if float(r @ r) <= RISE * before + len(change) + n:  # False for what is not finite
+                break
+        w, additions = moved, tried
         if step < 1e-2 * np.sqrt(dispersion):
             break
     c = cone @ w

@@ -36,6 +36,8 @@ REST = 0.03  # of what was explained, that may be left
 MINOR = 0.03  # of what the strongest effect explains: what its own formula may leave, so that no other is named for it
 NAMED = 2  # effects that together are called an explanation
 CLOSE = 9.2  # difference of scores below which the likelihoods of two effects differ by less than 100 to 1
+WORSE = 1.02  # a misfit larger by this factor is worse
+SOFTEST = 0.1  # of the stiffness of the base, that an effect must leave it
 MOST = 3  # effects in a model: one more than can be named
 TRIES = 3
 RIVAL = 0.8  # of the best score: effects so close are fitted before one is chosen, as scores are those of small effects
@@ -110,7 +112,7 @@ def _ordinal(n: int) -> str:
 
 @dataclass(frozen=True)
 class Misfit:
-    """force: norm of force errors over norm of measured forces. field: norm of the virtual work that fields without a
+    """force: norm of force errors over norm of measured forces, NaN where no force is among the equations. field: norm of the virtual work that fields without a
     load leave, over the same. chi_square: whitened squared residual an equation; rows: equations. noise: what the squares
     of force and field are expected to be from noise alone. log_determinant: of the covariance behind chi_square, an equation."""
 
@@ -208,13 +210,14 @@ def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misf
     """Errors on the training equations, or on those held out (None where there are none)."""
     force = field_ = measured = chi = determinant = 0.0
     noise = np.zeros(2)
-    n = 0
+    n = forces = 0
     for part in problem.parts:
         weights = part.held if held else part.train
         if not weights.size:
             continue
         r, load = part.residual(c, part.carried(additions)), np.nan_to_num(part.system.loads)
         carries = np.broadcast_to(np.tile(part.system.fields.boundary >= 0, 2), r.shape)
+        forces += int((weights.rows & carries).sum())
         force += float((r[weights.rows & carries] ** 2).sum())
         field_ += float((r[weights.rows & ~carries] ** 2).sum())
         noise += [weights.variance[carries].sum(), weights.variance[~carries].sum()]
@@ -228,7 +231,8 @@ def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misf
         return None
     size = max(measured, 1e-300)
     expected = float(noise[0] / size), float(noise[1] / size)
-    return Misfit(float(np.sqrt(force / size)), float(np.sqrt(field_ / size)), chi / n, n, expected, determinant / n)
+    of_force = float(np.sqrt(force / size)) if forces else float("nan")
+    return Misfit(of_force, float(np.sqrt(field_ / size)), chi / n, n, expected, determinant / n)
 
 
 def discover(
@@ -318,13 +322,22 @@ def _round(
 
 
 def _fitted(problem: Problem, state: Fit, row: Row, iterations: int) -> Row:
-    """The row with a refit of base and effect and its errors; what is not significant keeps the weights it has."""
+    """The row with a refit of base and effect and its errors; what is not significant keeps the weights it has.
+
+    Amplitudes far beyond those that the score test is good for are not started from. Without a fit where none is better than
+    the model without the effect: it then did not converge.
+    """
     addition = Addition(row.score.effect, row.score.amplitudes, row.score.shape)
+    if not diagnosis.loss(problem, state.c, (*state.additions, addition)) < WORSE * state.loss + state.n_rows:
+        null = tuple(p.null for p in row.score.effect.amplitudes)
+        addition = replace(addition, amplitudes=null)
     additions = (*state.additions, addition)
     if row.score.adjusted < ALPHA:
         problem, new = diagnosis.settled(problem, state.c, additions, iterations)
     else:
         new = diagnosis.refit(problem, state.c, additions, iterations)
+    if not new.free_loss < WORSE * state.free_loss + len(addition.amplitudes):
+        return row
     return replace(
         row,
         fit=new,
@@ -352,12 +365,19 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
             break
         tried += 1
         say(f"adding {row.name}")
-        best = _fitted(problem, now.fit, row, 6)
-        assert best.fit is not None and best.addition is not None
-        if _idle(best.addition, best.deviations):
+        best = _fitted(problem, now.fit, replace(row, fit=None), 6)
+        if best.fit is None or best.addition is None or best.train is None:
+            remarks.append(f"{row.name}: no fit with it is better than without it")
+        elif _idle(best.addition, best.deviations):
             remarks.append(f"{row.name}: no amplitude within its bounds differs from none when everything is refitted")
+        elif np.linalg.norm(best.fit.c) < SOFTEST * np.linalg.norm(now.fit.c):
+            remarks.append(
+                f"{row.name}: it would take the place of the material, which would have hardly any stiffness"
+            )
         elif now.held is not None and best.held is not None and not _better(now.held, best.held):
             remarks.append(f"{row.name}: the error on held-out data does not fall")
+        elif now.held is None and not _better(now.train, best.train):
+            remarks.append(f"{row.name}: no error falls")
         else:
             confirmed.append(best)
     if not confirmed:
@@ -419,8 +439,10 @@ def _review(
         own = next((s for s in scores if s.effect.name == name), None)
         height = own.score if own else 0.0
         rivals = [s for s in likely if s.score > min(height - CLOSE, RIVAL * height)][:TRIES]
-        start = replace(state, additions=others)  # the others as they were beside this one
+        # the others as they were beside this one
+        start = replace(state, additions=others, loss=without.loss, free_loss=without.free_loss)
         rows = [_fitted(problem, start, Row(s), 6) for s in rivals]
+        rows = [row for row in rows if row.fit is not None]
         mine = _price(Row(own, state), state) if own else state.free_loss
         groups[name] = (name, *(row.name for row in rows if _price(row, state) < mine + CLOSE))
         for row in rows:
@@ -441,10 +463,8 @@ def _alike(row: Row, significant: Sequence[Row]) -> list[str]:
         other.name
         for other in significant
         if other is not row
-        and (
-            cosines.get(other.name, 0.0) > diagnosis.COLLINEAR
-            or (other.score.admissible and other.score.score > row.score.score - CLOSE)
-        )
+        and other.score.admissible
+        and (cosines.get(other.name, 0.0) > diagnosis.COLLINEAR or other.score.score > row.score.score - CLOSE)
     ]
 
 

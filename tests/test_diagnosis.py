@@ -247,6 +247,31 @@ def test_amplitudes_of_a_family_stay_within_their_bounds():
     assert one.score < r @ r - ((r + left @ free) ** 2).sum()
 
 
+def test_a_single_increment_is_not_explained_by_an_offset_of_its_force():
+    one = sheet(0.02)
+    last = tuple(replace(b, force=b.force[-1:]) for b in one.loaded)
+    one = replace(one, displacements=one.displacements[-1:], loaded=last, time=one.time[-1:])
+    result = discovery.discover([one], discovery.HoldOut("none", None), effects=FEW, whole_table=False)
+    scores = {row.name: row.score for row in result.rounds[0].rows}
+    assert scores["force offset"].status == "not testable"
+    assert "more increments" in scores["force offset"].why
+
+
+def test_without_forces_among_what_is_held_out_there_is_no_force_error():
+    problem, state = diagnosis.prepare([sheet()], [discovery.HoldOut("half", "left").training])
+    held = discovery.misfit(problem, state.c, (), True)
+    assert np.isnan(held.force) and held.field > 0
+    assert discovery.misfit(problem, state.c, (), False).force > 0
+
+
+def test_a_step_never_raises_the_misfit_much():
+    """From amplitudes absurdly far away a fit ends no worse than without the effect."""
+    problem, state = prepared(0.02)
+    far = Addition(effect("second invariant"), (3.0,))
+    assert diagnosis.loss(problem, state.c, (far,)) > 100 * state.loss
+    assert diagnosis.refit(problem, state.c, (far,)).loss < state.loss
+
+
 def test_gauges_and_what_the_data_lack_are_named():
     scores = {row.name: row.score for row in found().rounds[0].rows}
     assert scores["force gain"].status == scores["DIC scale"].status == "gauge"

@@ -20,6 +20,9 @@ class ForceOffset(Effect):
     amplitudes = (Parameter("f0", "N", typical=0.1),)
     decided_by = "a record that starts before the loading"
 
+    def missing(self, data):
+        return None if len(data.u) > 2 else "more increments"  # with one it could be the whole force
+
     def loads(self, data, loads, a, shape):
         last = loads[-1]
         size = jnp.sqrt(jnp.sum(last * last, axis=0))
