@@ -14,8 +14,12 @@ from studies import discovery_figures as figures
 from studies.discovery_review import View, content, decorrelated, forces, held_increments, model_name, nodal
 from studies.discovery_words import (
     CANDIDATE_CAPTION,
+    CATALOGUE_CAPTION,
+    MISFIT_CAPTION,
     MODEL_CAPTION,
     candidate_table,
+    catalogue_table,
+    misfit_table,
     model_table,
     remarks,
     untestable,
@@ -37,6 +41,8 @@ def write(folder: Path, view: View, model: ExtendedModel, manifest: Any) -> Path
     for remark in remarks(view):
         report.paragraph(remark)
     report.heading("Models").table(*model_table(view), MODEL_CAPTION)
+    if view.discovery.problem.noise_is_known:
+        report.heading("More than noise?").table(*misfit_table(view), MISFIT_CAPTION)
     report.heading("Where and when")
     for path, figure, caption in pictures(folder, view):
         write_figure(path, figure, dpi=140)
@@ -45,6 +51,7 @@ def write(folder: Path, view: View, model: ExtendedModel, manifest: Any) -> Path
         report.heading(f"Round {i}: what {model_name(now.fit)} leaves")
         report.table(*candidate_table(now, view.unit), CANDIDATE_CAPTION)
     report.heading("Not testable with these data").paragraph(_list(untestable(view.discovery.rounds[0])))
+    report.heading("The catalogue").table(*catalogue_table(view), CATALOGUE_CAPTION)
     report.heading("The extended model").paragraph(model_words(model))
     report.heading("How it was made")
     for part in content(view)["experiments"]:
@@ -88,9 +95,11 @@ def model_words(model: ExtendedModel) -> str:
 
 def pictures(folder: Path, view: View) -> Iterator[tuple[Path, Any, str]]:
     """Path, figure and caption of every picture."""
-    parts = view.discovery.problem.parts[: 1 if view.quick else MOST_TESTS]
+    parts = view.discovery.problem.parts[:MOST_TESTS]
     for name, (draw, caption) in figures.OF_A_TEST.items():
         for i, part in enumerate(parts, start=1):
+            if view.quick and i > 1 and name != "forces":
+                continue
             number = f"_{i}" if len(parts) > 1 else ""
             title = part.experiment.name + ("" if part.train.size else " (held out)")
             yield folder / f"{name}{number}.png", draw(view, part), caption.format(name=title)

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from scipy import stats
+
 from calibrate.diagnosis import Fit
 from calibrate.discovery import ALPHA, GLOBAL, Round, Row
 from calibrate.effects import Effect
@@ -35,8 +37,21 @@ MODEL_CAPTION = (
 CANDIDATE_CAPTION = (
     "Score: by how much the whitened squared misfit would fall, over the dispersion; p adjusted for the whole search "
     "(1e-16 stands for anything smaller). Improvement: predicted by the score, as a share of what no energy of I1 "
-    "absorbs; achieved when base and effect are fitted together, as a share of the whole misfit. The head of an error "
-    "column holds the error before."
+    "absorbs; achieved when base and effect are fitted together, as a share of the whole misfit; empty where no fit with the "
+    "effect was better than without it. Intervals are those of each candidate by itself, not adjusted for the search, so that "
+    "those of insignificant ones may leave out zero. The head of an error column holds the error before. The numbers of the "
+    "effect that was added differ a little from those of the next model, whose weights follow it. Symbols: see the catalogue "
+    "at the end."
+)
+MISFIT_CAPTION = (
+    "Whitened squared misfit, and its degrees of freedom: of all equations; of the part that a discretisation error could not "
+    "change; of the part that varies slowly over specimen and increments. The p of a model is three times the smallest of its "
+    "three. With no effect missing, chi-square is about as large as its degrees of freedom."
+)
+MISFITS = ("all equations", "beyond discretisation", "slow in place and load")
+CATALOGUE_CAPTION = (
+    "F: deformation gradient, P: first Piola-Kirchhoff stress, u: displacement, x: place in the picture, S: second "
+    "Piola-Kirchhoff stress, psi: energy. Stage: where between specimen and numbers the effect sits."
 )
 
 
@@ -47,7 +62,8 @@ def verdict(view: View) -> str:
         return f"nothing significant: {_best_candidate(found.rounds[-1])}; {_left(view)}"
     final = found.final
     if found.verdict == "explained":
-        parts = [f"explained: {_additions(final, found.named, view.unit)}", _errors(view)]
+        named = _additions(final, found.named, view.unit)
+        parts = [f"explained: {named}, +- half the 95 % interval", _errors(view)]
         parts += [f"cannot be told from: {_likes(view, name)}" for name in found.named]
         parts += [f"would be decided by: {_deciding(view, found.named)}"] if _deciding(view, found.named) else []
         if found.closest:
@@ -99,7 +115,13 @@ def _errors(view: View) -> str:
 
 
 def percent(share: float) -> str:
-    return f"{100 * share:.2g} %"
+    """'0.42 %', or 'unknown' where no force is among the equations."""
+    return f"{100 * share:.2g} %" if share == share else "unknown"
+
+
+def _hundred(share: float) -> float | None:
+    """In per cent; None where there is none."""
+    return 100 * share if share == share else None
 
 
 def _likes(view: View, name: str) -> str:
@@ -143,7 +165,7 @@ def _best_candidate(now: Round) -> str:
     p = p_text(best.score.adjusted)
     if best.score.adjusted >= ALPHA:
         return f"no candidate is significant (the best is {best.name}, adjusted p {p})"
-    return f"{best.name} is significant (adjusted p {p}), {outcome(best, now)}"
+    return f"{best.name} is significant (adjusted p {p}), but {outcome(best, now).removeprefix('significant, ')}"
 
 
 def p_text(p: float) -> str:
@@ -193,13 +215,36 @@ def model_table(view: View) -> tuple[list[str], list[list[Any]]]:
     rows: list[list[Any]] = []
     for now in view.discovery.rounds:
         fit, held = now.fit, now.held
-        outside = (held.chi_square, 100 * held.force, 100 * held.field) if held else (None, None, None)
+        outside = (held.chi_square, _hundred(held.force), 100 * held.field) if held else (None, None, None)
         predicted = _p(now.predicted_p) if _calibrated(view) and now.predicted is not None else None
         rows.append([
             model_name(fit), fit.reduced_chi_square, fit.degrees, _p(fit.p_value) if _calibrated(view) else None,
-            now.train.chi_square, 100 * now.train.force, 100 * now.train.field, predicted, *outside,
+            now.train.chi_square, _hundred(now.train.force), 100 * now.train.field, predicted, *outside,
         ])  # fmt: skip
     return MODEL_COLUMNS, rows
+
+
+def misfit_table(view: View) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows: the three tests of what each model leaves."""
+    rows: list[list[Any]] = []
+    for now in view.discovery.rounds:
+        for name, (chi, degrees) in zip(MISFITS, now.fit.misfits, strict=True):
+            rows.append([model_name(now.fit), name, chi, degrees, _p(float(stats.chi2.sf(chi, max(degrees, 1))))])
+    return ["model", "part", "chi-square", "degrees of freedom", "p"], rows
+
+
+def catalogue_table(view: View) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows: every effect with its formula, symbols, units and what decides it."""
+    rows: list[list[Any]] = []
+    for row in view.discovery.rounds[0].rows:
+        effect = row.score.effect
+        symbols = [
+            (f"{p.name} ({unit})" if (unit := amplitude_unit(p, view.unit)) != "1" else p.name)
+            for p in (*effect.amplitudes, *effect.shapes)
+        ]
+        shown = symbols if len(symbols) <= LISTED else [symbols[0], "...", symbols[-1]]
+        rows.append([effect.name, effect.stage, effect.formula, ", ".join(shown), effect.decided_by or None])
+    return ["effect", "stage", "formula", "amplitudes and shapes (unit)", "decided by"], sorted(rows)
 
 
 def _calibrated(view: View) -> bool:
@@ -226,7 +271,7 @@ def candidate_table(now: Round, unit: str) -> tuple[list[str], list[list[Any]]]:
 
 
 def _head(name: str, before: float | None) -> list[str]:
-    return [f"{name}, %" + ("" if before is None else f" (before: {100 * before:.3g})")]
+    return [f"{name}, %" + ("" if before is None or before != before else f" (before: {100 * before:.3g})")]
 
 
 def _in_the_model(fit: Fit, i: int, unit: str, width: int) -> list[Any]:
@@ -241,7 +286,11 @@ def _candidate(row: Row, now: Round, unit: str) -> list[Any]:
     s, effect = row.score, row.score.effect
     if s.status != "tested":
         return [row.name, outcome(row, now), *[None] * 14, effect.decided_by or None]
-    after = [v for m in (row.train, row.held) for v in ((None, None) if m is None else (100 * m.force, 100 * m.field))]
+    after = (
+        [v for m in (row.train, row.held) for v in (_hundred(m.force), 100 * m.field)]
+        if row.train and row.held
+        else ([_hundred(row.train.force), 100 * row.train.field, None, None] if row.train else [None] * 4)
+    )
     like = ", ".join(f"{name} ({cosine:.2f})" for name, cosine in row.like)
     return [
         row.name, outcome(row, now), ", ".join(indistinguishable(row, now)) or None, s.score, s.degrees, _p(s.adjusted),
