@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from calibrate import diagnosis, discovery, discrepancy
 from calibrate.chain import Addition
 from calibrate.diagnosis import Fit, Problem
-from calibrate.effects import CATALOGUE, SecondViscosity
-from calibrate.effects.effect import Parameter
+from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
 from calibrate.effects.viscosity import Viscosity
+from calibrate.effects.warp import InitialWarp, UnevenWarp
 from calibrate.experiment import Experiment
 from calibrate.extended import ExtendedModel, fingerprint
 from calibrate.whitening import covariances, whitening
@@ -48,7 +48,8 @@ class SecondRelaxation(Relaxation):
     name = SecondViscosity.name
 
 
-EVERY = (*(Relaxation() if isinstance(e, Viscosity) else e for e in CATALOGUE), SecondRelaxation())
+INSTEAD: dict[str, Effect] = {Viscosity.name: Relaxation(), InitialWarp.name: UnevenWarp()}
+EVERY = (*(INSTEAD.get(e.name, e) for e in CATALOGUE), SecondRelaxation())
 EFFECTS = tuple(effect for effect in EVERY if effect.name not in KNOWN)
 AFTER = {SecondRelaxation.name: Viscosity.name}  # effects that mean nothing before another one is there
 SPLINES = (1, 2, 3, 5, 8, 12)  # of the base model

@@ -9,7 +9,7 @@ import pytest
 
 from calibrate.basis import SingleBasis
 from calibrate.chain import Chain, gradients
-from calibrate.effects import CATALOGUE, Data, SecondViscosity
+from calibrate.effects import CATALOGUE, KNOWN, Data
 from calibrate.effects.borders import nearest_lines, subset_moments
 from calibrate.effects.branches import motion
 from calibrate.effects.camera import LensDistortion, OutOfPlane, UnmeasuredStrip, undistorted
@@ -23,7 +23,7 @@ from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment, LoadedBoundary
 from calibrate.virtual_fields import virtual_fields
 
-EVERY = (*CATALOGUE, SecondViscosity())
+EVERY = KNOWN
 NAMES = [effect.name for effect in EVERY]
 
 

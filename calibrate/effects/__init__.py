@@ -13,7 +13,7 @@ from calibrate.effects.load import ForceGain, ForceOffset, Lag, Rotation
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.thickness import Thickness
 from calibrate.effects.viscosity import SecondViscosity, Viscosity
-from calibrate.effects.warp import InitialWarp
+from calibrate.effects.warp import InitialWarp, UnevenWarp
 
 CATALOGUE: tuple[Effect, ...] = (
     SecondInvariant(),
@@ -38,6 +38,6 @@ CATALOGUE: tuple[Effect, ...] = (
     InitialWarp(),
 )
 
-KNOWN = (*CATALOGUE, SecondViscosity())
+KNOWN = (*CATALOGUE, SecondViscosity(), UnevenWarp())
 
 __all__ = ["CATALOGUE", "KNOWN", "Data", "Effect", "Parameter", "SecondViscosity", "Viscosity"]

@@ -13,6 +13,7 @@ F A^-1, and P turns into det A P A^-T (Piola transformation).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -27,8 +28,9 @@ STEEPEST = 0.01  # strain; a slope of 8 degrees
 class InitialWarp(Effect):
     """The reference regains a smooth strain; a_k along x, b_k along y."""
 
-    name = "initial warp"
+    name: ClassVar[str] = "initial warp"
     stage = "measurement"
+    lowest: ClassVar[int] = 0  # of the polynomials
     formula = "F A^-1, A = diag(1 + sum a_k p_k(x), 1 + sum b_k p_k(y))"
     amplitudes = tuple(
         Parameter(f"{letter}{k}", "1", lower=-STEEPEST if k else 0.0, upper=STEEPEST, typical=0.002)
@@ -43,10 +45,20 @@ class InitialWarp(Effect):
     def stress(self, data, F, P, a, shape, law):
         low, high = data.points.min(axis=0), data.points.max(axis=0)
         x = 2.0 * (data.centroids - low) / (high - low) - 1.0
-        s = 1.0 + jnp.einsum("ik,kmi->mi", jnp.reshape(a, (2, ORDER + 1)), polynomials(x))
+        s = 1.0 + jnp.einsum("ik,kmi->mi", jnp.reshape(a, (2, -1)), polynomials(x)[self.lowest :])
         full = jax.vmap(law)((F / s[:, None, :]).reshape(-1, 2, 2)).reshape(F.shape)
         plain = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
         return P + full * s[:, None, ::-1] - plain
+
+
+@dataclass(frozen=True)
+class UnevenWarp(InitialWarp):
+    """What is uneven of it: without the means, which on one ramp of one specimen pass for stiffness, prestress or relaxation."""
+
+    name = "uneven initial warp"
+    formula = "as initial warp, without a_0 and b_0"
+    lowest = 1
+    amplitudes = tuple(p for p in InitialWarp.amplitudes if not p.name.endswith("0"))
 
 
 def polynomials(x):
