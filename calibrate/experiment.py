@@ -157,8 +157,9 @@ class Experiment:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
                 content = {key: data[key] for key in data.files}
         except Exception as error:
+            reason = "" if "pickle" in str(error) else f" ({error})"
             raise errors.FileFormatError(
-                f"{path}: not a readable Experiment .npz ({error}); write it with `equigap import`"
+                f"{path}: not a readable Experiment .npz{reason}; write it with `equigap import`"
             ) from error
         if str(content.get("format")) != FORMAT:
             raise errors.FileFormatError(
@@ -188,6 +189,8 @@ class Experiment:
             )
         except KeyError as error:
             raise errors.FileFormatError(f"{path}: array {error} is missing; write the file again") from error
+        except errors.EquigapError as error:
+            raise type(error)(f"{path}: {error}") from error
 
 
 def signed_areas(points: Array, triangles: NDArray[np.int64]) -> Array:

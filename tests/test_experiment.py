@@ -213,3 +213,18 @@ def test_shared_nodes_and_bad_noise():
         Noise(-1.0)
     with pytest.raises(errors.ExperimentError, match="correlation_length"):
         Noise(1.0, float("nan"))
+
+
+def test_content_that_fails_a_check_names_the_file(tmp_path):
+    path = tmp_path / "sheet.npz"
+    stretched().save(path)
+    with np.load(path) as data:
+        content = dict(data)
+    content["displacements"][0, 0, 0] = np.nan
+    np.savez(path, **content)
+    with pytest.raises(errors.EquigapError, match=r"sheet\.npz: .*displacement"):
+        Experiment.load(path)
+    path.write_bytes(b"{}")
+    with pytest.raises(errors.FileFormatError, match="not a readable Experiment") as raised:
+        Experiment.load(path)
+    assert "pickle" not in str(raised.value)
