@@ -101,8 +101,8 @@ def close_loop(problem: Problem, state: Fit, base: str, say: Say) -> list[Round]
     """Add effects in the order of their evidence, where they lower the error of what confirms; until none does.
 
     The base starts as neo-Hooke and is made finer only when no effect helps: many splines take up whatever varies with the
-    load, time among it, and extrapolate badly. Of effects with one signature the one that predicts best is taken. The order
-    follows the score and not the gain in prediction, because an effect that is small but alone in what it does (relaxation)
+    load, time among it, and extrapolate badly. Of effects with one signature the one that predicts best is taken; of those with
+    nearly the best score, which is that of small effects, the one that leaves the smallest misfit. The order follows the score and not the gain in prediction, because an effect that is small but alone in what it does (relaxation)
     shows only when those that disturb everything (a sheet that was not flat) are in the model.
     """
     rounds: list[Round] = []
@@ -140,14 +140,19 @@ def _next(now: Round, base: str, say: Say) -> tuple[str, Problem, Fit] | None:
 
     tested = [one for one in now.scores if one.status == "tested"]
     like = diagnosis.likeness(tested)
-    for i, one in enumerate(tested):
-        if one.adjusted > discovery.ALPHA:
-            continue
-        group = [other for j, other in enumerate(tested) if j == i or like[i, j] > diagnosis.COLLINEAR]
-        group = [other for other in group if other.adjusted < discovery.ALPHA]
+    significant = [i for i, one in enumerate(tested) if one.adjusted < discovery.ALPHA]
+    top = max((tested[i].evidence for i in significant), default=0.0)
+    rivals = [i for i in significant if tested[i].evidence > discovery.RIVAL * top]
+    chosen: list[tuple[float, str]] = []
+    for i in significant:
+        group = [tested[j] for j in significant if j == i or like[i, j] > diagnosis.COLLINEAR]
         lowest = min(group, key=lambda other: tried(other.effect.name, now.problem, *_starts(now.problem, other)))
-        if fits[lowest.effect.name][0] < limit:
-            return lowest.effect.name, *fits[lowest.effect.name][1:]
+        error, _, fit = fits[lowest.effect.name]
+        if error < limit:
+            chosen.append((fit.loss, lowest.effect.name))
+        if chosen and i not in rivals[:-1]:
+            name = min(chosen)[1]
+            return name, *fits[name][1:]
     for n in [n for n in SPLINES if n > now.splines][:FINER]:
         name = f"base of {n} splines"
         if tried(name, with_splines(now.problem, base, n), None) < limit:
