@@ -25,7 +25,7 @@ def main(seed: int) -> None:
     hidden = trial.effects[0].amplitudes["b"]
     for name, e in (("clean", replace(clean, noise=noisy.noise)), ("noisy", noisy)):
         problem, base = diagnosis.prepare([e], [diagnosis.all_rows])
-        fit = diagnosis.refit(problem, base.c, (Addition(Thickness(), (0.3 * hidden,), ()),))
+        fit = diagnosis.settled(problem, base.c, (Addition(Thickness(), (0.3 * hidden,), ()),))[1]
         b = fit.additions[0].amplitudes[0]
         chi = base.reduced_chi_square, fit.reduced_chi_square
         print(f"{name}: b {b:.3f} of {hidden:.3f} mm^2, reduced chi-square {chi[0]:.3g} -> {chi[1]:.3g}")

@@ -47,10 +47,8 @@ SPLINES = 24  # of the base
 SHAPE_STEP = 1e-3  # of a radian, or of the size of a time, for derivatives by shapes
 LEAST = 0.2  # of the information on an amplitude, that noise in its signature leaves
 SAMPLES = 2  # of noise, for its part in a signature
-HALVINGS, RISE = (
-    5,
-    1.02,
-)  # of a step; share by which a step may raise the misfit, as signatures are not its slope exactly
+HALVINGS = 5  # of a step
+RISE = 1.02  # factor by which a step may raise the misfit, as signatures are not its slope exactly
 TURNS, NEAR = 2, 0.5  # updates of the weights by a fit; standard deviations between both that are near enough
 UNSEEN = 1e-4  # size of a column, relative to the largest, that is not fitted
 SLOW_PLACES, SLOW_TIMES = 3, 4  # cosines over each side of a specimen, over its increments

@@ -6,14 +6,13 @@ the sheet was bent to a cylinder about the other:
 
     e_x = sum a_k p_k(x),   e_y = sum b_k p_k(y),   p_k Legendre polynomials over the extent, k = 0 .. 4.
 
-A bend shortens, whatever its sign, so that the means a_0 and b_0 are not negative. With A = diag(1 + e_x, 1 + e_y), the gradient of the true by the seen reference points, the true deformation gradient is
-F A^-1, and P turns into det A P A^-T (Piola transformation).
+A bend shortens, whatever its sign, so that the means a_0 and b_0 are not negative. With A = diag(1 + e_x, 1 + e_y), the
+gradient of the true by the seen reference points, the true deformation gradient is F A^-1, and P turns into det A P A^-T (Piola transformation).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -28,9 +27,8 @@ STEEPEST = 0.01  # strain; a slope of 8 degrees
 class InitialWarp(Effect):
     """The reference regains a smooth strain; a_k along x, b_k along y."""
 
-    name: ClassVar[str] = "initial warp"
+    name = "initial warp"
     stage = "measurement"
-    lowest: ClassVar[int] = 0  # of the polynomials
     formula = "F A^-1, A = diag(1 + sum a_k p_k(x), 1 + sum b_k p_k(y))"
     amplitudes = tuple(
         Parameter(f"{letter}{k}", "1", lower=-STEEPEST if k else 0.0, upper=STEEPEST, typical=0.002)
@@ -45,7 +43,8 @@ class InitialWarp(Effect):
     def stress(self, data, F, P, a, shape, law):
         low, high = data.points.min(axis=0), data.points.max(axis=0)
         x = 2.0 * (data.centroids - low) / (high - low) - 1.0
-        s = 1.0 + jnp.einsum("ik,kmi->mi", jnp.reshape(a, (2, -1)), polynomials(x)[self.lowest :])
+        n = len(self.amplitudes) // 2  # the highest polynomials, all or without the mean
+        s = 1.0 + jnp.einsum("ik,kmi->mi", jnp.reshape(a, (2, n)), polynomials(x)[-n:])
         full = jax.vmap(law)((F / s[:, None, :]).reshape(-1, 2, 2)).reshape(F.shape)
         plain = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
         return P + full * s[:, None, ::-1] - plain
@@ -57,7 +56,6 @@ class UnevenWarp(InitialWarp):
 
     name = "uneven initial warp"
     formula = "as initial warp, without a_0 and b_0"
-    lowest = 1
     amplitudes = tuple(p for p in InitialWarp.amplitudes if not p.name.endswith("0"))
 
 
