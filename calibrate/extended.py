@@ -78,6 +78,8 @@ class ExtendedModel:
 
         Raises `ConfigError` where the thickness or the time that the model needs is unknown.
         """
+        if not isinstance(experiment, Experiment):
+            raise TypeError(f"an Experiment is needed, not {experiment!r}; Experiment.load(path) reads one")
         if experiment.stress_unit != self.unit:
             raise errors.ConfigError(
                 f"{experiment.name}: its stresses are in {experiment.stress_unit}, the model's in {self.unit}; give "
@@ -206,6 +208,15 @@ class ExtendedModel:
             dict(content["network_loss"]),
             dict(content["provenance"]),
         )
+
+
+def is_extended(path: str | Path) -> bool:
+    """Whether a file says that it is an extended model; False for what cannot be read."""
+    try:
+        content = json.loads(Path(path).read_text())
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError):
+        return False
+    return isinstance(content, dict) and content.get("format") == FORMAT
 
 
 def fingerprint(experiment: Experiment) -> str:

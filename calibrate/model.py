@@ -136,8 +136,9 @@ class Model:
             raise errors.ModelFileError(f"{path}: not a JSON model file ({error})") from error
         if isinstance(content, dict) and content.get("format") == "equigap-extended-model":
             raise errors.ModelFileError(
-                f"{path}: an extended model of `equigap discover`, whose effects no network holds; predict with "
-                "calibrate.extended.ExtendedModel, or save its 'network' (the base alone) as a file of its own"
+                f"{path}: an extended model of `equigap discover`, whose effects no network holds; predict a test with "
+                "`equigap predict MODEL.json --test EXPERIMENT.npz` or calibrate.extended.ExtendedModel, or save its "
+                "'network' (the base alone) as a file of its own"
             )
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise errors.ModelFileError(f"{path}: 'format' is not '{FORMAT}'; `equigap calibrate` writes model files")

@@ -24,7 +24,8 @@ DESCRIPTION = """\
 Predict the nominal stress (force over reference area) of the three homogeneous tests at a sheet's stretches:
 uniaxial, equi-biaxial and pure shear. In MPa, or in N/mm (stress times thickness) where the thickness of the
 calibrated sheet was unknown. What lies beyond the calibrated range is marked: there the model extrapolates.
-The table gives the standard deviation and a 95 % band of each stress."""
+The table gives the standard deviation and a 95 % band of each stress.
+With --test: the forces of another test instead, from its measured displacements; also for extended models of `discover`."""
 MODES = ("uniaxial", "equibiaxial", "pure_shear")
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
 COLUMNS = ("mode", "stretch", "nominal_stress", "I1", "I2", "calibrated")
@@ -65,7 +66,12 @@ class Curve:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `equigap predict`."""
-    parser.add_argument("model", type=Path, metavar="MODEL.json", help="model file of `equigap calibrate`")
+    parser.add_argument(
+        "model", type=Path, metavar="MODEL.json", help="model file of `equigap calibrate` or `discover`"
+    )
+    parser.add_argument(
+        "--test", type=Path, metavar="EXPERIMENT.npz", help="predict the forces of this test instead of curves"
+    )
     parser.add_argument(
         "--stretch", type=_stretch, metavar="X", help="largest stretch (default: a quarter beyond the calibrated range)"
     )
@@ -87,6 +93,12 @@ def main(args: argparse.Namespace) -> int:
 
     if args.parameter and not args.against:
         raise OptionError("--parameter belongs to --against MATERIAL; name the material")
+    if args.test is not None:
+        from studies.another_test import main as predict_test
+
+        if args.against or args.stretch:
+            raise OptionError("--against and --stretch belong to curves; leave them out where --test is given")
+        return predict_test(args)
     model = Model.load(args.model)
     manifest = Manifest(settings=settings(args, "model"), inputs=[args.model])
     key = {**settings(args, "model"), "model": list(manifest.to_dict()["inputs"].values())}

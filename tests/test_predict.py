@@ -9,7 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from discoveries import sheet
 
+from calibrate.basis import SingleBasis
+from calibrate.equilibrium import neo_hooke as neo_hooke_coefficients
+from calibrate.extended import ExtendedModel
 from calibrate.model import Model
 from calibrate.pann import Architecture
 from calibrate.uncertainty import Uncertainty
@@ -146,3 +150,51 @@ def test_another_model_is_not_written_over_the_first(
     assert cli.main(["predict", str(file), *out]) == 2
     assert "--overwrite" in capsys.readouterr().err
     assert cli.main(["predict", str(file), *out, "--overwrite"]) == 0
+
+
+def spline_twin(mu: float = MU) -> ExtendedModel:
+    """The same energy as an extended model without effects."""
+    basis = SingleBasis(0, 20.0)
+    return ExtendedModel(basis, neo_hooke_coefficients(basis, mu), (), (), "MPa")
+
+
+def test_network_and_spline_of_one_energy_predict_the_same_forces_of_a_test(tmp_path: Path) -> None:
+    quiet = replace(sheet(), noise=replace(sheet().noise, displacement_std=1e-9))
+    quiet.save(tmp_path / "test.npz")
+    neo_hooke().save(tmp_path / "pann.json")
+    spline_twin().save(tmp_path / "spline.json")
+    rows = []
+    for name in ("pann", "spline"):
+        words = ["predict", str(tmp_path / f"{name}.json"), "--test", str(tmp_path / "test.npz")]
+        assert cli.main([*words, "-o", str(tmp_path / name)]) == 0
+        rows.append(list(csv.DictReader((tmp_path / name / "forces.csv").read_text().splitlines()[1:])))
+        assert "relative force error" in (tmp_path / name / "report.html").read_text().lower()
+    boundary = quiet.loaded[0].name
+    assert len(rows[0]) == quiet.n_increments
+    for i, (a, b) in enumerate(zip(*rows, strict=True)):
+        assert float(a[f"{boundary}_x_measured"]) == pytest.approx(quiet.loaded[0].force[i, 0], rel=1e-6)
+        assert float(a[f"{boundary}_x_predicted"]) == pytest.approx(float(b[f"{boundary}_x_predicted"]), rel=1e-6)
+
+
+def test_a_test_beyond_the_calibrated_range_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sheet().save(tmp_path / "test.npz")
+    neo_hooke(top=3.05).save(tmp_path / "model.json")
+    words = ["predict", str(tmp_path / "model.json"), "--test", str(tmp_path / "test.npz"), "-o", str(tmp_path / "out")]
+    assert cli.main(words) == 0
+    assert "beyond the calibrated range" in capsys.readouterr().out
+    manifest = json.loads((tmp_path / "out" / "forces.json").read_text())
+    assert 0 < manifest["results"]["outside"] < 1
+
+
+@pytest.mark.parametrize(
+    ("unit", "more", "message"),
+    [("N/mm", [], "give the thickness to both"), ("MPa", ["--stretch", "2"], "leave them out where --test is given")],
+)
+def test_what_does_not_go_with_a_test_is_refused(
+    unit: str, more: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet().save(tmp_path / "test.npz")
+    neo_hooke(unit).save(tmp_path / "model.json")
+    words = ["predict", str(tmp_path / "model.json"), "--test", str(tmp_path / "test.npz"), "-o", str(tmp_path / "out")]
+    assert cli.main([*words, *more]) == 2
+    assert message in capsys.readouterr().err
