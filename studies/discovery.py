@@ -65,7 +65,7 @@ def main(args: argparse.Namespace) -> int:
     effects = candidates(args.without)
     trained, held, remarks = read(args.experiments, files, rule)
     settings = {k: v for k, v in vars(args).items() if k not in ("output", "overwrite", "experiments", "command")}
-    settings["hold_out"] = list(map(str, args.hold_out))
+    settings["hold_out"] = list(map(str, args.hold_out)) or ["(default)"]
     manifest = Manifest(args.seed, settings, [*args.experiments, *files], started)
     key = {**settings, "experiments": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output_folder(args, "discover"), args.overwrite, key)

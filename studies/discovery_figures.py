@@ -24,6 +24,7 @@ from studies.discovery_review import (
     forces,
     held_increments,
     nodal,
+    p_text,
 )
 
 Array = NDArray[np.float64]
@@ -143,7 +144,7 @@ def _bars(ax: Axes, now: Round, names: list[str]) -> None:
             facecolor=style.COLOURS["blue"] if significant and score.admissible else "white",
             hatch="////" if significant and not score.admissible else None,
         )  # fmt: skip
-        text = "p < 0.005" if score.adjusted < 0.005 else f"p = {score.adjusted:.2g}"
+        text = f"p {p_text(score.adjusted)}"
         ax.annotate(text, (max(score.score, 0.0), place), (3, 0), textcoords="offset points", va="center", fontsize=7)
     ax.set_xscale("symlog", linthresh=10.0)
     ax.grid(False, axis="y")

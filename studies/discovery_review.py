@@ -21,6 +21,7 @@ from calibrate.extended import amplitude_unit
 
 Array = NDArray[np.float64]
 BAND = 1.96
+SMALLEST = 1e-16  # p-values below are all the same
 COMPONENTS = ("x", "y")
 
 
@@ -224,12 +225,18 @@ def model_name(fit: Fit) -> str:
     return " + ".join(["base", *(a.effect.name for a in fit.additions)])
 
 
+def p_text(p: float) -> str:
+    """'= 0.29', or '< 1e-16'."""
+    return f"< {SMALLEST:.0e}" if p < SMALLEST else f"= {p:.2g}"
+
+
 def experiment_record(part: Part) -> dict[str, Any]:
     """An experiment and how it was used."""
     e: Experiment = part.experiment
     return {
         "name": e.name, "increments": e.n_increments, "nodes": len(e.points), "triangles": len(e.triangles),
-        "spacing": part.system.fields.spacing, "equations_fitted": part.train.size, "equations_held_out": part.held.size,
+        "spacing_mm": part.system.fields.spacing, "equations_fitted": part.train.size,
+        "equations_held_out": part.held.size,
         "held_out_increments": (np.flatnonzero(held_increments(part)) + 1).tolist(),
         "noise_is_known": part.assembled.noise_is_known,
     }  # fmt: skip

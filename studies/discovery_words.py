@@ -14,16 +14,17 @@ from calibrate.discovery import ALPHA, GLOBAL, Round, Row
 from calibrate.effects import Effect
 from studies.discovery_review import (
     BAND,
+    SMALLEST,
     View,
     amplitude_unit,
     amplitudes,
     indistinguishable,
     model_name,
     outcome,
+    p_text,
     shape,
 )
 
-SMALLEST = 1e-16  # p-values below are all the same
 LISTED = 3  # amplitudes that a cell of the table can hold
 MODEL_COLUMNS = [
     "model", "reduced chi-square", "degrees of freedom", "p", "chi-square each, fitted", "force error, fitted, %",
@@ -166,10 +167,6 @@ def _best_candidate(now: Round) -> str:
     if best.score.adjusted >= ALPHA:
         return f"no candidate is significant (the best is {best.name}, adjusted p {p})"
     return f"{best.name} is significant (adjusted p {p}), but {outcome(best, now).removeprefix('significant, ')}"
-
-
-def p_text(p: float) -> str:
-    return f"< {SMALLEST:.0e}" if p < SMALLEST else f"= {p:.2g}"
 
 
 def remarks(view: View) -> list[str]:
