@@ -168,23 +168,39 @@ class Chain:
         null = tuple(p.null for p in effect.amplitudes)
         return self.derivative(c, (*others, Addition(effect, null, shape)))
 
+    def _before(self, c: Array, others: Additions) -> tuple[Any, Any, list[Any], Any]:
+        """Displacements, F, P behind every effect, and loads without the last effect; kept, as many effects are tried."""
+        key = (c.tobytes(), others)
+        kept = self.__dict__.get("_kept")
+        if kept is None or kept[0] != key:
+            effects, amplitudes, shapes = _parts(others)
+            given = _floats(amplitudes), _floats(shapes)
+            u = _displaced(effects, self.arrays, *given)
+            F = _gradients(self.arrays.data, u)
+            stages = _stages(self.kind, effects, self.arrays, jnp.asarray(c), *given, F)
+            kept = key, (u, F, stages, _external(effects, self.arrays, *given))
+            self.__dict__["_kept"] = kept
+        return kept[1]
+
     def derivative(self, c: Any, additions: Additions) -> Array:
         """d residual / d amplitudes of the last addition, (p, t, 2 v), at the values they have."""
         *others, last = additions
         effects, amplitudes, shapes = _parts(tuple(others))
         before = _floats(amplitudes), _floats(shapes)
-        c, a, shape = jnp.asarray(c), jnp.asarray(last.amplitudes, float), jnp.asarray(last.shape, float)
+        a, shape = jnp.asarray(last.amplitudes, float), jnp.asarray(last.shape, float)
         data, kind, effect = self.arrays.data, self.kind, last.effect
-        moves = type(effect).displacements is not Effect.displacements
-        u = _displaced(effects, self.arrays, *before)
-        F = _gradients(data, _moved(effect, data, u, a, shape) if moves else u)
-        P = _stressed(kind, effects, self.arrays, c, *before, F)
-        loads = _external(effects, self.arrays, *before)
+        moves = _acts(effect, "displacements")
+        u, F, stages, loads = self._before(np.asarray(c, float), tuple(others))
+        c = jnp.asarray(c)
+        if moves:
+            F = _gradients(data, _moved(effect, data, u, a, shape))
+            stages = _stages(kind, effects, self.arrays, c, *before, F)
+        P = stages[-1]
         stress, force = _direct(kind, effect, self.arrays, c, F, P, loads, a, shape)
         change = self.work(stress) - self.spread(force)
         if moves:
             dF = _change_of_gradients(effect, data, u, a, shape)
-            dP = _pushed(kind, effects, self.arrays, c, *before, F, dF)
+            dP = _pushed(kind, effects, self.arrays, c, *before, F, stages, dF)
             change = change + self.work(_pushed_on(kind, effect, self.arrays, c, F, P, a, shape, dF, dP))
         return change
 
@@ -212,39 +228,54 @@ def _law(kind, arrays, c):
     return partial(base_law, k, n, arrays.top, c)
 
 
-def _stress(kind, effects, arrays, c, amplitudes, shapes, F):
-    """P (t, m, 2, 2) with every effect."""
-    law = _law(kind, arrays, c)
-    P = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
-    for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
-        P = effect.stress(arrays.data, F, P, a, shape, law)
-    return P
+# Every step of the chain is compiled by itself, so that a model with a new combination of effects compiles nothing.
 
 
-def _displacements(effects, arrays, amplitudes, shapes):
+def _acts(effect: Effect, stage: str) -> bool:
+    """Whether an effect changes 'displacements', 'stress' or 'loads'."""
+    return getattr(type(effect), stage) is not getattr(Effect, stage)
+
+
+def _displaced(effects, arrays, amplitudes, shapes):
+    """Displacements (t, n, 2) as every effect corrects them."""
     u = arrays.data.u
     for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
-        u = effect.displacements(arrays.data, u, a, shape)
+        if _acts(effect, "displacements"):
+            u = _moved(effect, arrays.data, u, a, shape)
     return u
 
 
-def _loads(effects, arrays, amplitudes, shapes):
+def _stages(kind, effects, arrays, c, amplitudes, shapes, F):
+    """P (t, m, 2, 2) of the base and behind every effect."""
+    stages = [_base_stress(kind, arrays, c, F)]
+    for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
+        acts = _acts(effect, "stress")
+        stages.append(_stressed_by(kind, effect, arrays, c, F, stages[-1], a, shape) if acts else stages[-1])
+    return stages
+
+
+def _pushed(kind, effects, arrays, c, amplitudes, shapes, F, stages, changes):
+    """Changes (p, t, m, 2, 2) of the stress behind every effect by changes of F."""
+    stresses = _base_pushed(kind, arrays, c, F, changes)
+    for effect, a, shape, P in zip(effects, amplitudes, shapes, stages[:-1], strict=True):
+        if _acts(effect, "stress"):
+            stresses = _pushed_on(kind, effect, arrays, c, F, P, a, shape, changes, stresses)
+    return stresses
+
+
+def _external(effects, arrays, amplitudes, shapes):
+    """Forces (t, 2, b) as every effect corrects them."""
     loads = arrays.measured
     for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
-        loads = effect.loads(arrays.data, loads, a, shape)
+        if _acts(effect, "loads"):
+            loads = _loaded(effect, arrays.data, loads, a, shape)
     return loads
 
 
-@partial(jax.jit, static_argnums=(0, 1))
 def _response(kind, effects, arrays, c, amplitudes, shapes):
     """Stresses (t, m, 2, 2) and forces (t, 2, b)."""
-    F = gradients(arrays.data, _displacements(effects, arrays, amplitudes, shapes))
-    return _stress(kind, effects, arrays, c, amplitudes, shapes, F), _loads(effects, arrays, amplitudes, shapes)
-
-
-@partial(jax.jit, static_argnums=0)
-def _external(effects, arrays, amplitudes, shapes):
-    return _loads(effects, arrays, amplitudes, shapes)
+    F = _gradients(arrays.data, _displaced(effects, arrays, amplitudes, shapes))
+    return _stages(kind, effects, arrays, c, amplitudes, shapes, F)[-1], _external(effects, arrays, amplitudes, shapes)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -268,17 +299,39 @@ def _pulled(effects, arrays, amplitudes, shapes, duals):
     """Duals (k, t, n, 2) of corrected displacements as duals of measured ones."""
 
     def corrected(u):
-        return _displacements(effects, replace(arrays, data=replace(arrays.data, u=u)), amplitudes, shapes)
+        return _displaced(effects, replace(arrays, data=replace(arrays.data, u=u)), amplitudes, shapes)
 
     back = jax.vjp(corrected, arrays.data.u)[1]
     return jax.lax.map(lambda dual: back(dual)[0], duals)
 
 
-# What depends on the effects in the model and what depends on the last one is compiled apart, so that a new model does
-# not compile every candidate again.
 _gradients = jax.jit(gradients)
-_displaced = partial(jax.jit, static_argnums=0)(_displacements)
-_stressed = partial(jax.jit, static_argnums=(0, 1))(_stress)
+
+
+@partial(jax.jit, static_argnums=0)
+def _base_stress(kind, arrays, c, F):
+    """P (t, m, 2, 2) without effects."""
+    return jax.vmap(_law(kind, arrays, c))(F.reshape(-1, 2, 2)).reshape(F.shape)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _stressed_by(kind, effect, arrays, c, F, P, a, shape):
+    return effect.stress(arrays.data, F, P, a, shape, _law(kind, arrays, c))
+
+
+@partial(jax.jit, static_argnums=0)
+def _loaded(effect, data, loads, a, shape):
+    return effect.loads(data, loads, a, shape)
+
+
+@partial(jax.jit, static_argnums=0)
+def _base_pushed(kind, arrays, c, F, changes):
+    """Changes (p, t, m, 2, 2) of the stress without effects by changes of F."""
+
+    def stress(F):
+        return _base_stress(kind, arrays, c, F)
+
+    return jax.lax.map(lambda change: jax.jvp(stress, (F,), (change,))[1], changes)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -301,16 +354,6 @@ def _moved(effect, data, u, a, shape):
 def _change_of_gradients(effect, data, u, a, shape):
     """d F / d amplitudes, (p, t, m, 2, 2)."""
     return jnp.moveaxis(jax.jacfwd(lambda a: gradients(data, effect.displacements(data, u, a, shape)))(a), -1, 0)
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _pushed(kind, effects, arrays, c, amplitudes, shapes, F, changes):
-    """Changes (p, t, m, 2, 2) of the stress by changes of F."""
-
-    def stress(F):
-        return _stress(kind, effects, arrays, c, amplitudes, shapes, F)
-
-    return jax.lax.map(lambda change: jax.jvp(stress, (F,), (change,))[1], changes)
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -852,7 +852,7 @@ def examine(
     blocks, absorbed_most = [], 1.0
     shapes = effect.shape_values(problem.trained[0].chain.data)
     for shape in shapes:
-        one, Q = examine_shape(problem, state, Addition(effect, null, tuple(shape)), U, r, hidden)
+        one, Q = examine_shape(problem, state, Addition(effect, null, tuple(shape)), U, r, correct=False)
         absorbed_most = min(absorbed_most, one.absorbed)
         if one.status != "tested":
             continue
@@ -863,14 +863,25 @@ def examine(
         return Score(effect, "absorbed", "the base model can do the same", absorbed=absorbed_most), np.zeros(
             (len(r), 0)
         )
+    if effect.rough and problem.noise_is_known:
+        best = examine_shape(problem, state, Addition(effect, null, best.shape), U, r, hidden)[0]
     p = min(1.0, len(blocks) * float(stats.chi2.sf(best.score, best.degrees)))
     return replace(best, p_value=p), np.concatenate(blocks, axis=1)
 
 
 def examine_shape(
-    problem: Problem, state: Fit, addition: Addition, U: Array, r: Array, hidden: list[list[Array]] | None = None
+    problem: Problem,
+    state: Fit,
+    addition: Addition,
+    U: Array,
+    r: Array,
+    hidden: list[list[Array]] | None = None,
+    correct: bool = True,
 ) -> tuple[Score, Array]:
-    """Score of one effect with one shape, and its orthonormal signature (N, p)."""
+    """Score of one effect with one shape, and its orthonormal signature (N, p).
+
+    correct: the amplitude of a rough effect for the noise in its signature, which its score does not depend on.
+    """
     effect = addition.effect
     typical = np.array([p.typical for p in effect.amplitudes])
     additions = (*state.additions, addition)
@@ -886,7 +897,7 @@ def examine_shape(
     Q = (left @ vectors[:, keep]) / np.sqrt(values[keep])
     T = float(((vectors[:, keep].T @ g) ** 2 / values[keep]).sum())
     inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
-    if effect.rough and problem.noise_is_known:
+    if correct and effect.rough and problem.noise_is_known:
         hidden = hidden_noise(problem, state.chains, state.c, state.additions) if hidden is None else hidden
         inverse = np.linalg.inv(less(M, excess(problem, state.chains, state.c, additions, U, typical, hidden)))
     a = -inverse @ g

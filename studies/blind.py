@@ -33,6 +33,7 @@ PAIRS = (
     ("Mullins softening", "second invariant"),
 )
 
+ABSENT = 2  # of so many trials of an effect, one is diagnosed once more without the effect in the catalogue
 WINDOW = 72  # trials that are put in an order of their own
 RENEWED = 12  # trials a worker after which all are renewed, with the memory that compiled code takes
 BREAKDOWNS = 3  # of the pool of workers, after which the run is given up
@@ -66,7 +67,7 @@ def plans(arguments: argparse.Namespace) -> list[Plan]:
     if min(n, nulls, pairs) < 0 or n + nulls + pairs == 0:
         raise ConfigError("--trials, --nulls and --pairs count trials; give numbers that are not negative")
     seeds = count(arguments.seed)  # every trial its own: effects of one seed would share material, specimen and noise
-    single = [Plan(next(seeds), (name,), True) for _ in range(n) for name in effects]
+    single = [Plan(next(seeds), (name,), k % ABSENT == 0) for k in range(n) for name in effects]
     none = [Plan(next(seeds)) for _ in range(nulls)]
     both = [Plan(next(seeds), PAIRS[i % len(PAIRS)]) for i in range(pairs)]
     ranked = [(k / max(len(group), 1), plan) for group in (single, none, both) for k, plan in enumerate(group)]
