@@ -204,6 +204,13 @@ class Chain:
             change = change + self.work(_pushed_on(kind, effect, self.arrays, c, F, P, a, shape, dF, dP))
         return change
 
+    def jacobian(self, c: Any, additions: Additions) -> Array:
+        """d residual / d amplitudes and shapes of all additions, (k, t, 2 v): of each its amplitudes, then its shapes."""
+        effects, amplitudes, shapes = _parts(additions)
+        x = jnp.asarray(np.concatenate([[*a, *s] for a, s in zip(amplitudes, shapes, strict=True)]), float)
+        stress, force = _changes(self.kind, effects, self.arrays, jnp.asarray(c), x)
+        return self.work(stress) - self.spread(force)
+
 
 def _floats(values: Any) -> tuple[Any, ...]:
     return tuple(jnp.asarray(v, float) for v in values)
@@ -365,6 +372,18 @@ def _pushed_on(kind, effect, arrays, c, F, P, a, shape, changes, stresses):
         return effect.stress(arrays.data, F, P, a, shape, law)
 
     return jax.lax.map(lambda both: jax.jvp(stress, (F, P), both)[1], (changes, stresses))
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _changes(kind, effects, arrays, c, x):
+    """Changes (k, t, m, 2, 2) of stress and (k, t, 2, b) of forces by all amplitudes and shapes x (k,)."""
+    sizes = [n for effect in effects for n in (len(effect.amplitudes), len(effect.shapes))]
+
+    def response(x):
+        parts = jnp.split(x, np.cumsum(sizes)[:-1])
+        return _response(kind, effects, arrays, c, tuple(parts[0::2]), tuple(parts[1::2]))
+
+    return jax.lax.map(lambda tangent: jax.jvp(response, (x,), (tangent,))[1], jnp.eye(len(x)))
 
 
 def base_law(k: int, n: int, top: Any, c: Any, f: Any) -> Any:

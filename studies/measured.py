@@ -1,6 +1,6 @@
 """`equigap measured`: the loop closed on measured data; nothing but the data in, one report with its numbers out.
 
-Out: ``report.html``, ``measured.json`` (every number), ``errors.csv``, ``candidates.csv``, ``sections.csv``,
+Out: ``report.html``, ``measured.json`` (every number), ``errors.csv``, ``effects.csv``, ``sections.csv``,
 ``homogeneous.csv``, ``control.csv``, a model file of every sheet learnt on (`equigap predict`), pictures and a manifest. Every step is kept in ``steps/`` and not made again.
 """
 
@@ -38,7 +38,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--spacing", type=positive, default=12.0, metavar="MM", help="of the virtual fields on the sheets (12)"
     )
-    parser.add_argument("--base", choices=("positive", "convex"), default="positive", help="see `equigap discover`")
     parser.add_argument("--quick", action="store_true", help="the sheets alone, with 15 frames")
     add_output(parser, "measured")
 
@@ -63,6 +62,11 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
+def shown(learnt: dict[str, Any]) -> list[dict[str, Any]]:
+    """Of the models of a sheet the base, the one with every effect, and what pays."""
+    return [learnt["models"][i] for i in (0, 1, -1)]
+
+
 class Steps:
     """The steps of the study; each returns plain numbers, kept as JSON under ``steps/``."""
 
@@ -78,9 +82,9 @@ class Steps:
             results[f"record_{name}"] = self.step(f"record_{name}", partial(self.record, name))
         results["first"] = self.step("first", lambda: self.learn(FIRST))
         results["rivals"] = self.step("rivals", lambda: self.rivals(results["first"]))
-        results["second"] = self.step("second", lambda: self.transfer(SECOND, results["first"]))
+        results["second"] = self.step("second", lambda: self.transfer(SECOND, shown(results["first"])))
         results["own"] = self.step("own", lambda: self.learn(SECOND))
-        results["hetero"] = self.step("hetero", lambda: self.transfer(HETERO, results["second"]))
+        results["hetero"] = self.step("hetero", lambda: self.transfer(HETERO, results["second"]["models"]))
         results["map"] = self.step("map", lambda: self.locate(results["hetero"]))
         for name in SHEETS:
             results[f"control_{name}"] = self.step(f"control_{name}", partial(self.control, name))
@@ -125,8 +129,7 @@ class Steps:
     def learn(self, name: str) -> dict[str, Any]:
         from studies.measured_loop import learn
 
-        args = self.args
-        return learn(self.sheet(name), args.until, args.spacing, args.base, self.say)
+        return learn(self.sheet(name), self.args.until, self.args.spacing, self.say)
 
     def rivals(self, learnt: dict[str, Any]) -> dict[str, Any]:
         from calibrate.extended import ExtendedModel
@@ -137,10 +140,10 @@ class Steps:
         model = ExtendedModel.from_dict(learnt["models"][-1]["model"])
         return {"models": rivals(e, model, Split.of(e, self.args.until), self.args.spacing)}
 
-    def transfer(self, name: str, learnt: dict[str, Any]) -> dict[str, Any]:
+    def transfer(self, name: str, models: list[dict[str, Any]]) -> dict[str, Any]:
         from studies.measured_transfer import transfer
 
-        return transfer(self.sheet(name), learnt["models"], self.args.until, self.args.spacing)
+        return transfer(self.sheet(name), models, self.args.until, self.args.spacing)
 
     def locate(self, carried: dict[str, Any]) -> dict[str, Any]:
         from calibrate.extended import ExtendedModel

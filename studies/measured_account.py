@@ -1,8 +1,6 @@
 """What a model says of a measured sheet: an Experiment and a model in, errors and section forces out.
 
-A sheet's increments are split three ways. Of those up to `until` the first two thirds are fitted and the last third confirms
-what is added, so that an effect must pay where the deformation is larger than any that was fitted. The models chosen are
-then fitted to all up to `until`. Those after `until` are scored once, at the end. Errors: of force, the norm of what the two
+A sheet's increments are split in two: those up to `until` are fitted, those after it are scored. Errors: of force, the norm of what the two
 grips disagree over the norm of the measured forces; of the field, the norm of the virtual work that fields without a load
 leave, over the same.
 """
@@ -26,39 +24,33 @@ from calibrate.virtual_fields import VirtualFields
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-CONFIRMS = 1 / 3  # of the increments up to the limit: the last ones
+FEWEST = 4  # increments that can be fitted
 SECTIONS = 9  # bands along the pull in which the section force is found
 
 
 @dataclass(frozen=True)
 class Split:
-    """Increments (t,) that are fitted, that confirm, and that are scored."""
+    """Increments (t,) that are fitted, and that are scored."""
 
     fitted: Mask
-    confirms: Mask
     scored: Mask
 
     @classmethod
     def of(cls, e: Experiment, until: float) -> Split:
-        """By time. Raises `ConfigError` where one of the three would be empty."""
+        """By time. Raises `ConfigError` where one of the two would be too small."""
         if e.time is None:
             raise errors.ConfigError(f"{e.name}: has no time, so that no first part can be fitted")
-        early = np.flatnonzero(e.time <= until)
-        fitted, confirms = (np.zeros(e.n_increments, bool) for _ in range(2))
-        fitted[early] = True
-        confirms[early[early.size - round(CONFIRMS * early.size) :]] = True
-        fitted &= ~confirms
-        scored = e.time > until
-        if fitted.sum() < 3 or not confirms.any() or not scored.any():
+        fitted = e.time <= until
+        if fitted.sum() < FEWEST or fitted.all():
             raise errors.ConfigError(
-                f"{e.name}: {early.size} of {e.n_increments} increments are before {until:g} s; give more --frames or "
+                f"{e.name}: {fitted.sum()} of {e.n_increments} increments are before {until:g} s; give more --frames or "
                 "another --until"
             )
-        return cls(fitted, confirms, scored)
+        return cls(fitted, ~fitted)
 
     def parts(self) -> dict[str, Mask]:
-        """What was fitted in the end, and what was scored."""
-        return {"fitted": self.fitted | self.confirms, "scored": self.scored}
+        """Both by name."""
+        return {"fitted": self.fitted, "scored": self.scored}
 
 
 def account(e: Experiment, model: ExtendedModel, split: Split, spacing: float) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""The loop closed on one measured sheet: effects added in order of their evidence where they predict better.
+"""What a measured sheet does beyond hyperelasticity: all effects fitted at once, and those that do not pay taken out.
 
-In: an Experiment. Out: a dictionary of plain numbers with every model, its errors and what was tried.
+In: an Experiment. Out: a dictionary of plain numbers with every model, its errors and what each effect is worth.
 """
 
 from __future__ import annotations
@@ -11,24 +11,30 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
-from calibrate import diagnosis, discovery, discrepancy
+from calibrate import diagnosis, joint
 from calibrate.chain import Addition
 from calibrate.diagnosis import Fit, Problem
+from calibrate.discovery import GLOBAL
 from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
 from calibrate.experiment import Experiment
-from calibrate.extended import ExtendedModel, fingerprint
-from calibrate.whitening import covariances, whitening
+from calibrate.extended import ExtendedModel, amplitude_unit, fingerprint
+from calibrate.joint import Joint
 from studies.measured_account import Split, account, equations
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Say = Callable[[str], None]
 KNOWN = ("force offset", "lag between force and image")  # the record says: no force at rest, pictures in time to 0.15 s
+ROUGH = ("3D effect of thickness", "subset smoothing")  # second derivatives, far below the virtual fields of 12 mm
 RELAXATION = (0.5, 2.0, 8.0, 32.0)  # s, times of the branches tried
 FASTEST = 0.5  # s: a third of the time between increments; what relaxes faster is told by its product g tau alone
+NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
+SPLINES = (2, 3, 5)  # of base models that are tried instead of neo-Hooke
+CLOSE = 9.2  # price below which a smaller model's likelihood is within 1 to 100
 
 
 @dataclass(frozen=True)
@@ -47,148 +53,29 @@ class SecondRelaxation(Relaxation):
 
     name = SecondViscosity.name
 
+    def shape_values(self, data: Any) -> list[tuple[float, ...]]:
+        return [(RELAXATION[-1],)]
+
 
 INSTEAD: dict[str, Effect] = {Viscosity.name: Relaxation(), InitialWarp.name: UnevenWarp()}
 EVERY = (*(INSTEAD.get(e.name, e) for e in CATALOGUE), SecondRelaxation())
-EFFECTS = tuple(effect for effect in EVERY if effect.name not in KNOWN)
-AFTER = {SecondRelaxation.name: Viscosity.name}  # effects that mean nothing before another one is there
-SPLINES = (1, 2, 3, 5, 8, 12)  # of the base model
-FINER = 2  # bases that are tried in each round
-MOST, ITERATIONS = 7, 4  # additions at most; steps of a fit that is tried
-PAYS = 0.05  # share by which an addition must lower the error of what confirms
+EFFECTS = tuple(effect for effect in EVERY if effect.name not in (*KNOWN, *ROUGH))
+BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 
-def prepared(e: Experiment, split: Split, spacing: float, base: str, splines: int = 1) -> tuple[Problem, Fit]:
-    """Problem whose held-out equations are those of the confirming increments alone, and its base fit."""
-    problem, fit = diagnosis.prepare([e], [lambda system: equations(system, split.fitted)], spacing, base=base)
-    part = problem.parts[0]
-    confirms = equations(part.system, split.confirms) & diagnosis.all_rows(part.system)
-    held = whitening(covariances(part.assembled, fit.c), confirms, _common(problem, fit))
-    problem = with_splines(replace(problem, parts=(replace(part, held=held),)), base, splines)
-    return problem, diagnosis.refit(problem, diagnosis.first_guess([part.assembled]), ())
+def prepared(e: Experiment, fitted: Mask, spacing: float, splines: int = 1) -> tuple[Problem, Fit]:
+    """Problem of the increments fitted (t,), whose base has a number of functions of I1, and its base fit."""
+    problem, _ = diagnosis.prepare([e], [lambda system: equations(system, fitted)], spacing, base="positive")
+    problem = with_splines(problem, splines)
+    return problem, diagnosis.refit(problem, diagnosis.first_guess([problem.parts[0].assembled]), ())
 
 
-def _common(problem: Problem, fit: Fit) -> Array | None:
-    return discrepancy.sources(problem.parts[0].system, problem.basis, fit.c)
-
-
-def with_splines(problem: Problem, base: str, n: int) -> Problem:
+def with_splines(problem: Problem, n: int) -> Problem:
     """The problem with a base energy of n functions of I1."""
     top = max(diagnosis.trained_top(part.system, part.train.rows) for part in problem.trained)
     start = diagnosis.first_guess([part.assembled for part in problem.trained])
-    prior = diagnosis.smoothness(base, n) / (diagnosis.STIFFENING * float(start.max()))
-    return replace(problem, cone=diagnosis.base_cone(problem.basis, base, top, n), prior=prior, parametric=True)
-
-
-@dataclass(frozen=True, eq=False)
-class Round:
-    """A model, its errors on what was fitted and what confirms, the tests of what it leaves, and what was added."""
-
-    problem: Problem
-    fit: Fit
-    train: discovery.Misfit | None
-    held: discovery.Misfit | None
-    scores: list[diagnosis.Score]
-    confirmed: dict[str, float]
-    added: str | None = None
-
-    @property
-    def splines(self) -> int:
-        return self.problem.cone.shape[1]
-
-
-def close_loop(problem: Problem, state: Fit, base: str, say: Say) -> list[Round]:
-    """Add effects in the order of their evidence, where they lower the error of what confirms; until none does.
-
-    The base starts as neo-Hooke and is made finer only when no effect helps: many splines take up whatever varies with the
-    load, time among it, and extrapolate badly. Of effects with one signature the one that predicts best is taken; of those with
-    nearly the best score, which is that of small effects, the one that leaves the smallest misfit. The order follows the score and not the gain in prediction, because an effect that is small but alone in what it does (relaxation)
-    shows only when those that disturb everything (a sheet that was not flat) are in the model.
-    """
-    rounds: list[Round] = []
-    while True:
-        say(f"round {len(rounds) + 1}: testing effects")
-        present = {a.effect.name for a in state.additions}
-        scores = diagnosis.score(
-            problem, state, [x for x in EFFECTS if AFTER.get(x.name, x.name) in {x.name, *present}]
-        )
-        errors_ = [discovery.misfit(problem, state.c, state.additions, held) for held in (False, True)]
-        now = Round(problem, state, errors_[0], errors_[1], scores, {})
-        found = _next(now, base, lambda text: say(f"round {len(rounds) + 1}: {text}")) if len(rounds) < MOST else None
-        if found is None:
-            return [*rounds, now]
-        rounds.append(replace(now, added=found[0]))
-        _, problem, state = found
-
-
-def _next(now: Round, base: str, say: Say) -> tuple[str, Problem, Fit] | None:
-    """What is added, with the problem and the fit that follow; errors of all that is tried go to `now.confirmed`."""
-    assert now.held is not None
-    limit = (1 - PAYS) * both(now.held)
-    fits: dict[str, tuple[float, Problem, Fit]] = {}
-
-    def tried(name: str, problem: Problem, *starts: Addition | None) -> float:
-        if name not in fits:
-            say(f"fit with {name}")
-            found = [fit for start in starts if (fit := _refit(problem, now.fit, start)) is not None]
-            fit = min(found, key=lambda fit: fit.loss, default=None)
-            held = None if fit is None else discovery.misfit(problem, fit.c, fit.additions, True)
-            fits[name] = (np.inf if held is None else both(held), problem, now.fit if fit is None else fit)
-            if held is not None:
-                now.confirmed[name] = both(held)
-        return fits[name][0]
-
-    tested = [one for one in now.scores if one.status == "tested"]
-    like = diagnosis.likeness(tested)
-    significant = [i for i, one in enumerate(tested) if one.adjusted < discovery.ALPHA]
-    top = max((tested[i].evidence for i in significant), default=0.0)
-    rivals = [i for i in significant if tested[i].evidence > discovery.RIVAL * top]
-    chosen: list[tuple[float, str]] = []
-    for i in significant:
-        group = [tested[j] for j in significant if j == i or like[i, j] > diagnosis.COLLINEAR]
-        lowest = min(group, key=lambda other: tried(other.effect.name, now.problem, *_starts(now.problem, other)))
-        error, _, fit = fits[lowest.effect.name]
-        if error < limit:
-            chosen.append((fit.loss, lowest.effect.name))
-        if chosen and i not in rivals[:-1]:
-            name = min(chosen)[1]
-            return name, *fits[name][1:]
-    for n in [n for n in SPLINES if n > now.splines][:FINER]:
-        name = f"base of {n} splines"
-        if tried(name, with_splines(now.problem, base, n), None) < limit:
-            return name, *fits[name][1:]
-    return None
-
-
-def _starts(problem: Problem, one: diagnosis.Score) -> list[Addition]:
-    """Additions at the amplitude of the score test, or at the null value where that is not admissible; times at several."""
-    null = tuple(p.null for p in one.effect.amplitudes)
-    starts = [Addition(one.effect, one.amplitudes if one.admissible else null, one.shape)]
-    if isinstance(one.effect, Viscosity):
-        shapes = one.effect.shape_values(problem.parts[0].chain.data)
-        starts += [Addition(one.effect, null, shape) for shape in shapes if shape != one.shape]
-    return starts
-
-
-def both(misfit: discovery.Misfit) -> float:
-    """Error of force and of field in one number: a factor on either counts alike, however many equations it has."""
-    return float(np.sqrt(misfit.force * misfit.field))
-
-
-def _refit(problem: Problem, state: Fit, addition: Addition | None) -> Fit | None:
-    """The fit with one more effect; None where it is not told from its null value, or its stresses are not finite."""
-    additions = state.additions if addition is None else (*state.additions, addition)
-    try:
-        fit = diagnosis.refit(problem, state.c, additions, ITERATIONS)
-    except ValueError:
-        return None
-    if not np.isfinite(fit.loss):
-        return None
-    if addition is None:
-        return fit
-    null = (p.null for p in addition.effect.amplitudes)
-    changed = (abs(a - p) >= 2 * d for a, p, d in zip(fit.additions[-1].amplitudes, null, fit.errors[-1], strict=True))
-    return fit if any(changed) else None
+    prior = diagnosis.smoothness("positive", n) / (diagnosis.STIFFENING * float(start.max()))
+    return replace(problem, cone=diagnosis.base_cone(problem.basis, "positive", top, n), prior=prior, parametric=True)
 
 
 def base_name(splines: int) -> str:
@@ -196,99 +83,188 @@ def base_name(splines: int) -> str:
     return "neo-Hooke" if splines == 1 else f"{splines} splines"
 
 
-def verdict(last: Fit, scores: Sequence[diagnosis.Score]) -> str:
-    """'explained' only if what the last model leaves is noise."""
-    if last.p_value > discovery.GLOBAL and not any(
-        s.status == "tested" and s.adjusted < discovery.ALPHA for s in scores
-    ):
-        return "explained" if last.additions else "nothing significant"
-    return "significant, not explained"
+def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, Any]:
+    """What is beyond neo-Hooke in the increments up to `until`, with errors after it; everything that the report shows.
 
-
-def learn(e: Experiment, until: float, spacing: float, base: str, say: Say) -> dict[str, Any]:
-    """Close the loop on a sheet: what is added, with errors before and after; everything that the report shows."""
+    All candidates are fitted at once, from several starts; those that do not pay are taken out (`calibrate.joint`); a general
+    effect gives way to a special one, and neo-Hooke to a finer base, where that pays.
+    """
     split = Split.of(e, until)
     say(f"{e.name}: base model")
-    problem, fit = prepared(e, split, spacing, base)
-    everything = replace(split, fitted=split.fitted | split.confirms)
-    rounds = close_loop(problem, fit, base, lambda text: say(f"{e.name}: {text}"))
-    whole, start = prepared(e, everything, spacing, base)
+    early = e.select(np.flatnonzero(split.fitted))
+    problem, base = prepared(early, np.ones(early.n_increments, bool), spacing)
+    scores = diagnosis.score(problem, base, EFFECTS)
+    start = joint.candidates(problem, base.c, scores, tuple(NESTED))
+    say(f"{e.name}: all {len(start)} effects")
+    starts = joint.whole(problem, base.c, start)
+    path = joint.reduced(problem, starts[0], lambda text: say(f"{e.name}: {text}"))
+    unit = starts[0].dispersion
+    final, exchanged = specialised(problem, path[-1], unit, lambda text: say(f"{e.name}: {text}"))
+    models = _Models(e, early, split, spacing, until, problem)
+    bases = [(1, final), *_finer(problem, final, lambda text: say(f"{e.name}: {text}"))]
+    splines, chosen = min(bases, key=lambda pair: _price(pair[0], pair[1], unit))
     result: dict[str, Any] = {
         "name": e.name,
         "spacing": spacing,
         "time": e.time,
         "split": {name: np.flatnonzero(mask).tolist() for name, mask in split.parts().items()},
-        "verdict": verdict(rounds[-1].fit, rounds[-1].scores),
-        "closest": [a.effect.name for a in rounds[-1].fit.additions],
-        "models": [],
-        "rounds": [],
+        "dispersion": unit,
+        "equations": starts[0].n_rows,
+        "verdict": verdict(chosen),
+        "exchanged": exchanged,
+        "models": [
+            models.of_base(base),
+            models.of(starts[0], "every effect"),
+            *(models.of(one, f"without {one.out}") for one in path[1:]),
+        ],
+        "starts": [{"objective": one.objective / unit, **models.errors(one)} for one in starts],
+        "bases": [
+            {"name": base_name(n), "price": _price(n, one, unit) - _price(1, final, unit), **models.errors(one, n)}
+            for n, one in bases
+        ],
     }
-    for now in rounds:
-        say(f"{e.name}: all of the first {until:g} s")
-        whole = with_splines(whole, base, now.splines)
-        try:
-            final = diagnosis.refit(whole, start.c, now.fit.additions)
-        except ValueError:  # not finite on the way: as it was found
-            final = now.fit
-        model = ExtendedModel(
-            whole.basis,
-            final.c,
-            final.additions,
-            final.errors,
-            e.stress_unit,
-            ({"name": e.name, "fingerprint": fingerprint(e)},),
-            f"increments after {until:g} s",
-            verdict=verdict(now.fit, now.scores),
-        )
-        result["models"].append(
+    result["models"].append(models.of(chosen, "what pays", splines))
+    result["without"] = []
+    for name in sorted(chosen.active):
+        say(f"{e.name}: how much depends on {name}")
+        one = joint.fit(with_splines(problem, splines), chosen.c, chosen.additions, chosen.active - {name}, name)
+        worth = joint.worth(chosen, one, unit)
+        result["without"].append(
             {
-                "name": " + ".join([base_name(now.splines), *(a.effect.name for a in final.additions)]),
-                "reduced_chi_square": final.reduced_chi_square,
-                "splines": now.splines,
-                "selection": {
-                    "reduced_chi_square": now.fit.reduced_chi_square,
-                    "fitted": _errors(now.train),
-                    "confirming": _errors(now.held),
-                },
-                "amplitudes": [
-                    {"effect": a.effect.name, "name": p.name, "unit": p.unit, "value": v, "deviation": d}
-                    for a, deviations in zip(final.additions, final.errors, strict=True)
-                    for p, v, d in zip(a.effect.amplitudes, a.amplitudes, deviations, strict=True)
-                ],
-                "model": model.to_dict(),
-                **account(e, model, split, spacing),
+                "effect": name,
+                "rise": (one.loss - chosen.loss) / unit,
+                "price": chosen.price([name]),
+                "doubtful": worth < CLOSE,
+                "imitated": chosen.imitated[name],
+                "decided_by": BY_NAME[name].decided_by,
+                **models.errors(one, splines),
             }
         )
-        tested = [s for s in now.scores if s.status == "tested"]
-        like = diagnosis.likeness(tested)
-        result["rounds"].append(
-            {
-                "added": now.added,
-                "error": None if now.held is None else both(now.held),
-                "bases": {name: error for name, error in now.confirmed.items() if name.startswith("base of")},
-                "candidates": [
-                    {
-                        "effect": one.effect.name,
-                        "score": one.score,
-                        "adjusted_p": one.adjusted,
-                        "share": one.share,
-                        "admissible": one.admissible,
-                        "confirming_error": now.confirmed.get(one.effect.name),
-                        "like": [
-                            tested[j].effect.name
-                            for j in range(len(tested))
-                            if j != i and like[i, j] > diagnosis.COLLINEAR
-                        ],
-                        "decided_by": one.effect.decided_by,
-                    }
-                    for i, one in enumerate(tested)
-                ],
-            }
-        )
+    result["closest"] = [line["effect"] for line in sorted(result["without"], key=lambda line: -line["rise"])]
+    result["taken_out"] = [one.out for one in path[1:]]
+    result["not_testable"] = {s.effect.name: s.why for s in scores if s.status != "tested"}
     return result
 
 
-def _errors(misfit: discovery.Misfit | None) -> dict[str, float] | None:
-    if misfit is None:
-        return None
-    return {"force": misfit.force, "field": misfit.field, "chi_square": misfit.chi_square}
+def verdict(one: Joint) -> str:
+    """'explained' only if what the model leaves is noise."""
+    p = float(stats.chi2.sf(one.loss, max(one.loss / one.dispersion, 1.0)))
+    if p > GLOBAL:
+        return "explained" if one.active else "nothing significant"
+    return "significant, not explained"
+
+
+def _price(n: int, one: Joint, unit: float) -> float:
+    """Misfit over dispersion and price of the functions of the base and the parameters of the effects."""
+    return one.loss / unit + (n + sum(map(joint.price_size, one.present))) * float(np.log(one.n_rows))
+
+
+def specialised(problem: Problem, now: Joint, unit: float, say: Say) -> tuple[Joint, list[str]]:
+    """The fit with special effects in the place of general ones that are no better, and which these are."""
+    exchanged = []
+    for special, general in NESTED.items():
+        if general not in now.active:
+            continue
+        say(f"{special} instead of {general}")
+        effect = BY_NAME[special]
+        data = problem.trained[0].chain.data
+        best = None
+        for shape in effect.shape_values(data):
+            values = tuple(p.null + 0.3 * p.typical for p in effect.amplitudes) if effect.shapes else ()
+            values = values or tuple(p.null for p in effect.amplitudes)
+            others = tuple(a for a in now.additions if a.effect.name != general)
+            one = joint.fit(
+                problem, now.c, (Addition(effect, values, tuple(shape)), *others), now.active - {general} | {special}
+            )
+            best = one if best is None or one.objective < best.objective else best
+        if best is not None and _price(1, best, unit) < _price(1, now, unit):
+            now = best
+            exchanged.append(f"{special} instead of {general}")
+    return now, exchanged
+
+
+def _finer(problem: Problem, final: Joint, say: Say) -> list[tuple[int, Joint]]:
+    """The same effects beside bases with more functions."""
+    found = []
+    for n in SPLINES:
+        say(f"base of {n} splines")
+        found.append((n, joint.fit(with_splines(problem, n), final.c, final.additions, final.active)))
+    return found
+
+
+@dataclass(frozen=True)
+class _Models:
+    """Joint fits as model files, with their errors on the whole sheet."""
+
+    whole: Experiment
+    early: Experiment
+    split: Split
+    spacing: float
+    until: float
+    problem: Problem
+
+    def extended(self, one: Joint) -> ExtendedModel:
+        """The model file; an amplitude that is a share of the whole loading holds for all increments."""
+        e = self.whole
+        sizes = [np.sqrt((x.displacements**2).mean(axis=(1, 2))).max() for x in (e, self.early)]
+        present, deviations = list(one.present), list(one.errors)
+        for i, a in enumerate(present):
+            if a.effect.name == "out-of-plane motion":
+                factor = float(sizes[0] / sizes[1])
+                present[i] = replace(a, amplitudes=(factor * a.amplitudes[0],))
+                deviations[i] = (factor * deviations[i][0],)
+        return self._model(one.c, present, deviations, verdict(one))
+
+    def _model(
+        self, c: Array, additions: Sequence[Addition], deviations: Sequence[tuple[float, ...]], words: str
+    ) -> ExtendedModel:
+        e = self.whole
+        training = ({"name": e.name, "fingerprint": fingerprint(e)},)
+        held = f"increments after {self.until:g} s"
+        basis = self.problem.basis
+        return ExtendedModel(
+            basis, c, tuple(additions), tuple(deviations), e.stress_unit, training, held, verdict=words
+        )
+
+    def errors(self, one: Joint, splines: int = 1) -> dict[str, Any]:
+        """Errors of force and field on what was fitted and scored."""
+        found = self.of(one, "", splines)["errors"]
+        return {f"{kind}_{part}": found[part][kind] for part in found for kind in ("force", "field")}
+
+    def of(self, one: Joint, name: str, splines: int = 1) -> dict[str, Any]:
+        """A model with everything that the report shows of it."""
+        return self._described(self.extended(one), name, splines, one.loss / one.n_rows, one.dispersion)
+
+    def of_base(self, fit: Fit) -> dict[str, Any]:
+        """Neo-Hooke alone."""
+        model = self._model(fit.c, (), (), "significant, not explained")
+        return self._described(model, "neo-Hooke", 1, fit.loss / fit.n_rows, fit.loss / (fit.n_rows - 1))
+
+    def _described(
+        self, model: ExtendedModel, name: str, splines: int, chi_square: float, reduced: float
+    ) -> dict[str, Any]:
+        return {
+            "name": name,
+            "base": base_name(splines),
+            "effects": [a.effect.name for a in model.additions],
+            "chi_square": chi_square,
+            "reduced_chi_square": reduced,
+            "amplitudes": [
+                {
+                    "effect": a.effect.name,
+                    "name": p.name,
+                    "unit": amplitude_unit(p, model.unit),
+                    "value": v,
+                    "deviation": d,
+                }
+                for a, deviations in zip(model.additions, model.errors, strict=True)
+                for p, v, d in zip(a.effect.amplitudes, a.amplitudes, deviations, strict=True)
+            ],
+            "shapes": [
+                {"effect": a.effect.name, "name": p.name, "unit": amplitude_unit(p, model.unit), "value": v}
+                for a in model.additions
+                for p, v in zip(a.effect.shapes, a.shape, strict=True)
+            ],
+            "model": model.to_dict(),
+            **account(self.whole, model, self.split, self.spacing),
+        }

@@ -35,7 +35,7 @@ def stiffness_map(e: Experiment, model: ExtendedModel, until: float, spacing: fl
     system = equilibrium(e, spacing)
     chain = Chain(system, model.basis)
     stress_work, loads, hats = _work_by_place(e, chain, model, cell)
-    rows = split.fitted | split.confirms
+    rows = split.fitted
     scale = np.abs(force(e))[:, None]
     A, b = stress_work / scale[..., None], loads / scale
 

@@ -33,7 +33,7 @@ def carried(
     Fitted to the forces at the grips in the increments to be fitted; everything else stays as it was learnt.
     """
     system = equilibrium(e, spacing)
-    rows = split.fitted | split.confirms
+    rows = split.fitted
     grips = grip_rows(system)
 
     def residuals(logs: Array) -> Array:
@@ -80,7 +80,7 @@ def rivals(e: Experiment, model: ExtendedModel, split: Split, spacing: float) ->
     chain = Chain(equilibrium(e, spacing), model.basis)
     system = chain.system
     additions = tuple(a for a in model.additions if not isinstance(a.effect, Viscosity))
-    rows, known = split.fitted | split.confirms, np.isfinite(system.loads).all(axis=0)
+    rows, known = split.fitted, np.isfinite(system.loads).all(axis=0)
     scale = np.abs(force(e))[:, None]
     top = diagnosis.trained_top(system, equations(system, rows))
     loads = np.nan_to_num(chain.external(additions))

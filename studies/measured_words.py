@@ -68,23 +68,40 @@ def amplitude_table(models: list[dict[str, Any]]) -> Table:
     ]
 
 
-def candidate_table(rounds: list[dict[str, Any]]) -> Table:
-    """Every candidate of every round; the error is the geometric mean of those of force and field, where they confirm."""
-    columns = ["round", "effect", "score", "share of the misfit", "adjusted p", "admissible", "error, confirming",
-               "added", "signature like"]  # fmt: skip
-    rows = []
-    for i, now in enumerate(rounds, start=1):
-        rows.append(
-            [i, "nothing more", None, None, None, None, now["error"], "yes" if now["added"] is None else "", ""]
-        )
-        for name, error in now["bases"].items():
-            added = "yes" if name == now["added"] else ""
-            rows.append([i, name, None, None, None, None, error, added, ""])
-        for c in now["candidates"]:
-            rows.append([i, c["effect"], c["score"], percent(c["share"]), c["adjusted_p"],
-                         "yes" if c["admissible"] else "no", c["confirming_error"],
-                         "yes" if c["effect"] == now["added"] else "", ", ".join(c["like"])])  # fmt: skip
+def effect_table(learnt: dict[str, Any]) -> Table:
+    """What each effect is worth: errors of the model that is fitted without it."""
+    columns = ["effect", "outcome", "rise of the misfit without it", "price of its parameters", "imitated by the others",
+               "force, scored, without it", "field, scored, without it", "decided by"]  # fmt: skip
+    rows: list[list[Any]] = []
+    for line in sorted(learnt["without"], key=lambda line: -line["rise"]):
+        outcome = "in the model" + (", doubtful" if line["doubtful"] else "")
+        rows.append([line["effect"], outcome, line["rise"], line["price"], percent(line["imitated"]),
+                     percent(line["force_scored"]), percent(line["field_scored"]), line["decided_by"]])  # fmt: skip
+    for text in learnt["exchanged"]:
+        special, general = text.split(" instead of ")
+        rows.append([general, f"{special} does as well", *[None] * 6])
+    rows += [[name, "taken out: does not pay", *[None] * 6] for name in learnt["taken_out"]]
+    rows += [[name, why, *[None] * 6] for name, why in learnt["not_testable"].items()]
     return columns, rows
+
+
+def variant_table(learnt: dict[str, Any]) -> Table:
+    """The whole from other starts, and what pays beside other bases."""
+    columns = ["variant", "misfit or price over the first", "force, fitted", "force, scored", "field, scored"]
+    first = learnt["starts"][0]["objective"]
+    lines = [(f"every effect, start {i}", s["objective"] - first, s) for i, s in enumerate(learnt["starts"], start=1)]
+    lines += [(f"what pays, {b['name']}", b["price"], b) for b in learnt["bases"]]
+    return columns, [
+        [name, value, percent(e["force_fitted"]), percent(e["force_scored"]), percent(e["field_scored"])]
+        for name, value, e in lines
+    ]
+
+
+def spread(learnt: dict[str, Any]) -> dict[str, tuple[float, float]]:
+    """Smallest and largest error after the limit over every model with effects that was fitted."""
+    lines = [*learnt["starts"], *learnt["without"], *learnt["bases"]]
+    kinds = {kind: [line[f"{kind}_scored"] for line in lines] for kind in ("force", "field")}
+    return {kind: (min(values), max(values)) for kind, values in kinds.items()}
 
 
 def rival_table(rivals: list[dict[str, Any]]) -> Table:
@@ -152,12 +169,14 @@ def verdict(learnt: dict[str, Any]) -> str:
     """One line on a sheet."""
     base, final = learnt["models"][0]["errors"]["scored"], learnt["models"][-1]["errors"]["scored"]
     effects = ", ".join(learnt["closest"])
+    (low, high), (lowest, highest) = spread(learnt).values()
     text = f"{learnt['name']}: {learnt['verdict']}"
     if effects:
         text += f"; closest: {effects}"
     return (
         f"{text}; on increments never used, force error {percent(base['force'])} -> {percent(final['force'])}, "
-        f"field error {percent(base['field'])} -> {percent(final['field'])}"
+        f"field error {percent(base['field'])} -> {percent(final['field'])} (over all models with effects force "
+        f"{percent(low)} to {percent(high)}, field {percent(lowest)} to {percent(highest)})"
     )
 
 
