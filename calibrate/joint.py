@@ -28,7 +28,7 @@ from calibrate.diagnosis import Problem, Variables
 Array = NDArray[np.float64]
 PRIOR = 3.0  # typical amplitudes: standard deviation of the prior
 STEPS = 25
-CONVERGED = 1e-3  # fall of the misfit in a step, over the dispersion
+CONVERGED = 0.02  # fall of the misfit in a step, over the dispersion
 DAMPING, MOST_DAMPING = 1e-3, 1e6  # at first, and when a fit is given up
 TRIED = 2  # effects that are refitted without, before one is taken out
 

@@ -33,7 +33,7 @@ PAIRS = (
     ("Mullins softening", "second invariant"),
 )
 
-ABSENT = 2  # of so many trials of an effect, one is diagnosed once more without the effect in the catalogue
+ABSENT = 3  # of so many trials of an effect, one is diagnosed once more without the effect in the catalogue
 WINDOW = 72  # trials that are put in an order of their own
 RENEWED = 12  # trials a worker after which all are renewed, with the memory that compiled code takes
 BREAKDOWNS = 3  # of the pool of workers, after which the run is given up

@@ -87,6 +87,11 @@ COMMANDS = {
         "study: what measured sheets and homogeneous tests do beyond hyperelasticity",
         "equigap measured --quick\n  equigap measured --until 15 --frames 24 -o results/measured",
     ),
+    "figures": Command(
+        "studies.figures",
+        "every figure and table of all studies, in one folder",
+        "equigap figures --scale quick\n  equigap figures --scale default --only resolution,thickness -o results/all",
+    ),
     "supervised": Command(
         "studies.supervised",
         "fit networks directly to stress-stretch data",

@@ -167,20 +167,26 @@ def specialised(problem: Problem, now: Joint, unit: float, say: Say) -> tuple[Jo
             continue
         say(f"{special} instead of {general}")
         effect = BY_NAME[special]
-        data = problem.trained[0].chain.data
         best = None
-        for shape in effect.shape_values(data):
-            values = tuple(p.null + 0.3 * p.typical for p in effect.amplitudes) if effect.shapes else ()
-            values = values or tuple(p.null for p in effect.amplitudes)
+        for shape in _special_shapes(next(a for a in now.additions if a.effect.name == general), effect):
+            values = tuple(p.null + (0.3 * p.typical if shape else 0.0) for p in effect.amplitudes)
             others = tuple(a for a in now.additions if a.effect.name != general)
             one = joint.fit(
-                problem, now.c, (Addition(effect, values, tuple(shape)), *others), now.active - {general} | {special}
+                problem, now.c, (Addition(effect, values, shape), *others), now.active - {general} | {special}
             )
             best = one if best is None or one.objective < best.objective else best
         if best is not None and _price(1, best, unit) < _price(1, now, unit):
             now = best
             exchanged.append(f"{special} instead of {general}")
     return now, exchanged
+
+
+def _special_shapes(general: Addition, special: Effect) -> list[tuple[float, ...]]:
+    """Where a special effect is started: one family of fibres along either of two, and between them."""
+    if not special.shapes:
+        return [()]
+    axis, half = general.shape
+    return [(axis - half,), (axis,), (axis + half,)] if half > 0.05 else [(axis,)]
 
 
 def _finer(problem: Problem, final: Joint, say: Say) -> list[tuple[int, Joint]]:

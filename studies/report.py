@@ -27,6 +27,17 @@ class ReportError(StudyError, ValueError):
     """A figure or table that cannot go into a report."""
 
 
+def page(template: str, **content: Any) -> str:
+    """A template of ``templates/`` filled in; all text is escaped."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("studies"), autoescape=True, trim_blocks=True, lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    return environment.get_template(template).render(**content)
+
+
 @dataclass
 class _Picture:
     content: bytes
@@ -87,16 +98,8 @@ class Report:
 
     def html(self) -> str:
         """The whole document."""
-        import jinja2
-
-        environment = jinja2.Environment(
-            loader=jinja2.PackageLoader("studies"), autoescape=True, trim_blocks=True, lstrip_blocks=True,
-            undefined=jinja2.StrictUndefined,
-        )  # fmt: skip
         written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-        return environment.get_template("report.html").render(
-            title=self.title, subtitle=self.subtitle, parts=self._parts, written=written
-        )
+        return page("report.html", title=self.title, subtitle=self.subtitle, parts=self._parts, written=written)
 
     def save(self, path: str | Path) -> Path:
         """Write the document atomically. Raises `OutputWriteError`."""
