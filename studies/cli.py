@@ -92,6 +92,11 @@ COMMANDS = {
         "every figure and table of all studies, in one folder",
         "equigap figures --scale quick\n  equigap figures --scale default --only resolution,thickness -o results/all",
     ),
+    "verify": Command(
+        "studies.verification",
+        "compare the numbers of a run of `figures` with reference values",
+        "equigap verify results/figures-quick\n  equigap verify results/figures-quick --same-as results/again",
+    ),
     "supervised": Command(
         "studies.supervised",
         "fit networks directly to stress-stretch data",
