@@ -132,13 +132,9 @@ class Steps:
         return learn(self.sheet(name), self.args.until, self.args.spacing, self.say)
 
     def rivals(self, learnt: dict[str, Any]) -> dict[str, Any]:
-        from calibrate.extended import ExtendedModel
-        from studies.measured_account import Split
-        from studies.measured_transfer import rivals
+        from studies.measured_loop import rivals
 
-        e = self.sheet(FIRST)
-        model = ExtendedModel.from_dict(learnt["models"][-1]["model"])
-        return {"models": rivals(e, model, Split.of(e, self.args.until), self.args.spacing)}
+        return {"models": rivals(self.sheet(FIRST), learnt, self.args.until, self.args.spacing, self.say)}
 
     def transfer(self, name: str, models: list[dict[str, Any]]) -> dict[str, Any]:
         from studies.measured_transfer import transfer

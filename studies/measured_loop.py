@@ -18,6 +18,7 @@ from calibrate.chain import Addition
 from calibrate.diagnosis import Fit, Problem
 from calibrate.discovery import GLOBAL
 from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
+from calibrate.effects.camera import OutOfPlane
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
 from calibrate.experiment import Experiment
@@ -154,6 +155,31 @@ def verdict(one: Joint) -> str:
     return "significant, not explained"
 
 
+def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, say: Say) -> list[dict[str, Any]]:
+    """Softening with strain against relaxation in time: what pays, beside bases with more functions, without relaxation.
+
+    On one ramp at one speed strain and time go together, so that both fit; what they predict differs.
+    """
+    split = Split.of(e, until)
+    early = e.select(np.flatnonzero(split.fitted))
+    model = ExtendedModel.from_dict(learnt["models"][-1]["model"])
+    problem, _ = prepared(early, np.ones(early.n_increments, bool), spacing)
+    models = _Models(e, early, split, spacing, until, problem)
+    kept = tuple(a for a in models.of_early(model.additions) if not isinstance(a.effect, Viscosity))
+    found = []
+    for n in (1, *SPLINES):
+        say(f"{e.name}: {base_name(n)} that do not relax")
+        one = joint.fit(with_splines(problem, n), model.c, kept, frozenset(a.effect.name for a in kept))
+        found.append(
+            {
+                "name": f"{base_name(n)}, not relaxing",
+                "misfit": one.loss / learnt["dispersion"],
+                **models.errors(one, n),
+            }
+        )
+    return found
+
+
 def _price(n: int, one: Joint, unit: float) -> float:
     """Misfit over dispersion and price of the functions of the base and the parameters of the effects."""
     return one.loss / unit + (n + sum(map(joint.price_size, one.present))) * float(np.log(one.n_rows))
@@ -211,15 +237,25 @@ class _Models:
 
     def extended(self, one: Joint) -> ExtendedModel:
         """The model file; an amplitude that is a share of the whole loading holds for all increments."""
-        e = self.whole
-        sizes = [np.sqrt((x.displacements**2).mean(axis=(1, 2))).max() for x in (e, self.early)]
         present, deviations = list(one.present), list(one.errors)
         for i, a in enumerate(present):
-            if a.effect.name == "out-of-plane motion":
-                factor = float(sizes[0] / sizes[1])
-                present[i] = replace(a, amplitudes=(factor * a.amplitudes[0],))
-                deviations[i] = (factor * deviations[i][0],)
+            if a.effect.name == OutOfPlane.name:
+                present[i] = replace(a, amplitudes=(self.growth * a.amplitudes[0],))
+                deviations[i] = (self.growth * deviations[i][0],)
         return self._model(one.c, present, deviations, verdict(one))
+
+    @property
+    def growth(self) -> float:
+        """Displacements of the whole loading over those of what was fitted."""
+        both = (np.sqrt((e.displacements**2).mean(axis=(1, 2))).max() for e in (self.whole, self.early))
+        return float(next(both) / next(both))
+
+    def of_early(self, additions: Sequence[Addition]) -> tuple[Addition, ...]:
+        """Additions of a model file as they are in a fit of the increments up to the limit."""
+        return tuple(
+            replace(a, amplitudes=(a.amplitudes[0] / self.growth,)) if a.effect.name == OutOfPlane.name else a
+            for a in additions
+        )
 
     def _model(
         self, c: Array, additions: Sequence[Addition], deviations: Sequence[tuple[float, ...]], words: str

@@ -11,9 +11,9 @@ from studies.output import write_csv, write_figure, write_json
 from studies.report import Report
 
 RELAXED = (
-    "The same other effects with bases that are softer at larger strain (splines), and with one that relaxes while it is pulled "
-    "(branches). On one ramp at one speed strain and time go together, so that both fit; what they predict differs. A pause in "
-    "the loading, a second speed or an unloading would tell."
+    "What pays, beside bases that are softer at larger strain (splines), with and without relaxation. On one ramp at one speed "
+    "strain and time go together, so that both fit; what they predict differs. A pause in the loading, a second speed or an "
+    "unloading would tell."
 )
 CONTRACTION = (
     "Compressibility, fibres across the pull and motion out of plane all make a sheet contract less than an incompressible one. "
@@ -51,7 +51,7 @@ def write(folder: Path, results: dict[str, Any], manifest: Any) -> tuple[Path, s
     report.heading(f"Learnt on {learnt['name']}").paragraph(words.verdict(learnt) + ".")
     report.table(*words.error_table(learnt["models"])).table(*words.amplitude_table(learnt["models"]))
     report.table(*words.effect_table(learnt), WORTH).table(*words.variant_table(learnt), VARIANTS)
-    report.heading("Strain or time").paragraph(RELAXED).table(*words.rival_table(results["rivals"]["models"]))
+    report.heading("Strain or time").paragraph(RELAXED).table(*words.rival_table(results))
     report.heading("Contraction").paragraph(CONTRACTION)
     report.heading(f"Carried to {results['second']['name']}, one factor refitted")
     report.table(*words.error_table(results["second"]["models"]))

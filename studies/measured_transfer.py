@@ -1,4 +1,4 @@
-"""What was learnt on one measured sheet, on another: carried with one factor, and against rival models.
+"""What was learnt on one measured sheet, on another: carried with one factor.
 
 In: Experiments and models. Out: dictionaries of plain numbers.
 """
@@ -10,16 +10,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import least_squares
 
-from calibrate import diagnosis, errors
-from calibrate.chain import Addition, Chain
-from calibrate.effects.viscosity import Viscosity
-from calibrate.equilibrium import equilibrium, neo_hooke
+from calibrate import errors
+from calibrate.chain import Chain
+from calibrate.equilibrium import equilibrium
 from calibrate.experiment import Experiment
 from calibrate.extended import ExtendedModel
-from studies.measured_account import Split, account, equations, force, force_and_field, grip_rows
-from studies.measured_loop import RELAXATION, base_name
+from studies.measured_account import Split, account, grip_rows
 
 Array = NDArray[np.float64]
 REFITTED = ", relaxation refitted"
@@ -69,42 +67,4 @@ def transfer(e: Experiment, models: Sequence[dict[str, Any]], until: float, spac
                 **account(e, model, split, spacing),
             }
         )
-    return result
-
-
-def rivals(e: Experiment, model: ExtendedModel, split: Split, spacing: float) -> list[dict[str, Any]]:
-    """Softening with strain against relaxation with time: models with the same other effects, on the same increments.
-
-    Strain: psi_1 >= 0 in straight lines or splines. Time: Prony branches of neo-Hooke with fixed times.
-    """
-    chain = Chain(equilibrium(e, spacing), model.basis)
-    system = chain.system
-    additions = tuple(a for a in model.additions if not isinstance(a.effect, Viscosity))
-    rows, known = split.fitted, np.isfinite(system.loads).all(axis=0)
-    scale = np.abs(force(e))[:, None]
-    top = diagnosis.trained_top(system, equations(system, rows))
-    loads = np.nan_to_num(chain.external(additions))
-
-    def columns(c: Array, tau: float | None = None) -> Array:
-        branch = () if tau is None else (Addition(Viscosity(), (1.0,), (tau,)),)
-        return chain.work(chain.stress(c, (*additions, *branch)))
-
-    result = []
-    for n, times in ((1, ()), (1, RELAXATION), (2, ()), (3, ()), (5, ()), (3, RELAXATION)):
-        cone = diagnosis.base_cone(model.basis, "positive", top, n)
-        soft = neo_hooke(model.basis)
-        A = [columns(cone[:, j]) for j in range(cone.shape[1])]
-        A += [columns(soft, tau) - columns(soft) for tau in times]
-        work = np.stack(A, axis=-1)
-        flat = (work / scale[..., None])[rows][:, known].reshape(-1, work.shape[-1])
-        weights = nnls(flat, (loads / scale)[rows][:, known].ravel(), maxiter=1000)[0]
-        r = work @ weights - loads
-        line: dict[str, Any] = {
-            "name": base_name(n) + (", relaxing" if times else ""),
-            "branches": dict(zip(map(str, times), weights[cone.shape[1] :].tolist(), strict=True)),
-            "errors": {},
-        }
-        for part, mask in split.parts().items():
-            line["errors"][part] = force_and_field(system, r, mask)
-        result.append(line)
     return result

@@ -104,16 +104,12 @@ def spread(learnt: dict[str, Any]) -> dict[str, tuple[float, float]]:
     return {kind: (min(values), max(values)) for kind, values in kinds.items()}
 
 
-def rival_table(rivals: list[dict[str, Any]]) -> Table:
+def rival_table(results: dict[str, Any]) -> Table:
     """Softening with strain against relaxation in time."""
-    columns = ["base", "force, fitted", "field, fitted", "force, scored", "field, scored", "branches (s: N/mm)"]
-    rows = []
-    for m in rivals:
-        fitted, scored = m["errors"]["fitted"], m["errors"]["scored"]
-        branches = ", ".join(f"{tau}: {g:.3g}" for tau, g in m["branches"].items() if g > 1e-6)
-        rows.append([m["name"], *(percent(v) for v in (fitted["force"], fitted["field"], scored["force"], scored["field"])),
-                     branches])  # fmt: skip
-    return columns, rows
+    columns = ["base", "force, fitted", "field, fitted", "force, scored", "field, scored"]
+    lines = [{**b, "name": f"{b['name']}, relaxing"} for b in results["first"]["bases"]]
+    keys = ("force_fitted", "field_fitted", "force_scored", "field_scored")
+    return columns, [[m["name"], *(percent(m[k]) for k in keys)] for m in [*lines, *results["rivals"]["models"]]]
 
 
 def map_table(located: dict[str, Any]) -> Table:

@@ -215,3 +215,13 @@ def test_make_names_its_commands() -> None:
     done = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True)
     for name in ("setup", "study", "quick", "test", "lint"):
         assert f"make {name} " in done.stdout
+
+
+def test_every_package_is_installed() -> None:
+    """An installation that is not editable holds what `pyproject.toml` names, and nothing else."""
+    from setuptools import find_namespace_packages
+
+    rules = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]["find"]
+    found = find_namespace_packages(str(ROOT), include=rules["include"])
+    modules = [p for top in ("meshes", "forward", "calibrate", "studies") for p in (ROOT / top).rglob("*.py")]
+    assert {".".join(p.parent.relative_to(ROOT).parts) for p in modules} <= set(found)
