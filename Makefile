@@ -12,10 +12,10 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help setup study blind measured quick test test-all lint format clean
+.PHONY: help setup study blind measured figures quick test test-all docker-test lint format clean
 
 help: ## list the commands
-	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 18
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
 
 setup: ## set up .venv from requirements.lock (nothing else is installed)
 	@.ci/setup
@@ -29,6 +29,12 @@ blind: setup ## blind trials of the diagnosis (hours; resumes where it was)
 
 measured: setup ## what measured sheets and homogeneous tests do beyond hyperelasticity (EQUIGAP_DATA, or fetched)
 	$(EQUIGAP) measured
+
+figures: setup ## every figure and table of all studies, hours (SCALE=quick: minutes; SCALE=full: a day)
+	$(EQUIGAP) figures --scale $(or $(SCALE),default) --jobs $(JOBS)
+
+docker-test: ## build the container without a Docker engine and make its quick figures (root, buildah, debootstrap)
+	docker/test
 
 quick: setup ## everything at its smallest, a few minutes
 	$(EQUIGAP) specimens --quick -o $(QUICK)/specimens

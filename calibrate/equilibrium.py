@@ -157,7 +157,20 @@ def best_shear_modulus(system: Equilibrium, basis: Basis) -> tuple[float, float]
 
 
 def check_force_sign(system: Equilibrium) -> None:
-    """Compare measured forces with those of a neo-Hookean solid under the measured deformation."""
+    """Compare measured forces with those of a neo-Hookean solid under the measured deformation.
+
+    Raises `ExperimentError` where nothing moves, `MissingForceError` where every force is zero, `ForceSignError`.
+    """
+    e = system.experiment
+    if np.ptp(e.displacements, axis=1).max() <= 1e-12 * np.ptp(e.points, axis=0).max():
+        raise errors.ExperimentError(
+            f"{e.name}: the specimen is not deformed in any increment (its displacements are the same everywhere); check that "
+            "displacements, not the reference, were exported"
+        )
+    if not any(np.nan_to_num(b.force).any() for b in e.loaded):
+        raise errors.MissingForceError(
+            f"{e.name}: every measured force is zero; check the column of the load cell, or give NaN for what was not measured"
+        )
     basis = SingleBasis(0, 1.0, 8)
     modulus, correlation = best_shear_modulus(system, basis)
     if modulus < 0 and correlation < -0.3:

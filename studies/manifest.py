@@ -6,6 +6,7 @@ In: seed, settings and input files of a run. Out: command, versions, hashes of t
 from __future__ import annotations
 
 import hashlib
+import os
 import platform
 import subprocess
 import sys
@@ -94,10 +95,11 @@ def versions() -> dict[str, str]:
 
 @cache
 def revision() -> str | None:
-    """Revision of the source, with '+changes' where files differ from it; None outside a working copy."""
+    """Revision of the source, with '+changes' where files differ from it; outside a working copy
+    what EQUIGAP_REVISION says, or None."""
     root = Path(__file__).resolve().parent.parent
     if not (root / ".git").exists():
-        return None
+        return os.environ.get("EQUIGAP_REVISION")  # of the source that a container was built from
     try:
         head = _git(root, "rev-parse", "HEAD")
         changes = _git(root, "status", "--porcelain", "--untracked-files=no")

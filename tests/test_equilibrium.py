@@ -193,6 +193,14 @@ def test_forces_of_another_direction_are_refused(experiment):
         equations.equilibrium(with_forces(experiment, lambda f: f[:, ::-1]), SPACING)
 
 
+def test_a_specimen_that_does_not_move_or_is_not_pulled_is_named(experiment):
+    still = replace(experiment, displacements=np.ones_like(experiment.displacements))
+    with pytest.raises(errors.ExperimentError, match="not deformed in any increment"):
+        equations.equilibrium(still, SPACING)
+    with pytest.raises(errors.MissingForceError, match="every measured force is zero"):
+        equations.equilibrium(with_forces(experiment, lambda f: 0 * f), SPACING)
+
+
 def test_modulus_from_forces_of_a_neo_hookean_plate(experiment):
     neo_hooke = plate_experiment(synthetic.MooneyRivlin(0.15, 0.0))
     system = equations.equilibrium(neo_hooke, SPACING)
