@@ -13,13 +13,14 @@ from scipy.optimize import brentq
 from calibrate import diagnosis, errors
 from calibrate.basis import SingleBasis
 from calibrate.chain import Addition, Chain
+from calibrate.effects.camera import OutOfPlane
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import ORDER, InitialWarp, polynomials
 from calibrate.equilibrium import equilibrium, neo_hooke
 from calibrate.experiment import Experiment, LoadedBoundary
 from calibrate.extended import ExtendedModel
-from studies import measured, measured_account, measured_map, measured_transfer
+from studies import measured, measured_account, measured_loop, measured_map, measured_transfer, measured_words
 from studies.measured_account import Split
 from studies.measured_control import triplets
 from studies.missing_frames import missing_frames
@@ -232,3 +233,54 @@ def test_absent_data_are_named_before_anything_is_made(tmp_path, monkeypatch):
     with pytest.raises(errors.DataNotFoundError, match="Soft_Homo"):
         measured.main(args)
     assert not (tmp_path / "out").exists()
+
+
+def relaxing(e):
+    """The sheet pulled with the forces of neo-Hooke and a branch that relaxes."""
+    pull = measured_account.section_forces(e, material(Addition(Viscosity(), (0.5,), (3.0,)))).mean(axis=1)
+    forces = np.stack([np.zeros(len(pull)), pull], axis=1)
+    loaded = tuple(replace(b, force=sign * forces) for b, sign in zip(e.loaded, (-1, 1), strict=True))
+    return replace(e, loaded=loaded)
+
+
+@pytest.mark.slow
+def test_a_sheet_that_relaxes_is_learnt(uniaxial, monkeypatch):
+    """Of four effects the one that is there stays, and predicts what comes after the limit."""
+    names = ("viscoelasticity", "stiffness gradient", "lens distortion", "out-of-plane motion")
+    monkeypatch.setattr(measured_loop, "EFFECTS", tuple(measured_loop.BY_NAME[name] for name in names))
+    monkeypatch.setattr(measured_loop, "NESTED", {})
+    result = measured_loop.learn(relaxing(uniaxial), 13.0, 12.0, lambda text: None)
+    assert "viscoelasticity" in result["closest"]
+    assert set(result["taken_out"]) | set(result["closest"]) | set(result["not_testable"]) == set(names)
+    before, after = (result["models"][i]["errors"]["scored"]["force"] for i in (0, -1))
+    assert after < 0.2 * before and after < 0.01
+    without = next(line for line in result["without"] if line["effect"] == "viscoelasticity")
+    assert without["force_scored"] > 5 * after
+    assert {row[0] for row in measured_words.effect_table(result)[1]} == set(names)
+    assert len(measured_words.variant_table(result)[1]) == 3 + 1 + len(measured_loop.SPLINES)
+    low, high = measured_words.spread(result)["force"]
+    assert low <= after <= high
+    assert ExtendedModel.from_dict(result["models"][-1]["model"]).relaxes
+
+
+def test_motion_out_of_plane_is_a_share_of_the_whole_loading(uniaxial):
+    """Fitted to the first increments, whose last one is its unit, it is as much larger at the end as the displacements are."""
+    early = uniaxial.select(np.arange(5))
+    models = measured_loop._Models(uniaxial, early, Split.of(uniaxial, 10.0), 12.0, 10.0, None)
+    growth = np.sqrt((uniaxial.displacements[-1] ** 2).mean() / (early.displacements[-1] ** 2).mean())
+    assert models.growth == pytest.approx(growth)
+    (back,) = models.of_early((Addition(OutOfPlane(), (0.01 * growth,)),))
+    assert back.amplitudes == pytest.approx((0.01,))
+    seen = [
+        np.asarray(OutOfPlane().displacements(Chain(equilibrium(e, 12.0), BASIS).data, e.displacements, (m,), ()))
+        for e, m in ((uniaxial, 0.01 * growth), (early, 0.01))
+    ]
+    assert seen[0][:5] == pytest.approx(seen[1], abs=1e-12)
+
+
+def test_one_family_of_fibres_is_started_where_two_were():
+    general = Addition(measured_loop.BY_NAME["two fibre families"], (0.1,), (0.4, 0.3))
+    special = measured_loop.BY_NAME["one fibre family"]
+    assert np.ravel(measured_loop._special_shapes(general, special)) == pytest.approx([0.1, 0.4, 0.7])
+    assert measured_loop._special_shapes(replace(general, shape=(0.4, 0.0)), special) == [(0.4,)]
+    assert measured_loop._special_shapes(general, measured_loop.BY_NAME["stiffness gradient"]) == [()]
