@@ -37,9 +37,10 @@ TRIED = 2  # effects that are refitted without, before one is taken out
 class Joint:
     """A fit. c (n,), MPa; additions: all candidates, those taken out at their null values; active: names of the others.
 
-    scale: factor on all stresses (`ExtendedModel.scaled`). loss: |s g - f|^2 of n_rows equations by n_base functions of the base; objective:
-    with the prior. deviations: a standard deviation of each amplitude, the prior included. costs: rise of the loss without each
-    active effect, to first order. imitated: share of what each changes that the others could do. out: what was taken out last.
+    loss: |g - f|^2 of n_rows equations by n_base functions of the base; objective: with the prior. deviations: a standard
+    deviation of each amplitude, the prior included. costs: rise of the loss without each active effect, to first order. imitated:
+    share of what each changes that the others could do. converged: False where `STEPS` steps were not enough. out: what was
+    taken out last.
     """
 
     c: Array
@@ -52,6 +53,7 @@ class Joint:
     deviations: dict[str, tuple[float, ...]]
     costs: dict[str, float]
     imitated: dict[str, float]
+    converged: bool
     out: str | None = None
 
     @property
@@ -67,15 +69,15 @@ class Joint:
     @property
     def dispersion(self) -> float:
         """Misfit of an equation beyond what the parameters take up; 1 is noise."""
-        return self.loss / max(self.n_rows - self.n_base - sum(map(price_size, self.present)), 1)
+        return self.loss / max(self.n_rows - self.n_base - sum(map(n_parameters, self.present)), 1)
 
     def price(self, names: Sequence[str]) -> float:
         """log(n) for every parameter of some effects (Schwarz 1978)."""
-        sizes = sum(price_size(a) for a in self.additions if a.effect.name in names)
+        sizes = sum(n_parameters(a) for a in self.additions if a.effect.name in names)
         return sizes * float(np.log(self.n_rows))
 
 
-def price_size(addition: Addition) -> int:
+def n_parameters(addition: Addition) -> int:
     """Number of amplitudes and shapes."""
     return len(addition.amplitudes) + len(addition.shape)
 
@@ -113,7 +115,7 @@ class _Equations:
         return np.where(used, S, 0.0)
 
 
-def candidates(problem: Problem, c: Array, scores: Sequence[diagnosis.Score], nested: Sequence[str] = ()) -> Additions:
+def candidates(scores: Sequence[diagnosis.Score], nested: Sequence[str] = ()) -> Additions:
     """Tested effects at their null values, with the shapes that the score test found best; amplitudes that shapes need are
     started at a third of a typical one. nested: effects left out, because a more general one holds them."""
     result = []
@@ -129,8 +131,7 @@ def candidates(problem: Problem, c: Array, scores: Sequence[diagnosis.Score], ne
 
 
 def fit(problem: Problem, c: Array, additions: Additions, active: frozenset[str], out: str | None = None) -> Joint:
-    """Base, amplitudes and shapes of the active effects together. Raises `FitError` where no step lowers the misfit and
-    the first one was not near the minimum."""
+    """Base, amplitudes and shapes of the active effects together. Raises `FitError` where the start is not finite."""
     equations, cone = _Equations(problem), problem.cone
     n = cone.shape[1]
     additions = tuple(a if a.effect.name in active else _nulled(a) for a in additions)
@@ -138,7 +139,7 @@ def fit(problem: Problem, c: Array, additions: Additions, active: frozenset[str]
     r, s, g = equations.residual(w, additions)
     if not np.isfinite(r).all():
         raise errors.FitError("the joint fit has no finite start: check forces and their signs")
-    damping = DAMPING
+    damping, converged = DAMPING, False
     for _ in range(STEPS):
         variables = Variables(additions)
         prior = _Prior(variables, active, float(r @ r) / len(r))
@@ -153,14 +154,16 @@ def fit(problem: Problem, c: Array, additions: Additions, active: frozenset[str]
             if after < before:
                 break
             damping = 10 * max(damping, 1e-4)
-        if damping >= MOST_DAMPING:
+        if damping >= MOST_DAMPING:  # no step lowers the misfit
+            converged = True
             break
         w, additions = new[1] * step[:n], _stiffer(tried, new[1])
         r, s, g = equations.residual(w, additions)
         damping = max(damping / 5, 1e-8)
         if before - after < CONVERGED * prior.dispersion:
+            converged = True
             break
-    return _finished(equations, w, additions, active, out)
+    return _finished(equations, w, additions, active, converged, out)
 
 
 class _Prior:
@@ -204,7 +207,9 @@ def _step(
     return now
 
 
-def _finished(equations: _Equations, w: Array, additions: Additions, active: frozenset[str], out: str | None) -> Joint:
+def _finished(
+    equations: _Equations, w: Array, additions: Additions, active: frozenset[str], converged: bool, out: str | None
+) -> Joint:
     """The fit with the uncertainty of its amplitudes, and what each effect is worth."""
     r = equations.residual(w, additions)[0]
     variables = Variables(additions)
@@ -234,7 +239,7 @@ def _finished(equations: _Equations, w: Array, additions: Additions, active: fro
         start += size
     objective = loss + prior.of(variables)
     c = equations.problem.cone @ w
-    return Joint(c, additions, active, loss, objective, len(r), len(w), deviations, costs, imitated, out)
+    return Joint(c, additions, active, loss, objective, len(r), len(w), deviations, costs, imitated, converged, out)
 
 
 def whole(problem: Problem, c: Array, additions: Additions, starts: int = 3, seed: int = 0) -> list[Joint]:

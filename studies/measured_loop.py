@@ -95,7 +95,7 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
     early = e.select(np.flatnonzero(split.fitted))
     problem, base = prepared(early, np.ones(early.n_increments, bool), spacing)
     scores = diagnosis.score(problem, base, EFFECTS)
-    start = joint.candidates(problem, base.c, scores, tuple(NESTED))
+    start = joint.candidates(scores, tuple(NESTED))
     say(f"{e.name}: all {len(start)} effects")
     starts = joint.whole(problem, base.c, start)
     path = joint.reduced(problem, starts[0], lambda text: say(f"{e.name}: {text}"))
@@ -141,6 +141,8 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
                 **models.errors(one, splines),
             }
         )
+    fits = [*starts, *path, final, *(one for _, one in bases)]
+    result["unfinished_fits"] = sum(not one.converged for one in fits)
     result["closest"] = [line["effect"] for line in sorted(result["without"], key=lambda line: -line["rise"])]
     result["taken_out"] = [one.out for one in path[1:]]
     result["not_testable"] = {s.effect.name: s.why for s in scores if s.status != "tested"}
@@ -182,7 +184,7 @@ def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, 
 
 def _price(n: int, one: Joint, unit: float) -> float:
     """Misfit over dispersion and price of the functions of the base and the parameters of the effects."""
-    return one.loss / unit + (n + sum(map(joint.price_size, one.present))) * float(np.log(one.n_rows))
+    return one.loss / unit + (n + sum(map(joint.n_parameters, one.present))) * float(np.log(one.n_rows))
 
 
 def specialised(problem: Problem, now: Joint, unit: float, say: Say) -> tuple[Joint, list[str]]:

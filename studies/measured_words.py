@@ -169,6 +169,8 @@ def verdict(learnt: dict[str, Any]) -> str:
     text = f"{learnt['name']}: {learnt['verdict']}"
     if effects:
         text += f"; closest: {effects}"
+    if learnt.get("unfinished_fits"):
+        text += f"; {learnt['unfinished_fits']} fits stopped before they had converged"
     return (
         f"{text}; on increments never used, force error {percent(base['force'])} -> {percent(final['force'])}, "
         f"field error {percent(base['field'])} -> {percent(final['field'])} (over all models with effects force "
