@@ -125,6 +125,9 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
         ],
     }
     result["models"].append(models.of(chosen, "what pays", splines))
+    result["predicts"] = predicts(result["models"][0]["errors"], result["models"][-1]["errors"])
+    if result["verdict"] == "explained" and not result["predicts"]:
+        result["verdict"] = "significant, not explained"
     result["without"] = []
     for name in sorted(chosen.active):
         say(f"{e.name}: how much depends on {name}")
@@ -150,11 +153,16 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
 
 
 def verdict(one: Joint) -> str:
-    """'explained' only if what the model leaves is noise."""
+    """'explained' only if what the model leaves is noise (and, see `learn`, it predicts)."""
     p = float(stats.chi2.sf(one.loss, max(one.loss / one.dispersion, 1.0)))
     if p > GLOBAL:
         return "explained" if one.active else "nothing significant"
     return "significant, not explained"
+
+
+def predicts(before: dict[str, dict[str, float]], after: dict[str, dict[str, float]]) -> bool:
+    """Whether neither force nor field is predicted worse than by the base: what fits to noise may still be wrong."""
+    return all(after["scored"][kind] <= before["scored"][kind] for kind in ("force", "field"))
 
 
 def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, say: Say) -> list[dict[str, Any]]:

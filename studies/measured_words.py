@@ -169,6 +169,8 @@ def verdict(learnt: dict[str, Any]) -> str:
     text = f"{learnt['name']}: {learnt['verdict']}"
     if effects:
         text += f"; closest: {effects}"
+    if not learnt.get("predicts", True):
+        text += "; what was fitted is met, what comes after is predicted worse than by neo-Hooke"
     if learnt.get("unfinished_fits"):
         text += f"; {learnt['unfinished_fits']} fits stopped before they had converged"
     return (

@@ -284,3 +284,9 @@ def test_one_family_of_fibres_is_started_where_two_were():
     assert np.ravel(measured_loop._special_shapes(general, special)) == pytest.approx([0.1, 0.4, 0.7])
     assert measured_loop._special_shapes(replace(general, shape=(0.4, 0.0)), special) == [(0.4,)]
     assert measured_loop._special_shapes(general, measured_loop.BY_NAME["stiffness gradient"]) == [()]
+
+
+def test_what_fits_but_predicts_worse_is_no_explanation():
+    base = {"scored": {"force": 0.05, "field": 0.04}}
+    assert measured_loop.predicts(base, {"scored": {"force": 0.01, "field": 0.02}})
+    assert not measured_loop.predicts(base, {"scored": {"force": 0.13, "field": 0.01}})
