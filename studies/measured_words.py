@@ -75,7 +75,7 @@ def effect_table(learnt: dict[str, Any]) -> Table:
     rows: list[list[Any]] = []
     for line in sorted(learnt["without"], key=lambda line: -line["rise"]):
         outcome = "in the model" + (", doubtful" if line["doubtful"] else "")
-        rows.append([line["effect"], outcome, line["rise"], line["price"], percent(line["imitated"]),
+        rows.append([line["effect"], outcome, line["rise"], line["price"], f"{100 * line['imitated']:.1f} %",
                      percent(line["force_scored"]), percent(line["field_scored"]), line["decided_by"]])  # fmt: skip
     for text in learnt["exchanged"]:
         special, general = text.split(" instead of ")
