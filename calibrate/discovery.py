@@ -286,8 +286,13 @@ def close_loop(
         if added is None:
             return _conclude(problem, tuple(rounds), review)
         state = _without_idle(problem, added)
-        problem = diagnosis.reweighted(problem, state)  # those of a base that makes up for an effect are wrong
-        problem, state = diagnosis.settled(problem, state.c, state.additions)
+        weighted = diagnosis.reweighted(problem, state)  # those of a base that makes up for an effect are wrong
+        weighted, state = diagnosis.settled(weighted, state.c, state.additions)
+        if _grows(now, *(misfit(weighted, state.c, state.additions, held) for held in (False, True))):
+            remark = f"{now.added}: with the weights that belong to it, the errors are larger than without it"
+            rounds[-1] = replace(now, added=None, group=(), remarks=(*now.remarks, remark))
+            return _conclude(problem, tuple(rounds), review)
+        problem = weighted
 
 
 def _nothing(system: Equilibrium) -> Mask:
@@ -366,18 +371,9 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
         tried += 1
         say(f"adding {row.name}")
         best = _fitted(problem, now.fit, replace(row, fit=None), 6)
-        if best.fit is None or best.addition is None or best.train is None:
-            remarks.append(f"{row.name}: no fit with it is better than without it")
-        elif _idle(best.addition, best.deviations):
-            remarks.append(f"{row.name}: no amplitude within its bounds differs from none when everything is refitted")
-        elif np.linalg.norm(best.fit.c) < SOFTEST * np.linalg.norm(now.fit.c):
-            remarks.append(
-                f"{row.name}: it would take the place of the material, which would have hardly any stiffness"
-            )
-        elif now.held is not None and best.held is not None and not _better(now.held, best.held):
-            remarks.append(f"{row.name}: the error on held-out data does not fall")
-        elif now.held is None and not _better(now.train, best.train):
-            remarks.append(f"{row.name}: no error falls")
+        why = _objection(now, best)
+        if why:
+            remarks.append(f"{row.name}: {why}")
         else:
             confirmed.append(best)
     if not confirmed:
@@ -388,6 +384,35 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
     group = dict.fromkeys((best.name, *_alike(best, significant), *equal))
     rows = tuple(best if row.name == best.name else row for row in now.rows)
     return replace(now, rows=rows, added=best.name, group=tuple(group), remarks=tuple(remarks)), best.fit
+
+
+def _objection(now: Round, row: Row) -> str:
+    """Why a fitted effect is not added to the model of a round; empty where nothing speaks against it.
+
+    The misfit that amplitudes are found and compared by lets the base have any energy, a negative one too; the errors here
+    are those of a base that may be one.
+    """
+    if row.fit is None or row.addition is None or row.train is None:
+        return "no fit with it is better than without it"
+    if _idle(row.addition, row.deviations):
+        return "no amplitude within its bounds differs from none when everything is refitted"
+    if np.linalg.norm(row.fit.c) < SOFTEST * np.linalg.norm(now.fit.c):
+        return "it would take the place of the material, which would have hardly any stiffness"
+    if now.held is not None and row.held is not None and not _better(now.held, row.held):
+        return "the error on held-out data does not fall"
+    return "" if _better(now.train, row.train) else "no error falls"
+
+
+def _larger(before: Misfit, after: Misfit | None) -> bool:
+    """Whether errors grow by more than noise may make them."""
+    if after is None:
+        return False
+    return sum(after.beyond_noise) > WORSE**2 * max(sum(before.beyond_noise), 0.0) + sum(before.noise)
+
+
+def _grows(now: Round, train: Misfit | None, held: Misfit | None) -> bool:
+    """Whether a model has larger errors than that of a round, where they were fitted or where they were not."""
+    return _larger(now.train, train) or (now.held is not None and _larger(now.held, held))
 
 
 def _likes(rows: Sequence[Row]) -> dict[str, tuple[tuple[str, float], ...]]:
@@ -442,7 +467,7 @@ def _review(
         # the others as they were beside this one
         start = replace(state, additions=others, loss=without.loss, free_loss=without.free_loss)
         rows = [_fitted(problem, start, Row(s), 6) for s in rivals]
-        rows = [row for row in rows if row.fit is not None]
+        rows = [row for row in rows if row.fit is not None and not _grows(now, row.train, row.held)]
         mine = _price(Row(own, state), state) if own else state.free_loss
         groups[name] = (name, *(row.name for row in rows if _price(row, state) < mine + CLOSE))
         for row in rows:
