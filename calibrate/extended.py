@@ -144,11 +144,10 @@ class ExtendedModel:
 
         For another batch of the same material; what does not scale with stiffness stays.
         """
-        power = {"MPa": 1, "1/MPa": -1}
         additions, deviations = [], []
         for a, spread in zip(self.additions, self.errors, strict=True):
             own = strength if isinstance(a.effect, Viscosity) else 1.0
-            factors = [own * factor ** power.get(p.unit, 0) for p in a.effect.amplitudes]
+            factors = [own * factor**p.stiffness_power for p in a.effect.amplitudes]
             values = tuple(f * v for f, v in zip(factors, a.amplitudes, strict=True))
             additions.append(replace(a, amplitudes=values))
             deviations.append(tuple(f * d for f, d in zip(factors, spread, strict=True)))

@@ -30,6 +30,7 @@ PRIOR = 3.0  # typical amplitudes: standard deviation of the prior
 STEPS = 25
 CONVERGED = 0.02  # fall of the misfit in a step, over the dispersion
 DAMPING, MOST_DAMPING = 1e-3, 1e6  # at first, and when a fit is given up
+NOTHING = 1e-2  # dispersions: an effect that costs less is taken out without a look at others
 TRIED = 2  # effects that are refitted without, before one is taken out
 
 
@@ -145,17 +146,18 @@ def fit(problem: Problem, c: Array, additions: Additions, active: frozenset[str]
         prior = _Prior(variables, active, float(r @ r) / len(r))
         S = equations.projected(equations.slopes(w, additions, prior.used) * variables.scale, s, g)
         A = equations.projected(equations.columns, s, g)
-        before = float(r @ r) + prior.of(variables)
+        before, promised = float(r @ r) + prior.of(variables), None
         while damping < MOST_DAMPING:
             step = _step(A, S, r, w, variables, prior, problem, damping)
+            promised = _fall(A, S, r, w, variables, prior, step) if promised is None else promised
             tried = variables.at(step[n:] * variables.scale)
             new = equations.residual(step[:n], tried)
             after = float(new[0] @ new[0]) + prior.of(Variables(tried))
             if after < before:
                 break
             damping = 10 * max(damping, 1e-4)
-        if damping >= MOST_DAMPING:  # no step lowers the misfit
-            converged = True
+        if damping >= MOST_DAMPING:  # no step lowers the misfit: a minimum, if none promised to
+            converged = promised is not None and promised < CONVERGED * prior.dispersion
             break
         w, additions = new[1] * step[:n], _stiffer(tried, new[1])
         r, s, g = equations.residual(w, additions)
@@ -205,6 +207,15 @@ def _step(
     low, high = np.concatenate([np.zeros(n), lower]), np.concatenate([np.full(n, np.inf), upper])
     now[free] = diagnosis.bounded(rows[:, free], target, low[free], high[free])
     return now
+
+
+def _fall(A: Array, S: Array, r: Array, w: Array, variables: Variables, prior: _Prior, step: Array) -> float:
+    """By how much the objective falls in a step, if the equations were linear."""
+    n = len(w)
+    change = step[n:] - variables.values / variables.scale
+    after = r + A @ (step[:n] - w) + S @ change
+    moved = variables.at(step[n:] * variables.scale)
+    return float(r @ r - after @ after) + prior.of(variables) - prior.of(Variables(moved))
 
 
 def _finished(
@@ -266,8 +277,9 @@ def reduced(problem: Problem, start: Joint, say: Callable[[str], None] = lambda 
         now = path[-1]
         net = {name: cost / unit - now.price([name]) for name, cost in now.costs.items()}
         likely = sorted(net, key=lambda name: net[name])
+        does_nothing = now.costs[likely[0]] < NOTHING * unit
         tries = []
-        for name in likely[: 1 if net[likely[0]] <= -now.price([likely[0]]) * 0.999 else TRIED]:
+        for name in likely[: 1 if does_nothing else TRIED]:
             say(f"without {name}")
             tries.append(fit(problem, now.c, now.additions, now.active - {name}, name))
         best = min(tries, key=lambda joint: worth(now, joint, unit))
@@ -285,12 +297,11 @@ def worth(before: Joint, after: Joint, unit: float) -> float:
 
 def _stiffer(additions: Additions, factor: float) -> Additions:
     """Amplitudes in MPa times a factor, those in 1/MPa over it: every stress is as many times larger."""
-    power = {"MPa": 1, "1/MPa": -1}
     return tuple(
         replace(
             a,
             amplitudes=tuple(
-                v * factor ** power.get(p.unit, 0) for p, v in zip(a.effect.amplitudes, a.amplitudes, strict=True)
+                v * factor**p.stiffness_power for p, v in zip(a.effect.amplitudes, a.amplitudes, strict=True)
             ),
         )
         for a in additions

@@ -7,7 +7,6 @@ relative error, a figure, a report and a manifest.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,10 @@ from calibrate.experiment import Experiment
 from calibrate.extended import ExtendedModel, is_extended
 from calibrate.kinematics import invariants_and_derivatives
 from calibrate.model import Model
-from studies import style
+from studies import force_record, style
 from studies.options import output_folder, settings
 
 Array = NDArray[np.float64]
-COMPONENTS = ("x", "y")
-NEGLIGIBLE = 0.05  # force components below this share of the largest are in the table only
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,8 @@ def main(args: argparse.Namespace) -> int:
     key = {**settings(args, "model", "test"), "inputs": list(manifest.to_dict()["inputs"].values())}
     folder = open_output_folder(output_folder(args, "predict"), args.overwrite, key)
     table, picture = folder / "forces.csv", folder / "forces.png"
-    write_csv(table, *rows(found), ["forces of the grip on the specimen, N; time in s"])
+    columns, rows = force_record.rows(found.measured, found.forces, found.experiment.time)
+    write_csv(table, columns, rows, ["forces of the grip on the specimen, N; time in s"])
     write_figure(picture, draw(found))
     manifest.beside(picture, table, relative_force_error=found.error, outside=found.outside)
     report = Report(f"Prediction of {found.experiment.name}", found.model)
@@ -107,28 +105,15 @@ def main(args: argparse.Namespace) -> int:
     for line in found.remarks:
         report.paragraph(line[0].upper() + line[1:] + ".")
         print(f"- {line}")
-    report.table(*rows(found), "Forces of the grip on the specimen, N.")
+    report.table(columns, rows, "Forces of the grip on the specimen, N.")
     report.details("Versions", manifest.to_dict()["versions"])
     print(f"forces: {table}\nreport: {report.save(folder / 'report.html')}")
     return 0
 
 
-def rows(found: Forecast) -> tuple[list[str], list[list[Any]]]:
-    """Every increment with its measured and predicted forces."""
-    pairs = [(name, k) for name in found.forces for k in (0, 1)]
-    columns = ["increment", "time"]
-    columns += [f"{name}_{COMPONENTS[k]}_{kind}" for name, k in pairs for kind in ("measured", "predicted")]
-    time = found.experiment.time
-    content = []
-    for i in range(found.experiment.n_increments):
-        values = [f[name][i, k].item() for name, k in pairs for f in (found.measured, found.forces)]
-        content.append([i + 1, None if time is None else time[i].item(), *values])
-    return columns, content
-
-
 def draw(found: Forecast) -> Any:
     """Forces over time or increments, differences below; components that carry next to nothing are left out."""
-    panels = _components(found.measured)
+    panels = force_record.worth_drawing(found.measured)
     time = found.experiment.time
     x = np.arange(1.0, found.experiment.n_increments + 1) if time is None else time
     with style.figure(max(4.8, 3.0 * len(panels)), 4.4) as figure:
@@ -139,14 +124,9 @@ def draw(found: Forecast) -> Any:
             top.plot(x, predicted, color=style.COLOURS["blue"], label="predicted")
             bottom.plot(x, predicted - measured, ".-", color=style.COLOURS["blue"])
             bottom.axhline(0, color="0.4", lw=0.6)
-            top.set_title(f"{name} edge, {COMPONENTS[k]}")
+            top.set_title(f"{name} edge, {force_record.COMPONENTS[k]}")
             bottom.set_xlabel("increment" if time is None else "time, s")
         axes[0, 0].set_ylabel("force on the specimen, N")
         axes[1, 0].set_ylabel("predicted - measured, N")
         axes[0, 0].legend()
         return figure
-
-
-def _components(measured: dict[str, Array]) -> Sequence[tuple[str, int]]:
-    sizes = {(name, k): float(np.nanmax(np.abs(f[:, k]), initial=0.0)) for name, f in measured.items() for k in (0, 1)}
-    return [pair for pair, size in sizes.items() if size >= NEGLIGIBLE * max(sizes.values())]

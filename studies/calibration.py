@@ -123,7 +123,7 @@ def held_in(experiment: Experiment, hold_out: str | None, seed: int) -> NDArray[
 
 def write(folder: Path, view: Review, manifest: Any) -> None:
     """Write model, figures, table of forces, report and manifest into `folder`."""
-    from studies import calibration_figures
+    from studies import calibration_figures, force_record
     from studies.calibration_words import curve_table, force_table, remarks, summary, summary_table
     from studies.output import write_csv, write_figure
     from studies.report import Report
@@ -142,7 +142,7 @@ def write(folder: Path, view: Review, manifest: Any) -> None:
         path = folder / f"{name}.png"
         write_figure(path, draw(view), dpi=160)
         report.figure(path, caption)
-    columns, rows = _force_rows(view)
+    columns, rows = force_record.rows(view.measured, view.forces, experiment.time, view.fitted)
     write_csv(folder / "forces.csv", columns, rows, ["forces of the grip on the specimen, N; time in s"])
     report.heading("How it was made")
     report.details("Experiment", _flat({"name": experiment.name, **experiment.provenance}))
@@ -185,19 +185,6 @@ def _spread(n: int, most: int) -> NDArray[np.int64]:
 
     size = min(n, most)
     return np.unique(np.round(np.linspace(n / size - 1, n - 1, size)).astype(np.int64))
-
-
-def _force_rows(view: Review) -> tuple[list[str], list[list[Any]]]:
-    """Every increment with its measured and predicted forces."""
-    names = list(view.forces)
-    columns = ["increment", "time", "fitted"]
-    columns += [f"{name}_{c}_{kind}" for name in names for c in ("x", "y") for kind in ("measured", "predicted")]
-    rows = []
-    for i in range(view.experiment.n_increments):
-        values = [f[name][i, k] for name in names for k in (0, 1) for f in (view.measured, view.forces)]
-        time_s = None if view.experiment.time is None else view.experiment.time[i]
-        rows.append([i + 1, time_s, int(view.fitted[i]), *values])
-    return columns, rows
 
 
 def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -13,7 +13,8 @@ from calibrate.basis import hencky_to_lode
 from calibrate.kinematics import invariants_and_derivatives
 from calibrate.uncertainty import BAND
 from studies import style
-from studies.calibration_review import COMPONENTS, MODES, Review, initial_shear_modulus, largest_stretch
+from studies.calibration_review import MODES, Review, initial_shear_modulus, largest_stretch
+from studies.force_record import COMPONENTS
 
 Array = NDArray[np.float64]
 COLOURS = {"x": style.COLOURS["blue"], "y": style.COLOURS["vermilion"]}

@@ -28,7 +28,6 @@ from calibrate.uncertainty import BAND
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 MODES = {"uniaxial": "uniaxial", "equibiaxial": "equi-biaxial", "pure_shear": "pure shear"}
-COMPONENTS = ("x", "y")
 SAME_LOSS, SAME_CHI_SQUARE = 1e-3, 4.0  # relative, or where the loss is a chi-square: two standard deviations
 
 

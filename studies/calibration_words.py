@@ -12,7 +12,6 @@ import numpy as np
 from calibrate import pann
 from calibrate.kinematics import INVARIANTS
 from studies.calibration_review import (
-    COMPONENTS,
     MODES,
     Review,
     curve_points,
@@ -20,6 +19,7 @@ from studies.calibration_review import (
     largest_stretch,
     modulus_deviation,
 )
+from studies.force_record import COMPONENTS
 
 CAUTION = " Trust the model only where predicted and measured forces agree."
 

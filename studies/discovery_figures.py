@@ -17,7 +17,6 @@ from calibrate.discovery import ALPHA, Round
 from studies import style
 from studies.discovery_review import (
     BAND,
-    COMPONENTS,
     View,
     amplitude_unit,
     decorrelated,
@@ -26,6 +25,7 @@ from studies.discovery_review import (
     nodal,
     p_text,
 )
+from studies.force_record import COMPONENTS, worth_drawing
 
 Array = NDArray[np.float64]
 HELD_OUT = "0.9"
@@ -34,7 +34,6 @@ LOOKS = {
     "base model": {"color": style.COLOURS["vermilion"], "linestyle": "--", "marker": "x", "ms": 4},
     "final model": {"color": style.COLOURS["blue"], "linestyle": "-", "marker": ".", "ms": 5},
 }
-NEGLIGIBLE = 0.05  # force components below this share of the largest are in the table only
 
 
 def residual_map(view: View, part: Part) -> Figure:
@@ -68,7 +67,7 @@ def residual_map(view: View, part: Part) -> Figure:
 def force_history(view: View, part: Part) -> Figure:
     """Forces read and predicted over time or increments, errors below; increments held out are shaded."""
     found = {name: forces(part, fit) for name, fit in view.models.items()}
-    panels = _components(next(iter(found.values())))
+    panels = worth_drawing({name: v[0] for name, v in found["base model"].items()})
     time = part.experiment.time
     x = np.arange(1.0, part.experiment.n_increments + 1) if time is None else time
     with style.figure(max(4.8, 3.0 * len(panels)), 4.8) as figure:
@@ -91,18 +90,6 @@ def force_history(view: View, part: Part) -> Figure:
         axes[0, 0].legend(fontsize=8)
         axes[1, 0].legend(fontsize=7)
         return figure
-
-
-def _components(by_boundary: dict[str, tuple[Array, Array, Array]]) -> list[tuple[str, int]]:
-    """Boundaries and components that carry a force worth drawing."""
-    largest = max((float(np.nanmax(np.abs(v[0]), initial=0.0)) for v in by_boundary.values()), default=0.0)
-    panels = [
-        (name, k)
-        for name, (measured, *_) in by_boundary.items()
-        for k in (0, 1)
-        if np.nanmax(np.abs(measured[:, k]), initial=0.0) > NEGLIGIBLE * largest
-    ]
-    return panels or [(next(iter(by_boundary)), 0)]
 
 
 def _shade(ax: Axes, x: Array, held: NDArray[np.bool_]) -> None:

@@ -22,7 +22,6 @@ from calibrate.extended import amplitude_unit
 Array = NDArray[np.float64]
 BAND = 1.96
 SMALLEST = 1e-16  # p-values below are all the same
-COMPONENTS = ("x", "y")
 
 
 @dataclass(frozen=True, eq=False)

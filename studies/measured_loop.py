@@ -16,7 +16,7 @@ from scipy import stats
 from calibrate import diagnosis, joint
 from calibrate.chain import Addition
 from calibrate.diagnosis import Fit, Problem
-from calibrate.discovery import GLOBAL
+from calibrate.discovery import CLOSE, GLOBAL
 from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
 from calibrate.effects.camera import OutOfPlane
 from calibrate.effects.viscosity import Viscosity
@@ -35,7 +35,6 @@ RELAXATION = (0.5, 2.0, 8.0, 32.0)  # s, times of the branches tried
 FASTEST = 0.5  # s: a third of the time between increments; what relaxes faster is told by its product g tau alone
 NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
 SPLINES = (2, 3, 5)  # of base models that are tried instead of neo-Hooke
-CLOSE = 9.2  # price below which a smaller model's likelihood is within 1 to 100
 
 
 @dataclass(frozen=True)
@@ -111,8 +110,7 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
         "split": {name: np.flatnonzero(mask).tolist() for name, mask in split.parts().items()},
         "dispersion": unit,
         "equations": starts[0].n_rows,
-        "verdict": verdict(chosen),
-        "exchanged": exchanged,
+        "exchanged": [{"special": special, "general": general} for special, general in exchanged],
         "models": [
             models.of_base(base),
             models.of(starts[0], "every effect"),
@@ -124,10 +122,10 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
             for n, one in bases
         ],
     }
-    result["models"].append(models.of(chosen, "what pays", splines))
-    result["predicts"] = predicts(result["models"][0]["errors"], result["models"][-1]["errors"])
-    if result["verdict"] == "explained" and not result["predicts"]:
-        result["verdict"] = "significant, not explained"
+    last = models.of(chosen, "what pays", splines)
+    result["models"].append(last)
+    result["predicts"] = predicts(result["models"][0]["errors"], last["errors"])
+    result["verdict"] = last["model"]["verdict"] = verdict(chosen, result["predicts"])
     result["without"] = []
     for name in sorted(chosen.active):
         say(f"{e.name}: how much depends on {name}")
@@ -152,12 +150,12 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
     return result
 
 
-def verdict(one: Joint) -> str:
-    """'explained' only if what the model leaves is noise (and, see `learn`, it predicts)."""
+def verdict(one: Joint, good: bool) -> str:
+    """'explained' only if what the model leaves is noise, and its prediction is `good`, see `predicts`."""
     p = float(stats.chi2.sf(one.loss, max(one.loss / one.dispersion, 1.0)))
-    if p > GLOBAL:
-        return "explained" if one.active else "nothing significant"
-    return "significant, not explained"
+    if p > GLOBAL and not one.active:
+        return "nothing significant"
+    return "explained" if p > GLOBAL and good else "significant, not explained"
 
 
 def predicts(before: dict[str, dict[str, float]], after: dict[str, dict[str, float]]) -> bool:
@@ -195,9 +193,9 @@ def _price(n: int, one: Joint, unit: float) -> float:
     return one.loss / unit + (n + sum(map(joint.n_parameters, one.present))) * float(np.log(one.n_rows))
 
 
-def specialised(problem: Problem, now: Joint, unit: float, say: Say) -> tuple[Joint, list[str]]:
-    """The fit with special effects in the place of general ones that are no better, and which these are."""
-    exchanged = []
+def specialised(problem: Problem, now: Joint, unit: float, say: Say) -> tuple[Joint, list[tuple[str, str]]]:
+    """The fit with special effects in the place of general ones that are no better, and each special one with its general."""
+    exchanged: list[tuple[str, str]] = []
     for special, general in NESTED.items():
         if general not in now.active:
             continue
@@ -213,7 +211,7 @@ def specialised(problem: Problem, now: Joint, unit: float, say: Say) -> tuple[Jo
             best = one if best is None or one.objective < best.objective else best
         if best is not None and _price(1, best, unit) < _price(1, now, unit):
             now = best
-            exchanged.append(f"{special} instead of {general}")
+            exchanged.append((special, general))
     return now, exchanged
 
 
@@ -252,7 +250,7 @@ class _Models:
             if a.effect.name == OutOfPlane.name:
                 present[i] = replace(a, amplitudes=(self.growth * a.amplitudes[0],))
                 deviations[i] = (self.growth * deviations[i][0],)
-        return self._model(one.c, present, deviations, verdict(one))
+        return self._model(one.c, present, deviations)
 
     @property
     def growth(self) -> float:
@@ -267,16 +265,12 @@ class _Models:
             for a in additions
         )
 
-    def _model(
-        self, c: Array, additions: Sequence[Addition], deviations: Sequence[tuple[float, ...]], words: str
-    ) -> ExtendedModel:
+    def _model(self, c: Array, additions: Sequence[Addition], deviations: Sequence[tuple[float, ...]]) -> ExtendedModel:
         e = self.whole
         training = ({"name": e.name, "fingerprint": fingerprint(e)},)
         held = f"increments after {self.until:g} s"
         basis = self.problem.basis
-        return ExtendedModel(
-            basis, c, tuple(additions), tuple(deviations), e.stress_unit, training, held, verdict=words
-        )
+        return ExtendedModel(basis, c, tuple(additions), tuple(deviations), e.stress_unit, training, held)
 
     def errors(self, one: Joint, splines: int = 1) -> dict[str, Any]:
         """Errors of force and field on what was fitted and scored."""
@@ -289,7 +283,7 @@ class _Models:
 
     def of_base(self, fit: Fit) -> dict[str, Any]:
         """Neo-Hooke alone."""
-        model = self._model(fit.c, (), (), "significant, not explained")
+        model = self._model(fit.c, (), ())
         return self._described(model, "neo-Hooke", 1, fit.loss / fit.n_rows, fit.loss / (fit.n_rows - 1))
 
     def _described(

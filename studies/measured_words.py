@@ -77,9 +77,7 @@ def effect_table(learnt: dict[str, Any]) -> Table:
         outcome = "in the model" + (", doubtful" if line["doubtful"] else "")
         rows.append([line["effect"], outcome, line["rise"], line["price"], f"{100 * line['imitated']:.1f} %",
                      percent(line["force_scored"]), percent(line["field_scored"]), line["decided_by"]])  # fmt: skip
-    for text in learnt["exchanged"]:
-        special, general = text.split(" instead of ")
-        rows.append([general, f"{special} does as well", *[None] * 6])
+    rows += [[pair["general"], f"{pair['special']} does as well", *[None] * 6] for pair in learnt["exchanged"]]
     rows += [[name, "taken out: does not pay", *[None] * 6] for name in learnt["taken_out"]]
     rows += [[name, why, *[None] * 6] for name, why in learnt["not_testable"].items()]
     return columns, rows

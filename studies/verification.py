@@ -16,11 +16,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from studies.errors import StudyError
+from studies.errors import OutputFolderError, StudyError
 
 DESCRIPTION = """\
 Compares key numbers of a run of `equigap figures` with reference values, and names what differs. Tolerances come from the
 spread observed over machines and seeds. With --same-as OTHER: compares the data files of two runs byte by byte."""
+FORMAT = "equigap-verification"
 DATA = (".csv", ".npz", ".msh")
 LEAST = 1e-5  # relative: no tolerance is smaller; two systems on one machine differ by 5e-9, in 3D by 1 %
 SPREADS = 3.0  # observed ranges that a number may be away
@@ -72,7 +73,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="of the table, as JSON (default: RESULTS/verify.json)"
     )
-    group.add_argument("--overwrite", action="store_true", help="no meaning here: the table is always written anew")
+    group.add_argument(
+        "--overwrite", action="store_true", help="replace FILE even if it is not a table of this command"
+    )
 
 
 def main(args: argparse.Namespace) -> int:
@@ -102,12 +105,25 @@ def main(args: argparse.Namespace) -> int:
         }
         for f in findings
     ]
-    write_json(args.output or args.folder / "verify.json", {"scale": content["scale"], "numbers": rows})
+    output = args.output or args.folder / "verify.json"
+    if not (args.overwrite or is_own(output)):
+        raise OutputFolderError(f"{output}: was not written by `equigap verify`; give --overwrite or another --output")
+    write_json(output, {"format": FORMAT, "scale": content["scale"], "numbers": rows})
     wrong = [f.key.name for f in findings if not f.agrees]
     if wrong:
         raise StudyError(f"{len(wrong)} of {len(findings)} numbers differ from their reference: {', '.join(wrong)}")
     print(f"all {len(findings)} numbers agree with their reference")
     return 0
+
+
+def is_own(path: Path) -> bool:
+    """Whether a file is free to be written: absent, or a table of an earlier comparison."""
+    try:
+        return bool(json.loads(path.read_text()).get("format") == FORMAT)
+    except FileNotFoundError:
+        return True
+    except (OSError, ValueError, AttributeError):
+        return False
 
 
 def run_record(folder: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -128,3 +129,21 @@ def test_a_start_that_pushes_where_the_grips_pull_is_named() -> None:
     additions = (Addition(BY_NAME["second invariant"], (-10.0,)),)
     with pytest.raises(FitError, match="no finite start"):
         joint.fit(problem, base.c, additions, frozenset({"second invariant"}))
+
+
+@pytest.mark.parametrize("at_minimum", [True, False])
+def test_a_fit_that_cannot_move_has_converged_only_at_a_minimum(
+    at_minimum: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every step raises the misfit, as with slopes that are wrong: what they promise decides."""
+    problem, _ = turned_plate()
+    final = found(NAMES)[-1]
+    start = final.additions if at_minimum else tuple(joint._nulled(a) for a in final.additions)
+    right, calls = joint._Equations.residual, iter([1.0])
+
+    def raised(self: joint._Equations, *where: Any) -> Any:
+        r, s, g = right(self, *where)
+        return next(calls, 2.0) * r, s, g
+
+    monkeypatch.setattr(joint._Equations, "residual", raised)
+    assert joint.fit(problem, final.c, start, final.active).converged is at_minimum

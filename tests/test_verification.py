@@ -83,3 +83,14 @@ def test_every_reference_names_a_step_of_figures() -> None:
     assert {k["file"].split("/")[0] for k in content["keys"]} <= names
     for keys in content["scales"].values():
         assert all(k["tolerance"] > 0 for k in keys)
+
+
+def test_a_file_of_somebody_else_is_not_replaced(
+    tmp_path: Path, known: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, other = str(run(tmp_path / "a")), tmp_path / "mine.json"
+    other.write_text('{"mine": 1}')
+    assert cli.main(["verify", folder, "-o", str(other)]) == 2
+    assert "was not written by `equigap verify`" in capsys.readouterr().err
+    assert cli.main(["verify", folder, "-o", str(other), "--overwrite"]) == 0
+    assert cli.main(["verify", folder, "-o", str(other)]) == 0

@@ -37,6 +37,11 @@ class Parameter:
     upper: float = np.inf
     typical: float = 0.1
 
+    @property
+    def stiffness_power(self) -> int:
+        """Power of the stiffness of the material that it grows with, if everything is as many times stiffer."""
+        return {"MPa": 1, "1/MPa": -1}.get(self.unit, 0)
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
