@@ -26,7 +26,7 @@ Stiff2_Hetero; runs the loops of Treloar, Kawabata and HNBR50; and looks for eff
 twenty minutes; a stopped run goes on where it was."""
 FIRST, SECOND, HETERO = SHEETS = ("Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero")
 FINE, CELL = 5.0, 3.5  # mm: virtual fields and grid of the map of stiffness
-LOCAL_FRAMES, TRIPLETS = 12, 14
+LOCAL_FRAMES, COMPARED = 12, 14
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -153,7 +153,7 @@ class Steps:
     def control(self, name: str) -> dict[str, Any]:
         from studies.measured_control import imported, split_half
 
-        return split_half(imported(name, TRIPLETS), self.args.spacing)
+        return split_half(imported(name, COMPARED), self.args.spacing)
 
     def homogeneous(self, loop: Any) -> dict[str, Any]:
         from studies.measured_homogeneous import close

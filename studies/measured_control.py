@@ -1,8 +1,9 @@
 """Negative control on measured sheets: between neighbouring pictures nothing happens, so that nothing may be found there.
 
-Each odd picture is compared with the mean of the even ones before and after it. Every effect that grows slowly, known or
-not, is in both and drops out of the difference; what is left is the noise that changes from picture to picture. The score
-tests of `equigap discover` are then run on the difference, with that noise: none may be significant.
+Each odd picture is compared with the cubic through the two even ones before and the two after it. Every effect that grows
+slowly, known or not, is in both and drops out of the difference to the third order in time (a straight line through two
+leaves the curvature of fast relaxation in); what is left is the noise that changes from picture to picture. The score tests of
+`equigap discover` are then run on the difference, with that noise: none may be significant.
 """
 
 from __future__ import annotations
@@ -22,37 +23,49 @@ from calibrate.whitening import covariances, whitening
 from studies.measured_loop import EVERY
 
 Array = NDArray[np.float64]
-MEAN_OF_TWO = np.sqrt(1.5)  # std of a value minus the mean of two others
+AROUND = (-3, -1, 1, 3)  # even pictures around an odd one
 
 
-def triplets(time: Array, count: int) -> list[int]:
-    """Frames k - 1, k, k + 1 for `count` odd k spread over the record (t,), none across a gap."""
+def groups(time: Array, count: int) -> list[int]:
+    """Frames k - 3, k - 1, k, k + 1, k + 3 for at most `count` odd k spread over the record (t,), none across a gap and no
+    frame twice."""
     interval = np.median(np.diff(time))
-    odd = [k for k in range(3, len(time) - 1, 2) if time[k + 1] - time[k - 1] < 2.5 * interval]
-    chosen = [odd[i] for i in np.unique(np.linspace(len(odd) // 8, len(odd) - 1, count).astype(int))]
-    chosen = [k for i, k in enumerate(chosen) if i == 0 or k - chosen[i - 1] > 2]
-    return [frame for k in chosen for frame in (k - 1, k, k + 1)]
+    odd = [k for k in range(3, len(time) - 3, 2) if time[k + 3] - time[k - 3] < 6.5 * interval]
+    chosen: list[int] = []
+    for i in np.unique(np.linspace(len(odd) // 8, len(odd) - 1, count).astype(int)):
+        if not chosen or odd[i] - chosen[-1] > 6:
+            chosen.append(odd[i])
+    return [k + step for k in chosen for step in sorted((*AROUND, 0))]
+
+
+def interpolation(at: Array, times: Array) -> Array:
+    """(..., 4): weights of the values at `times` (..., 4) in the cubic through them, `at` (...) another time (Lagrange)."""
+    weights = np.ones(times.shape)
+    for i in range(times.shape[-1]):
+        for j in range(times.shape[-1]):
+            if i != j:
+                weights[..., i] *= (at - times[..., j]) / (times[..., i] - times[..., j])
+    return weights
 
 
 def split_half(e: Experiment, spacing: float, seed: int = 0) -> dict[str, Any]:
     """Score tests of the difference between odd pictures and the even ones around them.
 
-    e: its increments are triplets (k - 1, k, k + 1), its noise is that from picture to picture.
+    e: its increments are those of `groups`, its noise is that from picture to picture.
     """
     assert e.noise is not None and e.time is not None
-    noise = Noise(
-        MEAN_OF_TWO * e.noise.displacement_std, e.noise.correlation_length, 0.0, MEAN_OF_TWO * e.noise.force_std
-    )
-    parts = [e.select(np.arange(first, e.n_increments, 3)) for first in range(3)]
-    quiet = [replace(part, noise=noise) for part in parts]
-    plain = [replace(quiet[1], noise=None)]
+    times = e.time.reshape(-1, 5)
+    weights = interpolation(times[:, 2], times[:, [0, 1, 3, 4]])
+    factor = float(np.sqrt(1 + (weights**2).sum(axis=1).mean()))
+    noise = Noise(factor * e.noise.displacement_std, e.noise.correlation_length, 0.0, factor * e.noise.force_std)
+    odd, *even = [replace(e.select(np.arange(first, e.n_increments, 5)), noise=noise) for first in (2, 0, 1, 3, 4)]
+    plain = [replace(odd, noise=None)]
     problem, fit = diagnosis.prepare(plain, [diagnosis.all_rows], spacing, False, "positive")
-    problem = _with_noise(problem, fit.c, quiet[1])
+    problem = _with_noise(problem, fit.c, odd)
     fit = diagnosis.refit(problem, fit.c, ())
     fields = problem.parts[0].system.fields
-    residuals = [Chain(Equilibrium(part, fields), problem.basis).with_additions(fit.c) for part in quiet]
-    later = ((e.time[1::3] - e.time[0::3]) / (e.time[2::3] - e.time[0::3]))[:, None]
-    difference = residuals[1] - (1 - later) * residuals[0] - later * residuals[2]
+    here, *around = [Chain(Equilibrium(part, fields), problem.basis).with_additions(fit.c) for part in (odd, *even)]
+    difference = here - sum(w[:, None] * r for w, r in zip(weights.T, around, strict=True))
     white = problem.white([difference])
     scores = diagnosis.score(problem, replace(fit, residual=white), EVERY, seed)
     tested = [s for s in scores if s.status == "tested"]
@@ -60,7 +73,7 @@ def split_half(e: Experiment, spacing: float, seed: int = 0) -> dict[str, Any]:
     rest = white - U @ (U.T @ white)
     return {
         "name": e.name,
-        "triplets": parts[1].n_increments,
+        "pictures": odd.n_increments,
         "reduced_chi_square": float(rest @ rest / (len(white) - U.shape[1])),
         "smallest_adjusted_p": min((s.adjusted for s in tested), default=1.0),
         "effects": [
@@ -83,11 +96,11 @@ def _with_noise(problem: Problem, c: Array, e: Experiment) -> Problem:
 
 
 def imported(name: str, count: int) -> Experiment:
-    """A published sheet as triplets of frames, with the noise from picture to picture."""
+    """A published sheet as groups of frames, with the noise from picture to picture."""
     from studies.importing import import_experiment
 
     everything = import_experiment(name, frames="1000000", noise="temporal")  # every frame under load
     frames = np.array(everything.provenance["frames"])
     assert everything.time is not None
-    chosen = [int(frames[i]) for i in triplets(everything.time, count)]
+    chosen = [int(frames[i]) for i in groups(everything.time, count)]
     return import_experiment(name, frames=",".join(map(str, chosen)), noise="temporal")

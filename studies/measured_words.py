@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from calibrate.discovery import ALPHA
 from studies.measured import SHEETS
 
 Table = tuple[list[str], list[list[Any]]]
@@ -133,7 +134,7 @@ def control_table(results: dict[str, Any]) -> Table:
         r = results[f"control_{name}"]
         first = max(r["effects"], key=lambda e: e["score"], default={"effect": None})
         rows.append(
-            [name, r["triplets"], r["reduced_chi_square"], len(r["effects"]), r["smallest_adjusted_p"], first["effect"]]
+            [name, r["pictures"], r["reduced_chi_square"], len(r["effects"]), r["smallest_adjusted_p"], first["effect"]]
         )
     return [
         "sheet",
@@ -183,7 +184,7 @@ def answers(results: dict[str, Any]) -> list[str]:
     second, located = results["second"]["models"], results["map"]["errors"]["scored"]
     carried = [percent(m["errors"]["scored"]["force"]) for m in (second[0], second[-1])]
     controls = [results[f"control_{name}"] for name in SHEETS]
-    found = [c["name"] for c in controls if c["smallest_adjusted_p"] < 0.05]
+    found = [c["name"] for c in controls if c["smallest_adjusted_p"] < ALPHA]
     return [
         verdict(results["first"]),
         f"the same loop on its own: {verdict(results['own'])}",

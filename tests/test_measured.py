@@ -22,7 +22,7 @@ from calibrate.experiment import Experiment, LoadedBoundary
 from calibrate.extended import ExtendedModel
 from studies import measured, measured_account, measured_loop, measured_map, measured_transfer, measured_words
 from studies.measured_account import Split
-from studies.measured_control import triplets
+from studies.measured_control import groups, interpolation
 from studies.missing_frames import missing_frames
 
 SIZE, MU = 40.0, 0.4
@@ -204,9 +204,19 @@ def test_increments_are_fitted_or_scored(uniaxial):
 def test_pictures_are_not_compared_across_a_gap():
     time = 0.2 * np.arange(100)
     time[51:] += 0.4
-    frames = np.array(triplets(time, 10)).reshape(-1, 3)
-    assert (np.diff(frames, axis=1) == 1).all() and (np.diff(frames[:, 1]) > 2).all()
-    assert np.ptp(time[frames], axis=1).max() < 0.5
+    frames = np.array(groups(time, 10)).reshape(-1, 5)
+    assert (frames - frames[:, [2]] == [-3, -1, 0, 1, 3]).all()
+    assert len(set(frames.ravel())) == frames.size
+    assert np.ptp(time[frames], axis=1).max() < 1.3
+
+
+def test_what_grows_as_a_cubic_drops_out_of_the_difference():
+    times = np.array([[0.0, 0.4, 0.8, 1.3], [2.0, 2.4, 2.8, 3.2]])
+    at = np.array([0.6, 2.6])
+    cubic = np.polynomial.Polynomial([1.0, -2.0, 0.5, 0.3])
+    weights = interpolation(at, times)
+    assert (weights * cubic(times)).sum(axis=1) == pytest.approx(cubic(at), abs=1e-12)
+    assert weights[1] == pytest.approx([-1 / 16, 9 / 16, 9 / 16, -1 / 16])
 
 
 def steps(folder):
