@@ -45,7 +45,7 @@ class ForceRecord:
 @dataclass(frozen=True)
 class Selection:
     """Which frames become increments: `count` spread evenly over the time from the onset of loading to `until` (s;
-    None: the last frame with a force), or an explicit list. onset: fraction of the largest force.
+    None: the last frame with a force), all where there are no more, or an explicit list. onset: fraction of the largest force.
     tare: force in N taken as zero; None: the force at frame 0, since displacements count from there."""
 
     count: int = 12
@@ -111,6 +111,9 @@ def choose_frames(
     loaded = usable[np.abs(force[usable] - force[0]) > level]
     if loaded.size == 0:
         raise errors.MissingForceError("the force does not change over the frames; check the synchronisation")
+    later = usable[usable >= loaded[0]]
+    if later.size <= selection.count:
+        return later, notes
     targets = np.linspace(time[loaded[0]], time[usable[-1]], selection.count + 1)[1:]
     return np.unique([usable[np.argmin(np.abs(time[usable] - t))] for t in targets]), notes
 

@@ -70,7 +70,8 @@ def test_synchronisation_by_rate_and_offset(folder):
 def test_frames_spread_over_the_loading(folder):
     assert sheet(folder, Selection(count=5)).provenance["frames"] == [3, 5, 7, 9, 11]
     assert sheet(folder, Selection(count=3, until=3.0)).time.tolist() == [1.5, 2.0, 3.0]
-    assert sheet(folder, Selection(count=100)).provenance["frames"] == list(range(1, 12))
+    for count in (11, 100):  # no more than there are: all of them
+        assert sheet(folder, Selection(count=count)).provenance["frames"] == list(range(1, 12))
 
 
 @pytest.mark.parametrize("frames", [(0, 3), (3, 2), (3, 12), ()])
