@@ -1,0 +1,78 @@
+"""Run the tutorial as it stands: `python docs/tutorial/run.py FOLDER [--pictures]`.
+
+In: the ```sh and ```python blocks of docs/tutorial.md, in their order. Out: what they write, in FOLDER, which must be empty.
+Fails where a command does, where the column map shown is not the file beside this one, or where the verdict is not the one
+printed on the page. --pictures: replace those of the page, with their manifests.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+PAGE = HERE.parent / "tutorial.md"
+BLOCK = re.compile(r"^```(sh|python|toml)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+VERDICT = re.compile(r"explained: second invariant \(c01 = 0.0\d+ \+- 0.00\d+ MPa\)")
+PICTURES = {
+    "imported": "imported/experiment",
+    "curves": "predicted/curves",
+    "diagnosis": "found/residual_map",
+}
+
+
+def main(folder: Path, pictures: bool) -> None:
+    """Run every block; raises `SystemExit` with what is wrong."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()):
+        raise SystemExit(f"{folder} is not empty")
+    text = PAGE.read_text()
+    for name in ("stand_in.py", "columns.toml"):
+        shutil.copy(HERE / name, folder)
+    said = ""
+    for kind, block in BLOCK.findall(text):
+        if kind == "toml":
+            shown = (HERE / "columns.toml").read_text().split("\n", 1)[1]
+            if block != shown:
+                raise SystemExit("the column map in tutorial.md is not that of columns.toml")
+        else:
+            said += run(kind, block, folder)
+    if not VERDICT.search(said) or not VERDICT.search(text):
+        raise SystemExit("the verdict is not the one on the page")
+    if pictures:
+        keep(folder)
+
+
+def run(kind: str, block: str, folder: Path) -> str:
+    """Run a block with this Python's commands first on the path; what it printed."""
+    command = ["sh", "-eu", "-c", block] if kind == "sh" else [sys.executable, "-c", block]
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    print(block, flush=True)
+    done = subprocess.run(command, cwd=folder, env={**os.environ, "PATH": path}, stdout=subprocess.PIPE, text=True)
+    print(done.stdout, flush=True)
+    if done.returncode:
+        raise SystemExit(f"this block of tutorial.md failed:\n{block}")
+    return done.stdout
+
+
+def keep(folder: Path) -> None:
+    """Copy the pictures of the page and the manifests of the runs that made them."""
+    target = HERE.parent / "pictures"
+    target.mkdir(exist_ok=True)
+    for name, source in PICTURES.items():
+        shutil.copy(folder / f"{source}.png", target / f"{name}.png")
+        manifest = folder / f"{source}.json"
+        shutil.copy(manifest if manifest.exists() else manifest.with_name("report.json"), target / f"{name}.json")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--pictures", action="store_true")
+    arguments = parser.parse_args()
+    main(arguments.folder.resolve(), arguments.pictures)
