@@ -5,9 +5,9 @@ In: Experiments, what to hold out. Out: `Discovery` with a round for each model,
 An effect is added if its adjusted p-value is small, its amplitude is physically admissible, and the error on equations
 that were not used for fitting falls. Once nothing more is added, each effect is taken out again and the others compete
 for its place. Effects are named only if what they leave is noise, or a small part of what they explain, both where they
-were fitted and where they were not, and if they are not more than two: a catalogue that lacks the true effect
-imitates it with several. Otherwise they are the closest of the catalogue, and the verdict says that the rest is not
-explained.
+were fitted and where they were not, and if those that explain more than a small part of it are not more than two: a
+catalogue that lacks the true effect imitates it with several. Otherwise they are the closest of the catalogue, and the
+verdict says that the rest is not explained.
 """
 
 from __future__ import annotations
@@ -558,21 +558,20 @@ def _conclude(problem: Problem, rounds: tuple[Round, ...], review: Review) -> Di
         verdict = "significant, not explained" if candidates or not noisy else "nothing significant"
         return Discovery(problem, rounds, verdict, (), (), {})
     clean = noisy and not candidates
-    explained = len(names) <= NAMED and (clean or _small(first, last))
     gains = review.gains or dict.fromkeys(names, first.fit.free_loss - last.fit.free_loss)
     major = tuple(n for n in names if clean or gains.get(n, np.inf) >= MINOR * max(gains.values()))
+    explained = len(major) <= NAMED and (clean or _small(first, last))
     named = major if explained else ()
     verdict = "explained" if explained else "significant, not explained"
     return Discovery(problem, rounds, verdict, named, tuple(n for n in names if n not in named), groups)
 
 
 def _small(first: Round, last: Round) -> bool:
-    """Whether what is left is a small part of what was explained, fitted and held out."""
-    before = *first.fit.misfits, first.predicted
-    after = *last.fit.misfits, last.predicted
-    for b, a in zip(before, after, strict=True):
-        if b is None or a is None:
-            continue
-        if a[0] - a[1] > REST * max(b[0] - a[0], 0.0) and stats.chi2.sf(a[0], max(a[1], 1)) < GLOBAL:
-            return False
-    return True
+    """Whether what is left, fitted and held out, is a small part of what was explained.
+
+    Each test of what is left is compared with the largest fall of any of them: some see little of an effect and yet all of what
+    its formula leaves.
+    """
+    before, after = ([m for m in (*r.fit.misfits, r.predicted) if m is not None] for r in (first, last))
+    explained = max(b[0] - a[0] for b, a in zip(before, after, strict=True))
+    return all(a[0] - a[1] <= REST * max(explained, 0.0) or stats.chi2.sf(a[0], max(a[1], 1)) >= GLOBAL for a in after)

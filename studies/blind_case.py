@@ -77,6 +77,7 @@ def described(found: Any) -> dict[str, Any]:
                 "remarks": list(r.remarks),
                 "chi_square": r.fit.reduced_chi_square,
                 "p_value": r.fit.p_value,
+                "misfits": [list(one) for one in r.fit.misfits],
                 "predicted": None if r.predicted is None else [*r.predicted, r.predicted_p],
                 "held": None if r.held is None else asdict(r.held),
                 "scores": {
