@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from meshes.mesh import Mesh
 
-COLOURS = {"free": "black", "symmetry_x": "tab:purple", "symmetry_y": "tab:purple"}
-LOADED = "tab:red"
+COLOURS = {"free": "black", "symmetry_x": "#CC79A7", "symmetry_y": "#CC79A7"}
+LOADED, LOADED_WIDTH = "#D55E00", 3.5  # thick as well, for grey print
 
 
 def draw(mesh: Mesh, path: str | Path, title: str = "") -> None:
@@ -27,8 +27,8 @@ def draw(mesh: Mesh, path: str | Path, title: str = "") -> None:
         own = [e for e in edges if name == "free" or tuple(e[:2].tolist()) not in free]
         if own:
             lines = [mesh.points[e[[0, 2, 1]] if len(e) == 3 else e] for e in own]
-            colour = COLOURS.get(name, LOADED)
-            axes.add_collection(LineCollection(lines, colors=colour, linewidths=1.2, label=name))
+            colour, thick = (COLOURS[name], 1.2) if name in COLOURS else (LOADED, LOADED_WIDTH)
+            axes.add_collection(LineCollection(lines, colors=colour, linewidths=thick, label=name))
     axes.set(aspect="equal", xlabel="x, mm", ylabel="y, mm", title=title or _summary(mesh))
     axes.autoscale_view()
     figure.savefig(path, dpi=150)

@@ -57,18 +57,19 @@ class CaseSettings:
         return ["clean", *map(str, self.seeds)]
 
 
-def add_arguments(parser: argparse.ArgumentParser, default: CaseSettings) -> None:
-    """Options of the camera and of the calibration."""
+def add_arguments(parser: argparse.ArgumentParser, default: CaseSettings, every_loss: bool = True) -> None:
+    """Options of the camera and of the calibration. every_loss: whether the study fits others than the default one."""
     parser.add_argument("--seeds", type=int, help=f"number of noise seeds (default: {len(default.seeds)})")
     parser.add_argument("--nodes", type=int, help=f"nodes of the finest triangulation (default: {default.nodes})")
     parser.add_argument("--inputs", choices=("I1", "I2", "I1I2"), help="invariants of the network (default: I1)")
     parser.add_argument("--layers", help="neurons of each layer, e.g. 4,4 (default)")
-    parser.add_argument(
-        "--dependent-seeds",
-        type=int,
-        help="noise seeds that are also fitted with the paper's loss in "
-        f"its dependent scaling by SLSQP on the full data (default: {default.dependent_seeds})",
-    )
+    if every_loss:
+        parser.add_argument(
+            "--dependent-seeds",
+            type=int,
+            help="noise seeds that are also fitted with the paper's loss in "
+            f"its dependent scaling by SLSQP on the full data (default: {default.dependent_seeds})",
+        )
     parser.add_argument("--normalisation", choices=("unit-variance", "unit-maximum"), help="of the random field")
 
 
@@ -76,7 +77,7 @@ def with_arguments[S: CaseSettings](settings: S, arguments: argparse.Namespace) 
     """`settings` with what the command line asks for. Raises `ConfigError`."""
     from calibrate.errors import ConfigError
 
-    given = {name: getattr(arguments, name) for name in ("nodes", "inputs", "dependent_seeds", "normalisation")}
+    given = {name: getattr(arguments, name, None) for name in ("nodes", "inputs", "dependent_seeds", "normalisation")}
     settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
     if arguments.seeds is not None:
         settings = replace(settings, seeds=tuple(range(arguments.seeds)))

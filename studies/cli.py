@@ -77,6 +77,12 @@ COMMANDS = {
         "study: how thick a specimen may be before a plane-stress calibration misleads",
         "equigap thickness --quick\n  equigap thickness --thicknesses 5,30 --seeds 20\n  equigap thickness --fine --profile my-cluster",
     ),
+    "sweep": Command(
+        "studies.sweep",
+        "study: a thousand calibrations over specimen, thickness, resolution, noise and seed",
+        "equigap sweep --quick\n  equigap sweep --dry-run\n  equigap sweep --thicknesses 2D,5,30 --noises 0.1 --seeds 20 --jobs 8\n"
+        "  equigap sweep --profile my-cluster --container equigap.sif",
+    ),
     "blind": Command(
         "studies.blind",
         "study: does the diagnosis find hidden effects, and nothing where nothing is?",

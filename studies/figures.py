@@ -1,6 +1,6 @@
 """`equigap figures`: every figure and table of all studies, made from nothing, in one folder.
 
-In: a scale. Out: a folder a study, ``index.html`` with all pictures, ``figures.json`` that lists every figure and table with the
+In: a scale. Out: a folder a study, ``index.html`` with small copies of all pictures, ``figures.json`` that lists every figure and table with the
 record beside it. Each study runs as a command of its own; those that are finished are not made again.
 """
 
@@ -26,6 +26,7 @@ Makes every figure and table of all studies in one folder, with a page that show
 are named and left out."""
 SCALES = ("quick", "default", "full")
 RECORDS = "finished"  # folder of what is finished
+THUMBNAIL = (640, 512)  # pixels of a small copy at most
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,7 @@ def collected(folder: Path) -> list[dict[str, Any]]:
 
 
 def write_page(folder: Path, scale: str, absent: dict[str, str], failed: Sequence[str]) -> Path:
-    """``figures.json`` and ``index.html``: reports to open, and every picture as it is on disk."""
+    """``figures.json`` and ``index.html``: reports to open, and every picture."""
     from studies.manifest import revision, versions
     from studies.report import page
     from studies.writing import write_json, write_text
@@ -225,11 +226,20 @@ def write_page(folder: Path, scale: str, absent: dict[str, str], failed: Sequenc
         "files": files,
     }
     write_json(folder / "figures.json", content)
-    studies: dict[str, dict[str, list[str]]] = {}
+    studies: dict[str, dict[str, list[Any]]] = {}
     for step in STEPS:
         reports = sorted(str(p.relative_to(folder)) for p in (folder / step.name).glob("**/report.html"))
-        pictures = sorted(str(p.relative_to(folder)) for p in (folder / step.name).glob("*.png"))
+        pictures = [_small(folder, path) for path in sorted((folder / step.name).glob("**/*.png"))]
         if reports or pictures:
             studies[step.name] = {"reports": reports, "pictures": pictures}
     write_text(folder / "index.html", page("figures.html", scale=scale, studies=studies, absent=absent, failed=failed))
     return folder / "index.html"
+
+
+def _small(folder: Path, path: Path) -> dict[str, str]:
+    """A picture as the page shows it: its path, a small copy and words for who cannot see it."""
+    from studies.report import thumbnail
+
+    place = path.relative_to(folder)
+    alt = f"{place.parts[0]}: {path.stem.replace('_', ' ')}"
+    return {"path": str(place), "source": thumbnail(path, THUMBNAIL), "alt": alt}

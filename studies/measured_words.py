@@ -12,8 +12,9 @@ PARTS = ("fitted", "scored")
 
 
 def percent(value: float) -> str:
-    """'2.6 %'."""
-    return f"{100 * value:.2g} %"
+    """'2.6 %', '120 %'."""
+    text = f"{100 * value:.2g}"
+    return f"{float(text):.0f} %" if "e+" in text else f"{text} %"
 
 
 def error_table(models: list[dict[str, Any]]) -> Table:

@@ -1,26 +1,38 @@
 """Report: paragraphs, figures and tables in, one self-contained HTML file out.
 
-Pictures are inlined, so the file can be mailed, archived and read offline; tables sort by a click on a column
-head; it prints well. A file above 5 MB gets its pictures reduced.
+Pictures and solids are inlined, so the file can be mailed, archived and read offline; tables sort by a click on a
+column head; solids turn (`studies.scene`); it prints well. A file above 5 MB gets its pictures reduced.
 """
 
 from __future__ import annotations
 
 import base64
 import io
+import json
 import math
+import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
 from studies.errors import StudyError
+from studies.scene import Scene
 from studies.writing import write_text
 
 LIMIT = 5_000_000
+LONG = 24  # characters of a cell that needs room to wrap
+SMALL = {"small tiny": 14, "small": 9}  # classes of tables with that many columns or more, for print
+CONTENTS = 5  # headings from which on a report begins with a list of them
 MIME = {".png": "image/png", ".svg": "image/svg+xml", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+PNG = b"\x89PNG"
+DENSITY = 1.45  # pixels of a picture to one of the page: text in pictures is as large as that around them
+# a number that was written as text: "2.6 %", "10 mm", "+0.3", "0.51 [0.49, 0.53]"
+WRITTEN = re.compile(
+    r"([-+\N{MINUS SIGN}]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?: ?(?:%|[A-Za-zµ]{1,3}[²³]?))?(?: \[[^]]*\])?"
+)
 
 
 class ReportError(StudyError, ValueError):
@@ -43,6 +55,7 @@ class _Picture:
     content: bytes
     mime: str
     caption: str
+    width: int = 0  # on the page, pixels; 0: its own
     kind: str = "figure"
 
     @property
@@ -66,7 +79,7 @@ class Report:
         return self
 
     def paragraph(self, text: str) -> Self:
-        self._parts.append({"kind": "paragraph", "text": text})
+        self._parts.append({"kind": "paragraph", "text": _set(text)})
         return self
 
     def figure(self, path: str | Path, caption: str = "") -> Self:
@@ -78,7 +91,8 @@ class Report:
             content = path.read_bytes()
         except OSError as error:
             raise ReportError(f"{path}: cannot be read ({error.strerror}); draw the figure first") from error
-        self._parts.append(_Picture(content, MIME[path.suffix.lower()], caption))
+        pixels = int.from_bytes(content[16:20]) if content.startswith(PNG) else 0
+        self._parts.append(_Picture(content, MIME[path.suffix.lower()], _set(caption), round(pixels / DENSITY)))
         return self
 
     def table(self, columns: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "") -> Self:
@@ -87,7 +101,23 @@ class Report:
             if len(row) != len(columns):
                 raise ReportError(f"table '{caption}': row {i} has {len(row)} cells for {len(columns)} columns")
         cells = [[_cell(value) for value in row] for row in rows]
-        self._parts.append({"kind": "table", "columns": list(columns), "rows": cells, "caption": caption})
+        numeric = [_numeric([row[i] for row in cells]) for i in range(len(columns))]
+        heads = [{"text": str(name), "number": number} for name, number in zip(columns, numeric, strict=True)]
+        for row in cells:
+            for cell, number in zip(row, numeric, strict=True):
+                cell["number"] = number
+        small = next((name for name, least in SMALL.items() if len(columns) >= least), "")
+        self._parts.append({"kind": "table", "columns": heads, "rows": cells, "caption": _set(caption), "small": small})
+        return self
+
+    def view(self, scenes: Sequence[Scene], label: str, caption: str = "") -> Self:
+        """Solids to be turned by the reader, one at a time; label: of the colours, with unit.
+
+        A browser without WebGL shows a message instead, so a picture that says the same belongs beside it.
+        """
+        content = json.dumps([scene.packed() for scene in scenes], separators=(",", ":"))
+        names = [scene.name for scene in scenes]
+        self._parts.append({"kind": "view", "content": content, "names": names, "label": label, "caption": caption})
         return self
 
     def details(self, summary: str, content: Mapping[str, Any]) -> Self:
@@ -99,7 +129,14 @@ class Report:
     def html(self) -> str:
         """The whole document."""
         written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-        return page("report.html", title=self.title, subtitle=self.subtitle, parts=self._parts, written=written)
+        headings = [part for part in self._parts if isinstance(part, dict) and part["kind"] == "heading"]
+        for number, heading in enumerate(headings, start=1):
+            heading["anchor"] = f"part-{number}"
+        return page(
+            "report.html", title=self.title, subtitle=self.subtitle, parts=self._parts, written=written,
+            contents=headings if len(headings) >= CONTENTS else [],
+            scenes=any(isinstance(part, dict) and part["kind"] == "view" for part in self._parts),
+        )  # fmt: skip
 
     def save(self, path: str | Path) -> Path:
         """Write the document atomically. Raises `OutputWriteError`."""
@@ -116,23 +153,45 @@ class Report:
         return path
 
 
+def _set(text: str) -> str:
+    """Text with arrows that are not torn apart at the end of a line."""
+    return text.replace(" -> ", " → ")
+
+
 def _cell(value: Any) -> dict[str, Any]:
-    """Text of a cell, the value it is sorted by, and whether it is a number."""
+    """Text of a cell, the value it is sorted by, whether it is a number, and whether it is long.
+
+    Text that begins with a number, such as '2.6 %', is sorted by the number.
+    """
     if value is None or (isinstance(value, float) and math.isnan(value)):
-        return {"text": "–", "sort": "", "number": True}
+        return {"text": "–", "sort": "", "number": True, "long": False}
     if isinstance(value, bool) or not hasattr(value, "__float__"):
         text = {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
-        return {"text": text, "sort": text, "number": False}
-    number = float(value)
+        found = WRITTEN.fullmatch(text)
+        sort = repr(float(found[1].replace("\N{MINUS SIGN}", "-"))) if found else text.strip(" –-") and text
+        return {"text": text, "sort": sort, "number": found is not None, "long": len(text) > LONG}
+    number = float(value) + 0.0  # no minus before a zero
     if math.isnan(number):
         return _cell(None)
-    whole = isinstance(value, int) or (hasattr(value, "dtype") and value.dtype.kind in "iu")
-    text = str(int(value)) if whole else f"{number:.4g}"
     return {
-        "text": text.replace("-", "\N{MINUS SIGN}", 1) if number < 0 else text,
-        "sort": repr(number),
+        "text": _digits(value).replace("-", "\N{MINUS SIGN}", 1) if number < 0 else _digits(value).removeprefix("-"),
+        "sort": repr(number) if math.isfinite(number) else "-Infinity" if number < 0 else "Infinity",
         "number": True,
+        "long": False,
     }
+
+
+def _digits(value: Any) -> str:
+    """Whole numbers in full, others to four digits; powers of ten from a million on and below 1e-4."""
+    if isinstance(value, int) or (hasattr(value, "dtype") and value.dtype.kind in "iu"):
+        return str(int(value))
+    text = f"{float(value):.4g}"
+    return f"{float(text):.0f}" if "e+0" in text and abs(float(value)) < 1e6 else text
+
+
+def _numeric(cells: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether a column holds numbers: all cells but the empty ones, and at least one."""
+    return any(cell["sort"] for cell in cells) and all(cell["number"] for cell in cells if cell["sort"])
 
 
 def _reduced(picture: _Picture, colours: int, scale: float) -> _Picture:
@@ -147,4 +206,19 @@ def _reduced(picture: _Picture, colours: int, scale: float) -> _Picture:
     buffer = io.BytesIO()
     small.save(buffer, "PNG", optimize=True)
     content = min(picture.content, buffer.getvalue(), key=len)
-    return _Picture(content, picture.mime, picture.caption)
+    return replace(picture, content=content)
+
+
+def thumbnail(path: Path, size: tuple[int, int], colours: int = 64) -> str:
+    """A small copy of a picture as the source of an <img>; empty if the file is no picture."""
+    from PIL import Image, UnidentifiedImageError
+
+    buffer = io.BytesIO()
+    try:
+        with Image.open(path) as image:
+            small = image.convert("RGB")
+    except (OSError, UnidentifiedImageError):
+        return ""
+    small.thumbnail(size, Image.Resampling.LANCZOS)
+    small.quantize(colours).save(buffer, "PNG", optimize=True)
+    return _Picture(buffer.getvalue(), "image/png", "").source

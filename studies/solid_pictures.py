@@ -46,12 +46,15 @@ class Skin:
 
 def contraction(solids: Mapping[str, SolidSolution]) -> Figure:
     """Deformed specimens at the last increment, whole and cut, coloured by thickness over original thickness."""
-    fields = {}
-    for name, solid in solids.items():
-        n = len(solid.mesh.plane.points)
-        ratio = 1 + solid.displacements[-1, -n:, 2] / solid.mesh.levels[-1]
-        fields[name] = np.tile(ratio, len(solid.mesh.levels))[skin(solid).faces]
-    return _sheet(solids, fields, Normalize(*_range(fields)), "thickness / original thickness (-)", True)
+    fields = {name: contraction_of(solid)[skin(solid).faces] for name, solid in solids.items()}
+    return _sheet(solids, fields, Normalize(*colour_range(fields)), "thickness / original thickness (-)", True)
+
+
+def contraction_of(solid: SolidSolution) -> Array:
+    """Thickness over original thickness at the last increment, (n,): that of the surface above or below each node."""
+    n = len(solid.mesh.plane.points)
+    ratio = 1 + solid.displacements[-1, -n:, 2] / solid.mesh.levels[-1]
+    return np.tile(ratio, len(solid.mesh.levels))
 
 
 def pressure(solids: Mapping[str, SolidSolution]) -> Figure:
@@ -60,10 +63,12 @@ def pressure(solids: Mapping[str, SolidSolution]) -> Figure:
     for name, solid in solids.items():
         parts = skin(solid)
         fields[name] = pressure_at(solid, parts.owners, solid.mesh.points[parts.faces])
-    return _sheet(solids, fields, PowerNorm(0.5, *_range(fields)), "mean stress, the negative pressure (MPa)", False)
+    return _sheet(
+        solids, fields, PowerNorm(0.5, *colour_range(fields)), "mean stress, the negative pressure (MPa)", False
+    )
 
 
-def _range(fields: dict[str, Array]) -> tuple[float, float]:
+def colour_range(fields: dict[str, Array]) -> tuple[float, float]:
     """Colours from the 1st to the 99th percentile of what is seen."""
     ends = np.array([np.quantile(values, (0.01, 0.99)) for values in fields.values()])
     return float(ends[:, 0].min()), float(ends[:, 1].max())

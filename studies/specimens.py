@@ -101,7 +101,7 @@ def _draw(specimen: Specimen, folder: Path, report: Any, size_factor: float) -> 
         with atomic_path(picture) as temporary:
             draw(mesh, temporary)
         manifest.beside(picture, file, cells=len(mesh.cells), nodes=len(mesh.points))
-        report.figure(picture, f"{specimen.name}: {len(mesh.cells)} {kind}; loaded sides in red")
+        report.figure(picture, f"{specimen.name}: {len(mesh.cells)} {kind}; loaded sides: thick, vermilion")
         share = mesh.area() / specimen.exact_area()
         rows.append([
             f"{specimen.name}, {kind}", len(mesh.cells), len(mesh.points), mesh.area(), share,

@@ -1,7 +1,7 @@
 """`equigap supervised`: PANNs fitted to stress-stretch curves of homogeneous tests (Sobolev fit), and their r2.
 
 In: the five-term Arruda-Boyce material sampled in the three modes, and classical measurements. Out: a table of r2
-by mode, a figure of every data set, the models, a manifest beside each.
+by mode, a figure of every data set, the models, a manifest beside each, ``report.html``.
 
 The Arruda-Boyce case checks the path: one neuron with skip connection on I1 alone must reach r2 > 0.9999 in all
 three modes. On measured rubber r2 is limited by the model class and by scatter: a PANN of I1 alone cannot
@@ -98,10 +98,15 @@ def table_rows(results: list[Result]) -> list[tuple[Any, ...]]:
 
 def figure(name: str, results: list[Result]) -> Any:
     """Stress against stretch in the three modes: data and every network fitted to them."""
-    from matplotlib.figure import Figure  # slow to import, and only needed here
+    from studies import style  # slow to import, and only needed here
 
     curves = curves_of(name)
-    drawn = Figure(figsize=(11, 3.6), layout="constrained")
+    with style.figure(11, 3.6) as drawn:
+        _draw(drawn, name, curves, results)
+    return drawn
+
+
+def _draw(drawn: Any, name: str, curves: Curves, results: list[Result]) -> None:
     for ax, (mode, (stretch, stress)) in zip(
         drawn.subplots(1, len(curves), squeeze=False)[0], curves.items(), strict=False
     ):
@@ -118,7 +123,6 @@ def figure(name: str, results: list[Result]) -> Any:
         )
         ax.legend(fontsize=7)
     drawn.suptitle(homogeneous.SOURCES.get(name, "five-term Arruda-Boyce"), fontsize=9)
-    return drawn
 
 
 def _short(value: float) -> str:
@@ -180,11 +184,28 @@ def main(args: argparse.Namespace) -> int:
         write_figure(outputs[-1], figure(name, [r for r in results if r.case.data == name]), dpi=150)
         manifest.beside(outputs[-1])
     manifest.beside(*outputs, r2={r.case.name: r.r2 for r in results})
-    _report(results, print)
-    print(f"wrote {outputs[0]}")
+    _say(results, print)
+    print(f"wrote {outputs[0]}\nreport: {_report(folder, results, outputs[1:], manifest)}")
     return 0
 
 
-def _report(results: list[Result], write: Callable[[str], None]) -> None:
+def _say(results: list[Result], write: Callable[[str], None]) -> None:
     for r in results:
         write(f"{r.case.name:28s} " + "  ".join(f"{mode} r2 {_short(value)}" for mode, value in r.r2.items()))
+
+
+def _report(folder: Path, results: list[Result], pictures: list[Path], manifest: Manifest) -> Path:
+    """The HTML report: what was fitted, how well, and where it departs."""
+    from studies.report import Report
+
+    report = Report("Supervised fits", "Networks fitted directly to stress-stretch curves of homogeneous tests")
+    report.paragraph(
+        "r2 of the nominal stress in each mode. On measured rubber it is limited by scatter and by the kind of model: "
+        "a network of I1 alone cannot tell modes apart at equal I1."
+    )
+    for path in pictures:
+        report.figure(path, f"{path.stem}: nominal stress over stretch, data (dots) and every network fitted to them.")
+    report.table(COLUMNS, table_rows(results), "Also in supervised.csv")
+    record = manifest.to_dict()
+    report.details("Settings", record["settings"]).details("Versions", record["versions"])
+    return report.save(folder / "report.html")

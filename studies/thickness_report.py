@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from studies import solid_pictures, thickness_figures, thickness_models, thickness_tables, thickness_words
+from studies import solid_pictures, solid_view, thickness_figures, thickness_models, thickness_tables, thickness_words
 from studies.output import Manifest, track, write_csv, write_figure
 from studies.report import Report
 from studies.thickness_case import LOSSES
@@ -35,6 +35,7 @@ CAPTIONS = {
     "contraction": "The deformed specimen at the last increment, true to scale. Above: whole, made of its mirror images. "
     "Below: cut at y = 0 through the hole at the outer end of an arm; lines: edges of the hexes; vermilion: the original "
     "thickness.",
+    "view": "The same specimens, to be turned. Cut open: without the half y < 0.",
     "pressure": "Mean stress p, the negative of the pressure, as each hex holds it: linear within, free to jump between hexes, "
     "neither averaged nor smoothed. Colours follow the root of the distance from the lowest value, so that what is between the holes can be seen.",
     "densities": "Signed stress error of the calibrated models at the states of the 2D reference within the calibrated range: "
@@ -133,6 +134,8 @@ def compose(results: Results, figures: dict[str, Path], tables: dict[str, Any]) 
     tabled("forces", "Forces of whole arms; see forces.csv")
     report.heading("The solid")
     show("contraction")
+    solids = {name: results.solid(name) for name in dict.fromkeys((results.thicknesses[0], results.thicknesses[-1]))}
+    report.view(solid_view.contraction_scenes(solids), solid_view.LABEL, CAPTIONS["view"])
     report.paragraph(checkerboard(results))
     show("pressure")
     for loss in fitted(results):

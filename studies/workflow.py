@@ -14,6 +14,7 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -31,11 +32,12 @@ PROFILES = Path(__file__).with_name("profiles")
 EXECUTOR = re.compile(r"^executor:\s*['\"]?([\w-]+)", re.MULTILINE)
 OWN_EXECUTORS = ("local", "dryrun", "touch")  # of Snakemake itself
 REASON = re.compile(r"^(?:\w+\.)*(\w*(?:Error|Exception)): (.+)", re.MULTILINE)
+PLANNED = re.compile(r"^(\w+) +(\d+)$", re.MULTILINE)  # a rule and its number of jobs, as a dry run lists them
 LONGEST_WAIT = 600.0  # s that a run waits for an earlier one in the same folder
 PATIENCE = 3.0  # s that Snakemake is given to end, each time that it is asked
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse._ActionsContainer) -> None:
     """Options that say where and how many jobs run; they do not change results."""
     parser.add_argument("--jobs", type=int, help="jobs at a time (default: number of cores, or what the profile says)")
     parser.add_argument(
@@ -73,20 +75,21 @@ def run_workflow(
     jobs: int | None = None,
     profile: Path | None = None,
     config: Sequence[str] = (),
+    words: Sequence[str] = (),
 ) -> None:
     """Make every missing one of `targets`, showing progress. name: in words. config: 'key=value' for the snakefile.
 
-    Raises `WorkflowError` with the reason and the path of the log.
+    words: more options of Snakemake. Raises `WorkflowError` with the reason and the path of the log.
     """
     if all(target.exists() for target in targets):
         return
     folder = folder.resolve()
     work, log = folder / "workflow", folder / "workflow.log"
     work.mkdir(exist_ok=True)
-    call = command(snakefile, work, [f"folder={folder}", *config], jobs, profile)
+    call = command(snakefile, work, [f"folder={folder}", *config], jobs, profile, words)
     start = log.stat().st_size if log.exists() else 0
     with _alone(work) as lock:
-        code = _follow(name, call, _environment(work), log, targets, lock)
+        code = _follow(name, call, environment(work), log, targets, lock)
     if code:
         raise WorkflowError(
             f"a job of the study failed{_reason(log, start)}; more is in {log}. Finished files are kept: "
@@ -94,7 +97,35 @@ def run_workflow(
         )
 
 
-def command(snakefile: Path, work: Path, config: Sequence[str], jobs: int | None, profile: Path | None) -> list[str]:
+def plan(
+    snakefile: Path,
+    folder: Path,
+    jobs: int | None = None,
+    profile: Path | None = None,
+    config: Sequence[str] = (),
+    words: Sequence[str] = (),
+) -> dict[str, int]:
+    """Jobs of each rule that `run_workflow` would start now; makes no file in `folder`. Raises `WorkflowError`."""
+    with tempfile.TemporaryDirectory() as work:
+        dry = ["--dry-run", "--quiet", "rules", *words]
+        call = command(snakefile, Path(work), [f"folder={folder.resolve()}", *config], jobs, profile, dry)
+        done = subprocess.run(call, env=environment(Path(work)), capture_output=True, text=True, check=False)
+    said = done.stdout + done.stderr
+    if done.returncode:
+        last = [line.strip() for line in said.splitlines() if line.strip()][-3:]
+        raise WorkflowError(f"the workflow cannot be planned: {' '.join(last) or 'Snakemake failed'}")
+    counts = {rule: int(count) for rule, count in PLANNED.findall(said)}
+    return {rule: count for rule, count in counts.items() if rule not in ("all", "total")}
+
+
+def command(
+    snakefile: Path,
+    work: Path,
+    config: Sequence[str],
+    jobs: int | None,
+    profile: Path | None,
+    more: Sequence[str] = (),
+) -> list[str]:
     """Words of the Snakemake call. Here, jobs share the cores and the memory; a profile brings its own limits."""
     words = [sys.executable, "-m", "snakemake", "--snakefile", str(snakefile), "--directory", str(work),
              "--ignore-incomplete", "--keep-incomplete", "--keep-going", "--rerun-triggers", "mtime", "--nolock"]  # fmt: skip
@@ -102,10 +133,10 @@ def command(snakefile: Path, work: Path, config: Sequence[str], jobs: int | None
         words += ["--cores", str(jobs or os.cpu_count() or 1), "--resources", f"mem_mb={_memory()}"]
     else:
         words += ["--profile", str(profile.resolve()), *(["--jobs", str(jobs)] if jobs else [])]
-    return [*words, "--config", *config]
+    return [*words, *more, "--config", *config]
 
 
-def _environment(work: Path) -> dict[str, str]:
+def environment(work: Path) -> dict[str, str]:
     """One thread a job, no bars in the log, compiled functions shared between jobs."""
     return {
         **os.environ,

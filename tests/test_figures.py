@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from studies import cli, figures
 from studies.errors import OptionError
@@ -30,7 +31,7 @@ class Runs:
         self.lines.append(line)
         folder = Path(line[line.index("--output") + 1])
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "forces.png").write_bytes(b"picture")
+        Image.new("RGB", (900, 300), "white").save(folder / "forces.png")
         Manifest().beside(folder / "forces.png")
         return self.codes.pop(0) if self.codes else 0
 
@@ -75,7 +76,7 @@ def test_another_scale_is_made_anew(tmp_path: Path) -> None:
 def test_the_page_shows_every_picture_and_lists_its_record(tmp_path: Path) -> None:
     figures.run_all(steps(), "quick", tmp_path, 2, Runs())
     text = figures.write_page(tmp_path, "quick", {"measured": "no <data>"}, ["blind"]).read_text()
-    assert text.count("<img") == 2
+    assert text.count('<img src="data:image/png;base64,') == 2
     assert "no &lt;data&gt;" in text and "finished/blind.log" in text
     listed = json.loads((tmp_path / "figures.json").read_text())
     assert {f["file"]: f["manifest"] for f in listed["files"]} == {

@@ -90,6 +90,9 @@ def test_is_saved_whole(full: Report, tmp_path: Path) -> None:
     [
         (3, "3", "3.0"), (np.int64(12345678), "12345678", "12345678.0"), (-0.123456, "\N{MINUS SIGN}0.1235", "-0.123456"),
         (1e-9, "1e-09", "1e-09"), (np.float64("nan"), "–", ""), (None, "–", ""), (True, "yes", "yes"), ("a", "a", "a"),
+        ("2.6 %", "2.6 %", "2.6"), ("\N{MINUS SIGN}3", "\N{MINUS SIGN}3", "-3.0"), ("10 mm", "10 mm", "10.0"), ("1e-5", "1e-5", "1e-05"),
+        ("0.5 [0.4, 0.6]", "0.5 [0.4, 0.6]", "0.5"), ("2D reference", "2D reference", "2D reference"), ("–", "–", ""), ("", "", ""),
+        (25152.3, "25150", "25152.3"), (-0.0, "0", "0.0"), (float("-inf"), "\N{MINUS SIGN}inf", "-Infinity"),
     ],
 )  # fmt: skip
 def test_cells_show_four_digits_and_sort_by_value(value: object, text: str, sort: str) -> None:
