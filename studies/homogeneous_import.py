@@ -1,12 +1,17 @@
-"""`equigap homogeneous`: a measured stress-stretch curve to an Experiment, by name or from a CSV."""
+"""`equigap homogeneous`: a measured stress-stretch curve to an Experiment, by name or from a CSV; with a figure and a report."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from calibrate.errors import ConfigError
 from studies.options import add_output, nearest, settings
+
+if TYPE_CHECKING:
+    from calibrate.experiment import Experiment
+    from studies.manifest import Manifest
 
 DESCRIPTION = """\
 Write homogeneous tests (stress and stretch) as Experiments, for `equigap calibrate`. The sheet is 10 mm x 1 mm in
@@ -27,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Write experiment.npz. Raises `ConfigError`, `DataNotFoundError` and the errors of an Experiment."""
     from studies.homogeneous_experiments import EXPERIMENTS, from_file
-    from studies.output import Manifest, open_output_folder
+    from studies.output import Manifest, open_output_folder, write_figure
 
     if args.source in EXPERIMENTS:
         experiment = EXPERIMENTS[args.source]()
@@ -44,6 +49,50 @@ def main(args: argparse.Namespace) -> int:
     manifest = Manifest(settings=key)
     path = folder / "experiment.npz"
     experiment.save(path)
-    manifest.beside(path, increments=experiment.n_increments, **experiment.provenance)
+    write_figure(folder / "curve.png", curve(experiment))
+    manifest.beside(path, folder / "curve.png", increments=experiment.n_increments, **experiment.provenance)
     print(f"experiment: {path} ({experiment.n_increments} increments)")
+    print(f"report: {write_report(experiment, folder, manifest)}")
     return 0
+
+
+def curve(experiment: Experiment) -> Any:
+    """Nominal stress over stretch along each axis that has a measured stress."""
+    import numpy as np
+
+    from studies import style
+    from studies.homogeneous_sheet import stresses, stretches
+
+    x, y = stretches(experiment), stresses(experiment)
+    with style.figure(5.2, 3.6) as figure:
+        axes = figure.subplots()
+        for i, marker in enumerate("ox"):
+            if np.isfinite(y[:, i]).any():
+                axes.plot(x[:, i], y[:, i], marker, mfc="none", linestyle="", label=f"along {'xy'[i]}")
+        axes.set(xlabel="stretch", ylabel="nominal stress, MPa", title=experiment.name)
+        axes.legend()
+        return figure
+
+
+def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Path:
+    """``report.html``: the curve and every reading."""
+    from studies.homogeneous_sheet import CROSS_SECTION, WIDTH, stresses, stretches
+    from studies.report import Report
+
+    page = Report(experiment.name, "A homogeneous test as an Experiment")
+    page.figure(folder / "curve.png", "Nominal stress over stretch, as it will be fitted.")
+    noise = experiment.noise
+    if noise is not None:
+        page.paragraph(
+            f"Noise: {noise.displacement_std / WIDTH:.2g} in stretch, {noise.force_std_relative:.2g} of the stress, "
+            f"and {noise.force_std / CROSS_SECTION:.2g} MPa."
+        )
+    x, y, time = stretches(experiment), stresses(experiment), experiment.time
+    rows = [
+        [i + 1, None if time is None else float(time[i]), *map(float, (*x[i], *y[i]))]
+        for i in range(experiment.n_increments)
+    ]
+    columns = ["increment", "time, s", "stretch x", "stretch y", "stress x, MPa", "stress y, MPa"]
+    page.table(columns, rows, "Empty: not measured")
+    page.details("Source", experiment.provenance).details("Versions", manifest.to_dict()["versions"])
+    return page.save(folder / "report.html")

@@ -16,7 +16,7 @@ from calibrate import errors
 from calibrate.experiment import Experiment, Noise
 from studies import column_import, column_map, data, dic_csv
 from studies.folder import open_output_folder
-from studies.import_report import picture, report, summary
+from studies.import_report import picture, report, summary, write_report
 from studies.manifest import Manifest
 from studies.missing_frames import with_missing_frames
 from studies.series import Series, to_experiment
@@ -106,6 +106,7 @@ def main(args: argparse.Namespace) -> int:
     picture(experiment, series, folder / "experiment.png")
     manifest.beside(target, folder / "experiment.png", **summary(experiment))
     report(experiment, target)
+    print(f"report: {write_report(experiment, folder, manifest)}")
     return 0
 
 

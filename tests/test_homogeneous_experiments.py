@@ -276,6 +276,7 @@ def test_the_command_writes_an_experiment(tmp_path):
     source = tmp_path / "pull.csv"
     source.write_text("stretch,stress\n" + "".join(f"{x},{MU * (x - x**-2)}\n" for x in np.linspace(1.1, 2, 9)))
     assert cli.main(["homogeneous", str(source), "-o", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "report.html").read_text().count("<img") == 1
     written = Experiment.load(tmp_path / "out" / "experiment.npz")
     assert best_shear_modulus(equilibrium(written), basis())[0] == pytest.approx(MU, rel=1e-9)
     assert cli.main(["homogeneous", "no-such-test", "-o", str(tmp_path / "other")]) == 2

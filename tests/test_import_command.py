@@ -38,10 +38,13 @@ def test_command_writes_experiment_picture_and_manifest(tmp_path, capsys):
         "experiment.json",
         "experiment.vtu",
         "run.json",
+        "report.html",
     }
     said = capsys.readouterr().out
     assert "3 increments" in said
     assert "thickness unknown" in said
+    page = (out / "report.html").read_text()
+    assert "N/mm, as the thickness is unknown" in page and page.count("<img") == 1
     with pytest.raises(Exception, match="other settings"):
         run(source, "-o", out, "--scale", SCALE, "--frames", "5")
     assert run(source, "-o", out, "--scale", SCALE, "--frames", "5", "--overwrite") == 0
