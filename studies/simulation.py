@@ -24,7 +24,8 @@ DESCRIPTION = """\
 Solve a tension test of a thin rubber sheet (plane stress, finite elements) and record it with a synthetic
 camera and load cell. Default: the cross, 60 mm at each arm in 10 increments, Arruda-Boyce rubber, noise of
 0.1 mm with a correlation length of 4 mm, force noise of 1e-4. Lengths in mm, forces in N, stresses in MPa."""
-EXTENT = {"cross": 60.0, "strip": 60.0, "pure_shear": 10.0, "square": 50.0, "plate_with_hole": 40.0}
+# mm at each grip; the square, whose grips meet at its corners, cannot be held by rigid ones
+EXTENT = {"cross": 60.0, "strip": 60.0, "pure_shear": 10.0, "plate_with_hole": 40.0}
 QUICK = {"increments": 4, "nodes": 900, "size_factor": 2.5}
 FULL = {"increments": 10, "nodes": 5000, "size_factor": 1.0}
 
@@ -86,7 +87,8 @@ def _complete(args: argparse.Namespace) -> None:
     """Fill in what depends on other options. Raises `OptionError`."""
     if args.specimen not in EXTENT:
         raise OptionError(
-            f"specimen '{args.specimen}' is unknown{nearest(args.specimen, EXTENT)}; choose from {', '.join(EXTENT)}"
+            f"specimen '{args.specimen}' is none that rigid grips can pull{nearest(args.specimen, EXTENT)}; those are "
+            + ", ".join(EXTENT)
         )
     for name, value in (QUICK if args.quick else FULL).items():
         if getattr(args, name) is None:

@@ -99,3 +99,9 @@ def test_wrong_specimens_are_named(
 ) -> None:
     assert cli.main(["specimens", "-o", str(tmp_path / "out"), *words]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_specimen_whose_grips_meet_is_refused_with_those_that_can_be_pulled(tmp_path, capsys):
+    assert cli.main(["simulate", "--specimen", "square", "-o", str(tmp_path / "out")]) == 2
+    assert "none that rigid grips can pull" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
