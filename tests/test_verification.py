@@ -94,3 +94,13 @@ def test_a_file_of_somebody_else_is_not_replaced(
     assert "was not written by `equigap verify`" in capsys.readouterr().err
     assert cli.main(["verify", folder, "-o", str(other), "--overwrite"]) == 0
     assert cli.main(["verify", folder, "-o", str(other)]) == 0
+
+
+@pytest.mark.slow
+def test_two_runs_give_identical_data_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Solved, seen, calibrated and predicted twice, in processes of their own."""
+    for name in ("a", "b"):
+        words = ["--scale", "quick", "--only", "simulate,calibrate,predict", "--jobs", "1", "-o", str(tmp_path / name)]
+        assert cli.main(["figures", *words]) == 0
+    assert cli.main(["verify", str(tmp_path / "a"), "--same-as", str(tmp_path / "b")]) == 0
+    assert "every data file is the same" in capsys.readouterr().out
