@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -139,3 +140,13 @@ def score(model: Any, limit: float) -> dict[str, Any]:
         "outside": [asdict(a) for a in metrics.agreement(model, truth, end, start=limit)],
         "curves": curves,
     }
+
+
+def run_step(description: str | None, steps: Mapping[str, Callable[..., None]], kind: type[CaseSettings]) -> None:
+    """Run one step of a study from the command line: its name, the folder, and keys; settings are those of the folder."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("step", choices=steps)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("key", nargs="*")
+    arguments = parser.parse_args()
+    steps[arguments.step](arguments.folder, kind.read(arguments.folder), *arguments.key)

@@ -10,13 +10,12 @@ Run as ``python -m studies.resolution_case STEP FOLDER [KEYS]``.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studies.cases import EXTRAPOLATION, LOSSES, CaseSettings
+from studies.cases import EXTRAPOLATION, LOSSES, CaseSettings, run_step
 
 __all__ = ["EXTRAPOLATION", "LOSSES", "Settings"]
 
@@ -103,16 +102,8 @@ def format_level(level: float) -> str:
     return f"{level:g}"
 
 
-def main() -> None:
-    """Run one step from the command line."""
-    steps: dict[str, Callable[..., None]] = {"forward": forward, "mesh": mesh, "observe": observe, "case": case}
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("step", choices=steps)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("key", nargs="*")
-    arguments = parser.parse_args()
-    steps[arguments.step](arguments.folder, Settings.read(arguments.folder), *arguments.key)
+STEPS: dict[str, Callable[..., None]] = {"forward": forward, "mesh": mesh, "observe": observe, "case": case}
 
 
 if __name__ == "__main__":
-    main()
+    run_step(__doc__, STEPS, Settings)

@@ -16,7 +16,6 @@ Run as ``python -m studies.sweep_case STEP FOLDER [KEYS]``.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Callable
@@ -25,7 +24,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from studies.cases import LOSSES, CaseSettings
+from studies.cases import LOSSES, CaseSettings, run_step
 
 PLANE = "2D"
 PLANE_THICKNESS = 1.0  # mm
@@ -200,15 +199,5 @@ STEPS: dict[str, Callable[..., None]] = {
 }  # fmt: skip
 
 
-def main() -> None:
-    """Run one step from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("step", choices=STEPS)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("key", nargs="*")
-    arguments = parser.parse_args()
-    STEPS[arguments.step](arguments.folder, Settings.read(arguments.folder), *arguments.key)
-
-
 if __name__ == "__main__":
-    main()
+    run_step(__doc__, STEPS, Settings)

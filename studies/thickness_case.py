@@ -15,7 +15,6 @@ seeds: what a process needs to start and to compile is paid once. What exists al
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from studies import cases
-from studies.cases import EXTRAPOLATION, CaseSettings
+from studies.cases import EXTRAPOLATION, CaseSettings, run_step
 
 if TYPE_CHECKING:
     from forward.solution import SurfaceSolution
@@ -265,15 +264,5 @@ STEPS: dict[str, Callable[..., None]] = {
 }  # fmt: skip
 
 
-def main() -> None:
-    """Run one step from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("step", choices=STEPS)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("key", nargs="*")
-    arguments = parser.parse_args()
-    STEPS[arguments.step](arguments.folder, Settings.read(arguments.folder), *arguments.key)
-
-
 if __name__ == "__main__":
-    main()
+    run_step(__doc__, STEPS, Settings)
