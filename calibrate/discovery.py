@@ -271,27 +271,26 @@ def close_loop(
 ) -> Discovery:
     """Rounds of tests and additions from a base fit, see `discover`."""
     rounds: list[Round] = []
-    review, reviewed = Review(), set()
+    reviews: dict[frozenset[str], Review] = {}  # of models with more than one effect, by their names
     while True:
         say(f"round {len(rounds) + 1}: testing effects")
         now = _round(problem, state, effects, whole_table, seed, say)
         added, names = None, frozenset(a.effect.name for a in state.additions)
-        if len(names) > 1 and names not in reviewed:
-            reviewed.add(names)
-            now, review, added = _review(problem, now, effects, seed, say)
+        if len(names) > 1 and names not in reviews:
+            now, reviews[names], added = _review(problem, now, effects, seed, say)
         enough = len(names) >= NAMED and _small(rounds[0], now)
         if added is None and len(names) < MOST and not enough:
             now, added = _extend(problem, now, say)
         rounds.append(now)
         if added is None:
-            return _conclude(problem, tuple(rounds), review)
+            return _conclude(problem, tuple(rounds), reviews.get(names, Review()))
         state = _without_idle(problem, added)
         weighted = diagnosis.reweighted(problem, state)  # those of a base that makes up for an effect are wrong
         weighted, state = diagnosis.settled(weighted, state.c, state.additions)
         if _grows(now, *(misfit(weighted, state.c, state.additions, held) for held in (False, True))):
             remark = f"{now.added}: with the weights that belong to it, the errors are larger than without it"
             rounds[-1] = replace(now, added=None, group=(), remarks=(*now.remarks, remark))
-            return _conclude(problem, tuple(rounds), review)
+            return _conclude(problem, tuple(rounds), reviews.get(names, Review()))
         problem = weighted
 
 
@@ -478,7 +477,11 @@ def _review(
     if not exchanged:
         return now, Review(gains, groups), None
     remark = f"{exchanged[1]} takes the place of {exchanged[0]}: beside the other effects it explains more"
-    return replace(now, added=exchanged[1], group=(exchanged[1],), remarks=(*now.remarks, remark)), Review(), best
+    return (
+        replace(now, added=exchanged[1], group=(exchanged[1],), remarks=(*now.remarks, remark)),
+        Review(gains, groups),
+        best,
+    )
 
 
 def _alike(row: Row, significant: Sequence[Row]) -> list[str]:
