@@ -136,9 +136,11 @@ class Chain:
     def pulled_back(self, c: Array, additions: Additions, forces: Array) -> Array:
         """K^T forces (t, n, 2) of forces (t, 2 v), N; K: tangent of the base at the displacements that additions correct."""
         F, correction = self._corrected(additions)
-        pairs = zip(F, forces, strict=True)
-        duals = np.array([self.system.pulled_back(self.basis, f, c, force) for f, force in pairs])
-        return correction(duals[None])[0]
+        virtual = np.asarray(forces).reshape(len(F), 2, -1) @ self.virtual
+        change = virtual.reshape(len(F), 2, -1, 2).swapaxes(1, 2)[None]  # the tangent has an energy: K^T is K
+        dual = np.asarray(_base_pushed(self.kind, self.arrays, jnp.asarray(c), jnp.asarray(F), change))[0]
+        nodal = np.moveaxis(dual, 2, 0).reshape(2 * len(F), -1) @ self.system.gradient
+        return correction(np.moveaxis(nodal.reshape(2, len(F), -1), 0, -1)[None])[0]
 
     def spread_of_noise(self, c: Array, additions: Additions, factor: sp.csr_array) -> list[Array]:
         """K B (2 v, 2 s), N, of every increment, with B the factor (n, s) of the noise."""

@@ -419,20 +419,20 @@ def excess(
     additions: Additions,
     U: Array,
     scale: Array,
+    S: Array,
     hidden: list[list[Array]],
 ) -> Array:
-    """(p, p): what `hidden_noise` adds to M, by the signatures of the last addition beside the columns U.
+    """(p, p): what `hidden_noise` adds to M, by the signature S (N, p), times scale (p,), of the last addition beside U.
 
     The noise that shows in the residual has been taken out, that which does not is independent of it: the score has the
     variance M, but its slope is M less this, so that the amplitude is -(M - excess)^-1 g.
     """
     total = np.zeros((len(scale), len(scale)))
-    plain = signature(problem, chains, c, additions)
     for sample in hidden:
         moved = [chain.disturbed(z) for chain, z in zip(chains, sample, strict=True)]
-        S = (signature(problem, moved, c, additions) - plain) * scale
-        S = S - U @ (U.T @ S)
-        total += S.T @ S / len(hidden)
+        change = signature(problem, moved, c, additions) * scale - S
+        change = change - U @ (U.T @ change)
+        total += change.T @ change / len(hidden)
     return total
 
 
@@ -593,7 +593,7 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
             if one.effect.rough and problem.noise_is_known:
                 others = tuple(a for a in additions if a is not one)
                 hidden = hidden_noise(problem, chains, c, additions)
-                N[own, own] = excess(problem, chains, c, (*others, one), base, scale[own], hidden)
+                N[own, own] = excess(problem, chains, c, (*others, one), base, scale[own], S[:, own], hidden)
             start += size
         values, vectors = np.linalg.eigh(less(M, N))
         inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
@@ -851,8 +851,9 @@ def examine(
     best: Score | None = None
     blocks, absorbed_most = [], 1.0
     shapes = effect.shape_values(problem.trained[0].chain.data)
+    single = len(shapes) == 1
     for shape in shapes:
-        one, Q = examine_shape(problem, state, Addition(effect, null, tuple(shape)), U, r, correct=False)
+        one, Q = examine_shape(problem, state, Addition(effect, null, tuple(shape)), U, r, hidden, correct=single)
         absorbed_most = min(absorbed_most, one.absorbed)
         if one.status != "tested":
             continue
@@ -863,7 +864,7 @@ def examine(
         return Score(effect, "absorbed", "the base model can do the same", absorbed=absorbed_most), np.zeros(
             (len(r), 0)
         )
-    if effect.rough and problem.noise_is_known:
+    if not single and effect.rough and problem.noise_is_known:
         best = examine_shape(problem, state, Addition(effect, null, best.shape), U, r, hidden)[0]
     p = min(1.0, len(blocks) * float(stats.chi2.sf(best.score, best.degrees)))
     return replace(best, p_value=p), np.concatenate(blocks, axis=1)
@@ -899,7 +900,7 @@ def examine_shape(
     inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
     if correct and effect.rough and problem.noise_is_known:
         hidden = hidden_noise(problem, state.chains, state.c, state.additions) if hidden is None else hidden
-        inverse = np.linalg.inv(less(M, excess(problem, state.chains, state.c, additions, U, typical, hidden)))
+        inverse = np.linalg.inv(less(M, excess(problem, state.chains, state.c, additions, U, typical, S, hidden)))
     a = -inverse @ g
     spread = np.sqrt(np.diag(inverse @ M @ inverse))
     null = np.array([p.null for p in effect.amplitudes])

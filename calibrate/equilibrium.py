@@ -99,13 +99,6 @@ class Equilibrium:
                 blocks[i].append(self.virtual_gradients @ modulus @ self.gradient)
         return blocks
 
-    def pulled_back(self, basis: Basis, F: Array, c: Array, weights: Array) -> Array:
-        """K^T weights (n_nodes, 2) of one increment, with K = `tangent` and weights (2 n_fields,) of the equations."""
-        m, v = len(F), self.fields.n_fields
-        fields = np.stack([self.virtual_gradients.T @ w for w in (weights[:v], weights[v:])])
-        dual = np.einsum("miakb,ima->mkb", tangent_modulus(basis, F, c), fields.reshape(2, m, 2))
-        return np.stack([self.gradient.T @ dual[:, k].ravel() for k in (0, 1)], axis=1)
-
     def internal_forces(self, P: Array) -> Array:
         """Internal virtual work (..., 2 n_fields), N, of first Piola-Kirchhoff stresses (..., m, 2, 2)."""
         leading = P.shape[:-3]

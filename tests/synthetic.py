@@ -191,12 +191,15 @@ def plate_experiment(
 
 
 def with_noise(experiment: Experiment, noise: Noise, seed: int) -> Experiment:
-    """Add correlated displacement noise and force noise drawn from `noise`."""
+    """Add correlated displacement noise and force noise drawn from `noise`.
+
+    The symmetric root of the covariance is unique; with eigenvectors alone, a seed would give other noise on another machine.
+    """
     rng = np.random.default_rng(seed)
     distance2 = ((experiment.points[:, None] - experiment.points[None]) ** 2).sum(axis=2)
     covariance = np.exp(-distance2 / (2 * noise.correlation_length**2))
     values, vectors = np.linalg.eigh(covariance)
-    factor = noise.displacement_std * vectors * np.sqrt(np.maximum(values, 0))
+    factor = noise.displacement_std * (vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T
     shape = experiment.displacements.shape
     u = np.einsum("na,tak->tnk", factor, rng.standard_normal((shape[0], factor.shape[1], 2)))
     loaded = tuple(replace(b, force=noisy_force(b.force, noise, rng)) for b in experiment.loaded)

@@ -152,14 +152,17 @@ def test_sources_are_the_derivative_of_the_correction():
     assert np.abs(segment).max() > 0
 
 
-def test_weights_are_pulled_back_by_the_transposed_tangent():
+def test_forces_are_pulled_back_by_the_transposed_tangent():
+    """Adjoint identity with the derivative of the residual along a displacement, by finite differences."""
     system = equilibrium(sheet())
-    basis = SingleBasis(0, 1.0, 8)
-    c, F = neo_hooke(basis, 0.3), system.deformation_gradients[3]
-    weights = np.random.default_rng(5).standard_normal(2 * system.fields.n_fields)
-    K, (x, y) = system.tangent(basis, F, c), np.split(weights, 2)
-    expected = np.stack([K[0][k].T @ x + K[1][k].T @ y for k in (0, 1)], axis=1)
-    np.testing.assert_allclose(system.pulled_back(basis, F, c, weights), expected, atol=1e-12 * abs(expected).max())
+    basis = basis_for("I1", 1.01 * system.deformation_gradients.reshape(-1, 2, 2), 8)
+    chain, c = Chain(system, basis), neo_hooke(basis, 0.3) * np.linspace(1.0, 1.4, basis.n_functions)
+    rng = np.random.default_rng(5)
+    forces, direction = (rng.standard_normal(shape) for shape in (system.loads.shape, chain.data.u.shape))
+    ends = [chain.disturbed(sign * 1e-6 * direction).with_additions(c) for sign in (1, -1)]
+    slope = (ends[0] - ends[1]) / 2e-6
+    back = chain.pulled_back(c, (), forces)
+    np.testing.assert_allclose((back * direction).sum(axis=(1, 2)), (forces * slope).sum(axis=1), rtol=1e-6)
 
 
 def test_prediction_is_judged_with_the_uncertainty_of_the_fit():

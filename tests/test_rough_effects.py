@@ -88,20 +88,25 @@ def test_excess_is_what_noise_adds_to_a_signature():
     clean = chain.disturbed(smoothed().displacements - np.asarray(chain.data.u))
     exact = diagnosis.signature(problem, [clean], base.c, thick)
     exact = exact - base.columns @ (base.columns.T @ exact)
+    factor = noise_model.noise_factor(smoothed().points, NOISE)
     added, estimated = [], []
-    for seed in range(6):
-        moved = chain.disturbed(noisy(seed).displacements - np.asarray(chain.data.u))
+    for seed in range(40):
+        noise = noise_model.sample(factor, np.random.default_rng(seed), smoothed().n_increments)
+        moved = clean.disturbed(noise)
         r = problem.white([moved.with_additions(base.c)]) - problem.white([clean.with_additions(base.c)])
         seen = diagnosis.visible_noise(problem, base.c, (), r)[0]
-        S = diagnosis.signature(problem, [moved.disturbed(-seen)], base.c, thick)
-        S = S - base.columns @ (base.columns.T @ S)
-        added.append(float((S**2).sum() - (exact**2).sum()))
         chains = [moved.disturbed(-seen)]
-        hidden = diagnosis.hidden_noise(problem, chains, base.c, ())
-        N = diagnosis.excess(problem, chains, base.c, thick, base.columns, np.ones(1), hidden)
-        estimated.append(float(N[0, 0]))
+        plain = diagnosis.signature(problem, chains, base.c, thick)
+        S = plain - base.columns @ (base.columns.T @ plain)
+        added.append(float((S**2).sum() - (exact**2).sum()))
+        if seed < 6:
+            hidden = diagnosis.hidden_noise(problem, chains, base.c, ())
+            N = diagnosis.excess(problem, chains, base.c, thick, base.columns, np.ones(1), plain, hidden)
+            estimated.append(float(N[0, 0]))
+    error = np.std(added) / np.sqrt(len(added))
+    assert error < 0.1 * np.mean(estimated)
     assert np.mean(estimated) > 0.1 * float((exact**2).sum())
-    assert np.mean(added) == pytest.approx(np.mean(estimated), rel=0.15)
+    assert abs(np.mean(added) - np.mean(estimated)) < 2.5 * error
 
 
 def test_information_left_is_never_less_than_a_share():
