@@ -5,7 +5,7 @@ An addition acts at one of three places of the stored energy or stress of the ba
     P = (1 - D) d/dF { s(X) [psi + additions of energy] },
 
 an energy (fibres, a second invariant), a field s(X) over the sheet, or a factor 1 - D that depends on x = I1 - 3 and on
-its largest value so far. Viscosity and compressibility change what is solved for and are read by `forward.inelastic`.
+its largest value so far. Viscosity, permanent set and compressibility change what is solved for and are read by `forward.inelastic`.
 Values reach the forms as constants, so that one compilation serves every value of them.
 """
 
@@ -140,6 +140,18 @@ class Payne(Addition):
 
 
 @dataclass(frozen=True)
+class PermanentSet:
+    """Of the chains, exp(-a x_max) are as made; those that broke on the way are formed anew without stress, in the state
+    they broke in, as Gaussian chains with the shear modulus of the material (Tobolsky 1960)."""
+
+    a: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.a) and self.a >= 0):
+            raise MaterialError(f"permanent set: a = {self.a}; give a finite number that is not negative")
+
+
+@dataclass(frozen=True)
 class Prony:
     """Overstress Q of the in-plane second Piola-Kirchhoff stress S: Q' + Q / tau = g S' (Simo 1987). tau in s."""
 
@@ -153,7 +165,7 @@ class Prony:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A thin sheet: base material, thickness (mm), additions, viscosity or none, bulk modulus (MPa) or incompressible.
+    """A thin sheet: base material, thickness (mm), additions, viscosity, permanent set, bulk modulus (MPa) or incompressible.
 
     Compressible: psi of the invariants of the volume-preserving part of F, and kappa / 2 (J - 1)^2.
     """
@@ -162,18 +174,21 @@ class Sheet:
     thickness: float = 1.0
     additions: tuple[Addition, ...] = ()
     prony: Prony | None = None
+    permanent_set: PermanentSet | None = None
     bulk_modulus: float | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.thickness) and self.thickness > 0):
             raise MaterialError(f"thickness {self.thickness} mm: give a positive number")
+        if self.permanent_set is not None and self.bulk_modulus is not None:
+            raise MaterialError("a compressible sheet has no permanent set here; give one of the two only")
         if self.bulk_modulus is not None and not (math.isfinite(self.bulk_modulus) and self.bulk_modulus > 0):
             raise MaterialError(f"bulk modulus {self.bulk_modulus} MPa: give a positive number, or none")
 
     @property
     def softens(self) -> bool:
         """Whether the stress depends on the largest deformation so far."""
-        return any(type(a).factor is not Addition.factor for a in self.additions)
+        return self.permanent_set is not None or any(type(a).factor is not Addition.factor for a in self.additions)
 
     def energy(self, I1: Any, I2: Any, C: Any, X: Any, material: Any, additions: Sequence[Any]) -> Any:
         """Energy, MPa, without that of the volume; material and additions: the values as constants."""
@@ -199,5 +214,6 @@ class Sheet:
             "thickness": self.thickness,
             "additions": [a.to_dict() for a in self.additions],
             "prony": None if self.prony is None else asdict(self.prony),
+            "permanent_set": None if self.permanent_set is None else asdict(self.permanent_set),
             "bulk_modulus": self.bulk_modulus,
         }

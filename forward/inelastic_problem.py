@@ -5,6 +5,8 @@ Plane stress as in `forward.problem`, with the additions of `forward.effects`. S
 - the largest x = I1 - 3 so far;
 - S and Q of viscosity. Between two steps S is linear in time, so that with z = dt / tau
   Q = exp(-z) Q_old + g (1 - exp(-z)) / z (S - S_old);
+- A and A33 of permanent set: shares of the chains formed anew, times C^-1 and 1 / C33 of the state they were formed in,
+  so that their energy is mu / 2 (tr(C A) + C33 A33), but for a constant;
 - F33 of a compressible sheet, from P33 = 0 by Newton's method at each point, condensed from the tangent.
 """
 
@@ -46,7 +48,14 @@ class InelasticProblem(PlaneStressProblem):
     def commit(self) -> None:
         """Take the present state as the past of the next step."""
         if self.sheet.softens:
-            _set(self._largest, np.maximum(_get(self._largest), self._at_points(self._x)))
+            old = _get(self._largest)
+            _set(self._largest, np.maximum(old, self._at_points(self._x)))
+            if self.sheet.permanent_set is not None:
+                a = self.sheet.permanent_set.a
+                broken = np.exp(-a * old) - np.exp(-a * _get(self._largest))
+                state = self._at_points(self._state)
+                _set(self._A, _get(self._A) + broken[..., None, None] * state[..., :4].reshape(*old.shape, 2, 2))
+                _set(self._A33, _get(self._A33) + broken * state[..., 4])
         if self.sheet.prony is not None:
             S = self._at_points(self._S)
             Q = float(self._decay.value) * _get(self._Q) + float(self._gain.value) * (S - _get(self._S_old))
@@ -78,13 +87,23 @@ class InelasticProblem(PlaneStressProblem):
         if sheet.softens:
             self._largest, x = self._function(()), I1 - 3
             self._x = self._expression(x)
-            elastic *= sheet.factor(x, ufl.max_value(self._largest, x), additions)
+            largest = ufl.max_value(self._largest, x)
+            elastic *= sheet.factor(x, largest, additions)
         P = elastic
         if sheet.prony is not None:
             self._decay, self._gain = constant(domain, 0.0), constant(domain, 0.0)
             self._Q, self._S_old = self._function((2, 2)), self._function((2, 2))
             self._S = self._expression(ufl.inv(F) * elastic)
             P = (1 + self._gain) * elastic + F * (self._decay * self._Q - self._gain * self._S_old)
+        if sheet.permanent_set is not None:
+            self._A, self._A33 = self._function((2, 2)), self._function(())
+            inverse = ufl.inv(C)
+            self._state = self._expression(
+                ufl.as_vector([inverse[0, 0], inverse[0, 1], inverse[1, 0], inverse[1, 1], 1 / F33**2])
+            )
+            a = constant(domain, float(sheet.permanent_set.a))
+            mu = constant(domain, float(sheet.material.shear_modulus))
+            P = ufl.exp(-a * largest) * P + ufl.diff(mu / 2 * (ufl.tr(C * self._A) + F33**2 * self._A33), F)
         test, step = ufl.TestFunction(self.V), ufl.TrialFunction(self.V)
         forces = h * ufl.inner(P, ufl.grad(test)) * dx
         tangent = ufl.derivative(forces, self.u, step)

@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def plans(arguments: argparse.Namespace) -> list[Plan]:
     """All trials, mixed so that a run that is stopped has some of each. Raises `ConfigError`."""
     from calibrate.errors import ConfigError
-    from studies.blind_effects import FREQUENT
+    from studies.blind_effects import FREQUENT, LATER
 
     effects = list(FREQUENT)
     if arguments.only is not None:
@@ -67,10 +67,15 @@ def plans(arguments: argparse.Namespace) -> list[Plan]:
     if min(n, nulls, pairs) < 0 or n + nulls + pairs == 0:
         raise ConfigError("--trials, --nulls and --pairs count trials; give numbers that are not negative")
     seeds = count(arguments.seed)  # every trial its own: effects of one seed would share material, specimen and noise
-    single = [Plan(next(seeds), (name,), k % ABSENT == 0) for k in range(n) for name in effects]
+
+    def hiding(names: Sequence[str]) -> list[Plan]:
+        return [Plan(next(seeds), (name,), k % ABSENT == 0) for k in range(n) for name in names]
+
+    single = hiding([name for name in effects if name not in LATER])
     none = [Plan(next(seeds)) for _ in range(nulls)]
     both = [Plan(next(seeds), PAIRS[i % len(PAIRS)]) for i in range(pairs)]
-    ranked = [(k / max(len(group), 1), plan) for group in (single, none, both) for k, plan in enumerate(group)]
+    later = hiding([name for name in effects if name in LATER])
+    ranked = [(k / max(len(group), 1), plan) for group in (single, none, both, later) for k, plan in enumerate(group)]
     return [plan for _, plan in sorted(ranked, key=lambda pair: pair[0])]
 
 

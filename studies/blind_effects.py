@@ -85,6 +85,10 @@ def _payne(rng, s):
     return {"r": log_uniform(rng, 0.03, 0.6)}, {"x0": log_uniform(rng, 0.02, 0.5)}, {}
 
 
+def _permanent_set(rng, s):
+    return {"a": log_uniform(rng, 0.01, 0.15)}, {}, {}
+
+
 def _thickness(rng, s):
     h = float(rng.uniform(1, 6))
     return {"b": h**2 / 12}, {}, {"thickness": h}
@@ -145,6 +149,7 @@ MATERIAL: dict[str, Draw] = {
     "viscoelasticity": _viscoelasticity,
     "Mullins softening": _mullins,
     "Payne softening": _payne,
+    "permanent set": _permanent_set,
     "3D effect of thickness": _thickness,
 }
 RECORDING: dict[str, Draw] = {
@@ -161,8 +166,9 @@ RECORDING: dict[str, Draw] = {
 }
 EFFECTS = {**MATERIAL, **RECORDING}
 GAUGES = ("force gain", "DIC scale")
-FREQUENT = tuple(name for name in EFFECTS if name not in GAUGES)
-UNLOADING = ("Mullins softening", "Payne softening")
+LATER = ("permanent set",)  # their seeds come after all others, so that runs from before them keep their trials
+FREQUENT = (*(name for name in EFFECTS if name not in (*GAUGES, *LATER)), *LATER)
+UNLOADING = ("Mullins softening", "Payne softening", "permanent set")
 SOLID = "3D effect of thickness"
 
 

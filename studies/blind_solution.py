@@ -154,6 +154,8 @@ def sheet(trial: Trial) -> Sheet:
                 additions.append(laws.Mullins(a["r"]))
             case "Payne softening":
                 additions.append(laws.Payne(a["r"], s["x0"]))
+            case "permanent set":
+                changes["permanent_set"] = laws.PermanentSet(a["a"])
     return laws.Sheet(trial.material, trial.thickness, tuple(additions), **changes)
 
 

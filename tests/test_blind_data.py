@@ -11,7 +11,7 @@ from calibrate.chain import Addition, Chain
 from calibrate.effects import CATALOGUE
 from calibrate.equilibrium import equilibrium, neo_hooke
 from calibrate.experiment import Experiment
-from forward.effects import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, Prony
+from forward.effects import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, PermanentSet, Prony
 from studies import blind_solution
 from studies.blind_data import HISTORIES, RAMP, draw, label, make, write
 from studies.blind_effects import EFFECTS, FREQUENT, GAUGES, SOLID, UNLOADING
@@ -167,6 +167,8 @@ def test_sheets_take_the_drawn_numbers():
         assert sheet(trial).additions == (make_addition(hidden.amplitudes, hidden.shape, hidden.more),)
     trial = plate("compressibility")
     assert sheet(trial).bulk_modulus == pytest.approx(1 / trial.effects[0].amplitudes["beta"])
+    trial = plate("permanent set")
+    assert sheet(trial).permanent_set == PermanentSet(trial.effects[0].amplitudes["a"])
     trial = plate("viscoelasticity")
     assert sheet(trial).prony == Prony(trial.effects[0].amplitudes["g"], trial.effects[0].shape["tau"])
 

@@ -15,9 +15,11 @@ from calibrate.effects.branches import motion
 from calibrate.effects.camera import LensDistortion, OutOfPlane, UnmeasuredStrip, undistorted
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.fibres import reinforcement
+from calibrate.effects.history import PermanentSet
 from calibrate.effects.load import Lag
 from calibrate.effects.recovery import second_derivatives
 from calibrate.effects.thickness import Thickness
+from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import Viscosity
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment, LoadedBoundary
@@ -103,8 +105,9 @@ def test_what_the_data_lack_is_named(chain):
     experiment = chain.system.experiment
     ramp = Data.of(experiment.select([0, 1, 2]))
     lacking = {effect.name: effect.missing(ramp) for effect in CATALOGUE}
-    assert lacking["Mullins softening"] == lacking["Payne softening"] == "unloading"
-    assert {name for name, what in lacking.items() if what} == {"Mullins softening", "Payne softening"}
+    assert {name: what for name, what in lacking.items() if what} == dict.fromkeys(
+        ("Mullins softening", "Payne softening", "permanent set"), "unloading"
+    )
     from dataclasses import replace
 
     timeless = Data.of(replace(experiment, time=None))
@@ -121,6 +124,32 @@ def test_viscous_overstress_of_a_ramp(chain):
     P = F * jnp.asarray(time)[:, None, None, None]
     found = Viscosity().stress(chain.data, F, P, jnp.array([0.3]), jnp.array([2.0]), None) - P
     np.testing.assert_allclose(found[:, 0, 0, 0], 0.3 * 2.0 * (1 - np.exp(-time / 2.0)), rtol=1e-12)
+
+
+def test_permanent_set_of_two_networks(chain):
+    """Green and Tobolsky (1946): a strip whose chains broke at one stretch is free of force at a larger one than before."""
+    made, a = 2.0, 0.3
+    left = np.exp(-a * (made**2 + 2 / made - 3))
+    free = ((left + (1 - left) * made) / (left + (1 - left) / made**2)) ** (1 / 3)
+    assert free > 1.1
+
+    def law(f):  # neo-Hooke in plane stress
+        return f - jnp.linalg.inv(f).T / jnp.linalg.det(f) ** 2
+
+    F = jnp.array([jnp.diag(jnp.array([s, s**-0.5])) for s in (made, free)])[:, None]
+    P = jax.vmap(jax.vmap(law))(F)
+    found = np.asarray(PermanentSet().stress(chain.data, F, P, jnp.array([a]), (), law))
+    np.testing.assert_allclose(found[0], left * P[0], rtol=1e-12)  # what broke carries nothing yet
+    np.testing.assert_allclose(found[1, 0], np.zeros((2, 2)), atol=1e-12)
+
+
+def test_upturn_is_the_third_term_of_yeoh(chain):
+    """P = 2 W' (F - F^-T / det(F)^2) with W = c30 (I1 - 3)^3."""
+    f = np.array([[1.4, 0.1], [0.2, 0.9]])
+    F, det = jnp.asarray(f)[None, None], np.linalg.det(f)
+    found = Upturn().stress(chain.data, F, jnp.zeros_like(F), jnp.array([0.02]), (), None)
+    slope = 3 * 0.02 * ((f**2).sum() + det**-2 - 3) ** 2
+    np.testing.assert_allclose(found[0, 0], 2 * slope * (f - np.linalg.inv(f).T / det**2), rtol=1e-12)
 
 
 def test_fibre_stress_is_the_slope_of_its_energy():

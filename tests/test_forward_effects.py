@@ -9,7 +9,7 @@ from scipy.special import erf
 
 from forward import ArrudaBoyce, Loading, MooneyRivlin, NeoHooke, Yeoh
 from forward._dolfinx import MPI
-from forward.effects import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, Prony, Sheet
+from forward.effects import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, PermanentSet, Prony, Sheet
 from forward.errors import ConvergenceError, LoadingError, MaterialError
 from forward.inelastic import solve_history
 from forward.inelastic_problem import InelasticProblem
@@ -238,6 +238,20 @@ def test_payne_softening(strip):
     np.testing.assert_allclose(force(found), stress * (1 + 0.5 * np.exp(-largest / 0.2)) * 2 * W * H, rtol=1e-8)
 
 
+def test_permanent_set(strip):
+    """Of networks formed at the ends of the steps; and a sheet at rest again is in compression: it has become longer."""
+    factors = [*FACTORS, 0.0]
+    found = solve_history(strip, Sheet(NEO, H, permanent_set=PermanentSet(0.4)), PULL, factors, np.arange(1, 10))
+    stretch, largest = 1 + np.array(factors), 1 + np.array([*LARGEST, 0.8])
+    left = np.exp(-0.4 * uniaxial(NEO, largest)[1])
+    broken = -np.diff(left, prepend=1.0)
+    expected = left * uniaxial(NEO, stretch)[0]
+    for i, made in enumerate(stretch):
+        expected[i:] += broken[i] * uniaxial(NEO, stretch[i:] / made)[0] / made
+    np.testing.assert_allclose(force(found), expected * 2 * W * H, rtol=1e-7, atol=1e-9)
+    assert force(found)[-1] < 0
+
+
 def test_additions_add_up(strip):
     """A gradient side by side, softened, with viscosity so slow that it multiplies the stress."""
     sheet = Sheet(NEO, H, (Gradient(0.0, 0.5, 2 * L), Mullins(0.3)), prony=Prony(0.2, 1e7))
@@ -257,6 +271,8 @@ def test_additions_add_up(strip):
         lambda: Prony(0.1, 0.0),
         lambda: Sheet(NEO, 0.0),
         lambda: Sheet(NEO, bulk_modulus=-1.0),
+        lambda: PermanentSet(-0.1),
+        lambda: Sheet(NEO, permanent_set=PermanentSet(0.1), bulk_modulus=100.0),
     ],
 )
 def test_impossible_sheets(make):

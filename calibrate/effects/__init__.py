@@ -8,15 +8,17 @@ from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.effect import Data, Effect, Parameter
 from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
 from calibrate.effects.field import StiffnessField, StiffnessGradient
-from calibrate.effects.history import Mullins, Payne
+from calibrate.effects.history import Mullins, Payne, PermanentSet
 from calibrate.effects.load import ForceGain, ForceOffset, Lag, Rotation
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.thickness import Thickness
+from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import SecondViscosity, Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
 
 CATALOGUE: tuple[Effect, ...] = (
     SecondInvariant(),
+    Upturn(),
     Compressibility(),
     OneFibreFamily(),
     TwoFibreFamilies(),
@@ -25,6 +27,7 @@ CATALOGUE: tuple[Effect, ...] = (
     Viscosity(),
     Mullins(),
     Payne(),
+    PermanentSet(),
     Thickness(),
     ForceOffset(),
     ForceGain(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.lax
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -69,3 +69,38 @@ class Payne(Effect):
 
     def stress(self, data, F, P, a, shape, law):
         return P * (1.0 + a[0] * jnp.exp(-excess(F)[1] / shape[0]))[..., None, None]
+
+
+@dataclass(frozen=True)
+class PermanentSet(Effect):
+    """Chains that break as x = I1 - 3 grows are formed anew, without stress, in the deformed state (Green and Tobolsky 1946).
+
+    Those that broke in an increment have its deformation G as their reference: P = law(F G^-1) G^-T.
+    """
+
+    name = "permanent set"
+    stage = "material"
+    of_material = True
+    formula = "exp(-a x_max) P(F) + sum of (broken at G) P(F G^-1) G^-T"
+    amplitudes = (Parameter("a", "1", lower=0.0, typical=0.05),)
+    decided_by = "unloading to zero force, and a pause there"
+
+    def missing(self, data):
+        from calibrate.chain import gradients
+
+        return lacks_unloading(data, gradients(data, data.u))
+
+    def stress(self, data, F, P, a, shape, law):
+        whole = jnp.exp(-a[0] * excess(F)[1])
+        broken = -jnp.diff(whole, axis=0, prepend=1.0)
+        inverse = jnp.linalg.inv(F)
+
+        def formed(f, share, g):
+            return share * law(f @ g) @ g.T
+
+        def stress(index, f):
+            past = (jnp.arange(len(F)) < index)[:, None]
+            each = jax.vmap(jax.vmap(formed), (None, 0, 0))(f, jnp.where(past, broken, 0.0), inverse)
+            return each.sum(axis=0)
+
+        return whole[..., None, None] * P + jax.lax.map(lambda both: stress(*both), (jnp.arange(len(F)), F))

@@ -1,0 +1,31 @@
+"""Upturn: psi + c30 (I1 - 3)^3, the stiffening of a network whose chains are nearly straight (Yeoh 1993).
+
+A base of splines takes it up, so that it can be told only beside a base with few parameters, such as neo-Hooke, and where
+the data reach far enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+
+from calibrate.effects.effect import Effect, Parameter
+from calibrate.kinematics import invariants
+
+
+@dataclass(frozen=True)
+class Upturn(Effect):
+    """P gains 3 c30 (I1 - 3)^2 dI1/dF."""
+
+    name = "upturn"
+    stage = "material"
+    of_material = True
+    formula = "psi + c30 (I1 - 3)^3"
+    amplitudes = (Parameter("c30", "MPa", lower=0.0, typical=0.003),)
+    decided_by = "a test to a larger stretch"
+
+    def stress(self, data, F, P, a, shape, law):
+        slope = jax.vmap(jax.grad(lambda f: (invariants(f)[0] - 3.0) ** 3))(F.reshape(-1, 2, 2))
+        return P + a[0] * jnp.reshape(slope, F.shape)
