@@ -39,12 +39,12 @@ def diagnose(experiment: Any) -> dict[str, float]:
     """CPU s of each stage of one diagnosis, and of signatures by differences."""
     import numpy as np
 
-    from calibrate import diagnosis, discovery
+    from calibrate import discovery, effect_fit, effect_score
     from calibrate.chain import Addition
 
     times: dict[str, float] = {}
-    problem, base = timed(times, "base model", lambda: diagnosis.prepare([experiment], [discovery.HoldOut().training]))
-    scores = timed(times, "tests of the catalogue", lambda: diagnosis.score(problem, base))
+    problem, base = timed(times, "base model", lambda: effect_fit.prepare([experiment], [discovery.HoldOut().training]))
+    scores = timed(times, "tests of the catalogue", lambda: effect_score.score(problem, base))
     tested = [s.effect for s in scores if s.status == "tested"]
 
     def differences() -> None:

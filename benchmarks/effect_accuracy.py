@@ -80,17 +80,17 @@ def observed(case: Case, size: float, specimen: str, seed: int = SEED) -> Any:
 
 def fitted(experiment: Any, name: str) -> tuple[Any, Any]:
     """Base alone, and base and effect fitted together from the best shape of the effect's grid."""
-    from calibrate import diagnosis, discovery
+    from calibrate import discovery, effect_fit, effect_score
     from calibrate.chain import Addition
     from calibrate.effects import CATALOGUE
 
     effect = next(e for e in CATALOGUE if e.name == name)
-    problem, base = diagnosis.prepare([experiment], [discovery.HoldOut().training])
+    problem, base = effect_fit.prepare([experiment], [discovery.HoldOut().training])
     U = base.columns
     r = base.residual - U @ (U.T @ base.residual)
-    one, _ = diagnosis.examine(problem, base, effect, U, r)
+    one, _ = effect_score.examine(problem, base, effect, U, r)
     start = Addition(effect, one.amplitudes or tuple(p.typical for p in effect.amplitudes), one.shape)
-    return base, diagnosis.settled(problem, base.c, (start,), iterations=8)[1]
+    return base, effect_fit.settled(problem, base.c, (start,), iterations=8)[1]
 
 
 def main(words: list[str] | None = None) -> int:

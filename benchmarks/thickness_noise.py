@@ -14,7 +14,7 @@ def main(seed: int) -> None:
     """Solve, fit clean and noisy, compare."""
     import numpy as np
 
-    from calibrate import diagnosis
+    from calibrate import effect_fit, whitened
     from calibrate.chain import Addition
     from calibrate.effects.thickness import Thickness
     from studies import blind_data, blind_solution
@@ -24,8 +24,8 @@ def main(seed: int) -> None:
     noisy = blind_data.record(trial, clean)
     hidden = trial.effects[0].amplitudes["b"]
     for name, e in (("clean", replace(clean, noise=noisy.noise)), ("noisy", noisy)):
-        problem, base = diagnosis.prepare([e], [diagnosis.all_rows])
-        fit = diagnosis.settled(problem, base.c, (Addition(Thickness(), (0.3 * hidden,), ()),))[1]
+        problem, base = effect_fit.prepare([e], [whitened.all_rows])
+        fit = effect_fit.settled(problem, base.c, (Addition(Thickness(), (0.3 * hidden,), ()),))[1]
         b = fit.additions[0].amplitudes[0]
         chi = base.reduced_chi_square, fit.reduced_chi_square
         print(f"{name}: b {b:.3f} of {hidden:.3f} mm^2, reduced chi-square {chi[0]:.3g} -> {chi[1]:.3g}")
@@ -33,7 +33,7 @@ def main(seed: int) -> None:
     signatures = []
     for u in (clean.displacements, noisy.displacements):
         moved = chain.disturbed(u - np.asarray(chain.data.u))
-        s = diagnosis.signature(problem, [moved], base.c, (Addition(Thickness(), (0.0,), ()),))[:, 0]
+        s = whitened.signature(problem, [moved], base.c, (Addition(Thickness(), (0.0,), ()),))[:, 0]
         signatures.append(s - base.columns @ (base.columns.T @ s))
     exact, seen = signatures
     print(f"attenuation: {float(exact @ seen) / float(seen @ seen):.3f}")

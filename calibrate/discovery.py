@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import minimize
 
-from calibrate import diagnosis, errors
+from calibrate import effect_fit, effect_score, errors, whitened
 from calibrate.chain import Addition, Additions
-from calibrate.diagnosis import Fit, Problem, Score
+from calibrate.effect_fit import Fit
+from calibrate.effect_score import Score
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment
+from calibrate.whitened import Problem
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -156,7 +158,7 @@ class Row:
 class Round:
     """A model, its errors, the tests of what it leaves, and what was added (None: nothing). remarks: why not others.
 
-    predicted: chi-square and degrees of freedom of what was held out, see `diagnosis.predictive`.
+    predicted: chi-square and degrees of freedom of what was held out, see `effect_fit.predictive`.
     """
 
     fit: Fit
@@ -257,7 +259,7 @@ def discover(
         hold_out = HoldOut("none", None) if held or few else HoldOut()
     say("base model")
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
-    problem, state = diagnosis.prepare([*experiments, *held], train, spacing, base=base)
+    problem, state = effect_fit.prepare([*experiments, *held], train, spacing, base=base)
     return close_loop(problem, state, effects, whole_table, seed, say)
 
 
@@ -285,8 +287,8 @@ def close_loop(
         if added is None:
             return _conclude(problem, tuple(rounds), reviews.get(names, Review()))
         state = _without_idle(problem, added)
-        weighted = diagnosis.reweighted(problem, state)  # those of a base that makes up for an effect are wrong
-        weighted, state = diagnosis.settled(weighted, state.c, state.additions)
+        weighted = effect_fit.reweighted(problem, state)  # those of a base that makes up for an effect are wrong
+        weighted, state = effect_fit.settled(weighted, state.c, state.additions)
         if _grows(now, *(misfit(weighted, state.c, state.additions, held) for held in (False, True))):
             remark = f"{now.added}: with the weights that belong to it, the errors are larger than without it"
             rounds[-1] = replace(now, added=None, group=(), remarks=(*now.remarks, remark))
@@ -302,9 +304,9 @@ def _round(
     problem: Problem, state: Fit, effects: Sequence[Effect], whole: bool, seed: int, say: Callable[[str], None]
 ) -> Round:
     """Test every effect and make the table."""
-    scores = diagnosis.score(problem, state, effects, seed)
+    scores = effect_score.score(problem, state, effects, seed)
     tested = [s for s in scores if s.status == "tested"]
-    like = diagnosis.likeness(tested) if tested else np.zeros((0, 0))
+    like = effect_score.likeness(tested) if tested else np.zeros((0, 0))
     rows = []
     for i, one in enumerate(scores):
         if one.status != "tested":
@@ -321,7 +323,7 @@ def _round(
         misfit(problem, state.c, state.additions, False),  # type: ignore[arg-type]
         misfit(problem, state.c, state.additions, True),
         tuple(rows),
-        diagnosis.predictive(problem, state),
+        effect_fit.predictive(problem, state),
     )
 
 
@@ -332,14 +334,14 @@ def _fitted(problem: Problem, state: Fit, row: Row, iterations: int) -> Row:
     the model without the effect: it then did not converge.
     """
     addition = Addition(row.score.effect, row.score.amplitudes, row.score.shape)
-    if not diagnosis.loss(problem, state.c, (*state.additions, addition)) < WORSE * state.loss + state.n_rows:
+    if not whitened.loss(problem, state.c, (*state.additions, addition)) < WORSE * state.loss + state.n_rows:
         null = tuple(p.null for p in row.score.effect.amplitudes)
         addition = replace(addition, amplitudes=null)
     additions = (*state.additions, addition)
     if row.score.adjusted < ALPHA:
-        problem, new = diagnosis.settled(problem, state.c, additions, iterations)
+        problem, new = effect_fit.settled(problem, state.c, additions, iterations)
     else:
-        new = diagnosis.refit(problem, state.c, additions, iterations)
+        new = effect_fit.refit(problem, state.c, additions, iterations)
     if not new.free_loss < WORSE * state.free_loss + len(addition.amplitudes):
         return row
     return replace(
@@ -419,7 +421,7 @@ def _likes(rows: Sequence[Row]) -> dict[str, tuple[tuple[str, float], ...]]:
 
     Two families of fibres that close up are one, which no shape of the grid shows.
     """
-    cosines = diagnosis.likeness([row.score for row in rows]) if rows else np.zeros((0, 0))
+    cosines = effect_score.likeness([row.score for row in rows]) if rows else np.zeros((0, 0))
     result = {}
     for row, line in zip(rows, cosines, strict=True):
         like = dict(row.like)
@@ -455,9 +457,9 @@ def _review(
         name = one.effect.name
         say(f"without {name}")
         others = tuple(a for a in state.additions if a is not one)
-        weighted, without = diagnosis.settled(problem, state.c, others)
+        weighted, without = effect_fit.settled(problem, state.c, others)
         gains[name] = without.free_loss - state.free_loss
-        scores = [s for s in diagnosis.score(weighted, without, effects, seed) if s.status == "tested"]
+        scores = [s for s in effect_score.score(weighted, without, effects, seed) if s.status == "tested"]
         scores = [_best_shape(weighted, without, s) for s in scores[:REFINED]]
         likely = [s for s in scores if s.admissible and s.effect.name != name and s.adjusted < ALPHA]
         own = next((s for s in scores if s.effect.name == name), None)
@@ -492,7 +494,7 @@ def _alike(row: Row, significant: Sequence[Row]) -> list[str]:
         for other in significant
         if other is not row
         and other.score.admissible
-        and (cosines.get(other.name, 0.0) > diagnosis.COLLINEAR or other.score.score > row.score.score - CLOSE)
+        and (cosines.get(other.name, 0.0) > effect_score.COLLINEAR or other.score.score > row.score.score - CLOSE)
     ]
 
 
@@ -519,7 +521,7 @@ def _best_shape(problem: Problem, state: Fit, found: Score) -> Score:
         shape = tuple(float(v) for v in np.where(logarithmic, np.exp(x), x))
         if any(not p.lower <= v <= p.upper for p, v in zip(found.effect.shapes, shape, strict=True)):
             return 0.0
-        one, _ = diagnosis.examine_shape(problem, state, Addition(found.effect, null, shape), U, r)
+        one, _ = effect_score.examine_shape(problem, state, Addition(found.effect, null, shape), U, r)
         first[0] = first[0] or max(one.score, 1e-300)
         score = found.score * one.score / first[0]
         if one.status == "tested" and one.admissible >= best.admissible and score > best.score:
@@ -546,7 +548,7 @@ def _idle(addition: Addition, deviations: Sequence[float]) -> bool:
 def _without_idle(problem: Problem, state: Fit) -> Fit:
     """The fit without effects that a later one has made superfluous."""
     kept = tuple(a for a, d in zip(state.additions, state.errors, strict=True) if not _idle(a, d))
-    return state if len(kept) == len(state.additions) else diagnosis.settled(problem, state.c, kept)[1]
+    return state if len(kept) == len(state.additions) else effect_fit.settled(problem, state.c, kept)[1]
 
 
 def _conclude(problem: Problem, rounds: tuple[Round, ...], review: Review) -> Discovery:

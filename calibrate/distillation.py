@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibrate import diagnosis
-from calibrate.diagnosis import Fit, Problem
+from calibrate import whitened
+from calibrate.effect_fit import Fit
 from calibrate.fit import fit_network
 from calibrate.model import Model
 from calibrate.reduction import Quadratic
+from calibrate.whitened import Problem
 
 LAYERS, STARTS = (4, 4), 8
 SHARE, NOISE = 0.01, 4.0  # by which the loss may rise: of itself, or two standard deviations of one chi-square term
@@ -46,7 +47,7 @@ class Distilled:
 
 def quadratic(problem: Problem, fit: Fit) -> Quadratic:
     """The training loss as a quadratic form in the spline coefficients, about those of the fit."""
-    G = diagnosis.base_columns(problem, fit.chains)
+    G = whitened.base_columns(problem, fit.chains)
     target = G @ fit.c - fit.residual
     return Quadratic(problem.basis, G.T @ G, G.T @ target, float(target @ target), len(target))
 
@@ -57,7 +58,7 @@ def distil(
     """Fit PANN_I1^layers to the base of a fit. Raises `FitError`."""
     loss = quadratic(problem, fit)
     architecture, found = fit_network(loss, "I1", layers, fit.c, n_starts, seed)
-    exact = diagnosis.residual(problem, found.coefficients, fit.additions)
+    exact = whitened.residual(problem, found.coefficients, fit.additions)
     network_loss = float(exact @ exact)
     model = Model(
         architecture,

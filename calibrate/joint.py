@@ -10,7 +10,7 @@ dispersion that the whole leaves (quasi-likelihood; Burnham and Anderson 2002).
 
 The noise of the equations grows with the stiffness, so that a fit with fixed weights would pull it to zero. Here all stresses are
 scaled by the factor s that makes internal and external work agree, s = f.f / g.f of the whitened work g and loads f, and
-|s g - f|^2 is minimised by Levenberg's and Marquardt's method with exact derivatives; after every step s is made 1.
+|s g - f|^2 is minimised by Levenberg's and Marquardt's method with exact derivatives. A step is judged after s has been made 1.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate import diagnosis, errors
+from calibrate import effect_score, errors, least_squares, whitened
 from calibrate.chain import Addition, Additions
-from calibrate.diagnosis import Problem, Variables
+from calibrate.effect_fit import Variables
+from calibrate.whitened import Problem
 
 Array = NDArray[np.float64]
 PRIOR = 3.0  # typical amplitudes: standard deviation of the prior
@@ -88,17 +89,25 @@ class _Equations:
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.chains = problem, [part.chain for part in problem.trained]
-        self.loads = diagnosis.loads(problem)
-        self.columns = diagnosis.base_columns(problem, self.chains) @ problem.cone
+        self.loads = whitened.loads(problem)
+        self.columns = whitened.base_columns(problem, self.chains) @ problem.cone
 
     def residual(self, w: Array, additions: Additions) -> tuple[Array, float, Array]:
         """s g - f (N,), s and g (N,)."""
-        g = diagnosis.residual(self.problem, self.problem.cone @ w, additions) + self.loads
+        g = whitened.residual(self.problem, self.problem.cone @ w, additions) + self.loads
         product = float(g @ self.loads)
         if not product > 0:
             return np.full(len(g), np.inf), np.inf, g
         s = float(self.loads @ self.loads) / product
         return s * g - self.loads, s, g
+
+    def scaled(self, w: Array, additions: Additions) -> tuple[Array, Additions, tuple[Array, float, Array]]:
+        """Both with stresses scaled to the loads, and the residual there; an effect on the loads makes it another one."""
+        r, s, g = self.residual(w, additions)
+        if not np.isfinite(s):
+            return w, additions, (r, s, g)
+        w, additions = s * w, _stiffer(additions, s)
+        return w, additions, self.residual(w, additions)
 
     def projected(self, columns: Array, s: float, g: Array) -> Array:
         """Derivatives (N, k) of s g from those of g."""
@@ -116,7 +125,7 @@ class _Equations:
         return np.where(used, S, 0.0)
 
 
-def candidates(scores: Sequence[diagnosis.Score], nested: Sequence[str] = ()) -> Additions:
+def candidates(scores: Sequence[effect_score.Score], nested: Sequence[str] = ()) -> Additions:
     """Tested effects at their null values, with the shapes that the score test found best; amplitudes that shapes need are
     started at a third of a typical one. nested: effects left out, because a more general one holds them."""
     result = []
@@ -137,7 +146,7 @@ def fit(problem: Problem, c: Array, additions: Additions, active: frozenset[str]
     n = cone.shape[1]
     additions = tuple(a if a.effect.name in active else _nulled(a) for a in additions)
     w = np.maximum(np.linalg.lstsq(cone, c, rcond=None)[0], 0.0)
-    r, s, g = equations.residual(w, additions)
+    w, additions, (r, s, g) = equations.scaled(w, additions)
     if not np.isfinite(r).all():
         raise errors.FitError("the joint fit has no finite start: check forces and their signs")
     damping, converged = DAMPING, False
@@ -150,17 +159,15 @@ def fit(problem: Problem, c: Array, additions: Additions, active: frozenset[str]
         while damping < MOST_DAMPING:
             step = _step(A, S, r, w, variables, prior, problem, damping)
             promised = _fall(A, S, r, w, variables, prior, step) if promised is None else promised
-            tried = variables.at(step[n:] * variables.scale)
-            new = equations.residual(step[:n], tried)
-            after = float(new[0] @ new[0]) + prior.of(Variables(tried))
+            moved = equations.scaled(step[:n], variables.at(step[n:] * variables.scale))
+            after = float(moved[2][0] @ moved[2][0]) + prior.of(Variables(moved[1]))
             if after < before:
                 break
             damping = 10 * max(damping, 1e-4)
         if damping >= MOST_DAMPING:  # no step lowers the misfit: a minimum, if none promised to
             converged = promised is not None and promised < CONVERGED * prior.dispersion
             break
-        w, additions = new[1] * step[:n], _stiffer(tried, new[1])
-        r, s, g = equations.residual(w, additions)
+        w, additions, (r, s, g) = moved
         damping = max(damping / 5, 1e-8)
         if before - after < CONVERGED * prior.dispersion:
             converged = True
@@ -205,7 +212,7 @@ def _step(
     fixed = np.where(free, 0.0, now)
     target = np.concatenate([J @ now - r, np.zeros(len(smooth)), pull @ null, damp @ now]) - rows @ fixed
     low, high = np.concatenate([np.zeros(n), lower]), np.concatenate([np.full(n, np.inf), upper])
-    now[free] = diagnosis.bounded(rows[:, free], target, low[free], high[free])
+    now[free] = least_squares.bounded(rows[:, free], target, low[free], high[free])
     return now
 
 
@@ -239,7 +246,7 @@ def _finished(
         rest = np.delete(np.arange(S.shape[1]), np.arange(start, start + size))
         if a.effect.name in active:
             others = np.concatenate([A, S[:, rest], S[:, own[-1] + 1 : start + size]], axis=1)
-            Q = diagnosis.orthonormal(others) if others.any() else np.zeros((len(S), 0))
+            Q = least_squares.orthonormal(others) if others.any() else np.zeros((len(S), 0))
             left = S[:, own] - Q @ (Q.T @ S[:, own])
             M = left.T @ left / prior.dispersion
             spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(M)), 0.0)) * variables.scale[own]

@@ -50,13 +50,13 @@ def run(plan: Plan, folder: str | Path, cache: str | Path | None = None) -> str:
 
 def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     """What the diagnosis says of an Experiment; `without`: once more with these effects taken out of the catalogue."""
-    from calibrate import diagnosis, discovery
+    from calibrate import discovery, effect_fit
     from calibrate.effects import CATALOGUE
     from calibrate.experiment import Experiment
 
     start = time.process_time()
     experiment = Experiment.load(path)
-    problem, base = diagnosis.prepare([experiment], [discovery.HoldOut().training])
+    problem, base = effect_fit.prepare([experiment], [discovery.HoldOut().training])
     found = discovery.close_loop(problem, base, whole_table=False)
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:

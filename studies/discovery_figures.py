@@ -12,8 +12,8 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from calibrate.chain import Addition
-from calibrate.diagnosis import Part
 from calibrate.discovery import ALPHA, Round
+from calibrate.whitened import Part
 from studies import style
 from studies.discovery_review import (
     BAND,

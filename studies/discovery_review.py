@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.chain import Additions
-from calibrate.diagnosis import COLLINEAR, Fit, Part
 from calibrate.discovery import ALPHA, Discovery, Misfit, Round, Row
+from calibrate.effect_fit import Fit
+from calibrate.effect_score import COLLINEAR
 from calibrate.effects import Effect, Parameter
 from calibrate.experiment import Experiment
 from calibrate.extended import amplitude_unit
+from calibrate.whitened import Part
 
 Array = NDArray[np.float64]
 BAND = 1.96

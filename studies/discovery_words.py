@@ -9,8 +9,8 @@ from typing import Any
 
 from scipy import stats
 
-from calibrate.diagnosis import Fit
 from calibrate.discovery import ALPHA, GLOBAL, Round, Row
+from calibrate.effect_fit import Fit
 from calibrate.effects import Effect
 from studies.discovery_review import (
     BAND,

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate import diagnosis, reduction
+from calibrate import effect_fit, effect_score, reduction, whitened
 from calibrate.chain import Chain
-from calibrate.diagnosis import Part, Problem
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment, Noise
+from calibrate.whitened import Part, Problem
 from calibrate.whitening import covariances, whitening
 from studies.measured_loop import EVERY
 
@@ -60,14 +60,14 @@ def split_half(e: Experiment, spacing: float, seed: int = 0) -> dict[str, Any]:
     noise = Noise(factor * e.noise.displacement_std, e.noise.correlation_length, 0.0, factor * e.noise.force_std)
     odd, *even = [replace(e.select(np.arange(first, e.n_increments, 5)), noise=noise) for first in (2, 0, 1, 3, 4)]
     plain = [replace(odd, noise=None)]
-    problem, fit = diagnosis.prepare(plain, [diagnosis.all_rows], spacing, False, "positive")
+    problem, fit = effect_fit.prepare(plain, [whitened.all_rows], spacing, False, "positive")
     problem = _with_noise(problem, fit.c, odd)
-    fit = diagnosis.refit(problem, fit.c, ())
+    fit = effect_fit.refit(problem, fit.c, ())
     fields = problem.parts[0].system.fields
     here, *around = [Chain(Equilibrium(part, fields), problem.basis).with_additions(fit.c) for part in (odd, *even)]
     difference = here - sum(w[:, None] * r for w, r in zip(weights.T, around, strict=True))
     white = problem.white([difference])
-    scores = diagnosis.score(problem, replace(fit, residual=white), EVERY, seed)
+    scores = effect_score.score(problem, replace(fit, residual=white), EVERY, seed)
     tested = [s for s in scores if s.status == "tested"]
     U = fit.columns
     rest = white - U @ (U.T @ white)
@@ -86,7 +86,7 @@ def _with_noise(problem: Problem, c: Array, e: Experiment) -> Problem:
     """The same problem with the noise of e and no allowance for discretisation, which drops out of a difference."""
     system = Equilibrium(e, problem.parts[0].system.fields)
     assembled = reduction.assemble(system, problem.basis)
-    rows = diagnosis.all_rows(system)
+    rows = whitened.all_rows(system)
     noise = covariances(assembled, c)
     part = Part(
         Chain(system, problem.basis), assembled, whitening(noise, rows), whitening(noise, rows & False),

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibrate import diagnosis, joint
+from calibrate import effect_fit, effect_score, joint, whitened
 from calibrate.chain import Addition
-from calibrate.diagnosis import Fit, Problem
 from calibrate.discovery import CLOSE, GLOBAL
+from calibrate.effect_fit import Fit
 from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
 from calibrate.effects.camera import OutOfPlane
 from calibrate.effects.viscosity import Viscosity
@@ -24,6 +24,7 @@ from calibrate.effects.warp import InitialWarp, UnevenWarp
 from calibrate.experiment import Experiment
 from calibrate.extended import ExtendedModel, amplitude_unit, fingerprint
 from calibrate.joint import Joint
+from calibrate.whitened import Problem
 from studies.measured_account import Split, account, equations
 
 Array = NDArray[np.float64]
@@ -65,17 +66,17 @@ BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 def prepared(e: Experiment, fitted: Mask, spacing: float, splines: int = 1) -> tuple[Problem, Fit]:
     """Problem of the increments fitted (t,), whose base has a number of functions of I1, and its base fit."""
-    problem, _ = diagnosis.prepare([e], [lambda system: equations(system, fitted)], spacing, base="positive")
+    problem, _ = effect_fit.prepare([e], [lambda system: equations(system, fitted)], spacing, base="positive")
     problem = with_splines(problem, splines)
-    return problem, diagnosis.refit(problem, diagnosis.first_guess([problem.parts[0].assembled]), ())
+    return problem, effect_fit.refit(problem, whitened.first_guess([problem.parts[0].assembled]), ())
 
 
 def with_splines(problem: Problem, n: int) -> Problem:
     """The problem with a base energy of n functions of I1."""
-    top = max(diagnosis.trained_top(part.system, part.train.rows) for part in problem.trained)
-    start = diagnosis.first_guess([part.assembled for part in problem.trained])
-    prior = diagnosis.smoothness("positive", n) / (diagnosis.STIFFENING * float(start.max()))
-    return replace(problem, cone=diagnosis.base_cone(problem.basis, "positive", top, n), prior=prior, parametric=True)
+    top = max(whitened.trained_top(part.system, part.train.rows) for part in problem.trained)
+    start = whitened.first_guess([part.assembled for part in problem.trained])
+    prior = whitened.smoothness("positive", n) / (effect_fit.STIFFENING * float(start.max()))
+    return replace(problem, cone=whitened.base_cone(problem.basis, "positive", top, n), prior=prior, parametric=True)
 
 
 def base_name(splines: int) -> str:
@@ -93,7 +94,7 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
     say(f"{e.name}: base model")
     early = e.select(np.flatnonzero(split.fitted))
     problem, base = prepared(early, np.ones(early.n_increments, bool), spacing)
-    scores = diagnosis.score(problem, base, EFFECTS)
+    scores = effect_score.score(problem, base, EFFECTS)
     start = joint.candidates(scores, tuple(NESTED))
     say(f"{e.name}: all {len(start)} effects")
     starts = joint.whole(problem, base.c, start)

@@ -11,7 +11,17 @@ import synthetic
 from scipy import stats
 from scipy.optimize import lsq_linear, nnls
 
-from calibrate import diagnosis, discovery, discrepancy, errors, kinematics, noise_model
+from calibrate import (
+    discovery,
+    discrepancy,
+    effect_fit,
+    effect_score,
+    errors,
+    kinematics,
+    least_squares,
+    noise_model,
+    whitened,
+)
 from calibrate.basis import SingleBasis, basis_for
 from calibrate.chain import Addition, Chain
 from calibrate.effects import CATALOGUE
@@ -32,7 +42,7 @@ def sheet(c01=0.0, seed=1):
 
 @cache
 def prepared(c01=0.0, seed=1):
-    return diagnosis.prepare([sheet(c01, seed)], [discovery.HoldOut().training])
+    return effect_fit.prepare([sheet(c01, seed)], [discovery.HoldOut().training])
 
 
 NAMES = ("second invariant", "force offset", "stiffness gradient", "out-of-plane motion", "lens distortion",
@@ -71,7 +81,7 @@ def test_whitening_gives_unit_covariance():
 def test_bounded_least_squares_is_that_of_scipy():
     rng = np.random.default_rng(1)
     A, b = rng.standard_normal((40, 6)), rng.standard_normal(40)
-    x = diagnosis.bounded(A, b, np.zeros(6), np.full(6, np.inf))
+    x = least_squares.bounded(A, b, np.zeros(6), np.full(6, np.inf))
     np.testing.assert_allclose(x, nnls(A, b)[0], atol=1e-7)
 
 
@@ -80,7 +90,7 @@ def test_what_lies_beyond_columns_has_its_degrees_of_freedom():
     columns = rng.standard_normal((30, 4))
     columns = np.column_stack([columns, columns @ [1.0, 2.0, 0.0, -1.0]])
     r = rng.standard_normal(30)
-    loss, degrees = diagnosis.beyond(r + columns @ rng.standard_normal(5), columns)
+    loss, degrees = least_squares.beyond(r + columns @ rng.standard_normal(5), columns)
     assert degrees == 26
     assert loss == pytest.approx(np.sum((r - columns @ np.linalg.lstsq(columns, r, rcond=None)[0]) ** 2), rel=1e-9)
 
@@ -95,15 +105,15 @@ def test_adjusted_p_is_uniform_where_nothing_is():
     for _ in range(150):
         z = rng.standard_normal(60)
         T = [(Q[0][:, 0] @ z) ** 2, max((Q[1].T @ z) ** 2), ((Q[2].T @ z) ** 2).sum()]
-        scores = [diagnosis.Score(CATALOGUE[i], "tested", score=T[i], degrees=k) for i, k in enumerate((1, 1, 3))]
-        smallest.append(min(s.adjusted for s in diagnosis.adjust(scores, Q, 1.0, 0)))
+        scores = [effect_score.Score(CATALOGUE[i], "tested", score=T[i], degrees=k) for i, k in enumerate((1, 1, 3))]
+        smallest.append(min(s.adjusted for s in effect_score.adjust(scores, Q, 1.0, 0)))
     assert stats.kstest(smallest, "uniform").pvalue > 0.01
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5])
 def test_a_coarse_base_has_few_functions_and_neo_hooke_among_them(n):
     basis = SingleBasis(0, 2.0)
-    cone = diagnosis.base_cone(basis, "positive", 2.0, n)
+    cone = whitened.base_cone(basis, "positive", 2.0, n)
     assert cone.shape == (basis.n_functions, n)
     assert cone.sum(axis=1) == pytest.approx(neo_hooke(basis, 2.0), abs=1e-12)
 
@@ -167,9 +177,9 @@ def test_forces_are_pulled_back_by_the_transposed_tangent():
 
 def test_prediction_is_judged_with_the_uncertainty_of_the_fit():
     """The rise of the misfit is e^T (I + B (A^T A)^-1 B^T)^-1 e with the error of prediction e = s - B A^+ r."""
-    problem, _ = diagnosis.prepare([sheet()], [discovery.HoldOut().training], with_discrepancy=False)
-    state = diagnosis.refit(problem, diagnosis.first_guess([problem.parts[0].assembled]), ())
-    chi_square, degrees = diagnosis.predictive(problem, state)
+    problem, _ = effect_fit.prepare([sheet()], [discovery.HoldOut().training], with_discrepancy=False)
+    state = effect_fit.refit(problem, whitened.first_guess([problem.parts[0].assembled]), ())
+    chi_square, degrees = effect_fit.predictive(problem, state)
     part = problem.parts[0]
     F = part.system.deformation_gradients
     G = np.moveaxis(np.array([part.system.matrix(problem.basis, f) for f in F]), -1, 0)
@@ -185,12 +195,12 @@ def test_prediction_is_judged_with_the_uncertainty_of_the_fit():
 
 def test_slow_disturbances_hold_a_force_that_is_wrong_by_a_constant():
     problem, _ = prepared()
-    columns = diagnosis.slow(problem)
+    columns = whitened.slow(problem)
     part = problem.parts[0]
     wrong = np.zeros(part.shift.shape)
     wrong[:, : part.system.fields.n_fields] = part.system.fields.boundary == 0
     white = part.train(wrong)
-    Q = diagnosis.orthonormal(columns)
+    Q = least_squares.orthonormal(columns)
     assert np.linalg.norm(white - Q @ (Q.T @ white)) < 1e-6 * np.linalg.norm(white)
     assert Q.shape[1] == 88  # 4 times x 2 components x (9 places + 2 boundaries)
 
@@ -200,7 +210,7 @@ def test_a_small_transverse_force_is_seen_without_any_candidate():
     e = sheet()
     wrong = np.array([0.0, 3 * NOISE.force_std])
     moved = replace(e, loaded=tuple(replace(b, force=b.force + wrong) for b in e.loaded))
-    _, state = diagnosis.prepare([moved], [discovery.HoldOut().training])
+    _, state = effect_fit.prepare([moved], [discovery.HoldOut().training])
     (everything, n), _, (smooth, k) = state.misfits
     assert stats.chi2.sf(smooth, k) < 1e-4
     assert stats.chi2.sf(everything, n) > 0.1
@@ -238,8 +248,8 @@ def test_amplitudes_of_a_family_stay_within_their_bounds():
     problem, state = prepared(0.02)
     warp = effect("initial warp")
     U, r = state.columns, state.residual - state.columns @ (state.columns.T @ state.residual)
-    one, _ = diagnosis.examine_shape(problem, state, Addition(warp, (0.0,) * len(warp.amplitudes)), U, r)
-    S = diagnosis.signature(problem, state.chains, state.c, (Addition(warp, (0.0,) * len(warp.amplitudes)),))
+    one, _ = effect_score.examine_shape(problem, state, Addition(warp, (0.0,) * len(warp.amplitudes)), U, r)
+    S = whitened.signature(problem, state.chains, state.c, (Addition(warp, (0.0,) * len(warp.amplitudes)),))
     left = S - U @ (U.T @ S)
     bounds = [[getattr(p, end) for p in warp.amplitudes] for end in ("lower", "upper")]
     best = lsq_linear(left / np.linalg.norm(left), -r / np.linalg.norm(left), bounds, method="bvls", tol=1e-14)
@@ -261,7 +271,7 @@ def test_a_single_increment_is_not_explained_by_an_offset_of_its_force():
 
 
 def test_without_forces_among_what_is_held_out_there_is_no_force_error():
-    problem, state = diagnosis.prepare([sheet()], [discovery.HoldOut("half", "left").training])
+    problem, state = effect_fit.prepare([sheet()], [discovery.HoldOut("half", "left").training])
     held = discovery.misfit(problem, state.c, (), True)
     assert np.isnan(held.force) and held.field > 0
     assert discovery.misfit(problem, state.c, (), False).force > 0
@@ -271,8 +281,8 @@ def test_a_step_never_raises_the_misfit_much():
     """From amplitudes absurdly far away a fit ends no worse than without the effect."""
     problem, state = prepared(0.02)
     far = Addition(effect("second invariant"), (3.0,))
-    assert diagnosis.loss(problem, state.c, (far,)) > 100 * state.loss
-    assert diagnosis.refit(problem, state.c, (far,)).loss < state.loss
+    assert whitened.loss(problem, state.c, (far,)) > 100 * state.loss
+    assert effect_fit.refit(problem, state.c, (far,)).loss < state.loss
 
 
 def test_gauges_and_what_the_data_lack_are_named():
@@ -287,8 +297,8 @@ def test_signature_of_a_gauge_is_absorbed():
     problem, state = prepared()
     U = state.columns
     r = state.residual - U @ (U.T @ state.residual)
-    gain = diagnosis.Addition(effect("force gain"), (0.0,))
-    assert diagnosis.examine_shape(problem, state, gain, U, r)[0].absorbed > 0.95
+    gain = Addition(effect("force gain"), (0.0,))
+    assert effect_score.examine_shape(problem, state, gain, U, r)[0].absorbed > 0.95
 
 
 @pytest.mark.parametrize(("text", "kind"), [("every:2", "every"), ("after:3.5", "after"), ("half:left", "half")])
@@ -325,4 +335,4 @@ def test_families_of_fibres_that_close_up_are_declared_alike():
     result = discovery.discover([blind_data.make(trial)[0]], whole_table=False)
     row = next(r for r in result.rounds[0].rows if r.name == "one fibre family")
     assert "one fibre family" in result.named
-    assert dict(row.like)["two fibre families"] > diagnosis.COLLINEAR
+    assert dict(row.like)["two fibre families"] > effect_score.COLLINEAR

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from discoveries import C01, sheet
 
-from calibrate import diagnosis, joint
+from calibrate import effect_fit, effect_score, joint, whitened
 from calibrate.chain import Addition, Chain
 from calibrate.effects import CATALOGUE
 from calibrate.errors import FitError
@@ -30,20 +30,20 @@ def turned() -> Experiment:
 
 
 @cache
-def plate() -> tuple[diagnosis.Problem, diagnosis.Fit]:
-    return diagnosis.prepare([sheet()], [diagnosis.all_rows])
+def plate() -> tuple[whitened.Problem, effect_fit.Fit]:
+    return effect_fit.prepare([sheet()], [whitened.all_rows])
 
 
 @cache
-def turned_plate() -> tuple[diagnosis.Problem, diagnosis.Fit]:
-    return diagnosis.prepare([turned()], [diagnosis.all_rows])
+def turned_plate() -> tuple[whitened.Problem, effect_fit.Fit]:
+    return effect_fit.prepare([turned()], [whitened.all_rows])
 
 
 @cache
 def found(names: tuple[str, ...]) -> list[joint.Joint]:
     """The whole and what pays, with candidates in some order."""
     problem, base = turned_plate()
-    scores = {s.effect.name: s for s in diagnosis.score(problem, base, [BY_NAME[name] for name in names])}
+    scores = {s.effect.name: s for s in effect_score.score(problem, base, [BY_NAME[name] for name in names])}
     start = joint.candidates([scores[name] for name in names])
     return joint.reduced(problem, joint.fit(problem, base.c, start, frozenset(names)))
 
@@ -94,13 +94,15 @@ def test_stiffness_follows_the_forces() -> None:
     e = turned()
     loaded = tuple(replace(b, force=3 * b.force) for b in e.loaded)
     noise = replace(e.noise, force_std=3 * e.noise.force_std)
-    problem, base = diagnosis.prepare([replace(e, loaded=loaded, noise=noise)], [diagnosis.all_rows])
+    problem, base = effect_fit.prepare([replace(e, loaded=loaded, noise=noise)], [whitened.all_rows])
     final = found(NAMES)[-1]
     tripled = tuple(
         replace(a, amplitudes=tuple(3 * v for v in a.amplitudes)) if a.effect.amplitudes[0].unit == "MPa" else a
         for a in final.present
     )
     again = joint.fit(problem, base.c, tripled, final.active)
+    assert again.converged
+    assert again.loss == pytest.approx(final.loss, rel=1e-4)
     values, before = amplitudes(again), amplitudes(final)
     assert values["second invariant"] == pytest.approx(3 * before["second invariant"], rel=0.02)
     assert values["image rotation"] == pytest.approx(before["image rotation"], rel=0.02)

@@ -10,7 +10,7 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.optimize import brentq
 
-from calibrate import diagnosis, errors
+from calibrate import effect_fit, effect_score, errors, whitened
 from calibrate.basis import SingleBasis
 from calibrate.chain import Addition, Chain
 from calibrate.effects.camera import OutOfPlane
@@ -161,9 +161,9 @@ def test_on_one_ramp_relaxation_is_seen_beside_neo_hooke_alone(uniaxial, base):
     forces = np.stack([np.zeros(len(pull)), pull], axis=1)
     loaded = tuple(replace(b, force=sign * forces) for b, sign in zip(uniaxial.loaded, (-1, 1), strict=True))
     e = replace(uniaxial, loaded=loaded)
-    problem, fit = diagnosis.prepare([e], [diagnosis.all_rows], 12.0, base=base)
-    found = next(s for s in diagnosis.score(problem, fit, [Viscosity()]) if s.effect.name == Viscosity.name)
-    fit = diagnosis.refit(problem, fit.c, (Addition(Viscosity(), (0.0,), (3.0,)),))
+    problem, fit = effect_fit.prepare([e], [whitened.all_rows], 12.0, base=base)
+    found = next(s for s in effect_score.score(problem, fit, [Viscosity()]) if s.effect.name == Viscosity.name)
+    fit = effect_fit.refit(problem, fit.c, (Addition(Viscosity(), (0.0,), (3.0,)),))
     if base == "neo-Hooke":
         assert found.adjusted < 1e-6
         assert fit.additions[0].amplitudes[0] == pytest.approx(0.5, abs=0.05)

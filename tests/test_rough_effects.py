@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import synthetic
 
-from calibrate import diagnosis, noise_model
+from calibrate import effect_fit, least_squares, noise_model, signature_noise, whitened
 from calibrate.basis import SingleBasis
 from calibrate.chain import Addition, Chain
 from calibrate.effects import SubsetSmoothing, Thickness
@@ -49,7 +49,7 @@ def noisy(seed):
 
 @cache
 def prepared(seed):
-    return diagnosis.prepare([noisy(seed)], [diagnosis.all_rows], with_discrepancy=False)
+    return effect_fit.prepare([noisy(seed)], [whitened.all_rows], with_discrepancy=False)
 
 
 def test_spread_of_noise_is_the_derivative_of_the_residual():
@@ -75,9 +75,9 @@ def test_spread_of_noise_is_the_derivative_of_the_residual():
 
 def test_weights_without_such_an_effect_stay_as_they_are():
     problem, _ = prepared(0)
-    assert diagnosis.roughened(problem, ()) is problem
-    assert diagnosis.roughened(problem, (Addition(Thickness(), (0.0,), ()),)) is problem
-    assert diagnosis.roughened(problem, (addition(0.5),)).rough == (addition(0.5),)
+    assert whitened.roughened(problem, ()) is problem
+    assert whitened.roughened(problem, (Addition(Thickness(), (0.0,), ()),)) is problem
+    assert whitened.roughened(problem, (addition(0.5),)).rough == (addition(0.5),)
 
 
 def test_excess_is_what_noise_adds_to_a_signature():
@@ -86,7 +86,7 @@ def test_excess_is_what_noise_adds_to_a_signature():
     chain = problem.parts[0].chain
     thick = (Addition(Thickness(), (0.0,), ()),)
     clean = chain.disturbed(smoothed().displacements - np.asarray(chain.data.u))
-    exact = diagnosis.signature(problem, [clean], base.c, thick)
+    exact = whitened.signature(problem, [clean], base.c, thick)
     exact = exact - base.columns @ (base.columns.T @ exact)
     factor = noise_model.noise_factor(smoothed().points, NOISE)
     added, estimated = [], []
@@ -94,14 +94,14 @@ def test_excess_is_what_noise_adds_to_a_signature():
         noise = noise_model.sample(factor, np.random.default_rng(seed), smoothed().n_increments)
         moved = clean.disturbed(noise)
         r = problem.white([moved.with_additions(base.c)]) - problem.white([clean.with_additions(base.c)])
-        seen = diagnosis.visible_noise(problem, base.c, (), r)[0]
+        seen = signature_noise.visible_noise(problem, base.c, (), r)[0]
         chains = [moved.disturbed(-seen)]
-        plain = diagnosis.signature(problem, chains, base.c, thick)
+        plain = whitened.signature(problem, chains, base.c, thick)
         S = plain - base.columns @ (base.columns.T @ plain)
         added.append(float((S**2).sum() - (exact**2).sum()))
         if seed < 6:
-            hidden = diagnosis.hidden_noise(problem, chains, base.c, ())
-            N = diagnosis.excess(problem, chains, base.c, thick, base.columns, np.ones(1), plain, hidden)
+            hidden = signature_noise.hidden_noise(problem, chains, base.c, ())
+            N = signature_noise.excess(problem, chains, base.c, thick, base.columns, np.ones(1), plain, hidden)
             estimated.append(float(N[0, 0]))
     error = np.std(added) / np.sqrt(len(added))
     assert error < 0.1 * np.mean(estimated)
@@ -111,8 +111,8 @@ def test_excess_is_what_noise_adds_to_a_signature():
 
 def test_information_left_is_never_less_than_a_share():
     M, N = np.diag([4.0, 1.0]), np.diag([3.9, 0.25])
-    np.testing.assert_allclose(diagnosis.less(M, N), np.diag([4 * diagnosis.LEAST, 0.75]), atol=1e-12)
-    np.testing.assert_allclose(diagnosis.less(M, np.zeros((2, 2))), M, atol=1e-12)
+    np.testing.assert_allclose(least_squares.less(M, N), np.diag([4 * least_squares.LEAST, 0.75]), atol=1e-12)
+    np.testing.assert_allclose(least_squares.less(M, np.zeros((2, 2))), M, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -122,13 +122,13 @@ def test_thickness_is_found_without_bias_in_noise():
     clean = blind_solution.clean_experiment(trial)
     b, errors, chi, plain = [], [], [], []
     for seed in range(5):
-        problem, base = diagnosis.prepare([blind_data.record(replace(trial, seed=seed), clean)], [diagnosis.all_rows])
+        problem, base = effect_fit.prepare([blind_data.record(replace(trial, seed=seed), clean)], [whitened.all_rows])
         start = (Addition(Thickness(), (0.5,), ()),)
-        _, fit = diagnosis.settled(problem, base.c, start)
+        _, fit = effect_fit.settled(problem, base.c, start)
         b.append(fit.additions[0].amplitudes[0])
         errors.append(fit.errors[0][0])
         chi.append(fit.reduced_chi_square)
-        plain.append(diagnosis.refit(problem, base.c, fit.additions).reduced_chi_square)
+        plain.append(effect_fit.refit(problem, base.c, fit.additions).reduced_chi_square)
     assert abs(np.mean(b) - trial.effects[0].amplitudes["b"]) < 3 * np.mean(errors) / np.sqrt(5)
     assert 0.3 < np.std(b, ddof=1) / np.mean(errors) < 2.0
     assert np.mean(chi) == pytest.approx(1.0, abs=0.08)
