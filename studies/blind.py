@@ -1,12 +1,13 @@
 """`equigap blind`: does the diagnosis find what is hidden, and nothing where nothing is?
 
 In: numbers of trials. Out: a folder with every trial, its diagnosis and label, tables, confusion matrix, report. Trials are
-independent; a killed run goes on with those that are not there yet.
+independent; a killed run goes on with those that are not there yet, on another machine with ``--known trials.json`` of the first.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
 import os
 import threading
@@ -15,6 +16,7 @@ from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
 from itertools import batched, count
 from pathlib import Path
+from typing import Any
 
 from studies.blind_case import Plan, run
 from studies.errors import StudyError
@@ -48,6 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=8000, help="of the first trial (default: %(default)s)")
     parser.add_argument("--quick", action="store_true", help="one trial an effect, two without: shows the path")
     parser.add_argument("--jobs", type=int, help="trials side by side (default: number of cores)")
+    parser.add_argument(
+        "--known", type=Path, metavar="trials.json", help="trials of an earlier run that are not made again"
+    )
     parser.add_argument("--report", action="store_true", help="only write the report, of the trials that are there")
     add_output(parser, "blind")
 
@@ -138,6 +143,20 @@ def _diagnose_batch(
             raise
 
 
+def read_known(path: Path | None, todo: Sequence[Plan]) -> dict[str, dict[str, Any]]:
+    """Judged trials of an earlier run by name, those of this plan. Raises `StudyError`."""
+    if path is None:
+        return {}
+    try:
+        known = {one["trial"]: one for one in json.loads(path.read_text())}
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise StudyError(f"--known {path}: give the trials.json of a blind run ({error})") from None
+    found = {plan.name: known[plan.name] for plan in todo if plan.name in known}
+    if not found:
+        raise StudyError(f"--known {path}: none of its trials is one of this run; give the same --seed and numbers")
+    return found
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Run or resume the trials and write the report."""
     from studies.blind_report import write_report
@@ -149,13 +168,18 @@ def main(arguments: argparse.Namespace) -> int:
     trials, cache = folder / "trials", folder / "cache"
     trials.mkdir(parents=True, exist_ok=True)
     jobs = arguments.jobs or os.cpu_count() or 1
-    missing = [plan for plan in todo if not (trials / plan.name / "diagnosis.json").exists()]
+    known = read_known(arguments.known, todo)
+
+    def still_missing() -> list[Plan]:
+        return [p for p in todo if p.name not in known and not (trials / p.name / "diagnosis.json").exists()]
+
+    missing = still_missing()
     failures: dict[str, str] = {}
     if arguments.report:
         if len(missing) == len(todo):
             raise StudyError(f"{folder}: no trial is there yet; run the same command without --report first")
         print(f"{len(todo) - len(missing)} of {len(todo)} trials")
-        print(write_report(folder, [trials / plan.name for plan in todo], failures))
+        print(write_report(folder, [trials / plan.name for plan in todo], failures, known))
         return 0
     progress = Progress("blind trials", len(todo), "trial")
     progress.to(len(todo) - len(missing))
@@ -171,7 +195,7 @@ def main(arguments: argparse.Namespace) -> int:
             )
             break
         except BrokenExecutor:  # a worker was killed: for memory, or by hand
-            missing = [plan for plan in todo if not (trials / plan.name / "diagnosis.json").exists()]
+            missing = still_missing()
             if breakdown == BREAKDOWNS - 1:
                 raise StudyError(
                     f"workers were killed {BREAKDOWNS} times, perhaps for want of memory; give --jobs 1, and the same "
@@ -179,7 +203,7 @@ def main(arguments: argparse.Namespace) -> int:
                 ) from None
             progress.to(len(todo) - len(missing))
     progress.close()
-    print(write_report(folder, [trials / plan.name for plan in todo if plan.name not in failures], failures))
+    print(write_report(folder, [trials / p.name for p in todo if p.name not in failures], failures, known))
     if len(failures) > 0.1 * len(todo):
         raise StudyError(f"{len(failures)} of {len(todo)} trials failed, first: {next(iter(failures.items()))}")
     return 0

@@ -1,11 +1,12 @@
 """Report of the blind trials: what was hidden against what was named.
 
-In: folders of diagnosed trials. Out: ``trials.csv``, ``confusion.csv``, ``summary.json``, ``report.html`` and a text answer.
+In: folders of diagnosed trials. Out: ``trials.json`` and ``.csv``, ``confusion.csv``, ``summary.json``, ``report.html`` and a text
+answer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,20 @@ FIELD = "stiffness field"
 NOTHING, UNEXPLAINED = "nothing", "unexplained"
 
 
-def write_report(folder: Path, homes: Sequence[Path], failures: dict[str, str]) -> str:
-    """Judge every trial, write tables and report, and return the answer in words."""
+def write_report(
+    folder: Path, homes: Sequence[Path], failures: dict[str, str], known: Mapping[str, dict[str, Any]] | None = None
+) -> str:
+    """Judge every trial that is not `known` by its name, write tables and report, and return the answer in words."""
     from studies.manifest import Manifest
     from studies.report import Report
     from studies.writing import write_csv, write_json
 
-    judged = [judge(home) for home in homes if (home / "diagnosis.json").exists()]
+    known = known or {}
+    judged = [
+        known[home.name] if home.name in known else judge(home)
+        for home in homes
+        if home.name in known or (home / "diagnosis.json").exists()
+    ]
     names, matrix, columns = confusion(judged)
     numbers = summary(judged)
     numbers["failures"] = failures
@@ -31,7 +39,8 @@ def write_report(folder: Path, homes: Sequence[Path], failures: dict[str, str]) 
     write_csv(folder / "confusion.csv", ["hidden", *columns], rows)
     write_csv(folder / "effects.csv", EFFECT_COLUMNS, numbers["effects"])
     write_csv(folder / "trials.csv", TRIAL_COLUMNS, [_line(one) for one in judged])
-    write_json(folder / "summary.json", {**numbers, "trials": judged})
+    write_json(folder / "trials.json", judged)
+    write_json(folder / "summary.json", numbers)
     text = words(numbers)
     report = Report("Blind trials")
     report.paragraph(text)

@@ -83,6 +83,9 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     assert (tmp_path / "report.html").exists()
     judged = blind_case.judge(homes[0])
     assert judged["amplitudes"][0]["pulls"]["a"] == pytest.approx(1.0)
+    known = {one["trial"]: one for one in json.loads((tmp_path / "trials.json").read_text())}
+    elsewhere = [tmp_path / "elsewhere" / home.name for home in homes]
+    assert blind_report.write_report(tmp_path / "again", elsewhere, {}, known) == text
 
 
 @pytest.mark.parametrize(
@@ -91,6 +94,19 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
 def test_nonsense_is_refused(words):
     with pytest.raises(ConfigError):
         blind.plans(arguments(*words))
+
+
+def test_trials_of_another_run_are_not_made_again(tmp_path, capsys):
+    todo = blind.plans(arguments())
+    path = tmp_path / "trials.json"
+    path.write_text(json.dumps([{"trial": todo[3].name}, {"trial": "something else-1"}]))
+    assert list(blind.read_known(path, todo)) == [todo[3].name]
+    path.write_text(json.dumps([{"trial": "something else-1"}]))
+    assert main(["blind", "--known", str(path), "-o", str(tmp_path / "out")]) == 2
+    assert "none of its trials is one of this run" in capsys.readouterr().err
+    path.write_text("[1, 2]")
+    assert main(["blind", "--known", str(path), "-o", str(tmp_path / "out")]) == 2
+    assert "give the trials.json of a blind run" in capsys.readouterr().err
 
 
 def test_a_report_of_no_trials_is_refused(tmp_path, capsys):
