@@ -42,7 +42,8 @@ class Fit:
     neither the base (all its splines) nor the amplitudes could change, with `degrees` of freedom. clear: the same, of the
     part that a discretisation error could not change either. smooth: of the part that varies slowly over specimen and
     increments, see `slow`. additions: effects; errors: a standard deviation for each amplitude. columns (N, k): orthonormal,
-    what the fit can adjust. log_determinant: of the covariance that the weights come from.
+    what the fit can adjust. log_determinant: of the covariance that the weights come from. last_step: norm of what the last
+    step changed, in standard deviations of an equation; above 1 the fit has not converged.
     """
 
     c: Array
@@ -58,6 +59,11 @@ class Fit:
     chains: tuple[Chain, ...] = field(repr=False)
     log_determinant: float
     errors: tuple[tuple[float, ...], ...] = ()
+    last_step: float = 0.0
+
+    @property
+    def converged(self) -> bool:
+        return self.last_step <= 1
 
     @property
     def reduced_chi_square(self) -> float:
@@ -242,6 +248,7 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
             if float(r @ r) <= RISE * before + len(change) + n:  # False for what is not finite
                 break
         w, additions = moved, tried
+        last_step = float(part * step / np.sqrt(dispersion))
         if step < 1e-2 * np.sqrt(dispersion):
             break
     c = cone @ w
@@ -290,6 +297,7 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
         tuple(chains),
         determinant,
         tuple(deviations),
+        last_step,
     )
 
 

@@ -1,7 +1,7 @@
 """Report of the blind trials: what was hidden against what was named.
 
-In: folders of diagnosed trials. Out: ``trials.json`` and ``.csv``, ``confusion.csv``, ``summary.json``, ``report.html`` and a text
-answer.
+In: folders of diagnosed trials. Out: ``trials.json`` and ``.csv``, ``confusion.csv``, ``summary.json``, ``tables.md``, ``report.html``
+and a text answer.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def write_report(
     """Judge every trial that is not `known` by its name, write tables and report, and return the answer in words."""
     from studies.manifest import Manifest
     from studies.report import Report
-    from studies.writing import write_csv, write_json
+    from studies.writing import write_csv, write_json, write_text
 
     known = known or {}
     judged = [
@@ -41,6 +41,7 @@ def write_report(
     write_csv(folder / "trials.csv", TRIAL_COLUMNS, [_line(one) for one in judged])
     write_json(folder / "trials.json", judged)
     write_json(folder / "summary.json", numbers)
+    write_text(folder / "tables.md", markdown(numbers))
     text = words(numbers)
     report = Report("Blind trials")
     report.paragraph(text)
@@ -137,6 +138,33 @@ def _line(one: dict[str, Any]) -> list[Any]:
 
 def share(part: int, whole: int) -> str:
     return f"{part} of {whole} ({100 * part / whole:.0f} %)" if whole else "none made"
+
+
+def markdown(numbers: dict[str, Any]) -> str:
+    """The rates and a line for each effect as tables of Markdown, for docs/discover.md."""
+    n, fields = numbers, numbers["field_correlation"]
+    rates = [
+        ["question", "found", "aim"],
+        ["---"] * 3,
+        [
+            "nothing hidden: something named, or called significant",
+            share(n["null_detections"], n["nulls"]),
+            "at most 5 %",
+        ],
+        ["one effect with a score above 10: its group named", share(n["strong_group_named"], n["strong"]), "90 %"],
+        ["the effect itself named", share(n["strong_named"], n["strong"]), ""],
+        ["amplitude within its 95 % interval", share(n["amplitudes_within"], n["amplitudes"]), "85 %"],
+        ["effect removed from the catalogue: a wrong name", share(n["absent_wrong"], n["absent"]), "at most 15 %"],
+        ["two strong effects: both found", share(n["pairs_found"], n["pairs"]), "70 %"],
+        ["stiffness field: correlation with the hidden one, median", f"{np.median(fields):.2f}" if fields else "-", ""],
+        ["CPU time of a diagnosis, median", f"{n['seconds']:.0f} s", ""],
+    ]
+    lines = [["hidden", "trials", "strong", "group named", "amplitude within", "removed: wrong name"], ["---"] * 6]
+    for name, trials, strong, group, _, _, _, amplitudes, within, absent, wrong in n["effects"]:
+        inside = "see the correlation" if name == FIELD else f"{within} of {amplitudes}" if amplitudes else "-"
+        lines.append([name, str(trials), str(strong), str(group), inside, f"{wrong} of {absent}"])
+    tables = ["\n".join(f"| {' | '.join(row)} |".replace("|  |", "| |") for row in table) for table in (rates, lines)]
+    return "\n\n".join(tables) + "\n"
 
 
 def words(numbers: dict[str, Any]) -> str:

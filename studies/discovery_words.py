@@ -57,7 +57,13 @@ CATALOGUE_CAPTION = (
 
 
 def verdict(view: View) -> str:
-    """The verdict in plain words, one paragraph."""
+    """The verdict in plain words, one paragraph; also that the last fit has not converged, if so."""
+    final = view.discovery.final
+    late = f"; its last fit had not converged (the last step still changed {final.last_step:.1f} standard deviations)"
+    return _verdict(view) + ("" if final.converged else late)
+
+
+def _verdict(view: View) -> str:
     found = view.discovery
     if found.verdict == "nothing significant":
         return f"nothing significant: {_best_candidate(found.rounds[-1])}; {_left(view)}"

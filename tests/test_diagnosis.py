@@ -59,6 +59,15 @@ def effect(name):
     return next(e for e in CATALOGUE if e.name == name)
 
 
+def test_a_fit_says_whether_it_has_converged():
+    problem, base = prepared(0.03)
+    mooney = (Addition(effect("second invariant"), (0.0,), ()),)
+    early, late = (effect_fit.refit(problem, 2 * base.c, mooney, n) for n in (1, 6))
+    assert not early.converged and early.last_step > 10
+    assert late.converged
+    assert late.last_step < 0.1
+
+
 def test_whitening_gives_unit_covariance():
     """Noise of every increment and a source common to all, drawn with their covariance."""
     rng = np.random.default_rng(0)
