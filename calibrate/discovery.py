@@ -90,7 +90,10 @@ class HoldOut:
         e = system.experiment
         mask = np.ones(system.loads.shape, bool)
         if self.kind == "every":
-            mask[self.value - 2 :: self.value] = False  # the last one, often the largest, is used
+            first, last = self.value - 2, len(mask) - 1
+            if (last - first) % self.value == 0:  # the last one, often the largest, is used
+                first = (first + 1) % self.value
+            mask[first :: self.value] = False
         elif self.kind == "after":
             if e.time is None:
                 raise errors.ConfigError(f"{e.name}: --hold-out after:SECONDS needs a time; use every:N")

@@ -5,8 +5,9 @@ Plane stress as in `forward.problem`, with the additions of `forward.effects`. S
 - the largest x = I1 - 3 so far;
 - S and Q of viscosity. Between two steps S is linear in time, so that with z = dt / tau
   Q = exp(-z) Q_old + g (1 - exp(-z)) / z (S - S_old);
-- A and A33 of permanent set: shares of the chains formed anew, times C^-1 and 1 / C33 of the state they were formed in,
-  so that their energy is mu / 2 (tr(C A) + C33 A33), but for a constant;
+- F of the last step, and A and A33 of permanent set: shares of the chains formed anew, times C^-1 and 1 / C33 of the state
+  they were formed in, which is the mean of a step's ends, so that their energy is mu / 2 (tr(C A) + C33 A33), but for a
+  constant; those of a step carry stress from the next one on;
 - F33 of a compressible sheet, from P33 = 0 by Newton's method at each point, condensed from the tangent.
 """
 
@@ -53,9 +54,12 @@ class InelasticProblem(PlaneStressProblem):
             if self.sheet.permanent_set is not None:
                 a = self.sheet.permanent_set.a
                 broken = np.exp(-a * old) - np.exp(-a * _get(self._largest))
-                state = self._at_points(self._state)
-                _set(self._A, _get(self._A) + broken[..., None, None] * state[..., :4].reshape(*old.shape, 2, 2))
-                _set(self._A33, _get(self._A33) + broken * state[..., 4])
+                now = self._at_points(self._F).reshape(*old.shape, 2, 2)
+                mean = (_get(self._F_old) + now) / 2
+                C = np.swapaxes(mean, -1, -2) @ mean
+                _set(self._A, _get(self._A) + broken[..., None, None] * np.linalg.inv(C))
+                _set(self._A33, _get(self._A33) + broken * np.linalg.det(C))
+                _set(self._F_old, now)
         if self.sheet.prony is not None:
             S = self._at_points(self._S)
             Q = float(self._decay.value) * _get(self._Q) + float(self._gain.value) * (S - _get(self._S_old))
@@ -96,11 +100,9 @@ class InelasticProblem(PlaneStressProblem):
             self._S = self._expression(ufl.inv(F) * elastic)
             P = (1 + self._gain) * elastic + F * (self._decay * self._Q - self._gain * self._S_old)
         if sheet.permanent_set is not None:
-            self._A, self._A33 = self._function((2, 2)), self._function(())
-            inverse = ufl.inv(C)
-            self._state = self._expression(
-                ufl.as_vector([inverse[0, 0], inverse[0, 1], inverse[1, 0], inverse[1, 1], 1 / F33**2])
-            )
+            self._A, self._A33, self._F_old = self._function((2, 2)), self._function(()), self._function((2, 2))
+            _set(self._F_old, np.broadcast_to(np.eye(2), (*_get(self._A33).shape, 2, 2)))
+            self._F = self._expression(F)
             a = constant(domain, float(sheet.permanent_set.a))
             mu = constant(domain, float(sheet.material.shear_modulus))
             P = ufl.exp(-a * largest) * P + ufl.diff(mu / 2 * (ufl.tr(C * self._A) + F33**2 * self._A33), F)

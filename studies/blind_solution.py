@@ -51,6 +51,7 @@ SIZES = {  # of the quads at holes and far from them, mm: fine enough where grip
 }
 CAMERA_NODES = 1400
 VISCOUS_SUBSTEPS = 3
+SET_SUBSTEPS = 4
 SOLID_LAYERS = 2  # of hexes in half the thickness
 
 
@@ -97,7 +98,7 @@ def solve(trial: Trial, size_factor: float = 1.0) -> SurfaceSolution:
         Loading.clamped(SPECIMENS[trial.specimen].loaded, trial.displacement),
         factors,
         times,
-        substeps=1 if described.prony is None else VISCOUS_SUBSTEPS,
+        substeps=VISCOUS_SUBSTEPS if described.prony else SET_SUBSTEPS if described.permanent_set else 1,
     )
     return solution if lag is None else lag.split(solution, trial.times)
 

@@ -51,8 +51,11 @@ MISFIT_CAPTION = (
 )
 MISFITS = ("all equations", "beyond discretisation", "slow in place and load")
 CATALOGUE_CAPTION = (
-    "F: deformation gradient, P: first Piola-Kirchhoff stress, u: displacement, x: place in the picture, S: second "
-    "Piola-Kirchhoff stress, psi: energy. Stage: where between specimen and numbers the effect sits."
+    "F: deformation gradient, F33: stretch of the thickness, J: change of volume, P, S: first and second Piola-Kirchhoff stress, "
+    "psi: energy, u: displacement, x: place in the picture, f: force of a grip, h: thickness, q: curvature of an edge, positive at "
+    "holes. x, y of a field run from 0 to 1 over the specimen, those of a gradient from its middle, over its larger extent. "
+    "Lens, scale, motion and smoothing give what is seen of the true; all others the true of what was measured. Stage: where between "
+    "specimen and numbers the effect sits."
 )
 
 

@@ -116,13 +116,14 @@ class Scale(Disturbance):
 
 @dataclass(frozen=True)
 class ForceOffset(Disturbance):
-    """Every load cell reads f0, N, too much in the direction that its force has at the end."""
+    """Every load cell reads f0, N, too much in the direction of its largest force."""
 
     f0: float
     name: ClassVar[str] = "force offset"
 
     def forces(self, force):
-        return force + self.f0 * force[-1] / np.linalg.norm(force[-1])
+        sizes = np.linalg.norm(force, axis=1)
+        return force + self.f0 * force[sizes.argmax()] / sizes.max()
 
 
 @dataclass(frozen=True)

@@ -325,6 +325,18 @@ def test_rules_hold_out_what_they_say(text, kind):
         assert (mask == mask[0]).all()
 
 
+def test_the_last_increment_is_never_held_out():
+    system = equilibrium(sheet())
+    for n in range(3, 7):
+        part = equilibrium(sheet().select(list(range(n)))) if n < 6 else system
+        for every in (2, 3, 4):
+            if n > every - 1:
+                mask = discovery.HoldOut("every", every).training(part)
+                assert mask[-1].all() and not mask.all()
+                held = np.flatnonzero(~mask.any(axis=1))
+                assert (np.diff(held) == every).all()
+
+
 @pytest.mark.parametrize("text", ["every:1", "after:soon", "half:middle", "some"])
 def test_nonsense_is_refused(text):
     with pytest.raises(errors.ConfigError, match="--hold-out"):

@@ -16,7 +16,7 @@ from calibrate.effects.camera import LensDistortion, OutOfPlane, UnmeasuredStrip
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.fibres import reinforcement
 from calibrate.effects.history import PermanentSet
-from calibrate.effects.load import Lag
+from calibrate.effects.load import ForceOffset, Lag
 from calibrate.effects.recovery import second_derivatives
 from calibrate.effects.thickness import Thickness
 from calibrate.effects.upturn import Upturn
@@ -126,21 +126,44 @@ def test_viscous_overstress_of_a_ramp(chain):
     np.testing.assert_allclose(found[:, 0, 0, 0], 0.3 * 2.0 * (1 - np.exp(-time / 2.0)), rtol=1e-12)
 
 
-def test_permanent_set_of_two_networks(chain):
-    """Green and Tobolsky (1946): a strip whose chains broke at one stretch is free of force at a larger one than before."""
-    made, a = 2.0, 0.3
+def test_an_offset_points_along_the_largest_force(chain):
+    """Not along the last one, which after unloading may be anything."""
+    loads = jnp.array([[[2.0], [0.0]], [[4.0], [3.0]], [[-0.1], [0.0]]])
+    found = ForceOffset().loads(chain.data, loads, jnp.array([0.5]), ())
+    np.testing.assert_allclose(loads - found, np.broadcast_to([[[0.4], [0.3]]], (3, 2, 1)))
+
+
+def neo_hooke_law(f):
+    """P (2, 2) in plane stress, mu = 1."""
+    return f - jnp.linalg.inv(f).T / jnp.linalg.det(f) ** 2
+
+
+def strip_with_a_set(stretches, a, data):
+    """Nominal stress (t,) of a uniaxial strip; every network is free across, as the strip is."""
+    F = jnp.array([jnp.diag(jnp.array([s, s**-0.5])) for s in stretches])[:, None]
+    P = jax.vmap(jax.vmap(neo_hooke_law))(F)
+    return np.asarray(PermanentSet().stress(data, F, P, jnp.array([a]), (), neo_hooke_law))[:, 0, 0, 0]
+
+
+def test_permanent_set_leaves_a_longer_strip(chain):
+    """Free of force at (left + int w s)^(1/3) / (left + int w / s^2)^(1/3), w: broken at stretch s (Green and Tobolsky 1946)."""
+    a, made = 0.2, np.linspace(1, 2, 2001)
     left = np.exp(-a * (made**2 + 2 / made - 3))
-    free = ((left + (1 - left) * made) / (left + (1 - left) / made**2)) ** (1 / 3)
-    assert free > 1.1
+    slope = -np.gradient(left, made)
+    free = ((left[-1] + np.trapezoid(slope * made, made)) / (left[-1] + np.trapezoid(slope / made**2, made))) ** (1 / 3)
+    assert free > 1.05
+    P = strip_with_a_set([*np.linspace(1, 2, 201)[1:], free], a, chain.data)
+    assert abs(P[-1]) < 1e-4 * P[-2]
 
-    def law(f):  # neo-Hooke in plane stress
-        return f - jnp.linalg.inv(f).T / jnp.linalg.det(f) ** 2
 
-    F = jnp.array([jnp.diag(jnp.array([s, s**-0.5])) for s in (made, free)])[:, None]
-    P = jax.vmap(jax.vmap(law))(F)
-    found = np.asarray(PermanentSet().stress(chain.data, F, P, jnp.array([a]), (), law))
-    np.testing.assert_allclose(found[0], left * P[0], rtol=1e-12)  # what broke carries nothing yet
-    np.testing.assert_allclose(found[1, 0], np.zeros((2, 2)), atol=1e-12)
+def test_permanent_set_hardly_depends_on_the_increments(chain):
+    """Ten increments a cycle against four hundred."""
+    path = np.concatenate([np.linspace(0, 0.6, 6)[1:], np.linspace(0.6, 0.15, 5)[1:]])
+    fine = np.interp(np.linspace(0, 9, 361), np.arange(10), np.concatenate([[0.0], path]))[1:]
+    coarse, exact = (strip_with_a_set(1 + p, 0.05, chain.data) for p in (path, fine))
+    plain = strip_with_a_set(1 + path, 0.0, chain.data)
+    change = exact[39::40] - plain
+    assert np.abs(coarse - plain - change).max() < 0.03 * np.abs(change).max()
 
 
 def test_upturn_is_the_third_term_of_yeoh(chain):

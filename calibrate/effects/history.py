@@ -75,13 +75,14 @@ class Payne(Effect):
 class PermanentSet(Effect):
     """Chains that break as x = I1 - 3 grows are formed anew, without stress, in the deformed state (Green and Tobolsky 1946).
 
-    Those that broke in an increment have its deformation G as their reference: P = law(F G^-1) G^-T.
+    Those that break between two increments have the mean G of both deformations as their reference, P = law(F G^-1) G^-T,
+    with the law of the base alone.
     """
 
     name = "permanent set"
     stage = "material"
     of_material = True
-    formula = "exp(-a x_max) P(F) + sum of (broken at G) P(F G^-1) G^-T"
+    formula = "exp(-a x_max) P + sum w_j P0(F G_j^-1) G_j^-T, w_j: fall of exp(-a x_max), P0: of the base"
     amplitudes = (Parameter("a", "1", lower=0.0, typical=0.05),)
     decided_by = "unloading to zero force, and a pause there"
 
@@ -93,13 +94,14 @@ class PermanentSet(Effect):
     def stress(self, data, F, P, a, shape, law):
         whole = jnp.exp(-a[0] * excess(F)[1])
         broken = -jnp.diff(whole, axis=0, prepend=1.0)
-        inverse = jnp.linalg.inv(F)
+        before = jnp.concatenate([jnp.broadcast_to(jnp.eye(2), F[:1].shape), F[:-1]])
+        inverse = jnp.linalg.inv((before + F) / 2)
 
         def formed(f, share, g):
             return share * law(f @ g) @ g.T
 
         def stress(index, f):
-            past = (jnp.arange(len(F)) < index)[:, None]
+            past = (jnp.arange(len(F)) <= index)[:, None]
             each = jax.vmap(jax.vmap(formed), (None, 0, 0))(f, jnp.where(past, broken, 0.0), inverse)
             return each.sum(axis=0)
 

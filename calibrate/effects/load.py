@@ -12,11 +12,11 @@ from calibrate.effects.effect import Effect, Parameter
 
 @dataclass(frozen=True)
 class ForceOffset(Effect):
-    """Every measured force is too large by f0 in the direction that it has at the end."""
+    """Every measured force is too large by f0 in the direction that it has where it is largest."""
 
     name = "force offset"
     stage = "load"
-    formula = "F - f0 F / |F|"
+    formula = "f - f0 e, e: direction of the largest force"
     amplitudes = (Parameter("f0", "N", typical=0.1),)
     decided_by = "a record that starts before the loading"
 
@@ -24,9 +24,9 @@ class ForceOffset(Effect):
         return None if len(data.u) > 2 else "more increments"  # with one it could be the whole force
 
     def loads(self, data, loads, a, shape):
-        last = loads[-1]
-        size = jnp.sqrt(jnp.sum(last * last, axis=0))
-        direction = last / jnp.where(size > 0, size, 1.0)
+        size = jnp.sqrt(jnp.sum(loads * loads, axis=1))
+        largest = jnp.take_along_axis(loads, jnp.argmax(size, axis=0)[None, None, :], axis=0)[0]
+        direction = largest / jnp.where(size.max(axis=0) > 0, size.max(axis=0), 1.0)
         return loads - a[0] * direction
 
 
@@ -69,7 +69,7 @@ class ForceGain(Effect):
 
     name = "force gain"
     stage = "load"
-    formula = "F (1 + g)"
+    formula = "f (1 + g)"
     amplitudes = (Parameter("g", "1", typical=0.02),)
     gauge = "a common factor of modulus, force, thickness and DIC scale"
 
@@ -83,7 +83,7 @@ class Rotation(Effect):
 
     name = "image rotation"
     stage = "measurement"
-    formula = "F turned by phi"
+    formula = "f turned by phi"
     amplitudes = (Parameter("phi", "rad", typical=0.02),)
     decided_by = "a picture of a plumb line"
 
