@@ -144,6 +144,11 @@ def _edges(table: EdgesTable, points: Array, triangles: Index) -> tuple[tuple[Gr
     if len(np.unique(taken)) < len(taken):
         corners = f"{', '.join(table.loaded)}"
         raise errors.ConfigError(f"edges.loaded: sides {corners} share corner nodes; only opposite sides can be loaded")
+    if len({SIDES[side][0] for side in table.loaded}) > 1:
+        raise errors.ConfigError(
+            f"edges.loaded: {', '.join(table.loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or "
+            "make an Experiment with both forces in Python (docs/extending.md, an importer)"
+        )
     grips = []
     for side in table.loaded:
         axis, sign = SIDES[side]

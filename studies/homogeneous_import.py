@@ -23,7 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from studies.homogeneous_experiments import EXPERIMENTS, MODES
 
     parser.add_argument(
-        "source", help=f"a .csv with the columns stretch, stress (time), or one of: {', '.join(EXPERIMENTS)}"
+        "source",
+        help=f"a .csv with the columns stretch, stress (time) or lambda1, lambda2, P1_MPa, P2_MPa, or one of: {', '.join(EXPERIMENTS)}",
     )
     parser.add_argument("--mode", default="uniaxial", choices=tuple(MODES), help="of a .csv (%(default)s)")
     add_output(parser, "homogeneous-NAME")

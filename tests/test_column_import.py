@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 from sheets import (
     COLUMNS,
     MAP,
@@ -19,6 +20,7 @@ from sheets import (
 from calibrate import errors
 from calibrate.experiment import Experiment, Noise, signed_areas
 from studies import column_import, column_map
+from studies.column_map import EdgesTable
 from studies.series import to_experiment
 
 
@@ -128,6 +130,18 @@ def test_column_map_with_duplicate_points(tmp_path):
     write(frame, "\n".join([*lines, lines[4]]))
     with pytest.raises(errors.DegenerateMeshError, match="listed twice"):
         from_map(path)
+
+
+def test_one_force_for_sides_of_two_directions():
+    """A cross whose four arms share no corner; the y arms would silently get the force of x."""
+    x, y = (v.ravel() for v in np.meshgrid(np.arange(-6, 7), np.arange(-6, 7), indexing="ij"))
+    inside = (np.abs(x) <= 2) | (np.abs(y) <= 2)
+    points = np.column_stack([x, y])[inside].astype(float)
+    triangles = Delaunay(points).simplices
+    triangles = triangles[(np.abs(points[triangles].mean(axis=1)) <= 2.1).any(axis=1)].astype(np.int64)
+    with pytest.raises(errors.ConfigError, match="names one force"):
+        column_import._edges(EdgesTable(("left", "right", "bottom", "top"), (), 0.1), points, triangles)
+    assert len(column_import._edges(EdgesTable(("left", "right"), (), 0.1), points, triangles)[0]) == 2
 
 
 def test_sides_that_share_a_corner(tmp_path):
