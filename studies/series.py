@@ -30,6 +30,7 @@ from studies.synchronise import (
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been longer than its chosen frames show
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,7 @@ def to_experiment(
         LoadedBoundary(g.name, g.nodes, np.stack([_component(force, d) for d in g.direction], axis=1))
         for g in series.grips
     )
+    notes += unseen_peak(elongation(series), frames)
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
         notes.append(f"{kept.lost.size} of {len(series.points)} points failed in a chosen frame and were left out")
@@ -124,6 +126,20 @@ def to_experiment(
         noise=noise,
         provenance=provenance,
     )
+
+
+def unseen_peak(lengths: Array, frames: Index) -> list[str]:
+    """A note where the specimen was longer between chosen frames than in any chosen before. lengths (n_frames,): mm."""
+    known = np.where(np.isfinite(lengths), lengths, -np.inf)
+    missed = np.maximum.accumulate(known)[frames] - np.maximum.accumulate(known[frames])
+    worst = int(np.argmax(missed))
+    if not missed[worst] > UNSEEN * np.ptp(lengths[np.isfinite(lengths)]):
+        return []
+    peak = int(np.argmax(known[: frames[worst] + 1]))
+    return [
+        f"the specimen was longest in frame {peak}, {missed[worst]:.3g} mm longer than in any frame chosen before frame "
+        f"{frames[worst]}: softening and permanent set know only the chosen frames; name every turning point with --frames"
+    ]
 
 
 def _component(force: Array, direction: float) -> Array:

@@ -22,7 +22,7 @@ from sheets import (
 
 from calibrate import errors
 from calibrate.experiment import signed_areas
-from studies import dic_csv
+from studies import dic_csv, series
 from studies.series import to_experiment
 from studies.synchronise import ForceRecord, Selection
 
@@ -138,3 +138,13 @@ def test_bad_packed_files(tmp_path):
     write(tmp_path / "b.npz", "text")
     with pytest.raises(errors.FileFormatError, match="not a readable"):
         dic_csv.read_packed(tmp_path / "b.npz")
+
+
+def test_a_peak_between_the_chosen_frames_is_told():
+    """Softening and permanent set depend on the largest deformation, chosen or not."""
+    lengths = np.concatenate([np.linspace(0, 10, 11), np.linspace(9, 2, 8), np.linspace(3, 6, 4)])
+    (note,) = series.unseen_peak(lengths, np.array([4, 8, 12, 16]))
+    assert "longest in frame 10, 2 mm longer" in note and "before frame 12" in note
+    assert series.unseen_peak(lengths, np.array([4, 8, 10, 12, 16])) == []
+    ramp = np.linspace(0, 10, 23) + 0.05 * np.sin(np.arange(23))
+    assert series.unseen_peak(ramp, np.array([5, 11, 17, 22])) == []
