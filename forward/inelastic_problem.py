@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from forward._dolfinx import JIT_OPTIONS, QUADRATURE_DEGREE, basix, dolfinx, ufl
 from forward.effects import Sheet
-from forward.problem import Outcome, PlaneStressProblem
+from forward.problem import Outcome, PlaneStressProblem, weakly
 from meshes import Mesh
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class InelasticProblem(PlaneStressProblem):
         self.sheet, self.symmetric = sheet, not sheet.softens
         super().__init__(mesh, sheet, sheet.thickness, held, values, tolerance, max_iterations, comm)
         if sheet.bulk_modulus is not None:
-            self.problem.solver.setFunction(self._residual, self.problem.b)
+            self.problem.solver.setFunction(weakly(self._residual), self.problem.b)
 
     def step(self, load_factor: float, duration: float) -> Outcome:
         """Equilibrium after `duration`, s, from the committed state."""

@@ -8,6 +8,8 @@ Forces and tangent are its first and second derivative, so the tangent is symmet
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
@@ -82,6 +84,19 @@ def create_domain(mesh: Mesh, comm: Any) -> Any:
     return dolfinx.mesh.create_mesh(comm, cells, element, points)
 
 
+def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A bound method that PETSc may keep: a solver that holds its owner is never freed, nor its communicators, of which a
+    process has some two thousand and a solve takes fifteen."""
+    reference = weakref.WeakMethod(method)
+
+    def call(*arguments: Any) -> Any:
+        found = reference()
+        assert found is not None  # the owner also owns the solver
+        return found(*arguments)
+
+    return call
+
+
 class PlaneStressProblem:
     """Displacement u of a sheet whose components `held` (n, 2) move to load_factor * `values` (n, 2), mm."""
 
@@ -118,7 +133,7 @@ class PlaneStressProblem:
         self._prepare_factorisation()
         self._raw = self.problem.b.duplicate()
         self._is_held = self._held_entries()
-        self.problem.solver.setConvergenceTest(self._test)
+        self.problem.solver.setConvergenceTest(weakly(self._test))
 
     @property
     def displacements(self) -> Array:
