@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from types import CodeType
@@ -9,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+from studies import blind_report
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -49,6 +52,15 @@ def test_the_new_effect_changes_nothing_at_its_null_value(tmp_path: Path, monkey
     effect = names["LogarithmOfTheSecondInvariant"]()
     F, P = np.random.default_rng(0).normal([[1.0, 0.0], [0.0, 1.0]], 0.1, (2, 5, 2, 2)), np.ones((2, 5, 2, 2))
     np.testing.assert_array_equal(effect.stress(None, F, P, (0.0,), (), None), P)
+
+
+def test_the_tables_of_blind_trials_are_those_of_the_trials() -> None:
+    """docs/blind.json is the trials.json of a run, every trial once; its tables stand on the page as the run prints them."""
+    trials = json.loads((DOCS / "blind.json").read_text())
+    assert len({one["trial"] for one in trials}) == len(trials)
+    page = (DOCS / "discover.md").read_text()
+    assert blind_report.markdown(blind_report.summary(trials)) in page
+    assert f"of the {len(trials)} made so far" in page or f"all {len(trials)} trials" in page
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
