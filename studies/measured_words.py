@@ -172,7 +172,7 @@ def verdict(learnt: dict[str, Any]) -> str:
     if not learnt.get("predicts", True):
         text += "; what was fitted is met, what comes after is predicted worse than by neo-Hooke"
     if learnt.get("unfinished_fits"):
-        text += f"; {learnt['unfinished_fits']} fits stopped before they had converged"
+        text += f"; fits stopped before they had converged: {learnt['unfinished_fits']}"
     return (
         f"{text}; on increments never used, force error {percent(base['force'])} -> {percent(final['force'])}, "
         f"field error {percent(base['field'])} -> {percent(final['field'])} (over all models with effects force "
