@@ -85,8 +85,8 @@ def create_domain(mesh: Mesh, comm: Any) -> Any:
 
 
 def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A bound method that PETSc may keep: a solver that holds its owner is never freed, nor its communicators, of which a
-    process has some two thousand and a solve takes fifteen."""
+    """A bound method that PETSc may keep: a solver that holds its owner is never freed, nor its communicators, of which MPICH has
+    2046 and a solve takes 15."""
     reference = weakref.WeakMethod(method)
 
     def call(*arguments: Any) -> Any:

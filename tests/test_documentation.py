@@ -58,8 +58,15 @@ def test_the_tables_of_blind_trials_are_those_of_the_trials() -> None:
     """docs/blind.json is the trials.json of a run, every trial once; its tables stand on the page as the run prints them."""
     trials = json.loads((DOCS / "blind.json").read_text())
     assert len({one["trial"] for one in trials}) == len(trials)
-    page = (DOCS / "discover.md").read_text()
-    assert blind_report.markdown(blind_report.summary(trials)) in page
+    page, found = (DOCS / "discover.md").read_text(), blind_report.summary(trials)
+    assert blind_report.markdown(found) in page
+    said, limits = (" ".join(path.read_text().split()) for path in (ROOT / "README.md", DOCS / "limits.md"))
+    assert f"In {len(trials)} blind trials" in said
+    assert f"found nothing in {found['nulls'] - found['null_detections']} of {found['nulls']} without an effect" in said
+    assert f"named the group of {found['strong_group_named']} of {found['strong']} strong effects" in said
+    assert f"{found['amplitudes_within']} of {found['amplitudes']} amplitudes in their 95 % interval" in said
+    assert f"a wrong name in {found['absent_wrong']} of {found['absent']}" in said
+    assert f"a wrong name was given in {found['absent_wrong']} of {found['absent']} such cases" in limits
     assert f"of the {len(trials)} made so far" in page or f"all {len(trials)} trials" in page
 
 
