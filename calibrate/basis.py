@@ -5,7 +5,8 @@ J1 = I1, J2 = I2^(3/2) is linear in psi_k = d psi / dJ_k. Writing psi_k in a cub
 residual linear in a few coefficients, however fine the mesh.
 
 - one input: functions of s = sqrt((J - J(I)) / range), uniform knots in s (dense where the data are);
-- both inputs: tensor products in the Hencky norm and the Lode angle of the logarithmic strain.
+- both inputs: tensor products in the Hencky norm and the Lode angle of the logarithmic strain;
+- in plane strain: either of them at the isochoric part, and the bulk modulus as one more coefficient.
 
 Any model enters by interpolation: `coefficients(psi at sites)`.
 """
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from calibrate import errors, kinematics, pann
+from calibrate import errors, kinematics, pann, plane_strain
 
 Array = NDArray[np.float64]
 DEGREE = 3
@@ -210,7 +211,43 @@ class TensorBasis:
         return values, columns.reshape(len(F), -1)
 
 
-Basis = SingleBasis | TensorBasis
+@dataclass(frozen=True)
+class PlaneStrainBasis:
+    """The energy of the isochoric part in a basis of its own, and last the bulk modulus, see `calibrate.plane_strain`."""
+
+    energy: SingleBasis | TensorBasis
+
+    @property
+    def n_functions(self) -> int:
+        return self.energy.n_functions + 1
+
+    @property
+    def input_tops(self) -> tuple[float, float]:
+        return self.energy.input_tops
+
+    @property
+    def site_inputs(self) -> Array:
+        return self.energy.site_inputs
+
+    @cached_property
+    def interpolation(self) -> Array:
+        """(n_functions, n_sites * 2): as of the energy, without a bulk modulus."""
+        return np.pad(self.energy.interpolation, ((0, 1), (0, 0)))
+
+    def local(self, F: Array) -> tuple[Array, NDArray[np.int64]]:
+        P, columns = self.energy.local(np.asarray(plane_strain.isochoric(F)))
+        P = np.asarray(plane_strain.stress(F[:, None], P, 0.0))
+        last = np.full((len(F), 1), self.n_functions - 1)
+        volumetric = np.asarray(plane_strain.volumetric(F))[:, None]
+        return np.concatenate([P, volumetric], axis=1), np.concatenate([columns, last], axis=1)
+
+
+Basis = SingleBasis | TensorBasis | PlaneStrainBasis
+
+
+def energy_basis(basis: Basis) -> SingleBasis | TensorBasis:
+    """The functions of the invariants alone."""
+    return basis.energy if isinstance(basis, PlaneStrainBasis) else basis
 
 
 def hencky_to_lode(F: Array) -> tuple[Array, Array]:
@@ -234,10 +271,14 @@ def lode_to_hencky(norm: Array, angle: Array) -> Array:
     return np.sqrt(2.0 / 3.0) * norm[:, None] * np.sin(angle[:, None] + shift)
 
 
-def basis_for(inputs: str, F: Array, n: int = 32) -> Basis:
+def basis_for(inputs: str, F: Array, n: int = 32, plane: str = "stress") -> Basis:
     """The basis that covers the deformation gradients F (m, 2, 2) for a PANN with `inputs`."""
     if inputs not in pann.INPUT_SETS:
         raise errors.ConfigError(f"inputs '{inputs}' unknown; choose one of {', '.join(pann.INPUT_SETS)}")
+    if plane == "strain":
+        basis = basis_for(inputs, np.asarray(plane_strain.isochoric(F)), n)
+        assert not isinstance(basis, PlaneStrainBasis)
+        return PlaneStrainBasis(basis)
     if inputs == "I1I2":
         tops = 1.02 * polyconvex(F)[0].max(axis=0)
         return TensorBasis(1.02 * float(hencky_to_lode(F)[0].max()), input_tops=(float(tops[0]), float(tops[1])))

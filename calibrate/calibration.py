@@ -92,6 +92,8 @@ class Calibration:
             "relative_force_error": relative_force_error(self.predicted_forces, self.measured_forces),
             "calibrated_range": {k: list(v) for k, v in self.model.calibrated_range.items()},
             "reason": self.reason,
+            "bulk_modulus": self.model.bulk_modulus,
+            "bulk_modulus_deviation": self.model.bulk_modulus_deviation,
             "uncertainty": None
             if spread is None
             else {
@@ -105,7 +107,7 @@ class Calibration:
 
 def calibrated_range(system: Equilibrium, quantile: float = QUANTILE) -> dict[str, tuple[float, float]]:
     """Range of I1 and I2 in the data: from rest to the area-weighted `quantile` over all increments."""
-    values = np.asarray(invariants_and_derivatives(jnp.asarray(system.deformation_gradients))[0])
+    values = np.asarray(invariants_and_derivatives(jnp.asarray(system.isochoric_gradients))[0])
     weights = np.broadcast_to(system.areas, values.shape[:2]).ravel()
     result = {}
     for i, name in enumerate(INVARIANTS):
@@ -127,7 +129,7 @@ def relative_force_error(predicted: dict[str, Array], measured: dict[str, Array]
 
 def predict_forces(system: Equilibrium, model: Model) -> tuple[dict[str, Array], Array]:
     """Forces {boundary: (n_increments, 2)} N from the measured displacements, and all residuals (n_inc, rows)."""
-    work = system.internal_forces(model.nominal_stress(system.deformation_gradients))
+    work = system.internal_forces(model.nominal_stress(system.deformation_gradients, system.experiment.plane))
     n = system.fields.n_fields
     forces = {}
     for column in np.flatnonzero(system.fields.boundary >= 0):
@@ -144,8 +146,12 @@ def calibrate(
     progress: called with (done, total) increments while the equations are assembled.
     Raises `ForceSignError`, `FitError`.
     """
+    if options.loss == "paper" and experiment.plane == "strain":
+        raise errors.ConfigError(
+            f"{experiment.name}: the paper's loss is one of plane stress; calibrate with loss 'weighted'"
+        )
     system = equilibrium(experiment, options.spacing)
-    basis = basis_for(options.inputs, system.deformation_gradients.reshape(-1, 2, 2))
+    basis = basis_for(options.inputs, system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
     if options.loss == "paper" and options.scaling == "dependent":
         return _calibrate_slsqp(system, basis, options)
     if options.loss == "paper":
@@ -162,10 +168,20 @@ def calibrate(
     architecture, result = fit.fit_network(
         quadratic, options.inputs, options.layers, spline, options.starts, options.seed
     )
-    confidence = None
+    confidence, bulk = None, None
     if options.loss == "weighted":
         confidence = uncertainty.parameter_uncertainty(quadratic, architecture, result.parameters, known)
         factor = quadratic.stiffness_factor(result.coefficients)
+        if experiment.plane == "strain":
+            bulk = (
+                factor * float(result.coefficients[-1]),
+                uncertainty.bulk_modulus_deviation(quadratic, architecture, result.parameters, confidence),
+            )
+            if not bulk[0] > 0:
+                raise errors.FitError(
+                    f"{experiment.name}: the bulk modulus found is not positive ({bulk[0]:.3g} {experiment.stress_unit}); is the "
+                    "test in plane strain, and does its volume change by more than noise?"
+                )
         architecture = replace(architecture, energy_scale=factor * architecture.energy_scale)
     freedom = max(1, quadratic.n_rows - architecture.n_parameters)
     best = int(np.nanargmin(result.losses))
@@ -181,6 +197,7 @@ def calibrate(
         result.loss / freedom if known else np.nan,
         result.reasons[best],
         confidence,
+        bulk,
     )
 
 
@@ -215,6 +232,7 @@ def _collect(
     reduced_chi_square: float,
     reason: str,
     confidence: uncertainty.Uncertainty | None = None,
+    bulk: tuple[float, float] | None = None,
 ) -> Calibration:
     experiment = system.experiment
     model = Model(
@@ -225,6 +243,7 @@ def _collect(
         {"loss": loss, "reason": reason, "options": asdict(options)},
         {"experiment": experiment.name, **experiment.provenance},
         confidence,
+        *(bulk or (None, None)),
     )
     forces, residuals = predict_forces(system, model)
     return Calibration(

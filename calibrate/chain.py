@@ -2,7 +2,8 @@
 
 In: an Experiment, virtual fields, a base model as spline coefficients, and effects with their amplitudes and shapes.
 Out: residual (t, 2 v): internal virtual work minus measured force, N, rows ordered as in `Equilibrium`, and its
-derivatives by coefficients, amplitudes, shapes and displacements. Compiled code depends on the effects and on the
+derivatives by coefficients, amplitudes, shapes and displacements. In plane strain base and effects act on the isochoric part,
+as in an incompressible sheet; the bulk modulus is the last coefficient (`calibrate.plane_strain`). Compiled code depends on the effects and on the
 sizes of the arrays only, so that it serves every experiment of a size.
 """
 
@@ -19,7 +20,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate.basis import DEGREE, SingleBasis, _pieces
+from calibrate import plane_strain
+from calibrate.basis import DEGREE, PlaneStrainBasis, SingleBasis, _pieces, energy_basis
 from calibrate.effects.effect import Data, Effect
 from calibrate.equilibrium import Equilibrium
 from calibrate.kinematics import invariants
@@ -57,7 +59,7 @@ class Chain:
     """One Experiment's chain with base functions of a single invariant."""
 
     system: Equilibrium
-    basis: SingleBasis
+    basis: SingleBasis | PlaneStrainBasis
 
     @cached_property
     def data(self) -> Data:
@@ -66,7 +68,7 @@ class Chain:
     @cached_property
     def arrays(self) -> Arrays:
         loads = self.system.loads.reshape(len(self.system.loads), 2, -1)[:, :, self.system.fields.boundary >= 0]
-        return Arrays(self.data, jnp.asarray(np.nan_to_num(loads)), jnp.asarray(float(self.basis.top)))
+        return Arrays(self.data, jnp.asarray(np.nan_to_num(loads)), jnp.asarray(self.energy.top))
 
     @cached_property
     def virtual(self) -> Array:
@@ -94,8 +96,16 @@ class Chain:
         return twin
 
     @property
-    def kind(self) -> tuple[int, int]:
-        return self.basis.k, self.basis.n
+    def energy(self) -> SingleBasis:
+        """The functions of the invariant alone."""
+        found = energy_basis(self.basis)
+        assert isinstance(found, SingleBasis)
+        return found
+
+    @property
+    def kind(self) -> tuple[int, int, bool]:
+        """Invariant and number of its functions, and whether in plane strain."""
+        return self.energy.k, self.energy.n, isinstance(self.basis, PlaneStrainBasis)
 
     def residual(self, c: Any, effects: tuple[Effect, ...] = (), amplitudes: Any = (), shapes: Any = ()) -> Array:
         """Residual (t, 2 v), N, of coefficients c (n,), each effect with amplitudes (p,) and shape (q,)."""
@@ -138,7 +148,7 @@ class Chain:
         F, correction = self._corrected(additions)
         virtual = np.asarray(forces).reshape(len(F), 2, -1) @ self.virtual
         change = virtual.reshape(len(F), 2, -1, 2).swapaxes(1, 2)[None]  # the tangent has an energy: K^T is K
-        dual = np.asarray(_base_pushed(self.kind, self.arrays, jnp.asarray(c), jnp.asarray(F), change))[0]
+        dual = np.asarray(_whole_base_pushed(self.kind, self.arrays, jnp.asarray(c), jnp.asarray(F), change))[0]
         nodal = np.moveaxis(dual, 2, 0).reshape(2 * len(F), -1) @ self.system.gradient
         return correction(np.moveaxis(nodal.reshape(2, len(F), -1), 0, -1)[None])[0]
 
@@ -198,13 +208,19 @@ class Chain:
             F = _gradients(data, _moved(effect, data, u, a, shape))
             stages = _stages(kind, effects, self.arrays, c, *before, F)
         P = stages[-1]
-        stress, force = _direct(kind, effect, self.arrays, c, F, P, loads, a, shape)
-        change = self.work(stress) - self.spread(force)
+        f = _law_gradients(kind, F)
+        stress, force = _direct(kind, effect, self.arrays, c, f, P, loads, a, shape)
         if moves:
             dF = _change_of_gradients(effect, data, u, a, shape)
-            dP = _pushed(kind, effects, self.arrays, c, *before, F, stages, dF)
-            change = change + self.work(_pushed_on(kind, effect, self.arrays, c, F, P, a, shape, dF, dP))
-        return change
+            df = _law_changes(kind, F, dF)
+            dP = _pushed(kind, effects, self.arrays, c, *before, f, stages, df)
+            moved = _pushed_on(kind, effect, self.arrays, c, f, P, a, shape, df, dP)
+            if kind[-1]:
+                behind = _stressed_by(kind, effect, self.arrays, c, f, P, a, shape)
+                moved = _whole_changes(kind, c, F, behind, dF, moved)
+            moved = self.work(moved)
+        change = self.work(_whole_changes(kind, c, F, P, None, stress)) - self.spread(force)
+        return change + moved if moves else change
 
     def jacobian(self, c: Any, additions: Additions) -> Array:
         """d residual / d amplitudes and shapes of all additions, (k, t, 2 v): of each its amplitudes, then its shapes."""
@@ -231,10 +247,43 @@ def gradients(data: Data, u: Any) -> Any:
     return jnp.eye(2) + jnp.einsum("tmki,mkj->tmij", u[:, data.stencil], data.slopes)
 
 
+def law_gradients(data: Data, u: Any) -> Any:
+    """What effects take for the deformation gradient (t, m, 2, 2) at displacements (t, n, 2)."""
+    F = gradients(data, u)
+    return F if data.plane == "stress" else plane_strain.isochoric(F)
+
+
 def _law(kind, arrays, c):
-    """The base model's stress (2, 2) at one deformation gradient (2, 2)."""
-    k, n = kind
+    """The base model's stress (2, 2) at one deformation gradient (2, 2); in plane strain at its isochoric part."""
+    k, n, _ = kind
     return partial(base_law, k, n, arrays.top, c)
+
+
+def _law_gradients(kind, F):
+    """What laws and effects take for the deformation gradient (..., 2, 2) of an incompressible sheet."""
+    return plane_strain.isochoric(F) if kind[-1] else F
+
+
+def _law_changes(kind, F, changes):
+    """Changes (p, ..., 2, 2) of it by changes of F."""
+    if not kind[-1]:
+        return changes
+    return jax.lax.map(lambda change: jax.jvp(plane_strain.isochoric, (F,), (change,))[1], changes)
+
+
+def _whole(kind, c, F, P):
+    """P (..., 2, 2) of F and the stress of laws and effects."""
+    return plane_strain.stress(F, P, c[-1]) if kind[-1] else P
+
+
+def _whole_changes(kind, c, F, P, dF, dP):
+    """Changes (p, ..., 2, 2) of it by changes dP of that stress and dF of F; None: F stays."""
+    if not kind[-1]:
+        return dP
+    if dF is None:
+        return plane_strain.stress(F, dP, 0.0)
+    whole = lambda F, P: plane_strain.stress(F, P, c[-1])  # noqa: E731
+    return jax.lax.map(lambda both: jax.jvp(whole, (F, P), both)[1], (dF, dP))
 
 
 # Every step of the chain is compiled by itself, so that a model with a new combination of effects compiles nothing.
@@ -255,7 +304,8 @@ def _displaced(effects, arrays, amplitudes, shapes):
 
 
 def _stages(kind, effects, arrays, c, amplitudes, shapes, F):
-    """P (t, m, 2, 2) of the base and behind every effect."""
+    """P (t, m, 2, 2) of the base and behind every effect; in plane strain of their laws at the isochoric part."""
+    F = _law_gradients(kind, F)
     stages = [_base_stress(kind, arrays, c, F)]
     for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
         acts = _acts(effect, "stress")
@@ -284,7 +334,8 @@ def _external(effects, arrays, amplitudes, shapes):
 def _response(kind, effects, arrays, c, amplitudes, shapes):
     """Stresses (t, m, 2, 2) and forces (t, 2, b)."""
     F = _gradients(arrays.data, _displaced(effects, arrays, amplitudes, shapes))
-    return _stages(kind, effects, arrays, c, amplitudes, shapes, F)[-1], _external(effects, arrays, amplitudes, shapes)
+    P = _whole(kind, c, F, _stages(kind, effects, arrays, c, amplitudes, shapes, F)[-1])
+    return P, _external(effects, arrays, amplitudes, shapes)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -293,7 +344,8 @@ def _noise_shift(kind, arrays, c, axes):
     law = jax.vmap(_law(kind, arrays, c))
 
     def stress(F):
-        return law(F.reshape(-1, 2, 2)).reshape(F.shape)
+        P = law(_law_gradients(kind, F).reshape(-1, 2, 2)).reshape(F.shape)
+        return _whole(kind, c, F, P)
 
     change = -4.0 * stress(F)
     for q in range(2):
@@ -341,6 +393,13 @@ def _base_pushed(kind, arrays, c, F, changes):
         return _base_stress(kind, arrays, c, F)
 
     return jax.lax.map(lambda change: jax.jvp(stress, (F,), (change,))[1], changes)
+
+
+def _whole_base_pushed(kind, arrays, c, F, changes):
+    """The same of the whole stress."""
+    f = _law_gradients(kind, F)
+    pushed = _base_pushed(kind, arrays, c, f, _law_changes(kind, F, changes))
+    return _whole_changes(kind, c, F, _base_stress(kind, arrays, c, f), changes, pushed) if kind[-1] else pushed
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrate import whitened
+from calibrate.basis import PlaneStrainBasis
 from calibrate.effect_fit import Fit
 from calibrate.fit import fit_network
 from calibrate.model import Model
@@ -64,7 +65,8 @@ def distil(
         architecture,
         np.asarray(found.parameters),
         problem.parts[0].experiment.stress_unit,
-        {"I1": (3.0, 3.0 + problem.basis.top)},
+        {"I1": (3.0, 3.0 + problem.parts[0].chain.energy.top)},
         {"loss": network_loss, "spline_loss": fit.loss, "equations": fit.n_rows},
+        bulk_modulus=float(found.coefficients[-1]) if isinstance(problem.basis, PlaneStrainBasis) else None,
     )
     return Distilled(model, fit.loss, network_loss, fit.n_rows)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from calibrate import errors, reduction, whitened
-from calibrate.basis import SingleBasis, basis_for
+from calibrate.basis import PlaneStrainBasis, SingleBasis, basis_for, energy_basis
 from calibrate.chain import Additions, Chain
 from calibrate.effects import Parameter
 from calibrate.equilibrium import equilibrium
@@ -161,8 +161,15 @@ def prepare(
     used = [i for i, mask in enumerate(masks) if mask.any()]
     if not used:
         raise errors.ConfigError("every equation is held out; leave some to fit")
-    basis = basis_for("I1", np.concatenate([s.deformation_gradients.reshape(-1, 2, 2) for s in systems]))
-    assert isinstance(basis, SingleBasis)
+    planes = {e.plane for e in experiments}
+    if len(planes) > 1:
+        raise errors.ConfigError(
+            "experiments in plane stress and in plane strain cannot be fitted together; fit one kind"
+        )
+    F = np.concatenate([s.deformation_gradients.reshape(-1, 2, 2) for s in systems])
+    basis = basis_for("I1", F, plane=planes.pop())
+    assert isinstance(basis, SingleBasis | PlaneStrainBasis)
+    bulk = basis.n_functions - energy_basis(basis).n_functions
     assembled = [reduction.assemble(system, basis) for system in systems]
     c = whitened.first_guess([assembled[i] for i in used])
     chains = [Chain(system, basis) for system in systems]
@@ -174,7 +181,8 @@ def prepare(
         1 if parametric else whitened.SPLINES,
     )
     previous = c
-    prior, spread = whitened.smoothness(base, cone.shape[1]) / (STIFFENING * float(c.max())), 1.0
+    stiffness = float(c[: basis.n_functions - bulk].max())
+    prior, spread = whitened.smoothness(base, cone.shape[1] - bulk, bulk) / (STIFFENING * stiffness), 1.0
     for count in range(PASSES):
         whites = [whitening(covariances(assembled[i], c), masks[i]) for i in used]
         A = np.concatenate([w(np.moveaxis(np.array(assembled[i].matrices), -1, 0)).T

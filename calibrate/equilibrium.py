@@ -14,12 +14,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
-from calibrate import errors, kinematics, recovery
-from calibrate.basis import Basis, SingleBasis
+from calibrate import errors, kinematics, plane_strain, recovery
+from calibrate.basis import Basis, PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.experiment import Experiment
 from calibrate.virtual_fields import VirtualFields, virtual_fields
 
@@ -73,6 +75,12 @@ class Equilibrium:
         """F (n_increments, n_triangles, 2, 2)."""
         return kinematics.deformation_gradients(self.gradient, self.experiment.displacements)
 
+    @cached_property
+    def isochoric_gradients(self) -> Array:
+        """(n_increments, n_triangles, 2, 2): of which the invariants are taken; F itself where the sheet is incompressible."""
+        F = self.deformation_gradients
+        return F if self.experiment.plane == "stress" else np.asarray(plane_strain.isochoric(F))
+
     def matrix(self, basis: Basis, F: Array) -> Array:
         """G (2 n_fields, n_functions) of one increment with F (n_triangles, 2, 2), N per MPa."""
         P, columns = basis.local(F)
@@ -119,6 +127,11 @@ def equilibrium(experiment: Experiment, spacing: float | None = None) -> Equilib
 
 def tangent_modulus(basis: Basis, F: Array, c: Array) -> Array:
     """dP/dF (m, 2, 2, 2, 2) of coefficients c at F (m, 2, 2), MPa."""
+    if isinstance(basis, PlaneStrainBasis):
+        f, energy = np.asarray(plane_strain.isochoric(F)), basis.energy
+        P, columns = energy.local(f)
+        stress = np.einsum("mqij,mq->mij", P, c[columns])
+        return np.asarray(_plane_strain_modulus(F, stress, tangent_modulus(energy, f, c[:-1]), c[-1]))
     psi, second = basis.second(F, c)
     values, first = map(np.asarray, kinematics.invariants_and_derivatives(F))
     hessians = np.asarray(kinematics.invariant_hessians(F))
@@ -131,16 +144,47 @@ def tangent_modulus(basis: Basis, F: Array, c: Array) -> Array:
     return tensor + np.einsum("mkl,mkia,mljb->miajb", second, dJ, dJ)
 
 
-def neo_hooke(basis: Basis, shear_modulus: float = 1.0) -> Array:
+@jax.jit
+def _plane_strain_modulus(F, stress, modulus, bulk_modulus):
+    """dP/dF (m, 2, 2, 2, 2) of F (m, 2, 2), P0 (m, 2, 2) and dP0/df (m, 2, 2, 2, 2) of the isochoric part."""
+
+    def one(f, p, a):
+        along = lambda g: a.reshape(4, 4) @ (plane_strain.isochoric(g) - plane_strain.isochoric(f)).ravel()  # noqa: E731
+        return jax.jacfwd(lambda g: plane_strain.stress(g, p + along(g).reshape(2, 2), bulk_modulus))(f)
+
+    return jax.vmap(one)(F, stress, modulus)
+
+
+def neo_hooke(basis: Basis, shear_modulus: float = 1.0, bulk_modulus: float = 0.0) -> Array:
     """Coefficients of a constant psi_k (neo-Hooke for J1: psi_1 = mu / 2)."""
-    sites = np.zeros((len(basis.site_inputs), 2))
-    sites[:, basis.k if isinstance(basis, SingleBasis) else 0] = 0.5 * shear_modulus
-    return basis.interpolation @ sites.ravel()
+    sites, energy = np.zeros((len(basis.site_inputs), 2)), energy_basis(basis)
+    sites[:, energy.k if isinstance(energy, SingleBasis) else 0] = 0.5 * shear_modulus
+    c = basis.interpolation @ sites.ravel()
+    if isinstance(basis, PlaneStrainBasis):
+        c[-1] = bulk_modulus
+    return c
+
+
+def best_neo_hooke(system: Equilibrium, basis: Basis) -> Array:
+    """Coefficients of the neo-Hookean solid that fits the measured forces best; start of the weighting."""
+    if not isinstance(basis, PlaneStrainBasis):
+        return neo_hooke(basis, best_shear_modulus(system, basis)[0])
+    shear, bulk = neo_hooke(basis), neo_hooke(basis, 0.0, 1.0)
+    rows = np.tile(system.fields.boundary >= 0, 2)
+    both = np.array(
+        [system.matrix(basis, F)[rows] @ np.stack([shear, bulk], axis=1) for F in system.deformation_gradients]
+    )
+    known = np.isfinite(system.loads[:, rows])
+    mu, kappa = nnls(both[known], system.loads[:, rows][known])[0]
+    return max(mu, 1e-3 * kappa) * shear + max(kappa, mu / 3) * bulk
 
 
 def best_shear_modulus(system: Equilibrium, basis: Basis) -> tuple[float, float]:
-    """Least-squares neo-Hookean modulus from the measured forces alone, and their correlation with the model's."""
-    c = neo_hooke(basis)
+    """Least-squares neo-Hookean modulus from the measured forces alone, and their correlation with the model's.
+
+    In plane strain of a solid whose Poisson ratio is a quarter.
+    """
+    c = neo_hooke(basis, 1.0, 5 / 3)
     rows = np.tile(system.fields.boundary >= 0, 2)
     predicted = np.array([system.matrix(basis, F)[rows] @ c for F in system.deformation_gradients])
     measured = system.loads[:, rows]
@@ -164,7 +208,8 @@ def check_force_sign(system: Equilibrium) -> None:
         raise errors.MissingForceError(
             f"{e.name}: every measured force is zero; check the column of the load cell, or give NaN for what was not measured"
         )
-    basis = SingleBasis(0, 1.0, 8)
+    energy = SingleBasis(0, 1.0, 8)
+    basis = energy if e.plane == "stress" else PlaneStrainBasis(energy)
     modulus, correlation = best_shear_modulus(system, basis)
     if modulus < 0 and correlation < -0.3:
         raise errors.ForceSignError(

@@ -7,7 +7,7 @@ The ``.npz`` holds plain arrays (no pickles): ``format`` = "equigap-experiment",
 ``points``, ``triangles``, ``displacements``, ``free_nodes``, ``time`` and ``thickness`` (absent = unknown),
 ``loaded_names`` and per loaded boundary ``i``: ``loaded_i_nodes``, ``loaded_i_force``; ``noise`` (4 numbers:
 displacement std mm, correlation length mm, relative force std, force std N; absent = unknown);
-``provenance`` (JSON text).
+``provenance`` (JSON text). In plane strain ``plane`` = "strain", and ``version`` = 2, which older programs refuse.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from calibrate import errors
 from calibrate.files import write_atomically
 
-FORMAT, VERSION = "equigap-experiment", 1
+FORMAT, VERSION, WITH_PLANE = "equigap-experiment", 1, 2
+PLANES = ("stress", "strain")
 Array = NDArray[np.float64]
 
 
@@ -70,6 +71,7 @@ class Experiment:
     free_nodes: nodes on truly traction-free edges; other boundary nodes are the rim of the measured region.
     thickness: None = unknown; then stiffness times thickness (N/mm) is identified instead of MPa.
     time (n_increments,): None = unknown. noise: None = unknown.
+    plane: 'stress' of an incompressible sheet with free faces, or 'strain' of a compressible body held at its faces.
 
     Raises a subclass of `ExperimentError` when a check fails.
     """
@@ -84,6 +86,7 @@ class Experiment:
     time: Array | None = None
     noise: Noise | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
+    plane: str = "stress"
 
     def __post_init__(self) -> None:
         for key in ("points", "displacements"):
@@ -122,7 +125,7 @@ class Experiment:
         """Write the documented ``.npz`` atomically."""
         arrays: dict[str, Any] = {
             "format": FORMAT,
-            "version": VERSION,
+            "version": VERSION if self.plane == "stress" else WITH_PLANE,
             "name": self.name,
             "points": self.points,
             "triangles": self.triangles,
@@ -138,6 +141,8 @@ class Experiment:
             arrays["time"] = self.time
         if self.thickness is not None:
             arrays["thickness"] = self.thickness
+        if self.plane != "stress":
+            arrays["plane"] = self.plane
         if self.noise is not None:
             arrays["noise"] = np.array(list(self.noise.__dict__.values()))
         buffer = io.BytesIO()
@@ -166,9 +171,10 @@ class Experiment:
                 f"{path}: an .npz, but not an Experiment (its 'format' is {content.get('format')}); "
                 "raw measurements are read with `equigap import`"
             )
-        if int(content["version"]) != VERSION:
+        if int(content["version"]) not in (VERSION, WITH_PLANE):
             raise errors.FileFormatError(
-                f"{path}: Experiment version {content['version']}, this program reads {VERSION}; update equigap"
+                f"{path}: Experiment version {content['version']}, this program reads {VERSION} and {WITH_PLANE}; "
+                "update equigap"
             )
         try:
             loaded = tuple(
@@ -186,6 +192,7 @@ class Experiment:
                 time=content.get("time"),
                 noise=Noise(*map(float, content["noise"])) if "noise" in content else None,
                 provenance=json.loads(str(content["provenance"])),
+                plane=str(content.get("plane", "stress")),
             )
         except KeyError as error:
             raise errors.FileFormatError(f"{path}: array {error} is missing; write the file again") from error
@@ -221,6 +228,8 @@ def _first(mask: NDArray[np.bool_]) -> str:
 
 
 def _check_shapes(e: Experiment) -> None:
+    if e.plane not in PLANES:
+        raise errors.ConfigError(f"plane '{e.plane}' unknown; choose one of {', '.join(PLANES)}")
     n = e.points.shape[0]
     if e.points.ndim != 2 or e.points.shape[1] != 2 or e.triangles.ndim != 2 or e.triangles.shape[1] != 3:
         raise errors.MeshMismatchError(

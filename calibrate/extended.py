@@ -2,7 +2,7 @@
 
 Keys: ``format`` = "equigap-extended-model", ``version`` = 1; ``unit`` ("MPa", or "N/mm" where the thickness was unknown);
 ``base`` {"k", "top", "n", "coefficients" [n]}: d psi / d I1 as a cubic B-spline with n functions on uniform knots of
-sqrt((I1 - 3) / top) (`calibrate.basis.SingleBasis`); ``additions`` [{"effect", "formula", "of_material", "amplitudes"
+sqrt((I1 - 3) / top) (`calibrate.basis.SingleBasis`), in plane strain also "bulk_modulus" (`calibrate.plane_strain`); ``additions`` [{"effect", "formula", "of_material", "amplitudes"
 [{"name", "unit", "value", "standard_deviation"}], "shape" [{"name", "unit", "value"}]}]; ``training`` [{"name",
 "fingerprint"}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
 from]}; ``network``: a model file of a PANN distilled from the base, or null; ``network_loss``: how good it is;
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors, noise_model
-from calibrate.basis import SingleBasis
+from calibrate.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.chain import Addition, Additions, Chain
 from calibrate.effects import KNOWN, Parameter, Viscosity
 from calibrate.equilibrium import equilibrium
@@ -54,7 +54,7 @@ class ExtendedModel:
     training: {"name", "fingerprint"} of the Experiments fitted. network, network_loss: see `calibrate.distillation`.
     """
 
-    basis: SingleBasis
+    basis: SingleBasis | PlaneStrainBasis
     c: Array = field(repr=False)
     additions: Additions
     errors: tuple[tuple[float, ...], ...]
@@ -68,6 +68,11 @@ class ExtendedModel:
     network_loss: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict, repr=False)
 
+    @property
+    def plane(self) -> str:
+        """'stress' or 'strain', of the tests that it was fitted to and may be applied to."""
+        return "strain" if isinstance(self.basis, PlaneStrainBasis) else "stress"
+
     def for_test(self, experiment: Experiment) -> Additions:
         """The additions that hold for an Experiment: all if it was fitted, else those of the material."""
         fitted = fingerprint(experiment) in {t["fingerprint"] for t in self.training}
@@ -76,7 +81,7 @@ class ExtendedModel:
     def predict(self, experiment: Experiment, spacing: float | None = None) -> Prediction:
         """Forces and residuals of an Experiment from its measured displacements.
 
-        Raises `ConfigError` where the thickness or the time that the model needs is unknown.
+        Raises `ConfigError` where the thickness or the time that the model needs is unknown, or the test is in another plane.
         """
         if not isinstance(experiment, Experiment):
             raise TypeError(f"an Experiment is needed, not {experiment!r}; Experiment.load(path) reads one")
@@ -84,6 +89,10 @@ class ExtendedModel:
             raise errors.ConfigError(
                 f"{experiment.name}: its stresses are in {experiment.stress_unit}, the model's in {self.unit}; give "
                 "the thickness to both, or to none"
+            )
+        if experiment.plane != self.plane:
+            raise errors.ConfigError(
+                f"{experiment.name} is in plane {experiment.plane}, the model was fitted in plane {self.plane}; fit one to such tests"
             )
         system = equilibrium(experiment, spacing)
         chain, additions = Chain(system, self.basis), self.for_test(experiment)
@@ -102,14 +111,18 @@ class ExtendedModel:
             experiment.loaded[system.fields.boundary[v]].name: readings[:, [v, n + v]]
             for v in np.flatnonzero(system.fields.boundary >= 0)
         }
-        I1 = np.asarray(invariants_and_derivatives(system.deformation_gradients)[0])[..., 0]
-        beyond = (system.areas * (3 + self.basis.top < I1)).sum() / (system.areas.sum() * len(I1))
+        I1 = np.asarray(invariants_and_derivatives(system.isochoric_gradients)[0])[..., 0]
+        beyond = (system.areas * (3 + chain.energy.top < I1)).sum() / (system.areas.sum() * len(I1))
         names = {a.effect.name for a in additions}
         left_out = tuple(a.effect.name for a in self.additions if a.effect.name not in names)
         return Prediction(forces, residuals, left_out, float(beyond))
 
     def to_dict(self) -> dict[str, Any]:
-        base = {"k": self.basis.k, "top": self.basis.top, "n": self.basis.n, "coefficients": self.c.tolist()}
+        energy = energy_basis(self.basis)
+        assert isinstance(energy, SingleBasis)
+        base = {"k": energy.k, "top": energy.top, "n": energy.n, "coefficients": self.c[: energy.n].tolist()}
+        if self.plane == "strain":
+            base["bulk_modulus"] = float(self.c[-1])
         return {
             "format": FORMAT,
             "version": VERSION,
@@ -187,10 +200,15 @@ class ExtendedModel:
         if content["unit"] not in UNITS:
             raise ValueError(f"unit '{content['unit']}' unknown; choose one of {', '.join(UNITS)}")
         base = content["base"]
-        basis = SingleBasis(int(base["k"]), float(base["top"]), int(base["n"]))
+        energy = SingleBasis(int(base["k"]), float(base["top"]), int(base["n"]))
         c = np.asarray(base["coefficients"], float)
-        if c.shape != (basis.n,) or not np.isfinite(c).all() or not basis.top > 0:
-            raise ValueError(f"base: need {basis.n} finite coefficients and a positive top")
+        if c.shape != (energy.n,) or not np.isfinite(c).all() or not energy.top > 0:
+            raise ValueError(f"base: need {energy.n} finite coefficients and a positive top")
+        basis: SingleBasis | PlaneStrainBasis = energy
+        if "bulk_modulus" in base:
+            basis, c = PlaneStrainBasis(energy), np.append(c, float(base["bulk_modulus"]))
+            if not 0 < c[-1] < np.inf:
+                raise ValueError(f"base: bulk_modulus {c[-1]} is not a positive number")
         both = [_addition_from_dict(a) for a in content["additions"]]
         return cls(
             basis,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from calibrate import errors, pann
-from calibrate.basis import Spline
+from calibrate.basis import PlaneStrainBasis, Spline
 from calibrate.reduction import Quadratic
 
 Array = NDArray[np.float64]
@@ -50,11 +50,13 @@ def monotone_functions(basis, k: int, n: int = 24) -> Array:
 def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24) -> Array:
     """Coefficients (n_functions,) of the best energy that is a sum of convex non-decreasing functions of J_k.
 
-    Raises `FitError` when the loss has no information at all.
+    In plane strain with the best bulk modulus, not negative. Raises `FitError` when the loss has no information at all.
     """
     basis = quadratic.basis
     columns = np.concatenate([monotone_functions(basis, k, n) for k in pann.INPUT_SETS[inputs]])
     E = basis.interpolation @ columns.reshape(len(columns), -1).T
+    if isinstance(basis, PlaneStrainBasis):
+        E = np.column_stack([E, np.eye(basis.n_functions)[:, -1]])
     R, d = quadratic.factor()
     if R.shape[0] == 0:
         raise errors.FitError("the data do not constrain the material: forces or displacements are all noise")
@@ -168,10 +170,11 @@ def fit_network(
     """Fit PANN_inputs^layers to a reduced loss, starting from `spline` coefficients of `convex_spline`.
 
     n_starts random starts (JAX key `seed`) are distilled from the spline and polished on the loss; the one with
-    the lowest loss is returned. limit: iterations of each stage. Raises `FitError` when no start converged to a
-    finite loss.
+    the lowest loss is returned. In plane strain every network has the bulk modulus that suits it best, the last of its
+    coefficients. limit: iterations of each stage. Raises `FitError` when no start converged to a finite loss.
     """
-    basis = quadratic.basis
+    whole, quadratic = quadratic, quadratic.of_energy()
+    basis, spline = quadratic.basis, spline[: quadratic.basis.n_functions]
     unit = pann.Architecture(inputs, tuple(layers))
     sites = np.nan_to_num(basis.site_inputs)
     scales = 1.0 / np.maximum(np.abs(sites).max(axis=0), 1e-300)
@@ -207,7 +210,7 @@ def fit_network(
     derivatives = _Residual(unit, False)._derivatives(theta[best], data[0], data[-1])
     result = NetworkFit(
         parameters=theta[best],
-        coefficients=level * basis.interpolation @ np.asarray(derivatives).ravel(),
+        coefficients=whole.with_bulk_modulus(level * basis.interpolation @ np.asarray(derivatives).ravel()),
         loss=float(losses[best] * magnitude**2 + offset),
         losses=losses * magnitude**2 + offset,
         iterations=counts,

@@ -4,7 +4,8 @@ Keys: ``format`` = "equigap-model", ``version`` = 1, ``kind`` = "pann"; ``inputs
 ``layers`` [N...]; ``scales`` [s_1, s_2]; ``energy_scale``; ``hidden`` [{"weights": [[...]], "biases": [...]}];
 ``output`` [...] (w); ``skip`` [...] (v); ``unit`` ("MPa", or "N/mm" where the thickness was unknown);
 ``calibrated_range`` {"I1": [min, max], "I2": [min, max]}; ``fit`` and ``provenance`` (free JSON).
-Optional: ``uncertainty`` {"factor": [[...]] (rows: parameters; covariance =
+Optional: ``bulk_modulus`` {"value", "standard_deviation" (or null)} of a calibration in plane strain, where the
+invariants are those of the isochoric part (`calibrate.plane_strain`); ``uncertainty`` {"factor": [[...]] (rows: parameters; covariance =
 factor factor^T), "effective_parameters", "reduced_chi_square", "noise_is_known"}; parameters in the order weights (row by row) and biases of each layer, output, skip.
 The formula is in `calibrate.pann`, that of the uncertainty in `calibrate.uncertainty`.
 """
@@ -22,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate import errors, kinematics, pann
+from calibrate import errors, kinematics, pann, plane_strain
 from calibrate.files import write_atomically
 from calibrate.uncertainty import Uncertainty
 
@@ -43,6 +44,7 @@ class Model:
     """A calibrated PANN. parameters (n_parameters,); calibrated_range: (min, max) of I1 and I2 in the data.
 
     uncertainty: None where the loss was not weighted by noise, and in files written before it was stored.
+    bulk_modulus: None where it was calibrated in plane stress, which takes rubber for incompressible.
     """
 
     architecture: pann.Architecture
@@ -52,6 +54,8 @@ class Model:
     fit: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
     uncertainty: Uncertainty | None = field(default=None, repr=False)
+    bulk_modulus: float | None = None
+    bulk_modulus_deviation: float | None = None
 
     def energy(self, invariants: jax.Array) -> jax.Array:
         """Strain energy at one (I1, I2) (2,), MPa (or N/mm)."""
@@ -67,8 +71,19 @@ class Model:
             )
         )  # fmt: skip
 
-    def nominal_stress(self, F: Array) -> Array:
-        """In-plane first Piola-Kirchhoff stress (..., 2, 2) at F (..., 2, 2), MPa (or N/mm)."""
+    def nominal_stress(self, F: Array, plane: str = "stress") -> Array:
+        """In-plane first Piola-Kirchhoff stress (..., 2, 2) at F (..., 2, 2), MPa (or N/mm); plane: 'stress' or 'strain'.
+
+        Raises `ConfigError` in plane strain where no bulk modulus is known.
+        """
+        if plane == "strain":
+            if self.bulk_modulus is None:
+                raise errors.ConfigError(
+                    "the model has no bulk modulus, which plane strain needs: it was calibrated in plane stress; "
+                    "calibrate it on a test in plane strain"
+                )
+            f = np.asarray(plane_strain.isochoric(F))
+            return np.asarray(plane_strain.stress(jnp.asarray(F), self.nominal_stress(f), self.bulk_modulus))
         values, derivatives = kinematics.invariants_and_derivatives(jnp.asarray(F))
         psi = self.derivatives(np.asarray(values))
         return np.einsum("...k,...kij->...ij", psi, np.asarray(derivatives))
@@ -101,7 +116,9 @@ class Model:
 
     def to_dict(self) -> dict[str, Any]:
         hidden, output, skip = self.architecture.unpack(np.asarray(self.parameters))
-        optional = {} if self.uncertainty is None else {"uncertainty": self.uncertainty.to_dict()}
+        optional: dict[str, Any] = {} if self.uncertainty is None else {"uncertainty": self.uncertainty.to_dict()}
+        if self.bulk_modulus is not None:
+            optional["bulk_modulus"] = {"value": self.bulk_modulus, "standard_deviation": self.bulk_modulus_deviation}
         return {
             "format": FORMAT,
             "version": VERSION,
@@ -177,6 +194,7 @@ class Model:
             fit=content.get("fit", {}),
             provenance=content.get("provenance", {}),
             uncertainty=_uncertainty(content.get("uncertainty"), architecture),
+            **_bulk_modulus(content.get("bulk_modulus")),
         )
 
 
@@ -193,6 +211,17 @@ def _uncertainty(content: Any, architecture: pann.Architecture) -> Uncertainty |
     if not isinstance(content, dict):
         raise ValueError("uncertainty is not a table")
     return Uncertainty.from_dict(content, architecture.n_parameters)
+
+
+def _bulk_modulus(content: Any) -> dict[str, float | None]:
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise ValueError("bulk_modulus is not a table")
+    value, deviation = float(content["value"]), content["standard_deviation"]
+    if not 0 < value < np.inf:
+        raise ValueError(f"bulk_modulus {value} is not a positive number")
+    return {"bulk_modulus": value, "bulk_modulus_deviation": None if deviation is None else float(deviation)}
 
 
 def _range(content: Any) -> dict[str, tuple[float, float]]:

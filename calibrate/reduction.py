@@ -21,8 +21,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate import noise_model
-from calibrate.basis import Basis
-from calibrate.equilibrium import Equilibrium, best_shear_modulus, neo_hooke
+from calibrate.basis import Basis, PlaneStrainBasis
+from calibrate.equilibrium import Equilibrium, best_neo_hooke
 from calibrate.experiment import Noise
 
 Array = NDArray[np.float64]
@@ -61,6 +61,26 @@ class Quadratic:
         about loss / constant: 0.3 % on noisy synthetic data, tens of percent where the model leaves much unexplained.
         """
         return self.constant / float(self.q @ c)
+
+    def of_energy(self) -> Quadratic:
+        """The least loss over all bulk moduli, as a function of the other coefficients; itself where there is none."""
+        if not isinstance(self.basis, PlaneStrainBasis):
+            return self
+        Q, q, column = self.Q[:-1, :-1], self.q, self.Q[:-1, -1]
+        weight = max(float(self.Q[-1, -1]), 1e-300)
+        return Quadratic(
+            self.basis.energy,
+            Q - np.outer(column, column) / weight,
+            q[:-1] - column * q[-1] / weight,
+            self.constant - float(q[-1]) ** 2 / weight,
+            self.n_rows,
+        )
+
+    def with_bulk_modulus(self, c: Array) -> Array:
+        """Coefficients of the energy with the bulk modulus of least loss; c itself where there is none."""
+        if not isinstance(self.basis, PlaneStrainBasis):
+            return c
+        return np.append(c, (self.q[-1] - self.Q[:-1, -1] @ c) / self.Q[-1, -1])
 
     def __add__(self, other: Quadratic) -> Quadratic:
         """The loss of two experiments together; both must have been assembled with the same basis."""
@@ -111,7 +131,7 @@ class Assembled:
 
     def first_guess(self) -> Array:
         """Neo-Hooke with the modulus that fits the forces: start of the weighting."""
-        return neo_hooke(self.basis, best_shear_modulus(self.system, self.basis)[0])
+        return best_neo_hooke(self.system, self.basis)
 
 
 def whitening(covariance: Array) -> Array:

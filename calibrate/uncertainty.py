@@ -111,8 +111,10 @@ def parameter_uncertainty(
 ) -> Uncertainty:
     """Uncertainty of a network fitted to `quadratic` by `fit.fit_network`.
 
-    architecture: as fitted, before its energy was multiplied by the stiffness factor.
+    architecture: as fitted, before its energy was multiplied by the stiffness factor. In plane strain the bulk modulus is
+    unknown, too, and whatever it is allowed for.
     """
+    quadratic = quadratic.of_energy()
     R, d = quadratic.factor()
     c, slopes = _coefficients_and_slopes(architecture, quadratic.basis, parameters)
     residual, J, prior = R @ c - d, R @ slopes, prior_precision(quadratic, d)
@@ -126,6 +128,16 @@ def parameter_uncertainty(
         J / np.sqrt(scale), prior / scale, gradient / scale, np.asarray(parameters), architecture.nonnegative
     )
     return Uncertainty(factor, effective, chi_square, noise_is_known)
+
+
+def bulk_modulus_deviation(
+    quadratic: Quadratic, architecture: pann.Architecture, parameters: Array, found: Uncertainty
+) -> float:
+    """Standard deviation of the bulk modulus that belongs to a network in plane strain; arguments as above."""
+    energy = quadratic.of_energy().basis
+    slopes = _coefficients_and_slopes(architecture, energy, parameters)[1]
+    own, shared = quadratic.Q[-1, -1], quadratic.Q[:-1, -1] @ slopes @ found.factor
+    return float(np.sqrt(found.scale / own + (shared**2).sum() / own**2))
 
 
 def prior_precision(quadratic: Quadratic, d: Array) -> float:

@@ -15,7 +15,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from calibrate import discrepancy, kinematics, noise_model
-from calibrate.basis import DEGREE, SingleBasis, Spline, polyconvex
+from calibrate.basis import DEGREE, PlaneStrainBasis, SingleBasis, Spline, energy_basis, polyconvex
 from calibrate.chain import Additions, Chain
 from calibrate.equilibrium import Equilibrium
 from calibrate.experiment import Experiment
@@ -79,7 +79,7 @@ class Problem:
     """
 
     parts: tuple[Part, ...]
-    basis: SingleBasis
+    basis: SingleBasis | PlaneStrainBasis
     cone: Array
     prior: Array
     noise_is_known: bool
@@ -105,7 +105,7 @@ def all_rows(system: Equilibrium) -> Mask:
 def weighted(
     chain: Chain,
     assembled: Assembled,
-    basis: SingleBasis,
+    basis: SingleBasis | PlaneStrainBasis,
     c: Array,
     train: Mask,
     held: Mask,
@@ -159,15 +159,20 @@ def first_guess(assembled: Sequence[Assembled]) -> Array:
 
 def trained_top(system: Equilibrium, mask: Mask) -> float:
     """Largest I1 - 3 in the increments used for fitting."""
-    F = system.deformation_gradients[mask.any(axis=1)]
+    F = system.isochoric_gradients[mask.any(axis=1)]
     return float(polyconvex(F)[0][..., 0].max())
 
 
-def base_cone(basis: SingleBasis, base: str, top: float, n: int = SPLINES) -> Array:
+def base_cone(basis: SingleBasis | PlaneStrainBasis, base: str, top: float, n: int = SPLINES) -> Array:
     """(n_functions, n): psi_1 of which the base models are non-negative sums; constant beyond I1 - 3 = top.
 
-    Cubic splines in sqrt(I1 - 3); fewer than four functions are straight lines between n points, and one is neo-Hooke.
+    Cubic splines in sqrt(I1 - 3); fewer than four functions are straight lines between n points, and one is neo-Hooke. In plane
+    strain one more column, the bulk modulus.
     """
+    if isinstance(basis, PlaneStrainBasis):
+        energy = energy_basis(basis)
+        assert isinstance(energy, SingleBasis)
+        return scipy.linalg.block_diag(base_cone(energy, base, top, n), np.eye(1))
     x = basis.site_inputs[:, basis.k]
     along = np.sqrt(np.minimum(x / top, 1.0))
     values = Spline(n).matrix(along) if n > DEGREE else _hats(along, n)
@@ -185,8 +190,10 @@ def _hats(x: Array, n: int) -> Array:
     return np.stack([np.interp(x, np.linspace(0, 1, n), row) for row in np.eye(n)], axis=1)
 
 
-def smoothness(base: str, n: int) -> Array:
-    """(n - 1, n): weights to the changes of psi_1 from one spline to the next."""
+def smoothness(base: str, n: int, bulk: int = 0) -> Array:
+    """(n - 1, n + bulk): weights to the changes of psi_1 from one spline to the next, and to no bulk modulus."""
+    if bulk:
+        return np.pad(smoothness(base, n), ((0, 0), (0, bulk)))
     return np.eye(n)[1:] if base == "convex" else np.eye(n)[1:] - np.eye(n)[:-1]
 
 

@@ -1,4 +1,6 @@
-"""Forward model of a thin incompressible sheet: mesh, material and loading in, `SurfaceSolution` out.
+"""Forward model in the plane: mesh, material and loading in, `SurfaceSolution` out.
+
+A thin incompressible sheet in plane stress or, where a bulk modulus is given, a compressible body in plane strain.
 
 Runs the same under `mpiexec -n`. The physics is in `problem`, the load stepping in `stepping`.
 """
@@ -16,6 +18,7 @@ from forward._dolfinx import MPI, compiler_needed, versions
 from forward.errors import LoadingError, MaterialError
 from forward.loading import Loading
 from forward.materials import ArrudaBoyce, Material
+from forward.plane_strain import PlaneStrainProblem, check_bulk_modulus
 from forward.problem import PlaneStressProblem
 from forward.run import Record, run
 from forward.solution import SurfaceSolution
@@ -44,8 +47,9 @@ def solve(
     progress: bool = False,
     checkpoint: str | Path | None = None,
     comm: Any = MPI.COMM_WORLD,
+    bulk_modulus: float | None = None,
 ) -> SurfaceSolution:
-    """Load in `n_increments` equal steps. thickness: mm.
+    """Load in `n_increments` equal steps. thickness: mm. bulk_modulus: MPa, in plane strain; None: in plane stress.
 
     `checkpoint` is a solution file, rewritten after each increment; if it is there already, the run goes on
     from its last increment. Raises `LoadingError`, `SolutionError` (checkpoint of another problem) and
@@ -59,6 +63,9 @@ def solve(
         )
     if material.unit == "N/mm" and thickness != 1:
         raise MaterialError("the model was calibrated without a thickness and includes it; solve with thickness 1")
+    if bulk_modulus is not None:
+        check_bulk_modulus(bulk_modulus, material.shear_modulus)
+    plane = {} if bulk_modulus is None else {"plane": "strain", "bulk_modulus": bulk_modulus}
     mesh = comm.bcast(mesh)
     loading = loading.on(mesh)
     supports = loading.prescribed(mesh)
@@ -71,6 +78,7 @@ def solve(
             "n_increments": n_increments,
             "thickness": thickness,
             "options": asdict(options),
+            **plane,
         },
         versions=versions(),
         rest=(np.zeros_like(mesh.points),),
@@ -80,9 +88,10 @@ def solve(
 
     def make_problem() -> PlaneStressProblem:
         with compiler_needed():
-            return PlaneStressProblem(
-                mesh, material, thickness, *supports, options.tolerance, options.max_iterations, comm
-            )
+            given = mesh, material, thickness, *supports, options.tolerance, options.max_iterations, comm
+            if bulk_modulus is None:
+                return PlaneStressProblem(*given)
+            return PlaneStrainProblem(*given, bulk_modulus=bulk_modulus)
 
     return run(
         record,
@@ -90,7 +99,7 @@ def solve(
         SurfaceSolution.load,
         n_increments,
         options.max_bisections,
-        "plane stress",
+        "plane strain" if plane else "plane stress",
         progress,
         checkpoint,
         comm,

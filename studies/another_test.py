@@ -78,7 +78,7 @@ def forecast(path: Path, experiment: Experiment) -> Forecast:
         )
     system = equilibrium(experiment)
     forces, _ = predict_forces(system, model)
-    values = np.asarray(invariants_and_derivatives(system.deformation_gradients)[0])
+    values = np.asarray(invariants_and_derivatives(system.isochoric_gradients)[0])
     beyond = ~model.in_range(values) & (values[..., 0] > 3 + 1e-3)  # what is hardly deformed is no extrapolation
     outside = float((system.areas * beyond).sum() / (system.areas.sum() * len(values)))
     return Forecast(experiment, forces, outside, f"PANN of {model.architecture.inputs}")

@@ -200,7 +200,7 @@ def _curve_column(view: Review, mode: str, modulus: float, top: Axes, bottom: Ax
 
 def coverage(view: Review) -> Figure:
     """What the data have seen: distribution of I1, and kind of deformation (Lode angle) against its size."""
-    F = view.system.deformation_gradients
+    F = view.system.isochoric_gradients
     I1 = np.asarray(invariants_and_derivatives(F)[0])[..., 0].ravel()
     weights = np.broadcast_to(view.system.areas, F.shape[:2]).ravel()
     weights = 100 * weights / weights.sum()

@@ -49,6 +49,10 @@ def remarks(view: Review) -> list[str]:
             "The thickness is unknown: stresses are stress times thickness, in N/mm. Divide by the thickness in mm "
             "to get MPa."
         )
+    if view.experiment.plane == "strain":
+        result.append(
+            "Plane strain: invariants are those of the isochoric part of the deformation; the curves hold for constant volume."
+        )
     return result
 
 
@@ -64,6 +68,9 @@ def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
     deviation = modulus_deviation(model)
     if deviation is not None:
         rows.insert(1, ["its standard deviation", deviation, model.unit])
+    if model.bulk_modulus is not None:
+        rows.append(["bulk modulus", model.bulk_modulus, model.unit])
+        rows.append(["its standard deviation", model.bulk_modulus_deviation, model.unit])
     if np.isfinite(chi_square):
         rows.append(["reduced chi-square", chi_square, ""])
     held = view.held_out

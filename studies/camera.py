@@ -46,6 +46,9 @@ class Solution(Protocol):
     def reactions(self) -> dict[str, Array]: ...
 
     @property
+    def description(self) -> dict[str, Any]: ...
+
+    @property
     def thickness(self) -> float: ...
 
     @property
@@ -235,5 +238,6 @@ def observe(
         thickness=solution.thickness,
         time=solution.time,
         provenance=provenance or {},
+        plane=str(solution.description.get("plane", "stress")),
     )
     return clean if seed is None else record(clean, camera or Camera(), seed)

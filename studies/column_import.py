@@ -54,6 +54,7 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         grips=grips,
         free_nodes=free,
         thickness=m.thickness_mm,
+        plane=m.plane,
         synchronisation_std=0.0 if m.force.per_frame or rate is None else 1.0 / rate / np.sqrt(12.0),
         provenance={"reader": "column map", "points_without_triangle": int(first - used.size)},
     )

@@ -13,7 +13,7 @@ from types import NoneType, UnionType
 from typing import Any, get_args, get_type_hints
 
 from calibrate import errors
-from calibrate.experiment import Noise
+from calibrate.experiment import PLANES, Noise
 from studies.synchronise import Selection
 
 LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}
@@ -113,6 +113,7 @@ class ColumnMap:
     frames: FramesTable = field(default_factory=FramesTable)
     noise: NoiseTable = field(default_factory=NoiseTable)
     thickness_mm: float | None = None
+    plane: str = "stress"
 
     @property
     def selection(self) -> Selection:
@@ -180,6 +181,7 @@ def _value(hint: Any, value: Any, where: str) -> Any:
 def _check_map(m: ColumnMap, where: str) -> None:
     p = m.points
     choices = [
+        ("plane", m.plane, list(PLANES)),
         ("points.unit", p.unit, ["px", *LENGTH_UNITS]),
         ("points.y_axis", p.y_axis, ["up", "down"]),
         ("points.coordinates", p.coordinates, ["reference", "current"]),

@@ -108,6 +108,7 @@ def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Pa
         [f"noise of the displacements ({provenance['noise']['kind']})", noise.displacement_std, "mm"],
         ["its correlation length", noise.correlation_length, "mm"],
         ["noise of the force", noise.force_std, "N"],
+        ["plane", experiment.plane, ""],
         ["stresses will be in", unit if unit == "MPa" else "N/mm, as the thickness is unknown", ""],
     ]
     page.table(["quantity", "value", "unit"], rows)

@@ -58,6 +58,7 @@ class Series:
     free_nodes: Index
     thickness: float | None = None
     synchronisation_std: float = 0.0
+    plane: str = "stress"
     provenance: dict[str, Any] = field(default_factory=dict)
 
 
@@ -125,6 +126,7 @@ def to_experiment(
         time=series.time[frames],
         noise=noise,
         provenance=provenance,
+        plane=series.plane,
     )
 
 

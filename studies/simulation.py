@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from studies.camera import Camera
 
 DESCRIPTION = """\
-Solve a tension test of a thin rubber sheet (plane stress, finite elements) and record it with a synthetic
+Solve a tension test of a thin rubber sheet (plane stress; with --bulk-modulus plane strain) and record it with a synthetic
 camera and load cell. Default: the cross, 60 mm at each arm in 10 increments, Arruda-Boyce rubber, noise of
 0.1 mm with a correlation length of 4 mm, force noise of 1e-4. Lengths in mm, forces in N, stresses in MPa."""
 # mm at each grip; the square, whose grips meet at its corners, cannot be held by rigid ones
@@ -45,6 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--displacement", type=positive, metavar="MM", help="of each grip (cross: 60)")
     group.add_argument("--increments", type=count, metavar="N", help="load steps (10; quick: 4)")
     group.add_argument("--thickness", type=positive, default=1.0, metavar="MM", help="(%(default)s)")
+    group.add_argument(
+        "--bulk-modulus", type=positive, metavar="MPA",
+        help="plane strain of a compressible body with this bulk modulus, instead of plane stress of an incompressible sheet",
+    )  # fmt: skip
     group.add_argument("--size-factor", type=positive, metavar="X", help="of the element sizes (1; quick: 2.5)")
     group = parser.add_argument_group("camera and load cell")
     group.add_argument("--nodes", type=count, metavar="N", help="measured points (5000; quick: 900)")
@@ -134,7 +138,7 @@ def solve(args: argparse.Namespace, material: Material, checkpoint: Any) -> Surf
     return solve_plane_stress(
         quads(specimen, quarter=True, size_factor=args.size_factor), material,
         Loading.clamped(specimen.loaded, args.displacement), args.increments, args.thickness,
-        progress=sys.stderr.isatty(), checkpoint=checkpoint,
+        progress=sys.stderr.isatty(), checkpoint=checkpoint, bulk_modulus=args.bulk_modulus,
     ).mirrored()  # fmt: skip
 
 

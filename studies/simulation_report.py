@@ -10,6 +10,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
+from calibrate import plane_strain
 from calibrate.experiment import Experiment
 from calibrate.kinematics import deformation_gradients, gradient_operator, invariants_and_derivatives
 from forward.solution import SurfaceSolution
@@ -28,7 +29,8 @@ def write_report(folder: Path, solution: SurfaceSolution, experiment: Experiment
     manifest.beside(fields)
     manifest.beside(forces, table)
     report = Report(
-        f"Simulated test: {experiment.name}", "Plane stress finite elements, synthetic camera and load cell"
+        f"Simulated test: {experiment.name}",
+        f"Plane {experiment.plane} finite elements, synthetic camera and load cell",
     )
     report.paragraph(_words(experiment))
     report.figure(
@@ -46,7 +48,8 @@ def draw_fields(experiment: Experiment, path: Path) -> None:
     u = experiment.displacements[-1]
     x, y = (experiment.points + u).T
     F = deformation_gradients(gradient_operator(experiment.points, experiment.triangles), u)
-    I1 = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])[..., 0]
+    f = jnp.asarray(F) if experiment.plane == "stress" else plane_strain.isochoric(jnp.asarray(F))
+    I1 = np.asarray(invariants_and_derivatives(f)[0])[..., 0]
     with style.figure(8.4, 4.2) as figure:
         left, right = figure.subplots(1, 2, sharex=True, sharey=True)
         size = left.tripcolor(x, y, experiment.triangles, np.linalg.norm(u, axis=1), shading="gouraud")

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from calibrate.effects.borders import subset_moments
-from calibrate.effects.effect import Effect, Parameter
+from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 from calibrate.effects.recovery import gradient, second_derivatives
 
 NEWTON = 4  # steps
@@ -28,6 +28,9 @@ class LensDistortion(Effect):
     formula = "x (1 + k |x|^2 / R^2)"
     amplitudes = (Parameter("k", "1", typical=0.005),)
     decided_by = "pictures of a dot grid"
+
+    def missing(self, data):
+        return lacks_plane_stress(data)
 
     def displacements(self, data, u, a, shape):
         X = data.points - centre(data)
@@ -135,6 +138,9 @@ class UnmeasuredStrip(Effect):
     formula = "area + w (1 - w q / 2) edge length at free edges"
     amplitudes = (Parameter("w", "mm", lower=0.0, typical=0.5),)
     decided_by = "a picture that shows the edge"
+
+    def missing(self, data):
+        return lacks_plane_stress(data)
 
     def stress(self, data, F, P, a, shape, law):
         w, there = a[0], (data.edges > 0)[:, None, None]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from calibrate.effects.effect import Effect, Parameter
+from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 
 ITERATIONS = 5
 
@@ -30,6 +30,9 @@ class Compressibility(Effect):
     formula = "psi(I1bar) + kappa (J - 1)^2 / 2, sigma33 = 0, beta = 1 / kappa"
     amplitudes = (Parameter("beta", "1/MPa", lower=0.0, typical=0.5),)
     decided_by = "the change of thickness, measured from the side"
+
+    def missing(self, data):
+        return lacks_plane_stress(data)
 
     def stress(self, data, F, P, a, shape, law):
         def change(f):

@@ -7,7 +7,7 @@ tested and fitted; shapes (a relaxation time, an angle) mean nothing at the null
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import jax
@@ -52,7 +52,7 @@ class Data:
     stencil of nodal values times slopes, 1/mm; areas (m,) mm^2, centroids (m, 2), u (t, n, 2) mm, time (t,) s or None,
     thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm, edge_nodes (m, 2): of
     a free edge, motion: see `calibrate.effects.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
-    the stencil and slopes above, membrane: see `calibrate.effects.membrane`.
+    the stencil and slopes above, membrane: see `calibrate.effects.membrane`; plane: 'stress' or 'strain'.
     """
 
     points: Any
@@ -72,6 +72,7 @@ class Data:
     lines: Any
     rings: Any
     ring_slopes: Any
+    plane: str = field(default="stress", metadata={"static": True})
 
     @classmethod
     def of(cls, experiment: Experiment) -> Data:
@@ -101,6 +102,7 @@ class Data:
             jnp.asarray(nearest_lines(points, triangles)),
             jnp.asarray(rings),
             jnp.asarray(ring_slopes),
+            experiment.plane,
         )
 
 
@@ -145,6 +147,11 @@ def free_edges(experiment: Experiment) -> tuple[Array, NDArray[np.int64]]:
     return np.bincount(owner, length[edge], len(triangles)), nodes
 
 
+def lacks_plane_stress(data: Data) -> str | None:
+    """What is missing for an effect that is derived for a sheet with free faces."""
+    return None if data.plane == "stress" else "plane stress"
+
+
 @dataclass(frozen=True)
 class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.
@@ -180,8 +187,9 @@ class Effect:
         return u
 
     def stress(self, data: Data, F: Any, P: Any, a: Any, shape: Any, law: Any) -> Any:
-        """In-plane first Piola-Kirchhoff stress (t, m, 2, 2) from the one so far, P; F (t, m, 2, 2).
+        """In-plane first Piola-Kirchhoff stress (t, m, 2, 2) from the one so far, P; F (t, m, 2, 2), of an incompressible sheet.
 
+        In plane strain F is the isochoric part, and P what it would be in such a sheet; see `calibrate.plane_strain`.
         law: the base model's stress (2, 2) at one deformation gradient (2, 2).
         """
         return P

@@ -38,9 +38,9 @@ class Mullins(Effect):
     decided_by = "unloading and reloading"
 
     def missing(self, data):
-        from calibrate.chain import gradients
+        from calibrate.chain import law_gradients
 
-        return lacks_unloading(data, gradients(data, data.u))
+        return lacks_unloading(data, law_gradients(data, data.u))
 
     def stress(self, data, F, P, a, shape, law):
         value, largest = excess(F)
@@ -60,9 +60,9 @@ class Payne(Effect):
     decided_by = "cycles of small amplitude before and after a large one"
 
     def missing(self, data):
-        from calibrate.chain import gradients
+        from calibrate.chain import law_gradients
 
-        return lacks_unloading(data, gradients(data, data.u))
+        return lacks_unloading(data, law_gradients(data, data.u))
 
     def shape_values(self, data):
         return [(0.02,), (0.1,), (0.5,)]
@@ -87,9 +87,9 @@ class PermanentSet(Effect):
     decided_by = "unloading to zero force, and a pause there"
 
     def missing(self, data):
-        from calibrate.chain import gradients
+        from calibrate.chain import law_gradients
 
-        return lacks_unloading(data, gradients(data, data.u))
+        return lacks_unloading(data, law_gradients(data, data.u))
 
     def stress(self, data, F, P, a, shape, law):
         whole = jnp.exp(-a[0] * excess(F)[1])

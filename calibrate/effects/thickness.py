@@ -36,7 +36,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from calibrate.effects.effect import Data, Effect, Parameter
+from calibrate.effects.effect import Data, Effect, Parameter, lacks_plane_stress
 from calibrate.effects.recovery import gradient, slopes, to_nodes
 from calibrate.errors import ConfigError
 from calibrate.experiment import Experiment
@@ -54,6 +54,9 @@ class Thickness(Effect):
     amplitudes = (Parameter("b", "mm^2", lower=0.0, typical=10.0),)
     decided_by = "a thinner specimen of the same shape"
     rough = True
+
+    def missing(self, data):
+        return lacks_plane_stress(data)
 
     def displacements(self, data, u, a, shape):
         return u + a[0] * bend(data, jnp.eye(2) + gradient(data, u))

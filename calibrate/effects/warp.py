@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from calibrate.effects.effect import Effect, Parameter
+from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 
 ORDER = 4
 STEEPEST = 0.01  # strain; a slope of 8 degrees
@@ -38,7 +38,7 @@ class InitialWarp(Effect):
     decided_by = "a reference picture under a small load, or a second camera"
 
     def missing(self, data):
-        return None if len(data.u) > 2 else "more increments"
+        return lacks_plane_stress(data) or (None if len(data.u) > 2 else "more increments")
 
     def stress(self, data, F, P, a, shape, law):
         low, high = data.points.min(axis=0), data.points.max(axis=0)
