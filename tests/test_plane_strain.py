@@ -19,7 +19,7 @@ from calibrate.discovery import discover
 from calibrate.effect_fit import prepare
 from calibrate.effects import KNOWN
 from calibrate.equilibrium import best_neo_hooke, equilibrium, neo_hooke, tangent_modulus
-from calibrate.errors import ConfigError, FileFormatError, ModelFileError
+from calibrate.errors import ConfigError, ModelFileError
 from calibrate.experiment import Experiment
 from calibrate.extended import ExtendedModel
 from calibrate.model import Model
@@ -249,16 +249,6 @@ def test_files_keep_the_plane(tmp_path):
     content["base"]["bulk_modulus"] = -1.0
     with pytest.raises(ValueError, match="not a positive number"):
         ExtendedModel.from_dict(content)
-
-
-def test_later_versions_are_refused(tmp_path):
-    path = tmp_path / "later.npz"
-    plate_experiment().save(path)
-    with np.load(path) as content:
-        arrays = {**content, "version": 3}
-    np.savez(path, **arrays)
-    with pytest.raises(FileFormatError, match="reads 1 and 2"):
-        Experiment.load(path)
 
 
 def test_a_model_file_with_a_bad_bulk_modulus_is_refused(tmp_path):
