@@ -568,7 +568,7 @@ def _conclude(problem: Problem, rounds: tuple[Round, ...], review: Review) -> Di
     clean = noisy and not candidates
     gains = review.gains or dict.fromkeys(names, first.fit.free_loss - last.fit.free_loss)
     major = tuple(n for n in names if clean or gains.get(n, np.inf) >= MINOR * max(gains.values()))
-    explained = len(major) <= NAMED and (clean or _small(first, last))
+    explained = 0 < len(major) <= NAMED and (clean or _small(first, last))
     named = major if explained else ()
     verdict = "explained" if explained else "significant, not explained"
     return Discovery(problem, rounds, verdict, named, tuple(n for n in names if n not in named), groups)

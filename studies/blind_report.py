@@ -116,6 +116,10 @@ def summary(judged: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "absent_wrong": int(total[9]),
         "pairs": len(strong_pairs),
         "pairs_found": sum(all(one["hit"]) for one in strong_pairs),
+        "pairs_in_model": sum(
+            all(hit or name in one["closest"] for name, hit in zip(one["hidden"], one["hit"], strict=True))
+            for one in strong_pairs
+        ),
         "field_correlation": [f for one in judged for f in one["field"] if f is not None],
         "seconds": float(np.median([one["seconds"] for one in judged])) if judged else 0.0,
         "effects": lines,
@@ -156,6 +160,11 @@ def markdown(numbers: dict[str, Any]) -> str:
         ["amplitude within its 95 % interval", share(n["amplitudes_within"], n["amplitudes"]), "85 %"],
         ["effect removed from the catalogue: a wrong name", share(n["absent_wrong"], n["absent"]), "at most 15 %"],
         ["two strong effects: both found", share(n["pairs_found"], n["pairs"]), "70 %"],
+        [
+            "both in the model, named or too small beside the other to be named",
+            share(n["pairs_in_model"], n["pairs"]),
+            "",
+        ],
         ["stiffness field: correlation with the hidden one, median", f"{np.median(fields):.2f}" if fields else "-", ""],
         ["CPU time of a diagnosis, median", f"{n['seconds']:.0f} s", ""],
     ]
@@ -179,6 +188,7 @@ def words(numbers: dict[str, Any]) -> str:
         f"Amplitude within its 95 % interval: {share(n['amplitudes_within'], n['amplitudes'])}. "
         f"{likeness}"
         f"Effect taken out of the catalogue: wrongly named {share(n['absent_wrong'], n['absent'])}. "
-        f"Two strong effects: both found in {share(n['pairs_found'], n['pairs'])}. "
+        f"Two strong effects: both found in {share(n['pairs_found'], n['pairs'])}, "
+        f"both in the model in {share(n['pairs_in_model'], n['pairs'])}. "
         f"CPU time of a diagnosis, median: {n['seconds']:.1f} s."
     )

@@ -21,7 +21,9 @@ def arguments(*words):
     return parser.parse_args(words)
 
 
-def trial(tmp_path, name, hidden, named=(), verdict="explained", score=50.0, value=1.0, deviation=0.1, absent=None):
+def trial(
+    tmp_path, name, hidden, named=(), verdict="explained", score=50.0, value=1.0, deviation=0.1, absent=None, closest=()
+):
     """A folder with a label and a diagnosis: `hidden` with amplitude 1."""
     home = tmp_path / name
     (home / "sealed").mkdir(parents=True)
@@ -30,7 +32,7 @@ def trial(tmp_path, name, hidden, named=(), verdict="explained", score=50.0, val
     scores = {n: {"score": score, "adjusted": 0.0, "admissible": True, "amplitudes": [1.0], "like": {"twin": 0.95}}
               for n in hidden}  # fmt: skip
     full = {
-        "verdict": verdict, "named": list(named), "closest": [], "groups": {n: [n, "twin"] for n in named},
+        "verdict": verdict, "named": list(named), "closest": list(closest), "groups": {n: [n, "twin"] for n in named},
         "additions": [{"effect": n, "amplitudes": {"a": value}, "deviations": {"a": deviation}, "shape": {}} for n in named],
         "rounds": [{"scores": scores}],
     }  # fmt: skip
@@ -69,6 +71,8 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
         trial(tmp_path, "null", [], verdict="nothing significant"),
         trial(tmp_path, "alarm", [], verdict="significant, not explained"),
         trial(tmp_path, "pair", ["force offset", "viscoelasticity"], ["force offset", "viscoelasticity"], value=2.0),
+        trial(tmp_path, "lesser", ["force offset", "viscoelasticity"], ["force offset"], closest=["viscoelasticity"]),
+        trial(tmp_path, "half", ["force offset", "viscoelasticity"], ["force offset"]),
     ]
     text = blind_report.write_report(tmp_path, homes, {})
     numbers = json.loads((tmp_path / "summary.json").read_text())
@@ -76,7 +80,7 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     assert (numbers["strong"], numbers["strong_group_named"], numbers["strong_named"]) == (3, 2, 1)
     assert (numbers["amplitudes"], numbers["amplitudes_within"]) == (1, 1)
     assert (numbers["absent"], numbers["absent_wrong"]) == (2, 1)
-    assert (numbers["pairs"], numbers["pairs_found"]) == (1, 1)
+    assert (numbers["pairs"], numbers["pairs_found"], numbers["pairs_in_model"]) == (3, 1, 2)
     assert "1 of 2 (50 %)" in text
     confusion = (tmp_path / "confusion.csv").read_text()
     assert confusion.splitlines()[0].startswith("hidden,nothing,unexplained")

@@ -244,6 +244,17 @@ def test_second_invariant_is_found_with_its_amplitude():
     assert last.held.chi_square < 0.5 * first.held.chi_square
 
 
+def test_nothing_is_explained_without_a_name():
+    """An effect without which the others meet the data as well is not the explanation, though little is left."""
+    result = found(0.02)
+    first, last = result.rounds[0], result.rounds[-1]
+    still = (first, replace(last, rows=first.rows))  # candidates are still significant
+    name = "second invariant"
+    assert discovery._conclude(result.problem, still, discovery.Review({name: 100.0})).named == (name,)
+    idle = discovery._conclude(result.problem, still, discovery.Review({name: -1.0}))
+    assert (idle.verdict, idle.named, idle.closest) == ("significant, not explained", (), (name,))
+
+
 def test_absent_effect_is_not_given_another_name_without_saying():
     """Without the second invariant in the catalogue nothing but its likes may be named."""
     rest = [e for e in FEW if e.name != "second invariant"]
