@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors, fit, pann, paper_loss, reduction, uncertainty
-from calibrate.basis import Basis, basis_for
+from calibrate.basis import Basis, basis_for, energy_basis
 from calibrate.equilibrium import Equilibrium, equilibrium
 from calibrate.experiment import Experiment
 from calibrate.kinematics import INVARIANTS, invariants_and_derivatives
@@ -25,6 +25,7 @@ from calibrate.model import Model
 Array = NDArray[np.float64]
 LOSSES = ("weighted", "paper")
 QUANTILE = 0.999
+STRAIN_PASSES = 6  # of the weighting in plane strain, where the first bulk modulus may be far off
 
 
 @dataclass(frozen=True)
@@ -161,25 +162,26 @@ def calibrate(
     else:
         assembled = reduction.assemble(system, basis, progress)
         spline, known = assembled.first_guess(), assembled.noise_is_known
-        for _ in range(options.passes):
-            quadratic = assembled.quadratic(spline)
+        for _ in range(options.passes if experiment.plane == "stress" else max(options.passes, STRAIN_PASSES)):
+            weights, quadratic = spline, assembled.quadratic(spline)
             spline = fit.convex_spline(quadratic, options.inputs)
-            spline = quadratic.stiffness_factor(spline) * spline
+            spline = reduction.corrected(quadratic, spline, weights, [assembled])
     architecture, result = fit.fit_network(
         quadratic, options.inputs, options.layers, spline, options.starts, options.seed
     )
     confidence, bulk = None, None
     if options.loss == "weighted":
         confidence = uncertainty.parameter_uncertainty(quadratic, architecture, result.parameters, known)
-        factor = quadratic.stiffness_factor(result.coefficients)
+        right = reduction.corrected(quadratic, result.coefficients, weights, [assembled])
+        largest = int(np.argmax(np.abs(result.coefficients[: energy_basis(basis).n_functions])))
+        factor = float(right[largest] / result.coefficients[largest])
         if experiment.plane == "strain":
-            bulk = (
-                factor * float(result.coefficients[-1]),
-                uncertainty.bulk_modulus_deviation(quadratic, architecture, result.parameters, confidence),
-            )
-            if not bulk[0] > 0:
+            found = float(right[-1])
+            deviation = uncertainty.bulk_modulus_deviation(quadratic, architecture, result.parameters, confidence)
+            bulk = found, deviation * found / float(result.coefficients[-1])
+            if not found > 0:
                 raise errors.FitError(
-                    f"{experiment.name}: the bulk modulus found is not positive ({bulk[0]:.3g} {experiment.stress_unit}); is the "
+                    f"{experiment.name}: the bulk modulus found is not positive ({found:.3g} {experiment.stress_unit}); is the "
                     "test in plane strain, and does its volume change by more than noise?"
                 )
         architecture = replace(architecture, energy_scale=factor * architecture.energy_scale)

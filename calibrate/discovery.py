@@ -105,9 +105,11 @@ class HoldOut:
             away = (place < 0) == (self.value in ("left", "bottom"))
             mask[:, np.tile(away & (system.fields.boundary < 0), 2)] = False
         if not mask.any():
-            raise errors.ConfigError(f"{e.name}: holding out {self} leaves nothing to fit")
+            raise errors.ConfigError(f"{e.name}: holding out {self} leaves nothing to fit; use none, or another rule")
         if mask.all() and self.kind != "none":
-            raise errors.ConfigError(f"{e.name}: holding out {self} holds out nothing; use every:2 or none")
+            raise errors.ConfigError(
+                f"{e.name}: holding out {self} holds out nothing; use none, or every:N with N no larger than the number of increments"
+            )
         return mask
 
 
@@ -365,6 +367,7 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
     now = replace(now, rows=tuple(replace(row, like=likes.get(row.name, row.like)) for row in now.rows))
     remarks: list[str] = []
     confirmed: list[Row] = []
+    fitted: dict[str, Row] = {}
     tried = 0
     for row in significant:
         if not row.score.admissible:
@@ -374,20 +377,20 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
             break
         tried += 1
         say(f"adding {row.name}")
-        best = _fitted(problem, now.fit, replace(row, fit=None), 6)
+        best = fitted[row.name] = _fitted(problem, now.fit, replace(row, fit=None), 6)
         why = _objection(now, best)
         if why:
             remarks.append(f"{row.name}: {why}")
         else:
             confirmed.append(best)
+    now = replace(now, rows=tuple(fitted.get(row.name, row) for row in now.rows))
     if not confirmed:
         return replace(now, remarks=tuple(remarks)), None
     best = min(confirmed, key=lambda row: _price(row, now.fit))
     assert best.fit is not None
     equal = [row.name for row in confirmed if row is not best and _price(row, now.fit) < _price(best, now.fit) + CLOSE]
     group = dict.fromkeys((best.name, *_alike(best, significant), *equal))
-    rows = tuple(best if row.name == best.name else row for row in now.rows)
-    return replace(now, rows=rows, added=best.name, group=tuple(group), remarks=tuple(remarks)), best.fit
+    return replace(now, added=best.name, group=tuple(group), remarks=tuple(remarks)), best.fit
 
 
 def _objection(now: Round, row: Row) -> str:

@@ -29,6 +29,9 @@ PASSES = 12
 FOLLOWED = 3  # iterations of a fit in which the estimate of the true displacements follows it
 STIFFENING = 0.1  # prior: by how much psi_1 may grow from one spline to the next, over its value at rest
 SETTLED = 0.05  # relative change of the base between the last two passes
+RELIABLE = (
+    0.9  # see `reduction.corrected`: with more noise in the change of volume, p-values in plane strain no longer hold
+)
 HALVINGS = 5  # of a step
 RISE = 1.02  # factor by which a step may raise the misfit, as signatures are not its slope exactly
 TURNS, NEAR = 2, 0.5  # updates of the weights by a fit; standard deviations between both that are near enough
@@ -196,7 +199,9 @@ def prepare(
         spread = max(1.0, quadratic.loss(c) / len(d))
         if not c.any():
             raise errors.FitError("the data do not constrain the material: forces or displacements are all noise")
-        c = quadratic.stiffness_factor(c) * c
+        c = reduction.corrected(
+            quadratic, c, previous, [assembled[i] for i in used], [masks[i] for i in used], RELIABLE
+        )
         if count > 1:  # weights and fit may answer each other in turn
             c = 0.5 * (previous + c)
         change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c))
@@ -307,6 +312,17 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
         tuple(deviations),
         last_step,
     )
+
+
+def bulk_modulus(problem: Problem, fit: Fit) -> tuple[float, float] | None:
+    """Bulk modulus of a fit in plane strain and its standard deviation, MPa (N/mm without a thickness); None in plane stress."""
+    if not isinstance(problem.basis, PlaneStrainBasis):
+        return None
+    G = whitened.base_columns(problem, fit.chains)
+    S = whitened.signatures(problem, fit.chains, fit.c, fit.additions) if fit.additions else G[:, :0]
+    others = orthonormal(np.concatenate([G[:, :-1], S], axis=1))
+    left = G[:, -1] - others @ (others.T @ G[:, -1])
+    return float(fit.c[-1]), float(np.sqrt(max(1.0, fit.reduced_chi_square)) / np.linalg.norm(left))
 
 
 def settled(problem: Problem, c: Array, additions: Additions, iterations: int = 6) -> tuple[Problem, Fit]:

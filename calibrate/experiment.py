@@ -110,6 +110,21 @@ class Experiment:
         """MPa, or N/mm (stress times thickness) where the thickness is unknown."""
         return "N/mm" if self.thickness is None else "MPa"
 
+    @property
+    def force_imbalance(self) -> tuple[float, float] | None:
+        """Norm of the sum of all forces over that of the largest, over all increments, and what noise explains of it.
+
+        None where a force was not measured, or where part of the rim may carry one.
+        """
+        forces = np.array([b.force for b in self.loaded])
+        held = np.concatenate([self.free_nodes, *(b.nodes for b in self.loaded)])
+        if len(forces) < 2 or not np.isfinite(forces).all() or not np.isin(boundary_nodes(self.triangles), held).all():
+            return None
+        size = float(np.linalg.norm(np.linalg.norm(forces, axis=2).max(axis=0)))
+        noise = self.noise or Noise(0.0)
+        spread = float(np.linalg.norm(noise.force_std_relative * np.abs(forces) + noise.force_std))
+        return (float(np.linalg.norm(forces.sum(axis=0))) / size, spread / size) if size > 0 else None
+
     def select(self, increments: NDArray[np.int64] | list[int], name: str | None = None) -> Experiment:
         """The same experiment with only the given increments."""
         index = np.asarray(increments)

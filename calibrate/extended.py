@@ -2,7 +2,8 @@
 
 Keys: ``format`` = "equigap-extended-model", ``version`` = 1; ``unit`` ("MPa", or "N/mm" where the thickness was unknown);
 ``base`` {"k", "top", "n", "coefficients" [n]}: d psi / d I1 as a cubic B-spline with n functions on uniform knots of
-sqrt((I1 - 3) / top) (`calibrate.basis.SingleBasis`), in plane strain also "bulk_modulus" (`calibrate.plane_strain`); ``additions`` [{"effect", "formula", "of_material", "amplitudes"
+sqrt((I1 - 3) / top) (`calibrate.basis.SingleBasis`), in plane strain also "bulk_modulus" and
+"bulk_modulus_deviation" (`calibrate.plane_strain`); ``additions`` [{"effect", "formula", "of_material", "amplitudes"
 [{"name", "unit", "value", "standard_deviation"}], "shape" [{"name", "unit", "value"}]}]; ``training`` [{"name",
 "fingerprint"}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
 from]}; ``network``: a model file of a PANN distilled from the base, or null; ``network_loss``: how good it is;
@@ -67,6 +68,7 @@ class ExtendedModel:
     network: Model | None = field(default=None, repr=False)
     network_loss: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict, repr=False)
+    bulk_modulus_deviation: float | None = None
 
     @property
     def plane(self) -> str:
@@ -123,6 +125,7 @@ class ExtendedModel:
         base = {"k": energy.k, "top": energy.top, "n": energy.n, "coefficients": self.c[: energy.n].tolist()}
         if self.plane == "strain":
             base["bulk_modulus"] = float(self.c[-1])
+            base["bulk_modulus_deviation"] = self.bulk_modulus_deviation
         return {
             "format": FORMAT,
             "version": VERSION,
@@ -171,6 +174,9 @@ class ExtendedModel:
             errors=tuple(deviations),
             network=None,
             network_loss={},
+            bulk_modulus_deviation=None
+            if self.bulk_modulus_deviation is None
+            else factor * self.bulk_modulus_deviation,
         )
 
     @classmethod
@@ -224,6 +230,7 @@ class ExtendedModel:
             None if content["network"] is None else Model.from_dict(content["network"]),
             dict(content["network_loss"]),
             dict(content["provenance"]),
+            None if base.get("bulk_modulus_deviation") is None else float(base["bulk_modulus_deviation"]),
         )
 
 

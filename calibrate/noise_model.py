@@ -59,9 +59,13 @@ def residual_covariance(
     system: Equilibrium, basis: Basis, c: Array, F: Array, load: Array, factor: sp.csr_array, noise: Noise
 ) -> Array:
     """Covariance (rows, rows), N^2, of the residuals of one increment: K Sigma_u K^T + force noise."""
+    return covariance_of(system, spread(system, basis, c, F, factor), load, noise)
+
+
+def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr_array) -> Array:
+    """K B (rows, s), N: what independent normal numbers do to the residuals of one increment."""
     blocks = system.tangent(basis, F, c)
-    rows = [np.hstack([(block @ factor).toarray() for block in row]) for row in blocks]
-    return covariance_of(system, np.concatenate(rows), load, noise)
+    return np.concatenate([np.hstack([(block @ factor).toarray() for block in row]) for row in blocks])
 
 
 def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise) -> Array:

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 
 def isochoric(F: Any) -> Any:
     """f = J^(-1/3) F (..., 2, 2) of F (..., 2, 2): what invariants and laws of an incompressible sheet are taken of."""
-    return _det(F)[..., None, None] ** (-1 / 3) * F
+    return F / jnp.cbrt(_det(F))[..., None, None]  # finite also where simulated noise turns a triangle over
 
 
 def stress(F: Any, isochoric_stress: Any, bulk_modulus: Any) -> Any:
@@ -28,7 +28,7 @@ def stress(F: Any, isochoric_stress: Any, bulk_modulus: Any) -> Any:
     J = _det(F)[..., None, None]
     inverse = _cofactor(F) / J
     power = jnp.sum(isochoric_stress * F, axis=(-2, -1))[..., None, None]
-    return J ** (-1 / 3) * (isochoric_stress - power / 3 * inverse) + bulk_modulus * volumetric(F)
+    return (isochoric_stress - power / 3 * inverse) / jnp.cbrt(J) + bulk_modulus * volumetric(F)
 
 
 def volumetric(F: Any) -> Any:

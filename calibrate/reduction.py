@@ -12,7 +12,7 @@ square of the stiffness is taken into account afterwards, in closed form (`Quadr
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,12 +20,13 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate import noise_model
+from calibrate import errors, noise_model
 from calibrate.basis import Basis, PlaneStrainBasis
 from calibrate.equilibrium import Equilibrium, best_neo_hooke
 from calibrate.experiment import Noise
 
 Array = NDArray[np.float64]
+RELIABLE = 0.5  # share of a combination of both parts of the stress that must be no noise, in plane strain
 Progress = Callable[[int, int], None]
 
 
@@ -129,9 +130,64 @@ class Assembled:
             both = scipy.linalg.solve_triangular(lower, both, lower=True)
             yield both[:, :-1], both[:, -1]
 
+    def noise_of_parts(self, c: Array, rows: NDArray[np.bool_] | None = None) -> Array:
+        """(2, 2): what noise adds, on average, to the squares and product of the isochoric and the volumetric part of the
+        whitened G c in plane strain; weights at coefficients c (n_functions,), as in `quadratic`. rows (t, 2 v): those used."""
+        parts, result = _parts(c).T, np.zeros((2, 2))
+        for i, F in enumerate(self.system.deformation_gradients):
+            load = self.system.loads[i]
+            known = np.isfinite(load) if rows is None else rows[i]
+            if not known.any():
+                continue
+            spreads = [noise_model.spread(self.system, self.basis, part, F, self.noise_factor) for part in parts]
+            covariance = noise_model.covariance_of(self.system, spreads[0] + spreads[1], load, self.noise)
+            lower = whitening(covariance[np.ix_(known, known)])
+            white = [scipy.linalg.solve_triangular(lower, s[known], lower=True) for s in spreads]
+            result += [[float((a * b).sum()) for b in white] for a in white]
+        return result
+
     def first_guess(self) -> Array:
         """Neo-Hooke with the modulus that fits the forces: start of the weighting."""
         return best_neo_hooke(self.system, self.basis)
+
+
+def _parts(c: Array) -> Array:
+    """(n_functions, 2): coefficients of the isochoric part alone, and of the volumetric part alone."""
+    return np.column_stack([np.append(c[:-1], 0.0), np.append(np.zeros(len(c) - 1), c[-1])])
+
+
+def corrected(
+    quadratic: Quadratic,
+    c: Array,
+    weights: Array,
+    tests: Sequence[Assembled],
+    rows: Sequence[NDArray[np.bool_] | None] | None = None,
+    reliable: float = RELIABLE,
+) -> Array:
+    """The best c (n_functions,) with the stiffness that noise attenuates put right; weights: those that the loss belongs to.
+
+    In plane stress by `Quadratic.stiffness_factor`. In plane strain noise in the measured change of volume, times a large bulk
+    modulus, adds to the squares of the volumetric stress, so that least squares take the bulk modulus for too small (errors in
+    variables; Fuller 1987): isochoric and volumetric part have a factor each, and what noise adds to their squares on average is
+    taken off. Where the noise is unknown, one factor for both. Raises `FitError` where of a combination of them less than the share
+    `reliable` is no noise.
+    """
+    if not isinstance(quadratic.basis, PlaneStrainBasis) or not all(test.noise_is_known for test in tests):
+        return quadratic.stiffness_factor(c) * c
+    noise = np.zeros((2, 2))
+    for test, used in zip(tests, rows or [None] * len(tests), strict=True):
+        noise += test.noise_of_parts(weights, used)
+    parts, old = _parts(c), _parts(weights)
+    squares = parts.T @ quadratic.Q @ parts
+    size = np.sqrt(np.diag(squares) / np.maximum(np.diag(old.T @ quadratic.Q @ old), 1e-300))
+    true = squares - noise * np.outer(size, size)
+    share = float(scipy.linalg.eigh(true, squares, eigvals_only=True)[0]) if squares[1, 1] > 0 else 0.0
+    if not share > reliable:
+        raise errors.FitError(
+            f"noise hides the change of volume: of what it tells of the stress in plane strain, {1 - share:.0%} is noise, at most "
+            f"{1 - reliable:.0%} may be; a body of so large a bulk modulus needs a test with less noise"
+        )
+    return parts @ np.linalg.solve(true, parts.T @ quadratic.q)
 
 
 def whitening(covariance: Array) -> Array:

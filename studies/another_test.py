@@ -37,6 +37,7 @@ class Forecast:
     outside: float
     model: str
     left_out: tuple[str, ...] = ()
+    unused_bulk_modulus: float | None = None
 
     @property
     def measured(self) -> dict[str, Array]:
@@ -56,6 +57,11 @@ class Forecast:
             lines.append(
                 f"{100 * self.outside:.2g} % of the specimen, over all increments, lies beyond the calibrated range: there "
                 "the model extrapolates"
+            )
+        if self.unused_bulk_modulus is not None:
+            lines.append(
+                f"the test is in plane stress, where the material is taken for incompressible: the bulk modulus of the model "
+                f"({self.unused_bulk_modulus:.4g} {self.experiment.stress_unit}) is not used"
             )
         if self.left_out:
             lines.append(f"left out, because they belong to the tests that were fitted: {', '.join(self.left_out)}")
@@ -81,7 +87,9 @@ def forecast(path: Path, experiment: Experiment) -> Forecast:
     values = np.asarray(invariants_and_derivatives(system.isochoric_gradients)[0])
     beyond = ~model.in_range(values) & (values[..., 0] > 3 + 1e-3)  # what is hardly deformed is no extrapolation
     outside = float((system.areas * beyond).sum() / (system.areas.sum() * len(values)))
-    return Forecast(experiment, forces, outside, f"PANN of {model.architecture.inputs}")
+    unused = model.bulk_modulus if experiment.plane == "stress" else None
+    name = f"PANN of {model.architecture.inputs}"
+    return Forecast(experiment, forces, outside, name, unused_bulk_modulus=unused)
 
 
 def main(args: argparse.Namespace) -> int:

@@ -19,7 +19,7 @@ from studies.calibration_review import (
     largest_stretch,
     modulus_deviation,
 )
-from studies.force_record import COMPONENTS
+from studies.force_record import COMPONENTS, imbalance_remark
 
 CAUTION = " Trust the model only where predicted and measured forces agree."
 
@@ -49,6 +49,9 @@ def remarks(view: Review) -> list[str]:
             "The thickness is unknown: stresses are stress times thickness, in N/mm. Divide by the thickness in mm "
             "to get MPa."
         )
+    unbalanced = imbalance_remark(view.experiment)
+    if unbalanced:
+        result.append(unbalanced)
     if view.experiment.plane == "strain":
         result.append(
             "Plane strain: invariants are those of the isochoric part of the deformation; the curves hold for constant volume."

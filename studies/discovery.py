@@ -168,9 +168,11 @@ def held_out_words(rule: HoldOut | None, trained: Sequence[Experiment], held: Se
 def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
     """The final model of a discovery as a model file, with a network distilled from its base."""
     from calibrate.distillation import distil
+    from calibrate.effect_fit import bulk_modulus
     from calibrate.extended import ExtendedModel, fingerprint
 
     parts, final = found.problem.parts, found.final
+    bulk = bulk_modulus(found.problem, final)
     model = ExtendedModel(
         found.problem.basis,
         final.c,
@@ -183,6 +185,7 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         found.verdict,
         found.groups,
         provenance={key: record[key] for key in ("command", "settings", "inputs", "versions", "revision")},
+        bulk_modulus_deviation=None if bulk is None else bulk[1],
     )
     distilled = distil(found.problem, final)
     loss = {

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibrate.chain import Additions
 from calibrate.discovery import ALPHA, Discovery, Misfit, Round, Row
-from calibrate.effect_fit import Fit
+from calibrate.effect_fit import Fit, bulk_modulus
 from calibrate.effect_score import COLLINEAR
 from calibrate.effects import Effect, Parameter
 from calibrate.experiment import Experiment
@@ -243,22 +243,29 @@ def experiment_record(part: Part) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def round_record(now: Round, unit: str) -> dict[str, Any]:
+def round_record(now: Round, view: View) -> dict[str, Any]:
     """A round with every number."""
+    problem, unit = view.discovery.problem, view.unit
+    found = bulk_modulus(problem, now.fit)
     return {
+        "bulk_modulus": None if found is None else {"value": found[0], "standard_deviation": found[1]},
         "model": model_name(now.fit),
         "loss": now.fit.loss,
         "equations": now.fit.n_rows,
         "degrees_of_freedom": now.fit.degrees,
         "reduced_chi_square": now.fit.reduced_chi_square,
-        "p_value": now.fit.p_value,
+        "p_value": now.fit.p_value if problem.noise_is_known else None,
         "misfits": {
             name: {"chi_square": loss, "degrees_of_freedom": n}
             for name, (loss, n) in zip(("all", "no discretisation error", "slow"), now.fit.misfits, strict=True)
         },
         "predicted": None
         if now.predicted is None
-        else {"chi_square": now.predicted[0], "degrees_of_freedom": now.predicted[1], "p_value": now.predicted_p},
+        else {
+            "chi_square": now.predicted[0],
+            "degrees_of_freedom": now.predicted[1],
+            "p_value": now.predicted_p if problem.noise_is_known else None,
+        },
         "train": misfit_record(now.train),
         "held_out": misfit_record(now.held),
         "candidates": [record(row, now, unit) for row in now.rows],
@@ -281,7 +288,8 @@ def content(view: View) -> dict[str, Any]:
         "hold_out": view.hold_out,
         "noise_is_known": found.problem.noise_is_known,
         "stress_unit": view.unit,
+        "plane": found.problem.parts[0].experiment.plane,
         "remarks": list(view.remarks),
         "experiments": [experiment_record(part) for part in found.problem.parts],
-        "rounds": [round_record(now, view.unit) for now in found.rounds],
+        "rounds": [round_record(now, view) for now in found.rounds],
     }

@@ -10,7 +10,7 @@ from typing import Any
 from scipy import stats
 
 from calibrate.discovery import ALPHA, GLOBAL, Round, Row
-from calibrate.effect_fit import Fit
+from calibrate.effect_fit import Fit, bulk_modulus
 from calibrate.effects import Effect
 from studies.discovery_review import (
     BAND,
@@ -24,6 +24,7 @@ from studies.discovery_review import (
     p_text,
     shape,
 )
+from studies.force_record import imbalance_remark
 
 LISTED = 3  # amplitudes that a cell of the table can hold
 MODEL_COLUMNS = [
@@ -159,7 +160,9 @@ def _left(view: View) -> str:
     if not view.discovery.problem.noise_is_known:
         return "the noise is unknown, so that what is left cannot be compared with it"
     now = view.discovery.rounds[-1]
-    size = f"reduced chi-square {now.fit.reduced_chi_square:.3g}, p {p_text(now.fit.p_value)}"
+    smallest = min(range(3), key=lambda k: stats.chi2.sf(now.fit.misfits[k][0], max(now.fit.misfits[k][1], 1)))
+    where = "" if smallest == 0 else f" of what is {MISFITS[smallest]}"
+    size = f"reduced chi-square {now.fit.reduced_chi_square:.3g}, p {p_text(now.fit.p_value)}{where}"
     if now.predicted is not None:
         size += f"; p of what was held out {p_text(now.predicted_p)}"
     if min(now.fit.p_value, now.predicted_p) < GLOBAL:
@@ -197,6 +200,14 @@ def remarks(view: View) -> list[str]:
         result += [f"Round {i}: {text}." for text in now.remarks]
     if view.unit != "MPa":
         result.append("The thickness is unknown: stresses are stress times thickness, in N/mm.")
+    unbalanced = [imbalance_remark(part.experiment) for part in found.problem.parts]
+    result += [remark for remark in unbalanced if remark]
+    bulk = bulk_modulus(found.problem, found.final)
+    if bulk is not None:
+        result.append(
+            f"Plane strain: I1 is that of the isochoric part; bulk modulus {plus_minus(bulk[0], BAND * bulk[1])} {view.unit} "
+            "(half the 95 % interval), of the last model."
+        )
     return result
 
 

@@ -25,7 +25,7 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
     """Make, resume or (with `overwrite`) empty an output folder, and return its path.
 
     resume_key: every setting that changes the results, free JSON; the number of jobs does not belong to it.
-    Absent or empty: made. Written with the same resume_key: resumed, its files are kept. Otherwise
+    Absent, empty, or left by a run that was refused before it made anything: made. Written with the same resume_key: resumed, its files are kept. Otherwise
     `OutputFolderError`. `overwrite` empties only a folder that an earlier run made. Raises `OutputWriteError`
     where nothing can be written.
     """
@@ -33,7 +33,7 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
     if path.exists() and not path.is_dir():
         raise OutputFolderError(f"{path}: is a file; choose a folder with --output")
     try:
-        occupied = path.is_dir() and any(path.iterdir())
+        occupied = path.is_dir() and any(child.name != RUN_FILE for child in path.iterdir())
     except OSError as error:
         raise write_error(path, error) from error
     if occupied:

@@ -305,6 +305,19 @@ def test_a_step_never_raises_the_misfit_much():
     assert effect_fit.refit(problem, state.c, (far,)).loss < state.loss
 
 
+def test_what_is_refused_keeps_its_fit():
+    """So that its error on data held out can be seen, also where not every candidate is refitted."""
+    problem, state = prepared(0.02)
+    now = discovery._round(
+        problem, state, [e for e in FEW if e.name == "second invariant"], False, 0, lambda text: None
+    )
+    worse = replace(now, held=replace(now.held, force=0.0, field=0.0, chi_square=0.0))
+    refused, fit = discovery._extend(problem, worse, lambda text: None)
+    assert fit is None
+    assert "does not fall" in refused.remarks[0]
+    assert refused.rows[0].fit is not None and refused.rows[0].held is not None
+
+
 def test_gauges_and_what_the_data_lack_are_named():
     scores = {row.name: row.score for row in found().rounds[0].rows}
     assert scores["force gain"].status == scores["DIC scale"].status == "gauge"

@@ -10,6 +10,7 @@ import pytest
 
 from calibrate import errors
 from calibrate.experiment import Experiment, LoadedBoundary, Noise, boundary_nodes, signed_areas
+from studies.force_record import imbalance_remark
 
 
 def grid(columns: int = 6, rows: int = 5, pitch: float = 2.0):
@@ -70,6 +71,24 @@ def test_select_keeps_the_chosen_increments():
     chosen = stretched().select([0, 2])
     assert chosen.time.tolist() == [1.0, 3.0]
     assert chosen.loaded[1].force[:, 1].tolist() == [1.0, 3.0]
+
+
+def test_forces_that_do_not_balance_are_seen():
+    force = np.array([[0.1, 1.0], [0.0, 2.0], [0.0, 3.0]])
+    bottom, top = stretched().loaded
+
+    def pulled(share, **changes):
+        loaded = (replace(bottom, force=-force), replace(top, force=share * force))
+        return stretched(loaded=loaded, noise=Noise(0.01, 1.0, 1e-3), **changes)
+
+    assert pulled(1.0).force_imbalance[0] == 0
+    found, noise = pulled(1.1).force_imbalance
+    assert found == pytest.approx(0.1 / 1.1)
+    assert noise == pytest.approx(1e-3 * np.hypot(1, 1.1) / 1.1)
+    assert stretched().force_imbalance is None  # one component was not measured
+    assert pulled(1.1, free_nodes=np.array([], int)).force_imbalance is None  # the rim may carry the rest
+    assert imbalance_remark(pulled(1.0)) is None
+    assert "9.1 % of the largest force" in imbalance_remark(pulled(1.1))
 
 
 def test_no_such_file(tmp_path):

@@ -16,10 +16,10 @@ from calibrate.basis import PlaneStrainBasis, SingleBasis, basis_for
 from calibrate.calibration import Options, calibrate
 from calibrate.chain import Addition
 from calibrate.discovery import discover
-from calibrate.effect_fit import prepare
+from calibrate.effect_fit import bulk_modulus, prepare
 from calibrate.effects import KNOWN
 from calibrate.equilibrium import best_neo_hooke, equilibrium, neo_hooke, tangent_modulus
-from calibrate.errors import ConfigError, ModelFileError
+from calibrate.errors import ConfigError, FitError, ModelFileError
 from calibrate.experiment import Experiment
 from calibrate.extended import ExtendedModel
 from calibrate.model import Model
@@ -139,12 +139,12 @@ def test_sheet_effects_are_not_testable(chain):
 
 
 @cache
-def plate(material=ArrudaBoyce(), displacement=20.0, increments=6):
+def plate(material=ArrudaBoyce(), displacement=20.0, increments=6, kappa=KAPPA):
     """A plate with a hole in plane strain, Q2."""
     specimen = PlateWithHole()
     mesh = quads(specimen, quarter=True, size_factor=1.5)
     loading = Loading.clamped(specimen.loaded, displacement)
-    return solve(mesh, material, loading, increments, bulk_modulus=KAPPA).mirrored()
+    return solve(mesh, material, loading, increments, bulk_modulus=kappa).mirrored()
 
 
 def recorded(solution, seed=None, noise=1e-4):
@@ -192,10 +192,33 @@ def test_calibration_finds_energy_and_bulk_modulus():
 
 
 def test_deviation_of_the_bulk_modulus_holds():
-    """Ten seeds of noise: pulls of unit size, as far as ten tell (chi-square, 0.1 to 99.9 %)."""
-    found = [calibrate(recorded(plate(), seed), Options(starts=3)).model for seed in range(10)]
+    """Six seeds of noise: pulls of unit size, as far as six tell (chi-square, 0.1 to 99.9 %)."""
+    found = [calibrate(recorded(plate(), seed), Options(starts=2)).model for seed in range(6)]
     pulls = np.array([(m.bulk_modulus - KAPPA) / m.bulk_modulus_deviation for m in found])
-    assert 1.48 < (pulls**2).sum() < 29.6
+    assert 0.38 < (pulls**2).sum() < 22.5
+
+
+def test_noise_in_the_change_of_volume_does_not_bias_the_bulk_modulus():
+    """36 shear moduli at 0.1 mm of noise: 8.2 MPa without the correction, which is five deviations away."""
+    found = [calibrate(recorded(plate(kappa=10.0), seed, 5e-4), Options(starts=2)).model for seed in range(4)]
+    mean = np.mean([m.bulk_modulus for m in found])
+    assert abs(mean - 10.0) < 2 * found[0].bulk_modulus_deviation / np.sqrt(len(found)) < 0.6
+
+
+def test_a_bulk_modulus_that_noise_hides_is_refused():
+    with pytest.raises(FitError, match="noise hides the change of volume"):
+        calibrate(recorded(plate(kappa=50.0), 0, 5e-4), Options(starts=2))
+    with pytest.raises(FitError, match="at most 10% may be"):
+        prepare([recorded(plate(kappa=10.0), 0, 5e-4)], [lambda s: np.isfinite(s.loads)])
+
+
+def test_the_deviation_in_a_diagnosis_is_that_of_a_calibration():
+    e = recorded(plate(), 0)
+    problem, fit = prepare([e], [lambda s: np.isfinite(s.loads)])
+    value, deviation = bulk_modulus(problem, fit)
+    model = calibrate(e, Options(starts=2)).model
+    assert value == pytest.approx(model.bulk_modulus, abs=2 * deviation)
+    assert deviation == pytest.approx(model.bulk_modulus_deviation, rel=0.5)
 
 
 @pytest.mark.slow

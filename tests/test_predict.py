@@ -186,6 +186,16 @@ def test_a_test_beyond_the_calibrated_range_is_told(tmp_path: Path, capsys: pyte
     assert 0 < manifest["results"]["outside"] < 1
 
 
+def test_a_bulk_modulus_that_plane_stress_does_not_use_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet().save(tmp_path / "test.npz")
+    replace(neo_hooke(), bulk_modulus=2.0).save(tmp_path / "model.json")
+    words = ["predict", str(tmp_path / "model.json"), "--test", str(tmp_path / "test.npz"), "-o", str(tmp_path / "out")]
+    assert cli.main(words) == 0
+    assert "the bulk modulus of the model (2 MPa) is not used" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("unit", "more", "message"),
     [("N/mm", [], "give the thickness to both"), ("MPa", ["--stretch", "2"], "leave them out where --test is given")],
