@@ -161,7 +161,8 @@ def _left(view: View) -> str:
         return "the noise is unknown, so that what is left cannot be compared with it"
     now = view.discovery.rounds[-1]
     smallest = min(range(3), key=lambda k: stats.chi2.sf(now.fit.misfits[k][0], max(now.fit.misfits[k][1], 1)))
-    where = "" if smallest == 0 else f" of what is {MISFITS[smallest]}"
+    telling = smallest > 0 and now.fit.p_value < GLOBAL
+    where = f" of what is {MISFITS[smallest]}" if telling else ""
     size = f"reduced chi-square {now.fit.reduced_chi_square:.3g}, p {p_text(now.fit.p_value)}{where}"
     if now.predicted is not None:
         size += f"; p of what was held out {p_text(now.predicted_p)}"
