@@ -23,7 +23,7 @@ Compares key numbers of a run of `equigap figures` with reference values, and na
 spread observed over machines and seeds. With --same-as OTHER: compares the data files of two runs byte by byte."""
 FORMAT = "equigap-verification"
 DATA = (".csv", ".npz", ".msh")
-LEAST = 1e-5  # relative: no tolerance is smaller; two systems on one machine differ by 5e-9, in 3D by 1 %
+LEAST = 1e-5  # relative: no tolerance is smaller; two systems on one machine differ by 5e-9
 SPREADS = 3.0  # observed ranges that a number may be away
 
 
