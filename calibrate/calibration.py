@@ -173,17 +173,11 @@ def calibrate(
     if options.loss == "weighted":
         confidence = uncertainty.parameter_uncertainty(quadratic, architecture, result.parameters, known)
         right = reduction.corrected(quadratic, result.coefficients, weights, [assembled])
+        if experiment.plane == "strain":
+            deviation = uncertainty.bulk_modulus_deviation(quadratic, architecture, result.parameters, confidence)
+            bulk = _bulk_modulus(experiment, float(right[-1]), deviation * float(right[-1] / result.coefficients[-1]))
         largest = int(np.argmax(np.abs(result.coefficients[: energy_basis(basis).n_functions])))
         factor = float(right[largest] / result.coefficients[largest])
-        if experiment.plane == "strain":
-            found = float(right[-1])
-            deviation = uncertainty.bulk_modulus_deviation(quadratic, architecture, result.parameters, confidence)
-            bulk = found, deviation * found / float(result.coefficients[-1])
-            if not found > 0:
-                raise errors.FitError(
-                    f"{experiment.name}: the bulk modulus found is not positive ({found:.3g} {experiment.stress_unit}); is the "
-                    "test in plane strain, and does its volume change by more than noise?"
-                )
         architecture = replace(architecture, energy_scale=factor * architecture.energy_scale)
     freedom = max(1, quadratic.n_rows - architecture.n_parameters)
     best = int(np.nanargmin(result.losses))
@@ -201,6 +195,15 @@ def calibrate(
         confidence,
         bulk,
     )
+
+
+def _bulk_modulus(experiment: Experiment, value: float, deviation: float) -> tuple[float, float]:
+    if not value > 0:
+        raise errors.FitError(
+            f"{experiment.name}: the bulk modulus found is not positive ({value:.3g} {experiment.stress_unit}); is the "
+            "test in plane strain, and does its volume change by more than noise?"
+        )
+    return value, deviation
 
 
 def _calibrate_slsqp(system: Equilibrium, basis: Basis, options: Options) -> Calibration:

@@ -181,7 +181,13 @@ def corrected(
     squares = parts.T @ quadratic.Q @ parts
     size = np.sqrt(np.diag(squares) / np.maximum(np.diag(old.T @ quadratic.Q @ old), 1e-300))
     true = squares - noise * np.outer(size, size)
-    share = float(scipy.linalg.eigh(true, squares, eigvals_only=True)[0]) if squares[1, 1] > 0 else 0.0
+    try:
+        share = float(scipy.linalg.eigh(true, squares, eigvals_only=True)[0])
+    except np.linalg.LinAlgError:
+        raise errors.FitError(
+            "these data cannot tell the bulk modulus from the shear modulus: in plane strain the volume must change by other shares "
+            "in other places or increments; calibrate on a specimen with holes"
+        ) from None
     if not share > reliable:
         raise errors.FitError(
             f"noise hides the change of volume: of what it tells of the stress in plane strain, {1 - share:.0%} is noise, at most "

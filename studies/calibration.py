@@ -59,7 +59,7 @@ def main(args: argparse.Namespace) -> int:
     from calibrate.calibration import calibrate
     from calibrate.experiment import Experiment
     from studies.calibration_review import review
-    from studies.output import Manifest, callback, open_output_folder
+    from studies.output import Manifest, callback, open_output_folder, released_if_refused
 
     started = time.time()
     options = options_from(args)
@@ -72,7 +72,8 @@ def main(args: argparse.Namespace) -> int:
     key = {**settings, "experiment": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output_folder(args, "calibrate"), args.overwrite, key)
     part = experiment if fitted.all() else experiment.select(fitted.nonzero()[0])
-    calibration = calibrate(part, options, callback("assembling"))
+    with released_if_refused(folder):
+        calibration = calibrate(part, options, callback("assembling"))
     view = review(calibration, experiment, fitted, callback("judging residuals"))
     write(folder, view, manifest)
     print_summary(view)

@@ -52,6 +52,11 @@ def remarks(view: Review) -> list[str]:
     unbalanced = imbalance_remark(view.experiment)
     if unbalanced:
         result.append(unbalanced)
+    if view.experiment.plane == "strain" and view.chi_square is None:
+        result.append(
+            "Plane strain with unknown noise: noise in the change of volume may make the bulk modulus far too small. Give the noise "
+            "to the Experiment."
+        )
     if view.experiment.plane == "strain":
         result.append(
             "Plane strain: invariants are those of the isochoric part of the deformation; the curves hold for constant volume."

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Find, write everything, print the verdict. Raises the named errors of `calibrate` and `studies`."""
-    from studies.output import Manifest, open_output_folder
+    from studies.output import Manifest, open_output_folder, released_if_refused
 
     started = time.time()
     rule, files = hold_outs(args.hold_out)
@@ -76,7 +76,7 @@ def main(args: argparse.Namespace) -> int:
     from studies.discovery_words import remarks as all_remarks
     from studies.discovery_words import verdict
 
-    with Stages() as say:
+    with released_if_refused(folder), Stages() as say:
         found = discover(trained, rule, held, effects, args.spacing, args.base, not args.quick, args.seed, say)
         view = View(found, held_out_words(rule, trained, held), remarks, args.quick)
         say("network of the base")

@@ -204,6 +204,11 @@ def remarks(view: View) -> list[str]:
     unbalanced = [imbalance_remark(part.experiment) for part in found.problem.parts]
     result += [remark for remark in unbalanced if remark]
     bulk = bulk_modulus(found.problem, found.final)
+    if bulk is not None and not found.problem.noise_is_known:
+        result.append(
+            "Plane strain with unknown noise: noise in the change of volume may make the bulk modulus far too small. Give the noise "
+            "to the Experiment."
+        )
     if bulk is not None:
         result.append(
             f"Plane strain: I1 is that of the isochoric part; bulk modulus {plus_minus(bulk[0], BAND * bulk[1])} {view.unit} "

@@ -10,7 +10,8 @@ import hashlib
 import json
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
     """Make, resume or (with `overwrite`) empty an output folder, and return its path.
 
     resume_key: every setting that changes the results, free JSON; the number of jobs does not belong to it.
-    Absent, empty, or left by a run that was refused before it made anything: made. Written with the same resume_key: resumed, its files are kept. Otherwise
+    Absent or empty: made. Written with the same resume_key: resumed, its files are kept. Otherwise
     `OutputFolderError`. `overwrite` empties only a folder that an earlier run made. Raises `OutputWriteError`
     where nothing can be written.
     """
@@ -33,7 +34,7 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
     if path.exists() and not path.is_dir():
         raise OutputFolderError(f"{path}: is a file; choose a folder with --output")
     try:
-        occupied = path.is_dir() and any(child.name != RUN_FILE for child in path.iterdir())
+        occupied = path.is_dir() and any(path.iterdir())
     except OSError as error:
         raise write_error(path, error) from error
     if occupied:
@@ -50,6 +51,17 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
             )
     write_json(path / RUN_FILE, {"format": FORMAT, "key": key_hash(settings), "settings": settings})
     return path
+
+
+@contextmanager
+def released_if_refused(path: Path) -> Iterator[None]:
+    """A command that an error ends before it has made anything leaves its folder free for another one."""
+    try:
+        yield
+    except Exception:
+        if [child.name for child in path.iterdir()] == [RUN_FILE]:
+            (path / RUN_FILE).unlink()
+        raise
 
 
 def key_hash(settings: Any) -> str:

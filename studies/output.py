@@ -5,7 +5,7 @@ Files are written whole or not at all (`write_*`, `atomic_path`), each figure or
 (`Progress`, `track`, `callback`).
 """
 
-from studies.folder import open_output_folder
+from studies.folder import open_output_folder, released_if_refused
 from studies.manifest import Manifest
 from studies.progress import Progress, callback, track
 from studies.writing import (
@@ -24,6 +24,7 @@ __all__ = [
     "atomic_path",
     "callback",
     "open_output_folder",
+    "released_if_refused",
     "track",
     "write_bytes",
     "write_csv",

@@ -26,6 +26,7 @@ class Polynomial:
     n_increments: int = 3
     reactions: dict = field(default_factory=dict)
     thickness: float = 1.5
+    description: dict = field(default_factory=dict)
 
     @property
     def time(self):

@@ -132,14 +132,20 @@ class TestFolder:
         assert "resuming" in capsys.readouterr().err
 
     def test_with_other_settings_is_refused_and_names_them(self, tmp_path: Path) -> None:
-        (open_output_folder(tmp_path / "a", False, {"seeds": 10, "nodes": 5}) / "made.csv").write_text("")
+        open_output_folder(tmp_path / "a", False, {"seeds": 10, "nodes": 5})
         with pytest.raises(OutputFolderError, match=r"seeds: 10 there, 20 now.*--overwrite.*--output"):
             open_output_folder(tmp_path / "a", False, {"seeds": 20, "nodes": 5})
 
     def test_of_a_run_that_was_refused_before_it_made_anything_is_free(self, tmp_path: Path) -> None:
-        open_output_folder(tmp_path / "a", False, {"hold_out": "every:100"})
+        target = open_output_folder(tmp_path / "a", False, {"hold_out": "every:100"})
+        with pytest.raises(ValueError, match="nothing"), folders.released_if_refused(target):
+            raise ValueError("holds out nothing")
         target = open_output_folder(tmp_path / "a", False, {"hold_out": "every:3"})
         assert json.loads((target / folders.RUN_FILE).read_text())["settings"] == {"hold_out": "every:3"}
+        (target / "made.csv").write_text("")
+        with pytest.raises(ValueError, match="late"), folders.released_if_refused(target):
+            raise ValueError("late")
+        assert (target / folders.RUN_FILE).exists()
 
     def test_is_emptied_on_request(self, tmp_path: Path) -> None:
         target = open_output_folder(tmp_path / "a", False, {"n": 1})

@@ -20,7 +20,7 @@ from calibrate.effect_fit import bulk_modulus, prepare
 from calibrate.effects import KNOWN
 from calibrate.equilibrium import best_neo_hooke, equilibrium, neo_hooke, tangent_modulus
 from calibrate.errors import ConfigError, FitError, ModelFileError
-from calibrate.experiment import Experiment
+from calibrate.experiment import Experiment, LoadedBoundary, Noise
 from calibrate.extended import ExtendedModel
 from calibrate.model import Model
 from forward.errors import MaterialError
@@ -210,6 +210,18 @@ def test_a_bulk_modulus_that_noise_hides_is_refused():
         calibrate(recorded(plate(kappa=50.0), 0, 5e-4), Options(starts=2))
     with pytest.raises(FitError, match="at most 10% may be"):
         prepare([recorded(plate(kappa=10.0), 0, 5e-4)], [lambda s: np.isfinite(s.loads)])
+
+
+def test_a_uniform_test_cannot_tell_the_moduli_apart():
+    """One equation an increment, in which the stretch fixes both parts of the stress alike, if it is one stretch."""
+    points = np.array([[0.0, 0], [10, 0], [20, 0], [0, 10], [10, 10], [20, 10]])
+    cells = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
+    u = np.tile(points * [0.1, 0.0], (3, 1, 1))
+    force = np.tile([[2.0, 0.0]], (3, 1))
+    loaded = (LoadedBoundary("left", np.array([0, 3]), -force), LoadedBoundary("right", np.array([2, 5]), force))
+    sheet = Experiment("uniform", points, cells, u, loaded, np.array([], int), 1.0, noise=Noise(1e-3), plane="strain")
+    with pytest.raises(FitError, match="cannot tell the bulk modulus|noise hides"):
+        calibrate(sheet, Options(starts=2))
 
 
 def test_the_deviation_in_a_diagnosis_is_that_of_a_calibration():
