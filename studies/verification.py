@@ -138,7 +138,10 @@ def run_record(folder: Path) -> dict[str, Any]:
 
 
 def stored() -> dict[str, Any]:
-    """``reference.json``: keys {"name", "file", "path"}, and of every scale the same with value, tolerance, observed."""
+    """``reference.json``: keys {"name", "file", "path"}, and of every scale the same with value, tolerance, observed.
+
+    observed: of runs on other systems, or, of networks fitted to clean data, with displacements changed by 1e-8 mm (docs/limits.md).
+    """
     return json.loads(resources.files("studies").joinpath("reference.json").read_text())
 
 
