@@ -67,6 +67,14 @@ def test_the_tables_of_blind_trials_are_those_of_the_trials() -> None:
     assert f"{found['amplitudes_within']} of {found['amplitudes']} amplitudes in their 95 % interval" in said
     assert f"a wrong name in {found['absent_wrong']} of {found['absent']}" in said
     assert f"a wrong name was given in {found['absent_wrong']} of {found['absent']} such cases" in limits
+    more = blind_report.summary(json.loads((DOCS / "pairs.json").read_text()))
+    pairs, named, kept = (found[key] + more[key] for key in ("pairs", "pairs_found", "pairs_in_model"))
+    assert f"it named both in {named} of {pairs} (with forty more pairs)" in said
+    assert f"both were named in {named} of {pairs} strong pairs, and in the model in {kept}" in limits
+    assert (
+        f"both named in {more['pairs_found']} of {more['pairs']}, in the model in {more['pairs_in_model']} of {more['pairs']}"
+        in page
+    )
     assert f"of the {len(trials)} made so far" in page or f"all {len(trials)} trials" in page
 
 
