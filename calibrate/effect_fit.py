@@ -29,9 +29,8 @@ PASSES = 12
 FOLLOWED = 3  # iterations of a fit in which the estimate of the true displacements follows it
 STIFFENING = 0.1  # prior: by how much psi_1 may grow from one spline to the next, over its value at rest
 SETTLED = 0.05  # relative change of the base between the last two passes
-RELIABLE = (
-    0.9  # see `reduction.corrected`: with more noise in the change of volume, p-values in plane strain no longer hold
-)
+# see `reduction.corrected`: with more noise in the change of volume, p-values in plane strain no longer hold
+RELIABLE = 0.9
 HALVINGS = 5  # of a step
 RISE = 1.02  # factor by which a step may raise the misfit, as signatures are not its slope exactly
 TURNS, NEAR = 2, 0.5  # updates of the weights by a fit; standard deviations between both that are near enough

@@ -19,7 +19,8 @@ from studies.calibration_review import (
     largest_stretch,
     modulus_deviation,
 )
-from studies.force_record import COMPONENTS, imbalance_remark
+from studies.experiment_words import experiment_remarks
+from studies.force_record import COMPONENTS
 
 CAUTION = " Trust the model only where predicted and measured forces agree."
 
@@ -49,14 +50,7 @@ def remarks(view: Review) -> list[str]:
             "The thickness is unknown: stresses are stress times thickness, in N/mm. Divide by the thickness in mm "
             "to get MPa."
         )
-    unbalanced = imbalance_remark(view.experiment)
-    if unbalanced:
-        result.append(unbalanced)
-    if view.experiment.plane == "strain" and view.chi_square is None:
-        result.append(
-            "Plane strain with unknown noise: noise in the change of volume may make the bulk modulus far too small. Give the noise "
-            "to the Experiment."
-        )
+    result += experiment_remarks(view.experiment, view.chi_square is not None)
     if view.experiment.plane == "strain":
         result.append(
             "Plane strain: invariants are those of the isochoric part of the deformation; the curves hold for constant volume."

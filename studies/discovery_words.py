@@ -24,7 +24,7 @@ from studies.discovery_review import (
     p_text,
     shape,
 )
-from studies.force_record import imbalance_remark
+from studies.experiment_words import experiment_remarks
 
 LISTED = 3  # amplitudes that a cell of the table can hold
 MODEL_COLUMNS = [
@@ -201,14 +201,9 @@ def remarks(view: View) -> list[str]:
         result += [f"Round {i}: {text}." for text in now.remarks]
     if view.unit != "MPa":
         result.append("The thickness is unknown: stresses are stress times thickness, in N/mm.")
-    unbalanced = [imbalance_remark(part.experiment) for part in found.problem.parts]
-    result += [remark for remark in unbalanced if remark]
+    for part in found.problem.parts:
+        result += experiment_remarks(part.experiment, part.assembled.noise_is_known)
     bulk = bulk_modulus(found.problem, found.final)
-    if bulk is not None and not found.problem.noise_is_known:
-        result.append(
-            "Plane strain with unknown noise: noise in the change of volume may make the bulk modulus far too small. Give the noise "
-            "to the Experiment."
-        )
     if bulk is not None:
         result.append(
             f"Plane strain: I1 is that of the isochoric part; bulk modulus {plus_minus(bulk[0], BAND * bulk[1])} {view.unit} "

@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.experiment import Experiment
-
 Array = NDArray[np.float64]
 COMPONENTS = ("x", "y")
-LEAST = 0.005  # of the largest force, by which forces that were measured need not balance
 NEGLIGIBLE = 0.05  # force components below this share of the largest are in the table only
 
 
@@ -35,17 +32,6 @@ def rows(
         line += [] if fitted is None else [int(fitted[i])]
         content.append(line + [float(f[name][i, k]) for name, k in pairs for f in (measured, predicted)])
     return columns, content
-
-
-def imbalance_remark(experiment: Experiment) -> str | None:
-    """A sentence where measured forces do not add up to zero by more than noise, and nothing else can carry the rest."""
-    found = experiment.force_imbalance
-    if found is None or found[0] <= max(LEAST, 4 * found[1]):
-        return None
-    return (
-        f"The measured forces of {experiment.name} do not balance: their sum is {100 * found[0]:.2g} % of the largest force, which "
-        "equilibrium does not allow and no model can meet; check the load cells and which boundary carries which force."
-    )
 
 
 def worth_drawing(measured: Mapping[str, Array]) -> list[tuple[str, int]]:

@@ -10,7 +10,7 @@ import pytest
 
 from calibrate import errors
 from calibrate.experiment import Experiment, LoadedBoundary, Noise, boundary_nodes, signed_areas
-from studies.force_record import imbalance_remark
+from studies.experiment_words import imbalance_remark
 
 
 def grid(columns: int = 6, rows: int = 5, pitch: float = 2.0):
