@@ -55,7 +55,7 @@ def diagnose(experiment: Any) -> dict[str, float]:
                     step = 1e-4 * p.typical * np.eye(len(null))[i]
                     for end in (null + step, null - step):
                         addition = Addition(effect, tuple(map(float, end)), tuple(shape))
-                        problem.white([chain.with_additions(base.c, (addition,)) for chain in base.chains])
+                        problem.white([chain.residual(base.c, (addition,)) for chain in base.chains])
 
     timed(times, "signatures by central differences", differences)
     return times

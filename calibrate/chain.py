@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from calibrate import plane_strain
 from calibrate.basis import DEGREE, PlaneStrainBasis, SingleBasis, _pieces, energy_basis
-from calibrate.effects.effect import Data, Effect
+from calibrate.effects.effect import STAGES, Data, Effect
 from calibrate.equilibrium import Equilibrium
 from calibrate.kinematics import invariants
 
@@ -39,6 +39,12 @@ class Addition:
 
 
 Additions = tuple[Addition, ...]
+
+
+def ordered(additions: Additions) -> Additions:
+    """From the material to the camera, the order in which effects act on the stress, and against which displacements and
+    loads are corrected."""
+    return tuple(sorted(additions, key=lambda a: (STAGES.index(a.effect.stage), a.effect.name)))
 
 
 @jax.tree_util.register_dataclass
@@ -107,14 +113,11 @@ class Chain:
         """Invariant and number of its functions, and whether in plane strain."""
         return self.energy.k, self.energy.n, isinstance(self.basis, PlaneStrainBasis)
 
-    def residual(self, c: Any, effects: tuple[Effect, ...] = (), amplitudes: Any = (), shapes: Any = ()) -> Array:
-        """Residual (t, 2 v), N, of coefficients c (n,), each effect with amplitudes (p,) and shape (q,)."""
+    def residual(self, c: Any, additions: Additions = ()) -> Array:
+        """Residual (t, 2 v), N, of coefficients c (n,) and effects, in whatever order these are given."""
+        effects, amplitudes, shapes = _parts(additions)
         P, loads = _response(self.kind, effects, self.arrays, jnp.asarray(c), _floats(amplitudes), _floats(shapes))
         return self.work(P) - self.spread(loads)
-
-    def with_additions(self, c: Any, additions: Additions = ()) -> Array:
-        """Residual (t, 2 v), N, with effects in the model."""
-        return self.residual(c, *_parts(additions))
 
     def stress(self, c: Any, additions: Additions = ()) -> Array:
         """P (t, m, 2, 2), MPa, with effects in the model."""
@@ -125,7 +128,7 @@ class Chain:
     def external(self, additions: Additions = ()) -> Array:
         """Loads (t, 2 v), N, as the effects correct them: minus the residual of a material without stiffness."""
         effects, amplitudes, shapes = _parts(additions)
-        return self.spread(_external(effects, self.arrays, _floats(amplitudes), _floats(shapes)))
+        return self.spread(_external(effects, self.arrays, self.arrays.measured, _floats(amplitudes), _floats(shapes)))
 
     def noise_shift(self, c: Any, factor: Any) -> Array:
         """Mean change (t, 2 v), N, that displacement noise brings into the residual: second order in the noise.
@@ -144,23 +147,72 @@ class Chain:
         return self.work(_noise_shift(self.kind, self.arrays, jnp.asarray(c), jnp.asarray(axes)))
 
     def pulled_back(self, c: Array, additions: Additions, forces: Array) -> Array:
-        """K^T forces (t, n, 2) of forces (t, 2 v), N; K: tangent of the base at the displacements that additions correct."""
+        """K^T forces (t, n, 2) of forces (t, 2 v), N; K: tangent of base and effects in the material, at the displacements that
+        additions correct."""
         F, correction = self._corrected(additions)
         virtual = np.asarray(forces).reshape(len(F), 2, -1) @ self.virtual
-        change = virtual.reshape(len(F), 2, -1, 2).swapaxes(1, 2)[None]  # the tangent has an energy: K^T is K
-        dual = np.asarray(_whole_base_pushed(self.kind, self.arrays, jnp.asarray(c), jnp.asarray(F), change))[0]
+        stress = jnp.asarray(virtual.reshape(len(F), 2, -1, 2).swapaxes(1, 2))
+        dual = np.asarray(self._pulled_stress(jnp.asarray(c), _local(additions), jnp.asarray(F), stress))
         nodal = np.moveaxis(dual, 2, 0).reshape(2 * len(F), -1) @ self.system.gradient
         return correction(np.moveaxis(nodal.reshape(2, len(F), -1), 0, -1)[None])[0]
 
     def spread_of_noise(self, c: Array, additions: Additions, factor: sp.csr_array) -> list[Array]:
-        """K B (2 v, 2 s), N, of every increment, with B the factor (n, s) of the noise."""
+        """K B (2 v, 2 s), N, of every increment, with B the factor (n, s) of the noise and K as in `pulled_back`.
+
+        What an increment has of the noise of others is taken for more of its own.
+        """
         F, correction = self._corrected(additions)
+        local = _local(additions)
+        if local:
+            tangents = [self.system.stiffness(modulus) for modulus in self._moduli(c, local, F)]
+        else:
+            tangents = [self.system.tangent(self.basis, f, c) for f in F]
         rows = np.array(
-            [np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks]) for blocks in
-             (self.system.tangent(self.basis, f, c) for f in F)]
-        )  # fmt: skip
+            [np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks]) for blocks in tangents]
+        )
         moved = correction(rows.swapaxes(0, 1))
         return [np.hstack([moved[:, i, :, k] @ factor for k in range(2)]) for i in range(len(F))]
+
+    def _moduli(self, c: Array, local: Additions, F: Array) -> Array:
+        """dP/dF (t, m, 2, 2, 2, 2), MPa, of base and effects in the material, times the root of 1 + |dP/dF of other increments|^2
+        over its own."""
+        effects, amplitudes, shapes = _parts(local)
+        given, G = (self.kind, effects, self.arrays, jnp.asarray(c)), jnp.asarray(F)
+        values = _floats(amplitudes), _floats(shapes)
+        stages = _stages(*given, *values, G)
+        t, m = F.shape[:2]
+        own, others, areas = np.zeros((t, m, 2, 2, 2, 2)), np.zeros(t), self.system.areas[:, None, None]
+        together = [[j] for j in range(t)] if any(effect.remembers for effect in effects) else [list(range(t))]
+        for some in together:
+            dF = np.zeros((2, 2, t, m, 2, 2))
+            for k, l in np.ndindex(2, 2):
+                dF[k, l, some, :, k, l] = 1.0
+            changes = jnp.asarray(dF.reshape(4, t, m, 2, 2))
+            df = _law_changes(self.kind, G, changes)
+            dP = _pushed(*given, *values, _law_gradients(self.kind, G), stages, df)
+            dP = np.asarray(_whole_changes(self.kind, jnp.asarray(c), G, stages[-1], changes, dP))
+            own[some] = np.moveaxis(dP[:, some].reshape(2, 2, len(some), m, 2, 2), (0, 1), (4, 5))
+            sizes = (areas * dP**2).sum(axis=(0, 2, 3, 4))
+            sizes[some] = 0.0
+            others += sizes
+        sizes = (areas[..., None, None] * own**2).sum(axis=(1, 2, 3, 4, 5))
+        return own * np.sqrt(1 + others / sizes)[:, None, None, None, None, None]
+
+    def _pulled_stress(self, c: Any, local: Additions, F: Any, stress: Any) -> Any:
+        """Duals (t, m, 2, 2) of F of those of the stress, with base and effects in the material."""
+        kind, arrays, (effects, amplitudes, shapes) = self.kind, self.arrays, _parts(local)
+        f, values = _law_gradients(kind, F), (_floats(amplitudes), _floats(shapes))
+        stages = _stages(kind, effects, arrays, c, *values, F)
+        whole = jnp.zeros_like(F)
+        if kind[-1]:
+            whole, stress = _whole_pulled(c, F, stages[-1], stress)
+        dual = jnp.zeros_like(F)
+        for effect, a, shape, P in reversed(list(zip(effects, *values, stages[:-1], strict=True))):
+            if _acts(effect, "stress"):
+                own, stress = _stress_pulled(kind, effect, arrays, c, f, P, a, shape, stress)
+                dual = dual + own
+        dual = dual + _base_pushed(kind, arrays, c, f, stress[None])[0]  # the tangent of the base is symmetric
+        return whole + _isochoric_pulled(F, dual) if kind[-1] else dual
 
     def _corrected(self, additions: Additions) -> tuple[Array, Callable[[Array], Array]]:
         """F (t, m, 2, 2) at corrected displacements, and duals (k, t, n, 2) of these to those of the measured ones."""
@@ -168,7 +220,7 @@ class Chain:
         given = _floats(amplitudes), _floats(shapes)
         if not additions:
             return np.asarray(_gradients(self.arrays.data, self.arrays.data.u)), lambda duals: duals
-        u = _displaced(effects, self.arrays, *given)
+        u = _displaced(effects, self.arrays, self.arrays.data.u, *given)
 
         def correction(duals: Array) -> Array:
             return np.asarray(_pulled(effects, self.arrays, *given, jnp.asarray(duals)))
@@ -180,54 +232,78 @@ class Chain:
         null = tuple(p.null for p in effect.amplitudes)
         return self.derivative(c, (*others, Addition(effect, null, shape)))
 
-    def _before(self, c: Array, others: Additions) -> tuple[Any, Any, list[Any], Any]:
-        """Displacements, F, P behind every effect, and loads without the last effect; kept, as many effects are tried."""
+    def _beside(self, c: Array, others: Additions) -> tuple[Any, list[Any]]:
+        """F, and P behind each of the other effects; kept, as many effects are tried beside them."""
         key = (c.tobytes(), others)
         kept = self.__dict__.get("_kept")
         if kept is None or kept[0] != key:
             effects, amplitudes, shapes = _parts(others)
             given = _floats(amplitudes), _floats(shapes)
-            u = _displaced(effects, self.arrays, *given)
+            u = _displaced(effects, self.arrays, self.arrays.data.u, *given)
             F = _gradients(self.arrays.data, u)
             stages = _stages(self.kind, effects, self.arrays, jnp.asarray(c), *given, F)
-            kept = key, (u, F, stages, _external(effects, self.arrays, *given))
+            kept = key, (F, stages)
             self.__dict__["_kept"] = kept
         return kept[1]
 
     def derivative(self, c: Any, additions: Additions) -> Array:
-        """d residual / d amplitudes of the last addition, (p, t, 2 v), at the values they have."""
-        *others, last = additions
-        effects, amplitudes, shapes = _parts(tuple(others))
-        before = _floats(amplitudes), _floats(shapes)
-        a, shape = jnp.asarray(last.amplitudes, float), jnp.asarray(last.shape, float)
-        data, kind, effect = self.arrays.data, self.kind, last.effect
-        moves = _acts(effect, "displacements")
-        u, F, stages, loads = self._before(np.asarray(c, float), tuple(others))
+        """d residual / d amplitudes of the last addition, (p, t, 2 v), at the values they have.
+
+        Its direct change of displacements, stress and loads, each pushed through the effects that come after it.
+        """
+        last, whole = additions[-1], ordered(additions)
+        place = next(i for i, one in enumerate(whole) if one is last)
+        inner, outer = _parts(whole[:place]), _parts(whole[place + 1 :])
+        effect, a, shape = last.effect, jnp.asarray(last.amplitudes, float), jnp.asarray(last.shape, float)
+        arrays, kind = self.arrays, self.kind
+        data = arrays.data
+        F, stages = self._beside(np.asarray(c, float), ordered(additions[:-1]))
         c = jnp.asarray(c)
-        if moves:
-            F = _gradients(data, _moved(effect, data, u, a, shape))
-            stages = _stages(kind, effects, self.arrays, c, *before, F)
-        P = stages[-1]
+        dF = None
+        if _acts(effect, "displacements"):
+            u = _displaced(outer[0], arrays, data.u, *_floated(outer))
+            du = _change_of_displacements(effect, data, u, a, shape)
+            u = _moved(effect, data, u, a, shape)
+            for one, b, s in reversed(list(zip(inner[0], *_floated(inner), strict=True))):
+                if _acts(one, "displacements"):
+                    du, u = _moved_on(one, data, u, b, s, du), _moved(one, data, u, b, s)
+            F, dF = _gradients(data, u), _change_of_gradients(data, du)
+            stages = _stages(kind, inner[0], arrays, c, *_floated(inner), F)
         f = _law_gradients(kind, F)
-        stress, force = _direct(kind, effect, self.arrays, c, f, P, loads, a, shape)
-        if moves:
-            dF = _change_of_gradients(effect, data, u, a, shape)
+        P = stages[place]
+        dP = _direct(kind, effect, arrays, c, f, P, a, shape)
+        df = None
+        if dF is not None:
             df = _law_changes(kind, F, dF)
-            dP = _pushed(kind, effects, self.arrays, c, *before, f, stages, df)
-            moved = _pushed_on(kind, effect, self.arrays, c, f, P, a, shape, df, dP)
-            if kind[-1]:
-                behind = _stressed_by(kind, effect, self.arrays, c, f, P, a, shape)
-                moved = _whole_changes(kind, c, F, behind, dF, moved)
-            moved = self.work(moved)
-        change = self.work(_whole_changes(kind, c, F, P, None, stress)) - self.spread(force)
-        return change + moved if moves else change
+            pushed = _pushed(kind, inner[0], arrays, c, *_floated(inner), f, stages, df)
+            dP = dP + _pushed_on(kind, effect, arrays, c, f, P, a, shape, df, pushed)
+        if _acts(effect, "stress"):
+            P = _stressed_by(kind, effect, arrays, c, f, P, a, shape)
+        for one, b, s in zip(outer[0], *_floated(outer), strict=True):
+            if _acts(one, "stress"):
+                changes = jnp.zeros((len(a), *f.shape)) if df is None else df
+                dP = _pushed_on(kind, one, arrays, c, f, P, b, s, changes, dP)
+                P = _stressed_by(kind, one, arrays, c, f, P, b, s)
+        result = self.work(_whole_changes(kind, c, F, P, dF, dP))
+        if not _acts(effect, "loads"):
+            return result
+        loads = _external(outer[0], arrays, arrays.measured, *_floated(outer))
+        dl, loads = _change_of_loads(effect, data, loads, a, shape), _loaded(effect, data, loads, a, shape)
+        for one, b, s in reversed(list(zip(inner[0], *_floated(inner), strict=True))):
+            if _acts(one, "loads"):
+                dl, loads = _loaded_on(one, data, loads, b, s, dl), _loaded(one, data, loads, b, s)
+        return result - self.spread(dl)
 
     def jacobian(self, c: Any, additions: Additions) -> Array:
         """d residual / d amplitudes and shapes of all additions, (k, t, 2 v): of each its amplitudes, then its shapes."""
         effects, amplitudes, shapes = _parts(additions)
-        x = jnp.asarray(np.concatenate([[*a, *s] for a, s in zip(amplitudes, shapes, strict=True)]), float)
-        stress, force = _changes(self.kind, effects, self.arrays, jnp.asarray(c), x)
-        return self.work(stress) - self.spread(force)
+        values = [[*a, *s] for a, s in zip(amplitudes, shapes, strict=True)]
+        stress, force = _changes(
+            self.kind, effects, self.arrays, jnp.asarray(c), jnp.asarray(np.concatenate(values), float)
+        )
+        found = np.split(self.work(stress) - self.spread(force), np.cumsum([len(v) for v in values])[:-1])
+        own = dict(zip(effects, found, strict=True))
+        return np.concatenate([own[a.effect] for a in additions])
 
 
 def _floats(values: Any) -> tuple[Any, ...]:
@@ -235,11 +311,17 @@ def _floats(values: Any) -> tuple[Any, ...]:
 
 
 def _parts(additions: Additions) -> tuple[tuple[Effect, ...], tuple[Any, ...], tuple[Any, ...]]:
+    """Effects from the material to the camera, their amplitudes and shapes."""
+    additions = ordered(additions)
     return (
         tuple(a.effect for a in additions),
         tuple(a.amplitudes for a in additions),
         tuple(a.shape for a in additions),
     )
+
+
+def _floated(parts: tuple[Any, Any, Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    return _floats(parts[1]), _floats(parts[2])
 
 
 def gradients(data: Data, u: Any) -> Any:
@@ -294,10 +376,13 @@ def _acts(effect: Effect, stage: str) -> bool:
     return getattr(type(effect), stage) is not getattr(Effect, stage)
 
 
-def _displaced(effects, arrays, amplitudes, shapes):
-    """Displacements (t, n, 2) as every effect corrects them."""
-    u = arrays.data.u
-    for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
+def _local(additions: Additions) -> Additions:
+    return tuple(a for a in additions if a.effect.in_material)
+
+
+def _displaced(effects, arrays, u, amplitudes, shapes):
+    """Displacements (t, n, 2) as every effect corrects measured ones, the camera's first."""
+    for effect, a, shape in reversed(list(zip(effects, amplitudes, shapes, strict=True))):
         if _acts(effect, "displacements"):
             u = _moved(effect, arrays.data, u, a, shape)
     return u
@@ -322,10 +407,9 @@ def _pushed(kind, effects, arrays, c, amplitudes, shapes, F, stages, changes):
     return stresses
 
 
-def _external(effects, arrays, amplitudes, shapes):
-    """Forces (t, 2, b) as every effect corrects them."""
-    loads = arrays.measured
-    for effect, a, shape in zip(effects, amplitudes, shapes, strict=True):
+def _external(effects, arrays, loads, amplitudes, shapes):
+    """Forces (t, 2, b) as every effect corrects measured ones."""
+    for effect, a, shape in reversed(list(zip(effects, amplitudes, shapes, strict=True))):
         if _acts(effect, "loads"):
             loads = _loaded(effect, arrays.data, loads, a, shape)
     return loads
@@ -333,9 +417,9 @@ def _external(effects, arrays, amplitudes, shapes):
 
 def _response(kind, effects, arrays, c, amplitudes, shapes):
     """Stresses (t, m, 2, 2) and forces (t, 2, b)."""
-    F = _gradients(arrays.data, _displaced(effects, arrays, amplitudes, shapes))
+    F = _gradients(arrays.data, _displaced(effects, arrays, arrays.data.u, amplitudes, shapes))
     P = _whole(kind, c, F, _stages(kind, effects, arrays, c, amplitudes, shapes, F)[-1])
-    return P, _external(effects, arrays, amplitudes, shapes)
+    return P, _external(effects, arrays, arrays.measured, amplitudes, shapes)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -360,7 +444,7 @@ def _pulled(effects, arrays, amplitudes, shapes, duals):
     """Duals (k, t, n, 2) of corrected displacements as duals of measured ones."""
 
     def corrected(u):
-        return _displaced(effects, replace(arrays, data=replace(arrays.data, u=u)), amplitudes, shapes)
+        return _displaced(effects, replace(arrays, data=replace(arrays.data, u=u)), u, amplitudes, shapes)
 
     back = jax.vjp(corrected, arrays.data.u)[1]
     return jax.lax.map(lambda dual: back(dual)[0], duals)
@@ -380,6 +464,24 @@ def _stressed_by(kind, effect, arrays, c, F, P, a, shape):
     return effect.stress(arrays.data, F, P, a, shape, _law(kind, arrays, c))
 
 
+@partial(jax.jit, static_argnums=(0, 1))
+def _stress_pulled(kind, effect, arrays, c, F, P, a, shape, stress):
+    """Duals of F and of the stress before an effect, of those of the stress behind it."""
+    law = _law(kind, arrays, c)
+    return jax.vjp(lambda F, P: effect.stress(arrays.data, F, P, a, shape, law), F, P)[1](stress)
+
+
+@jax.jit
+def _whole_pulled(c, F, P, stress):
+    """The same of the whole stress in plane strain."""
+    return jax.vjp(lambda F, P: plane_strain.stress(F, P, c[-1]), F, P)[1](stress)
+
+
+@jax.jit
+def _isochoric_pulled(F, dual):
+    return jax.vjp(plane_strain.isochoric, F)[1](dual)[0]
+
+
 @partial(jax.jit, static_argnums=0)
 def _loaded(effect, data, loads, a, shape):
     return effect.loads(data, loads, a, shape)
@@ -395,22 +497,24 @@ def _base_pushed(kind, arrays, c, F, changes):
     return jax.lax.map(lambda change: jax.jvp(stress, (F,), (change,))[1], changes)
 
 
-def _whole_base_pushed(kind, arrays, c, F, changes):
-    """The same of the whole stress."""
-    f = _law_gradients(kind, F)
-    pushed = _base_pushed(kind, arrays, c, f, _law_changes(kind, F, changes))
-    return _whole_changes(kind, c, F, _base_stress(kind, arrays, c, f), changes, pushed) if kind[-1] else pushed
-
-
 @partial(jax.jit, static_argnums=(0, 1))
-def _direct(kind, effect, arrays, c, F, P, loads, a, shape):
-    """Changes (p, t, m, 2, 2) of stress and (p, t, 2, b) of forces by amplitude, at fixed displacements."""
+def _direct(kind, effect, arrays, c, F, P, a, shape):
+    """Changes (p, t, m, 2, 2) of stress by amplitude, at fixed displacements."""
     law = _law(kind, arrays, c)
+    return jnp.moveaxis(jax.jacfwd(lambda a: effect.stress(arrays.data, F, P, a, shape, law))(a), -1, 0)
 
-    def response(a):
-        return effect.stress(arrays.data, F, P, a, shape, law), effect.loads(arrays.data, loads, a, shape)
 
-    return jax.tree.map(lambda change: jnp.moveaxis(change, -1, 0), jax.jacfwd(response)(a))
+@partial(jax.jit, static_argnums=0)
+def _change_of_loads(effect, data, loads, a, shape):
+    """d forces / d amplitudes, (p, t, 2, b)."""
+    return jnp.moveaxis(jax.jacfwd(lambda a: effect.loads(data, loads, a, shape))(a), -1, 0)
+
+
+@partial(jax.jit, static_argnums=0)
+def _loaded_on(effect, data, loads, a, shape, changes):
+    """The same behind an effect."""
+    correct = lambda f: effect.loads(data, f, a, shape)  # noqa: E731
+    return jax.lax.map(lambda change: jax.jvp(correct, (loads,), (change,))[1], changes)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -419,14 +523,27 @@ def _moved(effect, data, u, a, shape):
 
 
 @partial(jax.jit, static_argnums=0)
-def _change_of_gradients(effect, data, u, a, shape):
-    """d F / d amplitudes, (p, t, m, 2, 2)."""
-    return jnp.moveaxis(jax.jacfwd(lambda a: gradients(data, effect.displacements(data, u, a, shape)))(a), -1, 0)
+def _change_of_displacements(effect, data, u, a, shape):
+    """d u / d amplitudes, (p, t, n, 2)."""
+    return jnp.moveaxis(jax.jacfwd(lambda a: effect.displacements(data, u, a, shape))(a), -1, 0)
+
+
+@partial(jax.jit, static_argnums=0)
+def _moved_on(effect, data, u, a, shape, changes):
+    """The same behind an effect."""
+    correct = lambda u: effect.displacements(data, u, a, shape)  # noqa: E731
+    return jax.lax.map(lambda change: jax.jvp(correct, (u,), (change,))[1], changes)
+
+
+@jax.jit
+def _change_of_gradients(data, changes):
+    """d F (p, t, m, 2, 2) of changes (p, t, n, 2) of the displacements."""
+    return jax.lax.map(lambda change: gradients(data, change) - jnp.eye(2), changes)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _pushed_on(kind, effect, arrays, c, F, P, a, shape, changes, stresses):
-    """The same behind the last effect, from changes of F and of the stress before it."""
+    """The same behind an effect, from changes of F and of the stress before it."""
     law = _law(kind, arrays, c)
 
     def stress(F, P):

@@ -32,10 +32,14 @@ from calibrate.whitened import Problem
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Model = tuple[Problem, Fit]  # a fit with the weights that belong to it
 ALPHA = 0.03  # of the search for an effect
 GLOBAL = 0.005  # of the misfit as a whole, once where it was fitted and once where it was not
 REST = 0.03  # of what was explained, that may be left
-MINOR = 0.03  # of what the strongest effect explains: what its own formula may leave, so that no other is named for it
+MINOR = (
+    0.005,
+    0.03,
+)  # of what an effect explains: what it may leave, and with a truncated formula, so that no other is named for it
 NAMED = 2  # effects that together are called an explanation
 CLOSE = 9.2  # difference of scores below which the likelihoods of two effects differ by less than 100 to 1
 WORSE = 1.02  # a misfit larger by this factor is worse
@@ -138,10 +142,14 @@ class Misfit:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """A line of the table: an effect's score, the fit with it (None where it was not made) and its errors."""
+    """A line of the table: an effect's score, the fit with it (None where it was not made) and its errors.
+
+    problem: the weights that the fit belongs to, where it was made to be compared.
+    """
 
     score: Score
     fit: Fit | None = field(default=None, repr=False)
+    problem: Problem | None = field(default=None, repr=False)
     train: Misfit | None = None
     held: Misfit | None = None
     like: tuple[tuple[str, float], ...] = ()
@@ -291,14 +299,7 @@ def close_loop(
         rounds.append(now)
         if added is None:
             return _conclude(problem, tuple(rounds), reviews.get(names, Review()))
-        state = _without_idle(problem, added)
-        weighted = effect_fit.reweighted(problem, state)  # those of a base that makes up for an effect are wrong
-        weighted, state = effect_fit.settled(weighted, state.c, state.additions)
-        if _grows(now, *(misfit(weighted, state.c, state.additions, held) for held in (False, True))):
-            remark = f"{now.added}: with the weights that belong to it, the errors are larger than without it"
-            rounds[-1] = replace(now, added=None, group=(), remarks=(*now.remarks, remark))
-            return _conclude(problem, tuple(rounds), reviews.get(names, Review()))
-        problem = weighted
+        problem, state = _without_idle(*added)
 
 
 def _nothing(system: Equilibrium) -> Mask:
@@ -321,7 +322,7 @@ def _round(
         row = Row(one, like=tuple((n, v) for n, v in near if v > 0.5))
         if whole:
             say(f"fit with {one.effect.name}")
-            row = _fitted(problem, state, row, iterations=2)
+            row = _fitted(problem, state, row, 2)
         rows.append(row)
     return Round(
         state,
@@ -332,9 +333,10 @@ def _round(
     )
 
 
-def _fitted(problem: Problem, state: Fit, row: Row, iterations: int) -> Row:
-    """The row with a refit of base and effect and its errors; what is not significant keeps the weights it has.
+def _fitted(problem: Problem, state: Fit, row: Row, iterations: int, compared: bool = False) -> Row:
+    """The row with a refit of base and effect and its errors, of few iterations for the table or of more to be compared.
 
+    A fit to be compared has the weights that belong to it: those of a base that makes up for the effect are wrong.
     Amplitudes far beyond those that the score test is good for are not started from. Without a fit where none is better than
     the model without the effect: it then did not converge.
     """
@@ -345,6 +347,8 @@ def _fitted(problem: Problem, state: Fit, row: Row, iterations: int) -> Row:
     additions = (*state.additions, addition)
     if row.score.adjusted < ALPHA:
         problem, new = effect_fit.settled(problem, state.c, additions, iterations)
+        if compared:
+            problem, new = effect_fit.settled(effect_fit.reweighted(problem, new), new.c, new.additions, iterations)
     else:
         new = effect_fit.refit(problem, state.c, additions, iterations)
     if not new.free_loss < WORSE * state.free_loss + len(addition.amplitudes):
@@ -352,12 +356,13 @@ def _fitted(problem: Problem, state: Fit, row: Row, iterations: int) -> Row:
     return replace(
         row,
         fit=new,
+        problem=problem if compared else None,
         train=misfit(problem, new.c, new.additions, False),
         held=misfit(problem, new.c, new.additions, True),
     )
 
 
-def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[Round, Fit | None]:
+def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[Round, Model | None]:
     """Add the best effect that is significant, admissible and confirmed by what was held out."""
     significant = [row for row in now.rows if row.score.status == "tested" and row.score.adjusted < ALPHA]
     refined = [replace(row, score=_best_shape(problem, now.fit, row.score)) for row in significant[:REFINED]]
@@ -377,7 +382,7 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
             break
         tried += 1
         say(f"adding {row.name}")
-        best = fitted[row.name] = _fitted(problem, now.fit, replace(row, fit=None), 6)
+        best = fitted[row.name] = _fitted(problem, now.fit, replace(row, fit=None), 6, compared=True)
         why = _objection(now, best)
         if why:
             remarks.append(f"{row.name}: {why}")
@@ -390,7 +395,7 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
     assert best.fit is not None
     equal = [row.name for row in confirmed if row is not best and _price(row, now.fit) < _price(best, now.fit) + CLOSE]
     group = dict.fromkeys((best.name, *_alike(best, significant), *equal))
-    return replace(now, added=best.name, group=tuple(group), remarks=tuple(remarks)), best.fit
+    return replace(now, added=best.name, group=tuple(group), remarks=tuple(remarks)), _model(best)
 
 
 def _objection(now: Round, row: Row) -> str:
@@ -405,6 +410,8 @@ def _objection(now: Round, row: Row) -> str:
         return "no amplitude within its bounds differs from none when everything is refitted"
     if np.linalg.norm(row.fit.c) < SOFTEST * np.linalg.norm(now.fit.c):
         return "it would take the place of the material, which would have hardly any stiffness"
+    if _grows(now, row.train, row.held):
+        return "with the weights that belong to it, the errors are larger than without it"
     if now.held is not None and row.held is not None and not _better(now.held, row.held):
         return "the error on held-out data does not fall"
     return "" if _better(now.train, row.train) else "no error falls"
@@ -452,9 +459,9 @@ def _price(row: Row, weights: Fit) -> float:
 
 def _review(
     problem: Problem, now: Round, effects: Sequence[Effect], seed: int, say: Callable[[str], None]
-) -> tuple[Round, Review, Fit | None]:
+) -> tuple[Round, Review, Model | None]:
     """Take each effect out and let all compete for its place; with another model if that is better."""
-    state = best = now.fit
+    state, best = now.fit, None
     gains: dict[str, float] = {}
     groups: dict[str, tuple[str, ...]] = {}
     exchanged: tuple[str, str] | tuple[()] = ()
@@ -473,7 +480,7 @@ def _review(
         rivals = [s for s in likely if s.score > min(height - CLOSE, RIVAL * height)][:TRIES]
         # the others as they were beside this one
         start = replace(state, additions=others, loss=without.loss, free_loss=without.free_loss)
-        rows = [_fitted(problem, start, Row(s), 6) for s in rivals]
+        rows = [_fitted(problem, start, Row(s), 6, compared=True) for s in rivals]
         rows = [row for row in rows if row.fit is not None and not _grows(now, row.train, row.held)]
         mine = _price(Row(own, state), state) if own else state.free_loss
         groups[name] = (name, *(row.name for row in rows if _price(row, state) < mine + CLOSE))
@@ -481,7 +488,7 @@ def _review(
             assert row.fit is not None and row.addition is not None
             gain = mine - _price(row, state)
             if gain > most and not _idle(row.addition, row.deviations):
-                most, best, exchanged = gain, row.fit, (name, row.name)
+                most, best, exchanged = gain, _model(row), (name, row.name)
     if not exchanged:
         return now, Review(gains, groups), None
     remark = f"{exchanged[1]} takes the place of {exchanged[0]}: beside the other effects it explains more"
@@ -551,10 +558,15 @@ def _idle(addition: Addition, deviations: Sequence[float]) -> bool:
     )
 
 
-def _without_idle(problem: Problem, state: Fit) -> Fit:
+def _model(row: Row) -> Model:
+    assert row.problem is not None and row.fit is not None
+    return row.problem, row.fit
+
+
+def _without_idle(problem: Problem, state: Fit) -> Model:
     """The fit without effects that a later one has made superfluous."""
     kept = tuple(a for a, d in zip(state.additions, state.errors, strict=True) if not _idle(a, d))
-    return state if len(kept) == len(state.additions) else effect_fit.settled(problem, state.c, kept)[1]
+    return (problem, state) if len(kept) == len(state.additions) else effect_fit.settled(problem, state.c, kept)
 
 
 def _conclude(problem: Problem, rounds: tuple[Round, ...], review: Review) -> Discovery:
@@ -570,7 +582,9 @@ def _conclude(problem: Problem, rounds: tuple[Round, ...], review: Review) -> Di
         return Discovery(problem, rounds, verdict, (), (), {})
     clean = noisy and not candidates
     gains = review.gains or dict.fromkeys(names, first.fit.free_loss - last.fit.free_loss)
-    major = tuple(n for n in names if clean or gains.get(n, np.inf) >= MINOR * max(gains.values()))
+    truncated = {a.effect.name: a.effect.truncated for a in last.fit.additions}
+    left = max(MINOR[truncated[n]] * gain for n, gain in gains.items())
+    major = tuple(n for n in names if clean or gains.get(n, np.inf) >= left)
     explained = 0 < len(major) <= NAMED and (clean or _small(first, last))
     named = major if explained else ()
     verdict = "explained" if explained else "significant, not explained"

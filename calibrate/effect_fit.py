@@ -233,7 +233,7 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
     for k in range(iterations):
         c = cone @ w
         dispersion = max(1.0, float(r @ r) / len(r))
-        if k < FOLLOWED or problem.rough:
+        if k < FOLLOWED or any(a.effect.rough for a in problem.amplifying):
             chains = denoised(problem, c, additions, r, dispersion)
             G = whitened.base_columns(problem, chains)
             A = G @ cone
@@ -325,28 +325,29 @@ def bulk_modulus(problem: Problem, fit: Fit) -> tuple[float, float] | None:
 
 
 def settled(problem: Problem, c: Array, additions: Additions, iterations: int = 6) -> tuple[Problem, Fit]:
-    """The fit with weights that know the noise of its second derivatives; as `refit` where no effect takes any.
+    """The fit with weights that know the noise of its second derivatives, see `whitened.amplified`; as `refit` where no effect
+    takes any.
 
     Weights and amplitudes answer each other in turn: the next weights belong to the mean of both.
     """
-    problem = whitened.roughened(problem, additions)
+    problem = whitened.amplified(problem, additions)
     fit = refit(problem, c, additions, iterations)
     for _ in range(TURNS):
         found = {a.effect.name: (a, d) for a, d in zip(fit.additions, fit.errors, strict=True)}
         far = [
             any(abs(x - y) > NEAR * d for x, y, d in zip(old.amplitudes, found[old.effect.name][0].amplitudes,
                                                          found[old.effect.name][1], strict=True))
-            for old in problem.rough
+            for old in problem.amplifying if old.effect.rough
         ]  # fmt: skip
         if not any(far):
             break
-        before = {a.effect.name: a.amplitudes for a in problem.rough}
+        before = {a.effect.name: a.amplitudes for a in problem.amplifying}
         middle = tuple(
             replace(a, amplitudes=tuple(0.5 * (x + y) for x, y in
                                         zip(before.get(a.effect.name, a.amplitudes), a.amplitudes, strict=True)))
             for a in fit.additions
         )  # fmt: skip
-        problem = whitened.roughened(problem, middle)
+        problem = whitened.amplified(problem, middle)
         fit = refit(problem, fit.c, fit.additions, iterations)
     return problem, fit
 
@@ -357,11 +358,14 @@ def reweighted(problem: Problem, fit: Fit) -> Problem:
     whole = whitened.residual(problem, fit.c, fit.additions) + load
     base = whitened.residual(problem, fit.c, ()) + whitened.loads(problem)
     c = fit.c * float(load @ whole) / float(load @ base)
+    known = whitened.amplifying(problem, fit.additions)
     parts = [
-        whitened.weighted(p.chain, p.assembled, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy)
+        whitened.weighted(
+            p.chain, p.assembled, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy, known
+        )
         for p in problem.parts
     ]
-    return whitened.roughened(replace(problem, parts=tuple(parts), c=c, rough=()), fit.additions)
+    return replace(problem, parts=tuple(parts), c=c, amplifying=known)
 
 
 def predictive(problem: Problem, fit: Fit) -> tuple[float, int] | None:

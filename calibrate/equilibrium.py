@@ -96,8 +96,11 @@ class Equilibrium:
 
     def tangent(self, basis: Basis, F: Array, c: Array) -> list[list[sp.csr_array]]:
         """d residual / d displacement of one increment: blocks [i][k] (n_fields, n_nodes), N/mm."""
-        tensor = tangent_modulus(basis, F, c)
-        m = len(F)
+        return self.stiffness(tangent_modulus(basis, F, c))
+
+    def stiffness(self, tensor: Array) -> list[list[sp.csr_array]]:
+        """The same of dP/dF (m, 2, 2, 2, 2), MPa."""
+        m = len(tensor)
         rows = np.repeat(np.arange(2 * m), 2)
         columns = np.tile(np.arange(2 * m).reshape(m, 1, 2), (1, 2, 1)).ravel()
         blocks: list[list[sp.csr_array]] = [[], []]

@@ -107,7 +107,7 @@ class ExtendedModel:
         if noise is None or not noise.displacement_std > 0:
             noise = noise_model.default_noise(experiment, system.fields.spacing)
         shift = chain.noise_shift(self.c, noise_model.noise_factor(experiment.points, noise))
-        residuals = chain.with_additions(self.c, additions) - shift
+        residuals = chain.residual(self.c, additions) - shift
         n, readings = system.fields.n_fields, residuals + np.nan_to_num(system.loads)
         forces = {
             experiment.loaded[system.fields.boundary[v]].name: readings[:, [v, n + v]]

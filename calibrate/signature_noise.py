@@ -32,13 +32,13 @@ def denoised(problem: Problem, c: Array, additions: Additions, r: Array, dispers
 
 
 def visible_noise(problem: Problem, c: Array, additions: Additions, r: Array) -> list[Array]:
-    """Sigma K^T C^-1 r (t, n, 2), mm, of each trained part; K knows of effects only those of second derivatives."""
+    """Sigma K^T C^-1 r (t, n, 2), mm, of each trained part; K knows of effects those that the weights know."""
     found, start = [], 0
     for part in problem.trained:
         forces = part.train.adjoint(r[start : start + part.train.size])
         start += part.train.size
         factor = part.assembled.noise_factor
-        noise = np.moveaxis(part.chain.pulled_back(c, whitened.rough(problem, additions), forces), 1, 0)
+        noise = np.moveaxis(part.chain.pulled_back(c, whitened.amplifying(problem, additions), forces), 1, 0)
         flat = factor @ (factor.T @ noise.reshape(len(noise), -1))
         found.append(np.moveaxis(flat.reshape(noise.shape), 0, 1))
     return found
@@ -46,7 +46,7 @@ def visible_noise(problem: Problem, c: Array, additions: Additions, r: Array) ->
 
 def hidden_noise(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[list[Array]]:
     """Samples of noise (t, n, 2), mm, of each trained part, without what would show in the residual."""
-    rough, samples = whitened.rough(problem, additions), []
+    rough, samples = whitened.amplifying(problem, additions), []
     rng = np.random.default_rng(0)
     for _ in range(SAMPLES):
         noise = [
@@ -54,7 +54,7 @@ def hidden_noise(problem: Problem, chains: Sequence[Chain], c: Array, additions:
             for part in problem.trained
         ]
         moved = [chain.disturbed(z) for chain, z in zip(chains, noise, strict=True)]
-        change = [m.with_additions(c, rough) - k.with_additions(c, rough) for m, k in zip(moved, chains, strict=True)]
+        change = [m.residual(c, rough) - k.residual(c, rough) for m, k in zip(moved, chains, strict=True)]
         seen = visible_noise(problem, c, rough, problem.white(change))
         samples.append([z - s for z, s in zip(noise, seen, strict=True)])
     return samples

@@ -47,7 +47,7 @@ class Part:
 
     def residual(self, c: Array, additions: Additions = ()) -> Array:
         """Residual (t, 2 v), N, without the mean that noise brings into it."""
-        return self.chain.with_additions(c, additions) - self.shift
+        return self.chain.residual(c, additions) - self.shift
 
     def carried(self, additions: Additions) -> Additions:
         """Those that hold for this experiment: of the material, and all where it took part in the fit."""
@@ -74,8 +74,8 @@ class Problem:
     cone (n, k): the base models are non-negative sums of its columns. prior (r, k), 1 / MPa: a weak normal prior on the
     changes of psi_1, without which the last splines take up whatever is wrong and ruin the extrapolation. parametric: effects
     are tested and fitted beside the functions of the cone alone (a neo-Hookean base, for one), not beside all splines. An
-    effect that any energy of I1 could imitate is found only so, and only if the base is right. c (n,), rough: the base
-    and the effects of second derivatives that the weights belong to, see `roughened`.
+    effect that any energy of I1 could imitate is found only so, and only if the base is right. c (n,), amplifying: the base
+    and the effects that the weights belong to, see `amplified`.
     """
 
     parts: tuple[Part, ...]
@@ -86,7 +86,7 @@ class Problem:
     with_discrepancy: bool
     c: Array = field(repr=False)
     parametric: bool = False
-    rough: Additions = ()
+    amplifying: Additions = ()
 
     @property
     def trained(self) -> tuple[Part, ...]:
@@ -110,45 +110,65 @@ def weighted(
     train: Mask,
     held: Mask,
     with_discrepancy: bool,
+    additions: Additions = (),
 ) -> Part:
-    """One Experiment with the weights that belong to the material with coefficients c (n,)."""
+    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both."""
     common = discrepancy.sources(chain.system, basis, c) if with_discrepancy else None
-    noise = covariances(assembled, c)
+    noise = _covariances(chain, assembled, c, additions if train.any() else ())
     shift = chain.noise_shift(c, assembled.noise_factor)
     return Part(chain, assembled, whitening(noise, train, common), whitening(noise, held, common), shift, common)
 
 
-def roughened(problem: Problem, additions: Additions) -> Problem:
+def amplified(problem: Problem, additions: Additions) -> Problem:
     """The same equations and base with the weights of a model with these effects.
 
-    Those that take second derivatives of the displacements amplify their noise: with weights that do not know it, the
-    misfit of the true model is larger than that of none.
+    Effects that take second derivatives of the displacements amplify their noise. Those in the material change what stress
+    a noise makes, above all where they remember or stiffen; the weights know them as they were when `reweighted`, as long
+    as they are in the model. With weights that do not know it, the misfit of the true model may be larger than that of none.
     """
-    found = rough(problem, additions)
-    if found == problem.rough:
+    names = {a.effect.name for a in additions}
+    known = tuple(a for a in problem.amplifying if not a.effect.rough and a.effect.name in names)
+    return with_weights_of(problem, (*known, *(a for a in amplifying(problem, additions) if a.effect.rough)))
+
+
+def with_weights_of(problem: Problem, found: Additions) -> Problem:
+    """The same equations and base with weights that know the effects `found`."""
+    if found == problem.amplifying:
         return problem
-    return replace(problem, parts=tuple(_reweighted(p, problem.c, found) for p in problem.parts), rough=found)
+    parts = []
+    for part in problem.parts:
+        noise = _covariances(part.chain, part.assembled, problem.c, found if part.train.size else ())
+        train, held = (whitening(noise, w.rows, part.common) for w in (part.train, part.held))
+        parts.append(replace(part, train=train, held=held))
+    return replace(problem, parts=tuple(parts), amplifying=found)
 
 
-def _reweighted(part: Part, c: Array, rough: Additions) -> Part:
-    """The same with the noise that effects `rough` amplify."""
-    if rough and part.train.size:
-        spreads = part.chain.spread_of_noise(c, rough, part.assembled.noise_factor)
-        pairs = zip(spreads, part.system.loads, strict=True)
-        noise = [noise_model.covariance_of(part.system, spread, load, part.assembled.noise) for spread, load in pairs]
-    else:
-        noise = covariances(part.assembled, c)
-    train, held = (whitening(noise, w.rows, part.common) for w in (part.train, part.held))
-    return replace(part, train=train, held=held)
+def _covariances(chain: Chain, assembled: Assembled, c: Array, additions: Additions) -> list[Array]:
+    """Noise covariance (2 v, 2 v), N^2, of every increment, of a material as stiff as with coefficients c (n,)."""
+    if not additions:
+        return covariances(assembled, c)
+    c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
+    spreads = chain.spread_of_noise(c, additions, assembled.noise_factor)
+    pairs = zip(spreads, chain.system.loads, strict=True)
+    return [noise_model.covariance_of(chain.system, spread, load, assembled.noise) for spread, load in pairs]
 
 
-def rough(problem: Problem, additions: Additions) -> Additions:
+def _stiffening(chain: Chain, c: Array, additions: Additions) -> float:
+    """Factor by which effects raise the work of the measured loads."""
+    load = chain.external()
+    works = [float((load * (chain.residual(c, some) + load)).sum()) for some in ((), additions)]
+    return works[1] / works[0]
+
+
+def amplifying(problem: Problem, additions: Additions) -> Additions:
+    """Effects that change what noise does, where it is known."""
     if not problem.noise_is_known:
         return ()
     return tuple(
         a
         for a in additions
-        if a.effect.rough and any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
+        if (a.effect.rough or a.effect.in_material)
+        and any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
     )
 
 
@@ -247,7 +267,7 @@ def signatures(problem: Problem, chains: Sequence[Chain], c: Array, additions: A
             for sign in (1, -1):
                 shape = (*addition.shape[:j], value + sign * step, *addition.shape[j + 1 :])
                 twin = (*additions[:i], replace(addition, shape=shape), *additions[i + 1 :])
-                ends.append(problem.white([chain.with_additions(c, twin) for chain in chains]))
+                ends.append(problem.white([chain.residual(c, twin) for chain in chains]))
             columns.append(((ends[0] - ends[1]) / (2 * step))[:, None])
     return np.concatenate(columns, axis=1)
 

@@ -1,7 +1,7 @@
 """One blind trial: write it, diagnose it, and never both with the label in hand.
 
-In: a `Plan`. Out: ``experiment.npz`` and ``sealed/label.json``, then ``diagnosis.json``, for which the label is not opened;
-`judge` alone compares the two.
+In: a `Plan`. Out: ``experiment.npz`` and ``sealed/label.json``, then ``diagnosis.json``, for which the label is not opened. Of
+two hidden effects ``sealed/beside.json`` says how strong each is beside the other. `judge` alone compares both.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 NULL = "none"
-GLOBAL_LIMIT = 10.0  # score above which an effect counts as strong
+GLOBAL_LIMIT = 10.0  # score above which an effect counts as strong; of two, each beside the other
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,41 @@ def run(plan: Plan, folder: str | Path, cache: str | Path | None = None) -> str:
         from studies.blind_data import draw, write
 
         write(draw(plan.seed, *(plan.effects or (None,))), home)
+    if len(plan.effects) > 1 and not (home / "sealed" / "beside.json").exists():
+        from studies.writing import write_json
+
+        write_json(home / "sealed" / "beside.json", beside(home))
     if not (home / "diagnosis.json").exists():
         from studies.writing import write_json
 
         write_json(home / "diagnosis.json", diagnose(home / "experiment.npz", plan.effects[:1] if plan.absent else ()))
     return plan.name
+
+
+def beside(home: Path) -> dict[str, float]:
+    """Score of every hidden effect in a model that has the other hidden ones, fitted from their true values.
+
+    Tested against the base alone, an effect may get its score from another that it resembles.
+    """
+    from calibrate import discovery, effect_fit, effect_score
+    from calibrate.chain import Addition
+    from calibrate.effects import CATALOGUE
+    from calibrate.experiment import Experiment
+
+    known = {e.name: e for e in CATALOGUE}
+    hidden = []
+    for one in json.loads((home / "sealed" / "label.json").read_text())["effects"]:
+        effect = known[one["name"]]
+        amplitudes = tuple(one["amplitudes"][p.name] for p in effect.amplitudes)
+        hidden.append(Addition(effect, amplitudes, tuple(one["shape"][p.name] for p in effect.shapes)))
+    problem, base = effect_fit.prepare([Experiment.load(home / "experiment.npz")], [discovery.HoldOut().training])
+    result = {}
+    for one in hidden:
+        others = tuple(other for other in hidden if other is not one)
+        _, fit = effect_fit.settled(problem, base.c, others)
+        weighted, fit = effect_fit.settled(effect_fit.reweighted(problem, fit), fit.c, fit.additions)
+        result[one.effect.name] = effect_score.score(weighted, fit, (one.effect,))[0].score
+    return result
 
 
 def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
@@ -121,6 +151,8 @@ def judge(home: Path) -> dict[str, Any]:
     names = [h["name"] for h in hidden]
     first = full["rounds"][0]
     scores = {n: first["scores"].get(n, {}).get("score", 0.0) for n in names}
+    alone = home / "sealed" / "beside.json"
+    strength = json.loads(alone.read_text()) if alone.exists() else scores
     reach = {n: {n, *full["groups"].get(n, [])} for n in full["named"]}
     result = {
         "trial": home.name,
@@ -129,7 +161,8 @@ def judge(home: Path) -> dict[str, Any]:
         "named": full["named"],
         "closest": full["closest"],
         "scores": scores,
-        "strong": bool(names) and min(scores.values()) > GLOBAL_LIMIT,
+        "beside": strength,
+        "strong": bool(names) and min(strength.values()) > GLOBAL_LIMIT,
         "hit": [any(n in group for group in reach.values()) for n in names],
         "exact": [n in full["named"] for n in names],
         "amplitudes": [_amplitude(h, full["additions"]) for h in hidden],

@@ -56,7 +56,7 @@ class Split:
 def account(e: Experiment, model: ExtendedModel, split: Split, spacing: float) -> dict[str, Any]:
     """Errors of a model on a sheet, the grips' forces, and the section forces over the measured force."""
     chain = Chain(equilibrium(e, spacing), model.basis)
-    r, system = chain.with_additions(model.c, model.additions), chain.system
+    r, system = chain.residual(model.c, model.additions), chain.system
     grips = grip_rows(system)
     measured = system.loads[:, grips]
     sections = section_forces(e, model)
@@ -109,7 +109,7 @@ def section_forces(e: Experiment, model: ExtendedModel, n: int = SECTIONS) -> Ar
     edges = np.linspace(y.min(), y.max(), n + 1)
     values = np.stack([np.clip((y - a) / (b - a), 0, 1) for a, b in pairwise(edges)], axis=1)
     fields = VirtualFields(sp.csr_array(values), np.full(n, -1), float(edges[1] - edges[0]))
-    return Chain(Equilibrium(e, fields), model.basis).with_additions(model.c, _without_loads(model))[:, n:]
+    return Chain(Equilibrium(e, fields), model.basis).residual(model.c, _without_loads(model))[:, n:]
 
 
 def _without_loads(model: ExtendedModel) -> Additions:

@@ -64,7 +64,7 @@ def split_half(e: Experiment, spacing: float, seed: int = 0) -> dict[str, Any]:
     problem = _with_noise(problem, fit.c, odd)
     fit = effect_fit.refit(problem, fit.c, ())
     fields = problem.parts[0].system.fields
-    here, *around = [Chain(Equilibrium(part, fields), problem.basis).with_additions(fit.c) for part in (odd, *even)]
+    here, *around = [Chain(Equilibrium(part, fields), problem.basis).residual(fit.c) for part in (odd, *even)]
     difference = here - sum(w[:, None] * r for w, r in zip(weights.T, around, strict=True))
     white = problem.white([difference])
     scores = effect_score.score(problem, replace(fit, residual=white), EVERY, seed)

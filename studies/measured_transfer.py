@@ -36,7 +36,7 @@ def carried(
 
     def residuals(logs: Array) -> Array:
         scaled = model.scaled(*np.exp(logs))
-        return Chain(system, model.basis).with_additions(scaled.c, scaled.additions)[rows][:, grips].ravel()
+        return Chain(system, model.basis).residual(scaled.c, scaled.additions)[rows][:, grips].ravel()
 
     load = system.loads[rows][:, grips].ravel()
     guess = float(load @ load) / max(float(load @ (residuals(np.zeros(1)) + load)), 1e-3 * float(load @ load))

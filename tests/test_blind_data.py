@@ -221,7 +221,7 @@ def test_a_warp_in_the_words_of_the_catalogue(coarse):
     basis = SingleBasis(0, 3.0, 8)
     c = neo_hooke(basis, 0.3)
     right, wrong, mended = (
-        Chain(equilibrium(e, 8.0), basis).with_additions(c, additions)
+        Chain(equilibrium(e, 8.0), basis).residual(c, additions)
         for e, additions in ((flat, ()), (warped, ()), (warped, (addition,)))
     )
     assert np.linalg.norm(mended - right) < 0.2 * np.linalg.norm(wrong - right)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_up import made_up_chain
 
-from calibrate.chain import gradients
+from calibrate.chain import Addition, gradients
 from calibrate.effects import CATALOGUE, KNOWN, Data
 from calibrate.effects.borders import nearest_lines, subset_moments
 from calibrate.effects.branches import motion
@@ -38,7 +38,7 @@ def c(chain):
 
 
 def residual(chain, c, effect, amplitudes, shape):
-    return np.asarray(chain.residual(c, (effect,), (jnp.asarray(amplitudes),), (jnp.asarray(shape),)))
+    return chain.residual(c, (Addition(effect, tuple(map(float, amplitudes)), tuple(shape)),))
 
 
 def test_the_chain_is_the_linear_system(chain, c):
@@ -74,6 +74,46 @@ def test_signature_is_the_derivative(chain, c, effect):
         down[i] -= step
         slope = (residual(chain, c, effect, up, shape) - residual(chain, c, effect, down, shape)) / (2 * step)
         np.testing.assert_allclose(found[i], slope, atol=1e-6 * np.abs(slope).max())
+
+
+TOGETHER = ("second invariant", "stiffness gradient", "Mullins softening", "viscoelasticity", "permanent set",
+            "3D effect of thickness", "compressibility", "initial warp", "lens distortion", "force offset",
+            "lag between force and image", "unmeasured strip")  # fmt: skip
+
+
+def strong(effect, chain):
+    shape = effect.shape_values(chain.data)[0]
+    return Addition(effect, tuple(p.null + 0.1 * p.typical for p in effect.amplitudes), shape)
+
+
+def test_order_of_finding_is_not_that_of_acting(chain, c):
+    """A stiffness gradient multiplies the stress of fibres too, if they were found after it."""
+    additions = [strong(e, chain) for e in EVERY if e.name in TOGETHER]
+    assert len(additions) == len(TOGETHER)
+    expected = chain.residual(c, tuple(additions))
+    np.testing.assert_array_equal(chain.residual(c, tuple(additions[::-1])), expected)
+    fibres, graded = (strong(e, chain) for e in EVERY if e.name in ("one fibre family", "stiffness gradient"))
+    stress, with_fibres = (np.asarray(chain.stress(c, found)) for found in ((graded, fibres), (fibres,)))
+    factor = np.asarray(chain.stress(c, (graded,)) / chain.stress(c))
+    np.testing.assert_allclose(stress, factor * with_fibres, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", TOGETHER)
+def test_derivative_between_other_effects(chain, c, name):
+    """Of an effect that others act before and after, against central differences."""
+    additions = [strong(e, chain) for e in EVERY if e.name in TOGETHER]
+    own = next(a for a in additions if a.effect.name == name)
+    others = tuple(a for a in additions if a is not own)
+    found = chain.derivative(c, (*others, own))
+    for i, parameter in enumerate(own.effect.amplitudes):
+        step = 1e-4 * parameter.typical
+        ends = []
+        for sign in (1, -1):
+            a = np.array(own.amplitudes)
+            a[i] += sign * step
+            ends.append(chain.residual(c, (Addition(own.effect, tuple(a), own.shape), *others)))
+        slope = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(found[i], slope, atol=2e-6 * np.abs(slope).max())
 
 
 def test_names_and_units_are_stated():

@@ -64,7 +64,7 @@ def test_all_slopes_are_finite_differences() -> None:
         ends = []
         for step in (1e-5, -1e-5):
             moved = replace(additions[i], **{kind: (getattr(additions[i], kind)[0] + step,)})
-            ends.append(chain.with_additions(base.c, (*additions[:i], moved, *additions[i + 1 :])))
+            ends.append(chain.residual(base.c, (*additions[:i], moved, *additions[i + 1 :])))
         slope = (ends[0] - ends[1]) / 2e-5
         assert np.abs(column - slope).max() < 1e-5 * np.abs(slope).max()
 

@@ -117,7 +117,7 @@ def test_a_sheet_that_was_bowed_is_flattened(uniaxial):
     amplitudes[ORDER + 1], amplitudes[ORDER + 3] = s**2 / 6, s**2 / 3
     addition = Addition(InitialWarp(), tuple(amplitudes), ())
     flat, bowed, wrong = (
-        Chain(equilibrium(e, 12.0), BASIS).with_additions(MATERIAL.c, additions)
+        Chain(equilibrium(e, 12.0), BASIS).residual(MATERIAL.c, additions)
         for e, additions in ((uniaxial, ()), (seen, (addition,)), (seen, ()))
     )
     size = np.abs(wrong - flat).max()

@@ -112,8 +112,8 @@ def test_signature_is_the_derivative(chain, c, effect):
     """Beside a second invariant that is in the model already; null changes nothing."""
     others = (Addition(KNOWN[0], (0.02,)),)
     shape, null = effect.shape_values(chain.data)[-1], np.array([p.null for p in effect.amplitudes])
-    at = lambda a: chain.with_additions(c, (*others, Addition(effect, tuple(a), shape)))  # noqa: E731
-    base = chain.with_additions(c, others)
+    at = lambda a: chain.residual(c, (*others, Addition(effect, tuple(a), shape)))  # noqa: E731
+    base = chain.residual(c, others)
     np.testing.assert_allclose(at(null), base, rtol=0, atol=1e-12 * np.abs(base).max())
     found = chain.signature(c, effect, shape, others)
     for i, parameter in enumerate(effect.amplitudes):

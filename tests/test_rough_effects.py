@@ -1,4 +1,4 @@
-"""Effects of second derivatives: their noise in the weights, in the score and in the fit, against samples of noise."""
+"""Effects that amplify noise: their noise in the weights, in the score and in the fit, against samples and differences."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import synthetic
+from made_up import made_up_chain
 
 from calibrate import effect_fit, least_squares, noise_model, signature_noise, whitened
 from calibrate.basis import SingleBasis
 from calibrate.chain import Addition, Chain
-from calibrate.effects import SubsetSmoothing, Thickness
+from calibrate.effects import Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
 from calibrate.effects.effect import Data
 from calibrate.equilibrium import equilibrium, neo_hooke
 from calibrate.experiment import Noise
@@ -61,7 +62,7 @@ def test_spread_of_noise_is_the_derivative_of_the_residual():
     rng = np.random.default_rng(1)
     white = rng.standard_normal((factor.shape[1], 2))
     u = np.broadcast_to(1e-4 * (factor @ white), chain.data.u.shape)
-    ends = [chain.disturbed(sign * u).with_additions(c, (addition(),)) for sign in (1, -1)]
+    ends = [chain.disturbed(sign * u).residual(c, (addition(),)) for sign in (1, -1)]
     slope = (ends[0] - ends[1]) / 2e-4
     spread = chain.spread_of_noise(c, (addition(),), factor)
     for i, K in enumerate(spread):
@@ -73,11 +74,46 @@ def test_spread_of_noise_is_the_derivative_of_the_residual():
         assert np.einsum("nk,nk", back[i], factor @ white) == pytest.approx(expected, rel=1e-9)
 
 
+IN_THE_MATERIAL = {
+    "viscoelasticity": Addition(Viscosity(), (0.4,), (1.5,)),
+    "Mullins softening": Addition(Mullins(), (0.3,)),
+    "permanent set": Addition(PermanentSet(), (0.1,)),
+}
+
+
+@pytest.mark.parametrize("plane", ["stress", "strain"])
+@pytest.mark.parametrize("name", IN_THE_MATERIAL)
+def test_noise_that_a_material_amplifies(name, plane):
+    """K of an increment is the derivative by its own displacements, as much larger as those of earlier ones ask for."""
+    chain = made_up_chain(plane)
+    c = neo_hooke(chain.basis, 0.3, *([2.0] if plane == "strain" else []))
+    factor = noise_model.noise_factor(chain.system.experiment.points, NOISE)
+    white = np.random.default_rng(2).standard_normal((factor.shape[1], 2))
+    field = factor @ white
+    additions = (IN_THE_MATERIAL[name], Addition(SecondInvariant(), (0.02,)))
+    n = chain.system.experiment.n_increments
+
+    def slope(u):
+        ends = [chain.disturbed(sign * 1e-5 * u).residual(c, additions) for sign in (1, -1)]
+        return (ends[0] - ends[1]) / 2e-5
+
+    each = np.array([slope(np.eye(n)[j][:, None, None] * field) for j in range(n)])  # (j, t, 2 v)
+    for i, K in enumerate(chain.spread_of_noise(c, additions, factor)):
+        found, own = K @ white.T.ravel(), each[i, i]
+        larger = float(found @ own / (own @ own))
+        np.testing.assert_allclose(found, larger * own, atol=1e-5 * np.abs(found).max())
+        assert larger == pytest.approx(np.sqrt((each[:, i] ** 2).sum() / (own @ own)), rel=0.03)
+    forces, u = np.random.default_rng(3).standard_normal((2, n, max(each.shape[2], 2 * len(field))))
+    forces, u = forces[:, : each.shape[2]], u[:, : 2 * len(field)].reshape(n, -1, 2)
+    back = chain.pulled_back(c, additions, forces)
+    assert (back * u).sum() == pytest.approx(float((forces * slope(u)).sum()), rel=1e-5)
+
+
 def test_weights_without_such_an_effect_stay_as_they_are():
     problem, _ = prepared(0)
-    assert whitened.roughened(problem, ()) is problem
-    assert whitened.roughened(problem, (Addition(Thickness(), (0.0,), ()),)) is problem
-    assert whitened.roughened(problem, (addition(0.5),)).rough == (addition(0.5),)
+    assert whitened.amplified(problem, ()) is problem
+    assert whitened.amplified(problem, (Addition(Thickness(), (0.0,), ()),)) is problem
+    assert whitened.amplified(problem, (addition(0.5),)).amplifying == (addition(0.5),)
 
 
 def test_excess_is_what_noise_adds_to_a_signature():
@@ -93,7 +129,7 @@ def test_excess_is_what_noise_adds_to_a_signature():
     for seed in range(40):
         noise = noise_model.sample(factor, np.random.default_rng(seed), smoothed().n_increments)
         moved = clean.disturbed(noise)
-        r = problem.white([moved.with_additions(base.c)]) - problem.white([clean.with_additions(base.c)])
+        r = problem.white([moved.residual(base.c)]) - problem.white([clean.residual(base.c)])
         seen = signature_noise.visible_noise(problem, base.c, (), r)[0]
         chains = [moved.disturbed(-seen)]
         plain = whitened.signature(problem, chains, base.c, thick)

@@ -103,6 +103,7 @@ class SubsetSmoothing(Effect):
 
     name = "subset smoothing"
     stage = "measurement"
+    truncated = True
     formula = "u + s2 M : grad grad u / 2, M: moments of a square cut by edges"
     amplitudes = (Parameter("s2", "mm^2", lower=0.0, typical=1.0),)
     shapes = (Parameter("side", "mm", lower=0.0),)
@@ -135,6 +136,7 @@ class UnmeasuredStrip(Effect):
 
     name = "unmeasured strip"
     stage = "measurement"
+    truncated = True
     formula = "area + w (1 - w q / 2) edge length at free edges"
     amplitudes = (Parameter("w", "mm", lower=0.0, typical=0.5),)
     decided_by = "a picture that shows the edge"

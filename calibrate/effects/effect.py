@@ -23,7 +23,9 @@ from calibrate.effects.membrane import Membrane
 from calibrate.experiment import Experiment
 
 Array = NDArray[np.float64]
-STAGES = ("material", "kinematics", "measurement", "load")
+STAGES = ("energy", "stiffness", "softening", "relaxation", "set", "kinematics", "measurement", "load")
+"""Where effects act, from the material to the camera: on the energy, as a factor that depends on the place, as one that
+depends on the history, over time, by chains formed anew; on what a sheet is in three dimensions; on what is measured."""
 
 
 @dataclass(frozen=True)
@@ -156,11 +158,12 @@ def lacks_plane_stress(data: Data) -> str | None:
 class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.
 
-    name; stage: one of STAGES; formula: for the report; amplitudes; shapes; shapes_vary: False where they only choose a
+    name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report; amplitudes; shapes; shapes_vary: False where they only choose a
     derivative at the null value and mean nothing once the amplitude is known; gauge: why it can never be told apart
     from another quantity, or nothing; decided_by: the experiment that tells it from its likes; of_material: holds for
     every specimen of a material, not of one test alone; rough: adds second derivatives of the displacements to them, whose
-    noise the weights of a model with it must know.
+    noise the weights of a model with it must know; truncated: its
+    formula is the beginning of a series, so that a small part of what it explains is left for others.
     """
 
     name: ClassVar[str]
@@ -173,6 +176,17 @@ class Effect:
     decided_by: ClassVar[str] = ""
     of_material: ClassVar[bool] = False
     rough: ClassVar[bool] = False
+    truncated: ClassVar[bool] = False
+
+    @property
+    def in_material(self) -> bool:
+        """Whether it makes stress from F at a place and its past."""
+        return STAGES.index(self.stage) < STAGES.index("kinematics")
+
+    @property
+    def remembers(self) -> bool:
+        """Whether its stress depends on earlier increments."""
+        return self.in_material and STAGES.index(self.stage) >= STAGES.index("softening")
 
     def missing(self, data: Data) -> str | None:
         """What the data lack for this effect to be tested ('time', 'unloading', ...), or None."""

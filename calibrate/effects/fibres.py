@@ -18,7 +18,7 @@ class OneFibreFamily(Effect):
     """P gains 2 k (I4 - 1) F M x M with I4 = |F M|^2 and M at `angle` to x."""
 
     name = "one fibre family"
-    stage = "material"
+    stage = "energy"
     of_material = True
     formula = "psi + k / 2 (I4 - 1)^2, I4 = |F M|^2"
     amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
@@ -37,7 +37,7 @@ class TwoFibreFamilies(Effect):
     """Two families at `axis` +- `half`, of equal stiffness."""
 
     name = "two fibre families"
-    stage = "material"
+    stage = "energy"
     of_material = True
     formula = "psi + k / 2 sum (I4 - 1)^2 of two directions"
     amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)

@@ -22,7 +22,7 @@ class StiffnessGradient(Effect):
     """P times 1 + gx x + gy y, x and y in units of the extent."""
 
     name = "stiffness gradient"
-    stage = "material"
+    stage = "stiffness"
     formula = "P (1 + gx x + gy y)"
     amplitudes = (Parameter("gx", "1/extent", typical=0.2), Parameter("gy", "1/extent", typical=0.2))
     decided_by = "strips cut from different places, or a thickness gauge"
@@ -36,7 +36,8 @@ class StiffnessField(Effect):
     """P times 1 + sum a_kl cos(k pi x) cos(l pi y), k, l up to 3, over the bounding box."""
 
     name = "stiffness field"
-    stage = "material"
+    stage = "stiffness"
+    truncated = True
     formula = "P (1 + sum a_kl cos(k pi x) cos(l pi y))"
     amplitudes = tuple(
         Parameter(f"a{k}{l}", "1", typical=0.1) for k in range(ORDER + 1) for l in range(ORDER + 1) if k + l

@@ -31,7 +31,7 @@ class Mullins(Effect):
     """P times 1 - r (1 - x / x_max), x = I1 - 3: softer the further below its largest deformation."""
 
     name = "Mullins softening"
-    stage = "material"
+    stage = "softening"
     of_material = True
     formula = "P (1 - r (1 - x / x_max)), x = I1 - 3"
     amplitudes = (Parameter("r", "1", lower=0.0, upper=1.0, typical=0.2),)
@@ -52,7 +52,7 @@ class Payne(Effect):
     """P times 1 + r exp(-x_max / x0): stiffer where it was never much deformed."""
 
     name = "Payne softening"
-    stage = "material"
+    stage = "softening"
     of_material = True
     formula = "P (1 + r exp(-x_max / x0)), x = I1 - 3"
     amplitudes = (Parameter("r", "1", lower=0.0, typical=0.3),)
@@ -80,7 +80,7 @@ class PermanentSet(Effect):
     """
 
     name = "permanent set"
-    stage = "material"
+    stage = "set"
     of_material = True
     formula = "exp(-a x_max) P + sum w_j P0(F G_j^-1) G_j^-T, w_j: fall of exp(-a x_max), P0: of the base"
     amplitudes = (Parameter("a", "1", lower=0.0, typical=0.05),)

@@ -16,7 +16,7 @@ class SecondInvariant(Effect):
     """P gains c01 dI2/dF."""
 
     name = "second invariant"
-    stage = "material"
+    stage = "energy"
     of_material = True
     formula = "psi + c01 (I2 - 3)"
     amplitudes = (Parameter("c01", "MPa", lower=0.0, typical=0.03),)

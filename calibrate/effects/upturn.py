@@ -20,7 +20,7 @@ class Upturn(Effect):
     """P gains 3 c30 (I1 - 3)^2 dI1/dF."""
 
     name = "upturn"
-    stage = "material"
+    stage = "energy"
     of_material = True
     formula = "psi + c30 (I1 - 3)^3"
     amplitudes = (Parameter("c30", "MPa", lower=0.0, typical=0.003),)

@@ -17,7 +17,7 @@ class Viscosity(Effect):
     """S gains g int exp(-(t - s) / tau) dS/ds ds; stress is linear in time between increments and zero at t = 0."""
 
     name = "viscoelasticity"
-    stage = "material"
+    stage = "relaxation"
     of_material = True
     formula = "S + g int exp(-(t - s) / tau) dS"
     amplitudes = (Parameter("g", "1", lower=0.0, typical=0.2),)

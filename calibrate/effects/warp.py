@@ -29,6 +29,7 @@ class InitialWarp(Effect):
 
     name = "initial warp"
     stage = "measurement"
+    truncated = True
     formula = "F A^-1, A = diag(1 + sum a_k p_k(x), 1 + sum b_k p_k(y))"
     amplitudes = tuple(
         Parameter(f"{letter}{k}", "1", lower=-STEEPEST if k else 0.0, upper=STEEPEST, typical=0.002)
