@@ -5,7 +5,7 @@ In: Experiments, what to hold out. Out: `Discovery` with a round for each model,
 An effect is added if its adjusted p-value is small, its amplitude is physically admissible, and the error on equations
 that were not used for fitting falls. Once nothing more is added, each effect is taken out again and the others compete
 for its place. Effects are named only if what they leave is noise, or a small part of what they explain, both where they
-were fitted and where they were not, and if those that explain more than a small part of it are not more than two: a
+were fitted and where they were not, and if those that explain more than another may leave are not more than two: a
 catalogue that lacks the true effect imitates it with several. Otherwise they are the closest of the catalogue, and the
 verdict says that the rest is not explained.
 """
@@ -36,10 +36,7 @@ Model = tuple[Problem, Fit]  # a fit with the weights that belong to it
 ALPHA = 0.03  # of the search for an effect
 GLOBAL = 0.005  # of the misfit as a whole, once where it was fitted and once where it was not
 REST = 0.03  # of what was explained, that may be left
-MINOR = (
-    0.005,
-    0.03,
-)  # of what an effect explains: what it may leave, and with a truncated formula, so that no other is named for it
+MINOR = 0.005, 0.03  # of what an effect explains, that it may leave for others, and that a truncated formula may
 NAMED = 2  # effects that together are called an explanation
 CLOSE = 9.2  # difference of scores below which the likelihoods of two effects differ by less than 100 to 1
 WORSE = 1.02  # a misfit larger by this factor is worse
@@ -582,13 +579,17 @@ def _conclude(problem: Problem, rounds: tuple[Round, ...], review: Review) -> Di
         return Discovery(problem, rounds, verdict, (), (), {})
     clean = noisy and not candidates
     gains = review.gains or dict.fromkeys(names, first.fit.free_loss - last.fit.free_loss)
-    truncated = {a.effect.name: a.effect.truncated for a in last.fit.additions}
-    left = max(MINOR[truncated[n]] * gain for n, gain in gains.items())
-    major = tuple(n for n in names if clean or gains.get(n, np.inf) >= left)
+    major = tuple(n for n in names if clean or n in worth_a_name(last.fit.additions, gains))
     explained = 0 < len(major) <= NAMED and (clean or _small(first, last))
     named = major if explained else ()
     verdict = "explained" if explained else "significant, not explained"
     return Discovery(problem, rounds, verdict, named, tuple(n for n in names if n not in named), groups)
+
+
+def worth_a_name(additions: Additions, gains: dict[str, float]) -> tuple[str, ...]:
+    """Effects that explain more than any other may leave. gains: rise of the misfit without each, where it was found."""
+    left = max(MINOR[a.effect.truncated] * gains.get(a.effect.name, 0.0) for a in additions)
+    return tuple(a.effect.name for a in additions if gains.get(a.effect.name, np.inf) >= left)
 
 
 def _small(first: Round, last: Round) -> bool:

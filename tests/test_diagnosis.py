@@ -381,3 +381,15 @@ def test_families_of_fibres_that_close_up_are_declared_alike():
     row = next(r for r in result.rounds[0].rows if r.name == "one fibre family")
     assert "one fibre family" in result.named
     assert dict(row.like)["two fibre families"] > effect_score.COLLINEAR
+
+
+def test_a_lesser_effect_is_named_beside_one_that_leaves_nothing_for_it():
+    """1 % of what Mullins softening explains is another effect; of what fifteen cosines explain it is the sixteenth."""
+    by_name = {e.name: Addition(e, tuple(p.typical for p in e.amplitudes)) for e in CATALOGUE}
+    lesser = by_name["second invariant"]
+    for name, named in (("Mullins softening", True), ("stiffness field", False)):
+        both = (by_name[name], lesser)
+        found = discovery.worth_a_name(both, {name: 1000.0, "second invariant": 10.0})
+        assert found == ((name, "second invariant") if named else (name,))
+        assert discovery.worth_a_name(both[::-1], {name: 1000.0, "second invariant": 1.0}) == (name,)
+        assert "second invariant" in discovery.worth_a_name(both, {name: 1000.0, "second invariant": 40.0})
