@@ -151,8 +151,8 @@ def judge(home: Path) -> dict[str, Any]:
     names = [h["name"] for h in hidden]
     first = full["rounds"][0]
     scores = {n: first["scores"].get(n, {}).get("score", 0.0) for n in names}
-    alone = home / "sealed" / "beside.json"
-    strength = json.loads(alone.read_text()) if alone.exists() else scores
+    file = home / "sealed" / "beside.json"
+    strength = json.loads(file.read_text()) if file.exists() else scores
     reach = {n: {n, *full["groups"].get(n, [])} for n in full["named"]}
     result = {
         "trial": home.name,

@@ -101,7 +101,7 @@ def summary(judged: Sequence[dict[str, Any]]) -> dict[str, Any]:
             sum(bool(one["named"]) and not one["hit"][0] for one in own), sum(not one["named"] for one in own),
             len(pulls), sum(abs(p) < 1.96 for p in pulls), len(absent), sum(bool(a["wrong"]) for a in absent),
         ])  # fmt: skip
-    strong_pairs = [one for one in pairs if one["strong"]]
+    strong_pairs = [one for one in pairs if "beside" in one and min(one["beside"].values()) > GLOBAL_LIMIT]
     at_first = [one for one in pairs if min(one["scores"].values()) > GLOBAL_LIMIT]
     total = np.array([line[1:] for line in lines]).sum(axis=0) if lines else np.zeros(10)
     return {
@@ -168,7 +168,7 @@ def markdown(numbers: dict[str, Any]) -> str:
             "70 %",
         ],
         [
-            "two effects, each with a score above 10 beside neither: both found",
+            "two effects, each with a score above 10 before either is found: both found",
             share(n["pairs_at_first_found"], n["pairs_at_first"]),
             "",
         ],

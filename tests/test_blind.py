@@ -8,8 +8,12 @@ from itertools import batched, pairwise
 
 import pytest
 
+from calibrate import discovery, effect_fit, effect_score
+from calibrate.effects.load import ForceOffset
+from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.errors import ConfigError
-from studies import blind, blind_case, blind_report
+from calibrate.experiment import Experiment
+from studies import blind, blind_case, blind_data, blind_report
 from studies.blind_case import Plan
 from studies.blind_data import draw
 from studies.cli import main
@@ -22,13 +26,25 @@ def arguments(*words):
 
 
 def trial(
-    tmp_path, name, hidden, named=(), verdict="explained", score=50.0, value=1.0, deviation=0.1, absent=None, closest=()
+    tmp_path,
+    name,
+    hidden,
+    named=(),
+    verdict="explained",
+    score=50.0,
+    value=1.0,
+    deviation=0.1,
+    absent=None,
+    closest=(),
+    beside=50.0,
 ):
     """A folder with a label and a diagnosis: `hidden` with amplitude 1."""
     home = tmp_path / name
     (home / "sealed").mkdir(parents=True)
     effects = [{"name": n, "amplitudes": {"a": 1.0}, "shape": {}, "more": {}} for n in hidden]
     (home / "sealed" / "label.json").write_text(json.dumps({"effects": effects}))
+    if len(hidden) > 1:
+        (home / "sealed" / "beside.json").write_text(json.dumps(dict.fromkeys(hidden, beside)))
     scores = {n: {"score": score, "adjusted": 0.0, "admissible": True, "amplitudes": [1.0], "like": {"twin": 0.95}}
               for n in hidden}  # fmt: skip
     full = {
@@ -73,6 +89,7 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
         trial(tmp_path, "pair", ["force offset", "viscoelasticity"], ["force offset", "viscoelasticity"], value=2.0),
         trial(tmp_path, "lesser", ["force offset", "viscoelasticity"], ["force offset"], closest=["viscoelasticity"]),
         trial(tmp_path, "half", ["force offset", "viscoelasticity"], ["force offset"]),
+        trial(tmp_path, "imitated", ["force offset", "viscoelasticity"], ["force offset"], beside=1.0),
     ]
     text = blind_report.write_report(tmp_path, homes, {})
     numbers = json.loads((tmp_path / "summary.json").read_text())
@@ -81,6 +98,7 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     assert (numbers["amplitudes"], numbers["amplitudes_within"]) == (1, 1)
     assert (numbers["absent"], numbers["absent_wrong"]) == (2, 1)
     assert (numbers["pairs"], numbers["pairs_found"], numbers["pairs_in_model"]) == (3, 1, 2)
+    assert (numbers["pairs_at_first"], numbers["pairs_at_first_found"]) == (4, 1)
     assert "1 of 2 (50 %)" in text
     confusion = (tmp_path / "confusion.csv").read_text()
     assert confusion.splitlines()[0].startswith("hidden,nothing,unexplained")
@@ -127,3 +145,16 @@ def test_a_trial_runs_and_goes_on_where_it_was(tmp_path, capsys):
     assert main(words) == 0
     assert made.stat().st_mtime_ns == time
     assert "Nothing hidden" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_an_effect_may_get_its_score_from_another(tmp_path):
+    """A force offset stands in for a second invariant that is not in the model yet; beside it nothing is left."""
+    blind_data.write(draw(9015, "second invariant", "force offset"), tmp_path)
+    experiment = Experiment.load(tmp_path / "experiment.npz")
+    problem, base = effect_fit.prepare([experiment], [discovery.HoldOut().training])
+    scores = effect_score.score(problem, base, (SecondInvariant(), ForceOffset()))
+    alone = next(s.score for s in scores if s.effect == ForceOffset())
+    beside = blind_case.beside(tmp_path)
+    assert alone > 1000 and beside["second invariant"] > 1000
+    assert beside["force offset"] < 10

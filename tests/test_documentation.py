@@ -55,27 +55,32 @@ def test_the_new_effect_changes_nothing_at_its_null_value(tmp_path: Path, monkey
 
 
 def test_the_tables_of_blind_trials_are_those_of_the_trials() -> None:
-    """docs/blind.json is the trials.json of a run, every trial once; its tables stand on the page as the run prints them."""
-    trials = json.loads((DOCS / "blind.json").read_text())
-    assert len({one["trial"] for one in trials}) == len(trials)
-    page, found = (DOCS / "discover.md").read_text(), blind_report.summary(trials)
-    assert blind_report.markdown(found) in page
+    """Each file is the trials.json of runs, every trial once; its tables stand on the page as a run prints them."""
+    page = (DOCS / "discover.md").read_text()
     said, limits = (" ".join(path.read_text().split()) for path in (ROOT / "README.md", DOCS / "limits.md"))
-    assert f"In {len(trials)} blind trials" in said
-    assert f"found nothing in {found['nulls'] - found['null_detections']} of {found['nulls']} without an effect" in said
-    assert f"named the group of {found['strong_group_named']} of {found['strong']} strong effects" in said
-    assert f"{found['amplitudes_within']} of {found['amplitudes']} amplitudes in their 95 % interval" in said
-    assert f"a wrong name in {found['absent_wrong']} of {found['absent']}" in said
-    assert f"a wrong name was given in {found['absent_wrong']} of {found['absent']} such cases" in limits
-    more = blind_report.summary(json.loads((DOCS / "pairs.json").read_text()))
-    pairs, named, kept = (found[key] + more[key] for key in ("pairs", "pairs_found", "pairs_in_model"))
-    assert f"it named both in {named} of {pairs} (with forty more pairs)" in said
-    assert f"both were named in {named} of {pairs} strong pairs, and in the model in {kept}" in limits
+    trials, before = (json.loads((DOCS / name).read_text()) for name in ("blind.json", "blind_before.json"))
+    found, old = blind_report.summary(trials), blind_report.summary(before)
+    for some, numbers in ((trials, found), (before, old)):
+        assert len({one["trial"] for one in some}) == len(some)
+        assert blind_report.markdown(numbers) in page
+    assert f"**{len(trials)} trials**" in page
+    pairs = sum(len(one["hidden"]) == 2 for one in before)
+    both = f"{old['pairs_at_first_found']} of {old['pairs_at_first']}"
+    assert f"of all {pairs} pairs, both named in {both} that scored above 10, and in the model in" in page
+    assert f"In {len(before)} blind trials of the version before" in said
+    assert f"found nothing in {old['nulls'] - old['null_detections']} of {old['nulls']} without an effect" in said
+    assert f"named the group of {old['strong_group_named']} of {old['strong']} strong effects" in said
+    assert f"{old['amplitudes_within']} of {old['amplitudes']} amplitudes in their 95 % interval" in said
+    assert f"a wrong name in {old['absent_wrong']} of {old['absent']}" in said
+    assert f"both of two strong effects in {both} pairs" in said
+    quiet = found["nulls"] - found["null_detections"]
     assert (
-        f"both named in {more['pairs_found']} of {more['pairs']}, in the model in {more['pairs_in_model']} of {more['pairs']}"
-        in page
+        f"In {len(trials)} of the present one it found nothing in {quiet} of {found['nulls']} without an effect" in said
     )
-    assert f"of the {len(trials)} made so far" in page or f"all {len(trials)} trials" in page
+    assert f"named the group of {found['strong_group_named']} of {found['strong']}, and both" in said
+    assert f"both of two in {found['pairs_found']} of {found['pairs']} pairs" in said
+    assert f"a wrong name was given in {old['absent_wrong']} of {old['absent']} such cases" in limits
+    assert f"both were named in {found['pairs_found']} of {found['pairs']} strong pairs" in limits
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))

@@ -23,9 +23,12 @@ from calibrate.effects.membrane import Membrane
 from calibrate.experiment import Experiment
 
 Array = NDArray[np.float64]
-STAGES = ("energy", "stiffness", "softening", "relaxation", "set", "kinematics", "measurement", "load")
-"""Where effects act, from the material to the camera: on the energy, as a factor that depends on the place, as one that
-depends on the history, over time, by chains formed anew; on what a sheet is in three dimensions; on what is measured."""
+STAGES = ("energy", "kinematics", "stiffness", "softening", "relaxation", "set", "measurement", "load")
+"""Where effects act, from the material to the camera: on the energy; on what a sheet is in three dimensions; as a factor that
+depends on the place; as one that depends on the history; over time; by chains formed anew; on what is measured.
+
+What varies, softens or relaxes is all that comes before, so that kinematics, which know the law of the base alone, come early."""
+ELSEWHERE = ("kinematics", "measurement", "load")
 
 
 @dataclass(frozen=True)
@@ -181,12 +184,12 @@ class Effect:
     @property
     def in_material(self) -> bool:
         """Whether it makes stress from F at a place and its past."""
-        return STAGES.index(self.stage) < STAGES.index("kinematics")
+        return self.stage not in ELSEWHERE
 
     @property
     def remembers(self) -> bool:
         """Whether its stress depends on earlier increments."""
-        return self.in_material and STAGES.index(self.stage) >= STAGES.index("softening")
+        return self.stage in ("softening", "relaxation", "set")
 
     def missing(self, data: Data) -> str | None:
         """What the data lack for this effect to be tested ('time', 'unloading', ...), or None."""
