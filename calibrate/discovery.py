@@ -319,7 +319,7 @@ def _round(
         row = Row(one, like=tuple((n, v) for n, v in near if v > 0.5))
         if whole:
             say(f"fit with {one.effect.name}")
-            row = _fitted(problem, state, row, 2)
+            row = _fitted(problem, state, row)
         rows.append(row)
     return Round(
         state,
@@ -330,7 +330,7 @@ def _round(
     )
 
 
-def _fitted(problem: Problem, state: Fit, row: Row, iterations: int, compared: bool = False) -> Row:
+def _fitted(problem: Problem, state: Fit, row: Row, compared: bool = False) -> Row:
     """The row with a refit of base and effect and its errors, of few iterations for the table or of more to be compared.
 
     A fit to be compared has the weights that belong to it: those of a base that makes up for the effect are wrong.
@@ -341,7 +341,7 @@ def _fitted(problem: Problem, state: Fit, row: Row, iterations: int, compared: b
     if not whitened.loss(problem, state.c, (*state.additions, addition)) < WORSE * state.loss + state.n_rows:
         null = tuple(p.null for p in row.score.effect.amplitudes)
         addition = replace(addition, amplitudes=null)
-    additions = (*state.additions, addition)
+    additions, iterations = (*state.additions, addition), 6 if compared else 2
     if row.score.adjusted < ALPHA:
         problem, new = effect_fit.settled(problem, state.c, additions, iterations)
         if compared:
@@ -379,7 +379,7 @@ def _extend(problem: Problem, now: Round, say: Callable[[str], None]) -> tuple[R
             break
         tried += 1
         say(f"adding {row.name}")
-        best = fitted[row.name] = _fitted(problem, now.fit, replace(row, fit=None), 6, compared=True)
+        best = fitted[row.name] = _fitted(problem, now.fit, replace(row, fit=None), compared=True)
         why = _objection(now, best)
         if why:
             remarks.append(f"{row.name}: {why}")
@@ -477,7 +477,7 @@ def _review(
         rivals = [s for s in likely if s.score > min(height - CLOSE, RIVAL * height)][:TRIES]
         # the others as they were beside this one
         start = replace(state, additions=others, loss=without.loss, free_loss=without.free_loss)
-        rows = [_fitted(problem, start, Row(s), 6, compared=True) for s in rivals]
+        rows = [_fitted(problem, start, Row(s), compared=True) for s in rivals]
         rows = [row for row in rows if row.fit is not None and not _grows(now, row.train, row.held)]
         mine = _price(Row(own, state), state) if own else state.free_loss
         groups[name] = (name, *(row.name for row in rows if _price(row, state) < mine + CLOSE))

@@ -128,11 +128,7 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
     """
     names = {a.effect.name for a in additions}
     known = tuple(a for a in problem.amplifying if not a.effect.rough and a.effect.name in names)
-    return with_weights_of(problem, (*known, *(a for a in amplifying(problem, additions) if a.effect.rough)))
-
-
-def with_weights_of(problem: Problem, found: Additions) -> Problem:
-    """The same equations and base with weights that know the effects `found`."""
+    found = (*known, *(a for a in amplifying(problem, additions) if a.effect.rough))
     if found == problem.amplifying:
         return problem
     parts = []

@@ -161,7 +161,7 @@ def judge(home: Path) -> dict[str, Any]:
         "named": full["named"],
         "closest": full["closest"],
         "scores": scores,
-        "beside": strength,
+        **({"beside": strength} if file.exists() else {}),
         "strong": bool(names) and min(strength.values()) > GLOBAL_LIMIT,
         "hit": [any(n in group for group in reach.values()) for n in names],
         "exact": [n in full["named"] for n in names],

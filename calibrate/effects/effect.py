@@ -161,12 +161,13 @@ def lacks_plane_stress(data: Data) -> str | None:
 class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.
 
-    name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report; amplitudes; shapes; shapes_vary: False where they only choose a
+    name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report;
+    amplitudes; shapes; shapes_vary: False where they only choose a
     derivative at the null value and mean nothing once the amplitude is known; gauge: why it can never be told apart
     from another quantity, or nothing; decided_by: the experiment that tells it from its likes; of_material: holds for
     every specimen of a material, not of one test alone; rough: adds second derivatives of the displacements to them, whose
-    noise the weights of a model with it must know; truncated: its
-    formula is the beginning of a series, so that a small part of what it explains is left for others.
+    noise the weights of a model with it must know; truncated: its formula is the beginning of a series, so that a small part
+    of what it explains is left for others.
     """
 
     name: ClassVar[str]
