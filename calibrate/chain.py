@@ -39,6 +39,7 @@ class Addition:
 
 
 Additions = tuple[Addition, ...]
+Parts = tuple[tuple[Effect, ...], tuple[Any, ...], tuple[Any, ...]]  # effects, their amplitudes, their shapes
 
 
 def ordered(additions: Additions) -> Additions:
@@ -115,15 +116,15 @@ class Chain:
 
     def residual(self, c: Any, additions: Additions = ()) -> Array:
         """Residual (t, 2 v), N, of coefficients c (n,) and effects, in whatever order these are given."""
-        effects, amplitudes, shapes = _parts(additions)
-        P, loads = _response(self.kind, effects, self.arrays, jnp.asarray(c), _floats(amplitudes), _floats(shapes))
-        return self.work(P) - self.spread(loads)
+        return self.work(self.stress(c, additions)) - self.external(additions)
 
     def stress(self, c: Any, additions: Additions = ()) -> Array:
         """P (t, m, 2, 2), MPa, with effects in the model."""
-        effects, amplitudes, shapes = _parts(additions)
-        amplitudes, shapes = _floats(amplitudes), _floats(shapes)
-        return np.asarray(_response(self.kind, effects, self.arrays, jnp.asarray(c), amplitudes, shapes)[0])
+        parts, c = _parts(additions), jnp.asarray(c)
+        F = self._deformed(parts)
+        return np.asarray(
+            _whole(self.kind, c, F, _stages(self.kind, parts[0], self.arrays, c, *_floated(parts), F)[-1])
+        )
 
     def external(self, additions: Additions = ()) -> Array:
         """Loads (t, 2 v), N, as the effects correct them: minus the residual of a material without stiffness."""
@@ -182,15 +183,14 @@ class Chain:
         stages = _stages(*given, *values, G)
         t, m = F.shape[:2]
         own, others, areas = np.zeros((t, m, 2, 2, 2, 2)), np.zeros(t), self.system.areas[:, None, None]
+        units = jnp.broadcast_to(jnp.eye(4).reshape(4, 1, 1, 2, 2), (4, t, m, 2, 2))
+        f, df = _law_gradients(self.kind, G), _law_changes(self.kind, G, units)
+        base = _base_pushed(self.kind, self.arrays, jnp.asarray(c), f, df)
         together = [[j] for j in range(t)] if any(effect.remembers for effect in effects) else [list(range(t))]
         for some in together:
-            dF = np.zeros((2, 2, t, m, 2, 2))
-            for k, l in np.ndindex(2, 2):
-                dF[k, l, some, :, k, l] = 1.0
-            changes = jnp.asarray(dF.reshape(4, t, m, 2, 2))
-            df = _law_changes(self.kind, G, changes)
-            dP = _pushed(*given, *values, _law_gradients(self.kind, G), stages, df)
-            dP = np.asarray(_whole_changes(self.kind, jnp.asarray(c), G, stages[-1], changes, dP))
+            only = jnp.zeros((t, 1, 1, 1)).at[np.array(some)].set(1.0)
+            dP = _pushed_behind(*given, *values, f, stages, only * df, only * base)
+            dP = np.asarray(_whole_changes(self.kind, jnp.asarray(c), G, stages[-1], only * units, dP))
             own[some] = np.moveaxis(dP[:, some].reshape(2, 2, len(some), m, 2, 2), (0, 1), (4, 5))
             sizes = (areas * dP**2).sum(axis=(0, 2, 3, 4))
             sizes[some] = 0.0
@@ -214,35 +214,41 @@ class Chain:
         dual = dual + _base_pushed(kind, arrays, c, f, stress[None])[0]  # the tangent of the base is symmetric
         return whole + _isochoric_pulled(F, dual) if kind[-1] else dual
 
+    @cached_property
+    def gradients(self) -> Any:
+        """F (t, m, 2, 2) of the measured displacements."""
+        return _gradients(self.data, self.data.u)
+
+    def _deformed(self, parts: Parts) -> Any:
+        """F (t, m, 2, 2) at the displacements that effects correct."""
+        if not any(_acts(effect, "displacements") for effect in parts[0]):
+            return self.gradients
+        return _gradients(self.data, _displaced(parts[0], self.arrays, self.data.u, *_floated(parts)))
+
     def _corrected(self, additions: Additions) -> tuple[Array, Callable[[Array], Array]]:
         """F (t, m, 2, 2) at corrected displacements, and duals (k, t, n, 2) of these to those of the measured ones."""
-        effects, amplitudes, shapes = _parts(additions)
-        given = _floats(amplitudes), _floats(shapes)
-        if not additions:
-            return np.asarray(_gradients(self.arrays.data, self.arrays.data.u)), lambda duals: duals
-        u = _displaced(effects, self.arrays, self.arrays.data.u, *given)
+        parts = _parts(additions)
 
         def correction(duals: Array) -> Array:
-            return np.asarray(_pulled(effects, self.arrays, *given, jnp.asarray(duals)))
+            if not any(_acts(effect, "displacements") for effect in parts[0]):
+                return duals
+            return np.asarray(_pulled(parts[0], self.arrays, *_floated(parts), jnp.asarray(duals)))
 
-        return np.asarray(_gradients(self.arrays.data, u)), correction
+        return np.asarray(self._deformed(parts)), correction
 
     def signature(self, c: Any, effect: Effect, shape: tuple[float, ...], others: Additions = ()) -> Array:
         """d residual / d amplitude at the null value, (p, t, 2 v), beside effects that are in the model already."""
         null = tuple(p.null for p in effect.amplitudes)
         return self.derivative(c, (*others, Addition(effect, null, shape)))
 
-    def _beside(self, c: Array, others: Additions) -> tuple[Any, list[Any]]:
-        """F, and P behind each of the other effects; kept, as many effects are tried beside them."""
-        key = (c.tobytes(), others)
+    def _behind(self, c: Array, additions: Additions) -> tuple[Any, list[Any]]:
+        """F, and P of the base and behind every effect; kept, as many effects are tried beside the same ones."""
+        key = (c.tobytes(), additions)
         kept = self.__dict__.get("_kept")
         if kept is None or kept[0] != key:
-            effects, amplitudes, shapes = _parts(others)
-            given = _floats(amplitudes), _floats(shapes)
-            u = _displaced(effects, self.arrays, self.arrays.data.u, *given)
-            F = _gradients(self.arrays.data, u)
-            stages = _stages(self.kind, effects, self.arrays, jnp.asarray(c), *given, F)
-            kept = key, (F, stages)
+            parts = _parts(additions)
+            F = self._deformed(parts)
+            kept = key, (F, _stages(self.kind, parts[0], self.arrays, jnp.asarray(c), *_floated(parts), F))
             self.__dict__["_kept"] = kept
         return kept[1]
 
@@ -257,34 +263,34 @@ class Chain:
         effect, a, shape = last.effect, jnp.asarray(last.amplitudes, float), jnp.asarray(last.shape, float)
         arrays, kind = self.arrays, self.kind
         data = arrays.data
-        F, stages = self._beside(np.asarray(c, float), ordered(additions[:-1]))
-        c = jnp.asarray(c)
-        dF = None
+        null = last.amplitudes == tuple(p.null for p in effect.amplitudes)  # at which it changes nothing
+        F, stages = self._behind(np.asarray(c, float), ordered(additions[:-1]) if null else whole)
+        before, behind = stages[: place + 1], stages[place if null else place + 1 :]
+        P, c = before[-1], jnp.asarray(c)
+        dF = df = None
         if _acts(effect, "displacements"):
             u = _displaced(outer[0], arrays, data.u, *_floated(outer))
             du = _change_of_displacements(effect, data, u, a, shape)
-            u = _moved(effect, data, u, a, shape)
+            u = u if null else _moved(effect, data, u, a, shape)
             for one, b, s in reversed(list(zip(inner[0], *_floated(inner), strict=True))):
                 if _acts(one, "displacements"):
                     du, u = _moved_on(one, data, u, b, s, du), _moved(one, data, u, b, s)
-            F, dF = _gradients(data, u), _change_of_gradients(data, du)
-            stages = _stages(kind, inner[0], arrays, c, *_floated(inner), F)
+            dF = _change_of_gradients(data, du)
         f = _law_gradients(kind, F)
-        P = stages[place]
-        dP = _direct(kind, effect, arrays, c, f, P, a, shape)
-        df = None
+        if _acts(effect, "stress"):
+            dP = _direct(kind, effect, arrays, c, f, P, a, shape)
+        else:
+            dP = jnp.zeros((len(a), *f.shape))
         if dF is not None:
             df = _law_changes(kind, F, dF)
-            pushed = _pushed(kind, inner[0], arrays, c, *_floated(inner), f, stages, df)
-            dP = dP + _pushed_on(kind, effect, arrays, c, f, P, a, shape, df, pushed)
-        if _acts(effect, "stress"):
-            P = _stressed_by(kind, effect, arrays, c, f, P, a, shape)
-        for one, b, s in zip(outer[0], *_floated(outer), strict=True):
+            pushed = _pushed(kind, inner[0], arrays, c, *_floated(inner), f, before, df)
+            acts = _acts(effect, "stress")
+            dP = dP + (_pushed_on(kind, effect, arrays, c, f, P, a, shape, df, pushed) if acts else pushed)
+        for one, b, s, P in zip(outer[0], *_floated(outer), behind[:-1], strict=True):
             if _acts(one, "stress"):
                 changes = jnp.zeros((len(a), *f.shape)) if df is None else df
                 dP = _pushed_on(kind, one, arrays, c, f, P, b, s, changes, dP)
-                P = _stressed_by(kind, one, arrays, c, f, P, b, s)
-        result = self.work(_whole_changes(kind, c, F, P, dF, dP))
+        result = self.work(_whole_changes(kind, c, F, behind[-1], dF, dP))
         if not _acts(effect, "loads"):
             return result
         loads = _external(outer[0], arrays, arrays.measured, *_floated(outer))
@@ -310,7 +316,7 @@ def _floats(values: Any) -> tuple[Any, ...]:
     return tuple(jnp.asarray(v, float) for v in values)
 
 
-def _parts(additions: Additions) -> tuple[tuple[Effect, ...], tuple[Any, ...], tuple[Any, ...]]:
+def _parts(additions: Additions) -> Parts:
     """Effects from the material to the camera, their amplitudes and shapes."""
     additions = ordered(additions)
     return (
@@ -320,7 +326,7 @@ def _parts(additions: Additions) -> tuple[tuple[Effect, ...], tuple[Any, ...], t
     )
 
 
-def _floated(parts: tuple[Any, Any, Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def _floated(parts: Parts) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     return _floats(parts[1]), _floats(parts[2])
 
 
@@ -401,6 +407,11 @@ def _stages(kind, effects, arrays, c, amplitudes, shapes, F):
 def _pushed(kind, effects, arrays, c, amplitudes, shapes, F, stages, changes):
     """Changes (p, t, m, 2, 2) of the stress behind every effect by changes of F."""
     stresses = _base_pushed(kind, arrays, c, F, changes)
+    return _pushed_behind(kind, effects, arrays, c, amplitudes, shapes, F, stages, changes, stresses)
+
+
+def _pushed_behind(kind, effects, arrays, c, amplitudes, shapes, F, stages, changes, stresses):
+    """The same, from those of the stress of the base."""
     for effect, a, shape, P in zip(effects, amplitudes, shapes, stages[:-1], strict=True):
         if _acts(effect, "stress"):
             stresses = _pushed_on(kind, effect, arrays, c, F, P, a, shape, changes, stresses)

@@ -17,30 +17,22 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from calibrate.tensors import cofactor, det
+
 
 def isochoric(F: Any) -> Any:
     """f = J^(-1/3) F (..., 2, 2) of F (..., 2, 2): what invariants and laws of an incompressible sheet are taken of."""
-    return F / jnp.cbrt(_det(F))[..., None, None]  # finite also where simulated noise turns a triangle over
+    return F / jnp.cbrt(det(F))[..., None, None]  # finite also where simulated noise turns a triangle over
 
 
 def stress(F: Any, isochoric_stress: Any, bulk_modulus: Any) -> Any:
     """P (..., 2, 2) of F (..., 2, 2), P0 (..., 2, 2) at f, and the bulk modulus; one unit of stress."""
-    J = _det(F)[..., None, None]
-    inverse = _cofactor(F) / J
+    J = det(F)[..., None, None]
+    inverse = cofactor(F) / J
     power = jnp.sum(isochoric_stress * F, axis=(-2, -1))[..., None, None]
     return (isochoric_stress - power / 3 * inverse) / jnp.cbrt(J) + bulk_modulus * volumetric(F)
 
 
 def volumetric(F: Any) -> Any:
     """d/dF of (J - 1)^2 / 2, (..., 2, 2)."""
-    return (_det(F)[..., None, None] - 1.0) * _cofactor(F)
-
-
-def _det(F: Any) -> Any:
-    return F[..., 0, 0] * F[..., 1, 1] - F[..., 0, 1] * F[..., 1, 0]
-
-
-def _cofactor(F: Any) -> Any:
-    """dJ/dF = J F^-T."""
-    rows = jnp.stack([F[..., 1, 1], -F[..., 1, 0]], axis=-1), jnp.stack([-F[..., 0, 1], F[..., 0, 0]], axis=-1)
-    return jnp.stack(rows, axis=-2)
+    return (det(F)[..., None, None] - 1.0) * cofactor(F)

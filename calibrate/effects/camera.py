@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from calibrate.effects.borders import subset_moments
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 from calibrate.effects.recovery import gradient, second_derivatives
+from calibrate.tensors import det, inverse
 
 NEWTON = 4  # steps
 
@@ -41,10 +42,10 @@ class LensDistortion(Effect):
         s, q = shrinkage(X, a[0], R)
         slope = -2.0 * a[0] / R**2 * s**3 / (1.0 + 3.0 * q * s**2) * X  # of s
         A = s[:, :, None] * jnp.eye(2) + X[:, :, None] * slope[:, None, :]
-        inverse = jnp.linalg.inv(A)
-        full = jax.vmap(law)((F @ inverse).reshape(-1, 2, 2)).reshape(F.shape)
+        back = inverse(A)
+        full = jax.vmap(law)((F @ back).reshape(-1, 2, 2)).reshape(F.shape)
         plain = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
-        seen = jnp.linalg.det(A)[:, None, None] * full @ jnp.swapaxes(inverse, -1, -2)
+        seen = det(A)[:, None, None] * full @ jnp.swapaxes(back, -1, -2)
         return P + seen - plain
 
 

@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter
+from calibrate.tensors import det, inverse
 
 UNLOADED = 0.02  # share of the mean I1 - 3 by which the sheet must have come back
 
 
 def excess(F):
     """I1 - 3 (t, m) and its largest value so far (t, m)."""
-    det = F[..., 0, 0] * F[..., 1, 1] - F[..., 0, 1] * F[..., 1, 0]
-    value = jnp.sum(F * F, axis=(-2, -1)) + 1.0 / det**2 - 3.0
+    value = jnp.sum(F * F, axis=(-2, -1)) + 1.0 / det(F) ** 2 - 3.0
     return value, jax.lax.cummax(value, axis=0)
 
 
@@ -95,14 +95,14 @@ class PermanentSet(Effect):
         whole = jnp.exp(-a[0] * excess(F)[1])
         broken = -jnp.diff(whole, axis=0, prepend=1.0)
         before = jnp.concatenate([jnp.broadcast_to(jnp.eye(2), F[:1].shape), F[:-1]])
-        inverse = jnp.linalg.inv((before + F) / 2)
+        back = inverse((before + F) / 2)
 
         def formed(f, share, g):
             return share * law(f @ g) @ g.T
 
         def stress(index, f):
             past = (jnp.arange(len(F)) <= index)[:, None]
-            each = jax.vmap(jax.vmap(formed), (None, 0, 0))(f, jnp.where(past, broken, 0.0), inverse)
+            each = jax.vmap(jax.vmap(formed), (None, 0, 0))(f, jnp.where(past, broken, 0.0), back)
             return each.sum(axis=0)
 
         return whole[..., None, None] * P + jax.lax.map(lambda both: stress(*both), (jnp.arange(len(F)), F))

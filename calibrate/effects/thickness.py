@@ -40,6 +40,7 @@ from calibrate.effects.effect import Data, Effect, Parameter, lacks_plane_stress
 from calibrate.effects.recovery import gradient, slopes, to_nodes
 from calibrate.errors import ConfigError
 from calibrate.experiment import Experiment
+from calibrate.tensors import det, inverse
 
 RELAXATION = 0.2  # length of the layer at free edges over the thickness
 
@@ -84,8 +85,8 @@ def _mean(data: Any, b: Any) -> Any:
 
 def bend(data: Any, F: Any) -> Any:
     """B (t, n, 2), 1/mm, of F (t, n, 2, 2) at the nodes: mean = surface + h^2 / 12 B."""
-    thinning = 1.0 / _det(F)
-    raw = thinning[..., None] * jnp.einsum("tnji,tnj->tni", _inverse(F), gradient(data, thinning))
+    thinning = 1.0 / det(F)
+    raw = thinning[..., None] * jnp.einsum("tnji,tnj->tni", inverse(F), gradient(data, thinning))
     return data.membrane.smoothed(raw, RELAXATION * data.thickness)
 
 
@@ -95,29 +96,20 @@ def stress_of_bend(data: Any, F: Any, law: Any) -> Any:
     law: P (2, 2) of plane stress at F (2, 2).
     """
     nodal = jnp.stack([jnp.stack([to_nodes(data, F[..., i, j]) for j in range(2)], axis=-1) for i in range(2)], axis=-2)
-    steep = jnp.einsum("tnji,tnj->tni", nodal, bend(data, nodal)) * _det(nodal)[..., None]
+    steep = jnp.einsum("tnji,tnj->tni", nodal, bend(data, nodal)) * det(nodal)[..., None]
 
     def second(f):
-        return _inverse(f) @ law(f)
+        return inverse(f) @ law(f)
 
     S = jax.vmap(second)(nodal.reshape(-1, 2, 2)).reshape(nodal.shape)
     flow = slopes(data, jnp.moveaxis(jnp.einsum("tnij,tnj->tni", S, steep), -1, 0))
 
     def change(f, g, divergence):
-        inverse = _inverse(f).T
-        df = 0.5 * jnp.outer(inverse @ g, g)  # changes C by g (x) g
-        return f @ jax.jvp(second, (f,), (df,))[1] + divergence * inverse
+        dual = inverse(f).T
+        df = 0.5 * jnp.outer(dual @ g, g)  # changes C by g (x) g
+        return f @ jax.jvp(second, (f,), (df,))[1] + divergence * dual
 
-    divergence = (flow[0, ..., 0] + flow[1, ..., 1]) / _det(F)
+    divergence = (flow[0, ..., 0] + flow[1, ..., 1]) / det(F)
     inside = steep[:, data.triangles].mean(axis=2)
     found = jax.vmap(change)(F.reshape(-1, 2, 2), inside.reshape(-1, 2), divergence.ravel())
     return found.reshape(F.shape)
-
-
-def _inverse(F: Any) -> Any:
-    rows = jnp.stack([F[..., 1, 1], -F[..., 0, 1]], axis=-1), jnp.stack([-F[..., 1, 0], F[..., 0, 0]], axis=-1)
-    return jnp.stack(rows, axis=-2) / _det(F)[..., None, None]
-
-
-def _det(F: Any) -> Any:
-    return F[..., 0, 0] * F[..., 1, 1] - F[..., 0, 1] * F[..., 1, 0]

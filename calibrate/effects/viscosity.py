@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter
+from calibrate.tensors import inverse
 
 TIMES = 5
 
@@ -35,7 +36,7 @@ class Viscosity(Effect):
 
     def stress(self, data, F, P, a, shape, law):
         tau = shape[0]
-        S = jnp.linalg.solve(F, P)
+        S = inverse(F) @ P
         steps = jnp.diff(data.time, prepend=0.0)
         H, before, overstress = jnp.zeros_like(S[0]), jnp.zeros_like(S[0]), []
         for i, now in enumerate(S):
