@@ -253,63 +253,58 @@ class Chain:
         return kept[1]
 
     def derivative(self, c: Any, additions: Additions) -> Array:
-        """d residual / d amplitudes of the last addition, (p, t, 2 v), at the values they have.
-
-        Its direct change of displacements, stress and loads, each pushed through the effects that come after it.
-        """
+        """d residual / d amplitudes of the last addition, (p, t, 2 v), at the values they have."""
         last, whole = additions[-1], ordered(additions)
-        place = next(i for i, one in enumerate(whole) if one is last)
-        inner, outer = _parts(whole[:place]), _parts(whole[place + 1 :])
-        effect, a, shape = last.effect, jnp.asarray(last.amplitudes, float), jnp.asarray(last.shape, float)
-        arrays, kind = self.arrays, self.kind
-        data = arrays.data
-        null = last.amplitudes == tuple(p.null for p in effect.amplitudes)  # at which it changes nothing
-        F, stages = self._behind(np.asarray(c, float), ordered(additions[:-1]) if null else whole)
-        before, behind = stages[: place + 1], stages[place if null else place + 1 :]
-        P, c = before[-1], jnp.asarray(c)
-        dF = df = None
-        if _acts(effect, "displacements"):
-            u = _displaced(outer[0], arrays, data.u, *_floated(outer))
-            du = _change_of_displacements(effect, data, u, a, shape)
-            u = u if null else _moved(effect, data, u, a, shape)
-            for one, b, s in reversed(list(zip(inner[0], *_floated(inner), strict=True))):
-                if _acts(one, "displacements"):
-                    du, u = _moved_on(one, data, u, b, s, du), _moved(one, data, u, b, s)
-            dF = _change_of_gradients(data, du)
-        f = _law_gradients(kind, F)
-        if _acts(effect, "stress"):
-            dP = _direct(kind, effect, arrays, c, f, P, a, shape)
-        else:
-            dP = jnp.zeros((len(a), *f.shape))
-        if dF is not None:
-            df = _law_changes(kind, F, dF)
-            pushed = _pushed(kind, inner[0], arrays, c, *_floated(inner), f, before, df)
-            acts = _acts(effect, "stress")
-            dP = dP + (_pushed_on(kind, effect, arrays, c, f, P, a, shape, df, pushed) if acts else pushed)
-        for one, b, s, P in zip(outer[0], *_floated(outer), behind[:-1], strict=True):
-            if _acts(one, "stress"):
-                changes = jnp.zeros((len(a), *f.shape)) if df is None else df
-                dP = _pushed_on(kind, one, arrays, c, f, P, b, s, changes, dP)
-        result = self.work(_whole_changes(kind, c, F, behind[-1], dF, dP))
-        if not _acts(effect, "loads"):
-            return result
-        loads = _external(outer[0], arrays, arrays.measured, *_floated(outer))
-        dl, loads = _change_of_loads(effect, data, loads, a, shape), _loaded(effect, data, loads, a, shape)
-        for one, b, s in reversed(list(zip(inner[0], *_floated(inner), strict=True))):
-            if _acts(one, "loads"):
-                dl, loads = _loaded_on(one, data, loads, b, s, dl), _loaded(one, data, loads, b, s)
-        return result - self.spread(dl)
+        c, place = np.asarray(c, float), next(i for i, one in enumerate(whole) if one is last)
+        if last.amplitudes != tuple(p.null for p in last.effect.amplitudes):
+            return self._change(c, whole, place, *self._behind(c, whole))
+        F, stages = self._behind(c, ordered(additions[:-1]))  # it changes nothing yet
+        return self._change(c, whole, place, F, [*stages[: place + 1], *stages[place:]])
 
     def jacobian(self, c: Any, additions: Additions) -> Array:
         """d residual / d amplitudes and shapes of all additions, (k, t, 2 v): of each its amplitudes, then its shapes."""
-        effects, amplitudes, shapes = _parts(additions)
-        values = [[*a, *s] for a, s in zip(amplitudes, shapes, strict=True)]
-        stress, force = _changes(
-            self.kind, effects, self.arrays, jnp.asarray(c), jnp.asarray(np.concatenate(values), float)
+        c, whole = np.asarray(c, float), ordered(additions)
+        behind = self._behind(c, whole)
+        own = {one.effect: self._change(c, whole, i, *behind, shapes=True) for i, one in enumerate(whole)}
+        return np.concatenate([own[one.effect] for one in additions])
+
+    def _change(self, c: Array, whole: Additions, place: int, F: Any, stages: list[Any], shapes: bool = False) -> Array:
+        """d residual / d amplitudes, and `shapes` behind them, of the effect at a place among all in their order.
+
+        Its direct change of displacements, stress and loads, each pushed through the effects that come after it.
+        """
+        one, inner, outer = whole[place], _parts(whole[:place]), _parts(whole[place + 1 :])
+        effect, a, shape = one.effect, jnp.asarray(one.amplitudes, float), jnp.asarray(one.shape, float)
+        arrays, kind, size = self.arrays, self.kind, len(a) + shapes * len(shape)
+        data, P, coefficients = arrays.data, stages[place], jnp.asarray(c)
+        dF = df = None
+        if _acts(effect, "displacements"):
+            u = _displaced(outer[0], arrays, data.u, *_floated(outer))
+            du, u = _change_of_displacements(effect, shapes, data, u, a, shape), _moved(effect, data, u, a, shape)
+            for other, b, s in reversed(list(zip(inner[0], *_floated(inner), strict=True))):
+                if _acts(other, "displacements"):
+                    du, u = _moved_on(other, data, u, b, s, du), _moved(other, data, u, b, s)
+            dF = _change_of_gradients(data, du)
+        f = _law_gradients(kind, F)
+        acts = _acts(effect, "stress")
+        dP = (
+            _direct(kind, effect, shapes, arrays, coefficients, f, P, a, shape) if acts else jnp.zeros((size, *f.shape))
         )
-        found = np.split(self.work(stress) - self.spread(force), np.cumsum([len(v) for v in values])[:-1])
-        own = dict(zip(effects, found, strict=True))
-        return np.concatenate([own[a.effect] for a in additions])
+        if dF is not None:
+            df = _law_changes(kind, F, dF)
+            pushed = _pushed(kind, inner[0], arrays, coefficients, *_floated(inner), f, stages[: place + 1], df)
+            dP = dP + (_pushed_on(kind, effect, arrays, coefficients, f, P, a, shape, df, pushed) if acts else pushed)
+        behind = stages[place + 1 :]
+        dP = _pushed_behind(kind, outer[0], arrays, coefficients, *_floated(outer), f, behind, df, dP)
+        result = self.work(_whole_changes(kind, coefficients, F, behind[-1], dF, dP))
+        if not _acts(effect, "loads"):
+            return result
+        loads = _external(outer[0], arrays, arrays.measured, *_floated(outer))
+        dl, loads = _change_of_loads(effect, shapes, data, loads, a, shape), _loaded(effect, data, loads, a, shape)
+        for other, b, s in reversed(list(zip(inner[0], *_floated(inner), strict=True))):
+            if _acts(other, "loads"):
+                dl, loads = _loaded_on(other, data, loads, b, s, dl), _loaded(other, data, loads, b, s)
+        return result - self.spread(dl)
 
 
 def _floats(values: Any) -> tuple[Any, ...]:
@@ -411,7 +406,7 @@ def _pushed(kind, effects, arrays, c, amplitudes, shapes, F, stages, changes):
 
 
 def _pushed_behind(kind, effects, arrays, c, amplitudes, shapes, F, stages, changes, stresses):
-    """The same, from those of the stress of the base."""
+    """The same, from those of the stress before these effects; changes None: F stays."""
     for effect, a, shape, P in zip(effects, amplitudes, shapes, stages[:-1], strict=True):
         if _acts(effect, "stress"):
             stresses = _pushed_on(kind, effect, arrays, c, F, P, a, shape, changes, stresses)
@@ -424,13 +419,6 @@ def _external(effects, arrays, loads, amplitudes, shapes):
         if _acts(effect, "loads"):
             loads = _loaded(effect, arrays.data, loads, a, shape)
     return loads
-
-
-def _response(kind, effects, arrays, c, amplitudes, shapes):
-    """Stresses (t, m, 2, 2) and forces (t, 2, b)."""
-    F = _gradients(arrays.data, _displaced(effects, arrays, arrays.data.u, amplitudes, shapes))
-    P = _whole(kind, c, F, _stages(kind, effects, arrays, c, amplitudes, shapes, F)[-1])
-    return P, _external(effects, arrays, arrays.measured, amplitudes, shapes)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -508,17 +496,25 @@ def _base_pushed(kind, arrays, c, F, changes):
     return jax.lax.map(lambda change: jax.jvp(stress, (F,), (change,))[1], changes)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _direct(kind, effect, arrays, c, F, P, a, shape):
-    """Changes (p, t, m, 2, 2) of stress by amplitude, at fixed displacements."""
+def _by_values(response, a, shape, shapes):
+    """Derivatives (p, ...) of response(a, shape) by amplitudes, and by `shapes` behind them."""
+    if not shapes:
+        return jnp.moveaxis(jax.jacfwd(lambda a: response(a, shape))(a), -1, 0)
+    both = jax.jacfwd(lambda x: response(x[: len(a)], x[len(a) :]))(jnp.concatenate([a, shape]))
+    return jnp.moveaxis(both, -1, 0)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _direct(kind, effect, shapes, arrays, c, F, P, a, shape):
+    """Changes (p, t, m, 2, 2) of stress by the values of an effect, at fixed displacements."""
     law = _law(kind, arrays, c)
-    return jnp.moveaxis(jax.jacfwd(lambda a: effect.stress(arrays.data, F, P, a, shape, law))(a), -1, 0)
+    return _by_values(lambda a, shape: effect.stress(arrays.data, F, P, a, shape, law), a, shape, shapes)
 
 
-@partial(jax.jit, static_argnums=0)
-def _change_of_loads(effect, data, loads, a, shape):
-    """d forces / d amplitudes, (p, t, 2, b)."""
-    return jnp.moveaxis(jax.jacfwd(lambda a: effect.loads(data, loads, a, shape))(a), -1, 0)
+@partial(jax.jit, static_argnums=(0, 1))
+def _change_of_loads(effect, shapes, data, loads, a, shape):
+    """d forces / d values, (p, t, 2, b)."""
+    return _by_values(lambda a, shape: effect.loads(data, loads, a, shape), a, shape, shapes)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -533,10 +529,10 @@ def _moved(effect, data, u, a, shape):
     return effect.displacements(data, u, a, shape)
 
 
-@partial(jax.jit, static_argnums=0)
-def _change_of_displacements(effect, data, u, a, shape):
-    """d u / d amplitudes, (p, t, n, 2)."""
-    return jnp.moveaxis(jax.jacfwd(lambda a: effect.displacements(data, u, a, shape))(a), -1, 0)
+@partial(jax.jit, static_argnums=(0, 1))
+def _change_of_displacements(effect, shapes, data, u, a, shape):
+    """d u / d values, (p, t, n, 2)."""
+    return _by_values(lambda a, shape: effect.displacements(data, u, a, shape), a, shape, shapes)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -554,25 +550,15 @@ def _change_of_gradients(data, changes):
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _pushed_on(kind, effect, arrays, c, F, P, a, shape, changes, stresses):
-    """The same behind an effect, from changes of F and of the stress before it."""
+    """The same behind an effect, from changes of F (None: none, and far less to do) and of the stress before it."""
     law = _law(kind, arrays, c)
 
     def stress(F, P):
         return effect.stress(arrays.data, F, P, a, shape, law)
 
+    if changes is None:
+        return jax.lax.map(lambda change: jax.jvp(partial(stress, F), (P,), (change,))[1], stresses)
     return jax.lax.map(lambda both: jax.jvp(stress, (F, P), both)[1], (changes, stresses))
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _changes(kind, effects, arrays, c, x):
-    """Changes (k, t, m, 2, 2) of stress and (k, t, 2, b) of forces by all amplitudes and shapes x (k,)."""
-    sizes = [n for effect in effects for n in (len(effect.amplitudes), len(effect.shapes))]
-
-    def response(x):
-        parts = jnp.split(x, np.cumsum(sizes)[:-1])
-        return _response(kind, effects, arrays, c, tuple(parts[0::2]), tuple(parts[1::2]))
-
-    return jax.lax.map(lambda tangent: jax.jvp(response, (x,), (tangent,))[1], jnp.eye(len(x)))
 
 
 def base_law(k: int, n: int, top: Any, c: Any, f: Any) -> Any:

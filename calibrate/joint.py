@@ -85,21 +85,26 @@ def n_parameters(addition: Addition) -> int:
 
 
 class _Equations:
-    """Whitened equations with the stress scaled to the loads; candidates in a fixed order, so that code is compiled once."""
+    """Whitened equations with the stress scaled to the loads; effects that are not active, at their null values, take no part."""
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem, self.chains = problem, [part.chain for part in problem.trained]
+    def __init__(self, problem: Problem, active: frozenset[str]) -> None:
+        self.problem, self.active = problem, active
+        self.chains = [part.chain for part in problem.trained]
         self.loads = whitened.loads(problem)
         self.columns = whitened.base_columns(problem, self.chains) @ problem.cone
 
     def residual(self, w: Array, additions: Additions) -> tuple[Array, float, Array]:
         """s g - f (N,), s and g (N,)."""
-        g = whitened.residual(self.problem, self.problem.cone @ w, additions) + self.loads
+        g = whitened.residual(self.problem, self.problem.cone @ w, self.present(additions)) + self.loads
         product = float(g @ self.loads)
         if not product > 0:
             return np.full(len(g), np.inf), np.inf, g
         s = float(self.loads @ self.loads) / product
         return s * g - self.loads, s, g
+
+    def present(self, additions: Additions) -> Additions:
+        """Those that are active."""
+        return tuple(a for a in additions if a.effect.name in self.active)
 
     def scaled(self, w: Array, additions: Additions) -> tuple[Array, Additions, tuple[Array, float, Array]]:
         """Both with stresses scaled to the loads, and the residual there; an effect on the loads makes it another one."""
@@ -120,9 +125,11 @@ class _Equations:
 
     def slopes(self, w: Array, additions: Additions, used: NDArray[np.bool_]) -> Array:
         """d g / d amplitudes and shapes (N, k), zero where not `used`."""
-        c = self.problem.cone @ w
-        S = self.problem.white([chain.jacobian(c, additions) for chain in self.chains]).T
-        return np.where(used, S, 0.0)
+        c, present = self.problem.cone @ w, self.present(additions)
+        S = np.zeros((len(self.loads), len(used)))
+        if present:
+            S[:, used] = self.problem.white([chain.jacobian(c, present) for chain in self.chains]).T
+        return S
 
 
 def candidates(scores: Sequence[effect_score.Score], nested: Sequence[str] = ()) -> Additions:
@@ -142,7 +149,7 @@ def candidates(scores: Sequence[effect_score.Score], nested: Sequence[str] = ())
 
 def fit(problem: Problem, c: Array, additions: Additions, active: frozenset[str], out: str | None = None) -> Joint:
     """Base, amplitudes and shapes of the active effects together. Raises `FitError` where the start is not finite."""
-    equations, cone = _Equations(problem), problem.cone
+    equations, cone = _Equations(problem, active), problem.cone
     n = cone.shape[1]
     additions = tuple(a if a.effect.name in active else _nulled(a) for a in additions)
     w = np.maximum(np.linalg.lstsq(cone, c, rcond=None)[0], 0.0)
