@@ -63,8 +63,8 @@ def main(args: argparse.Namespace) -> int:
 
 
 def shown(learnt: dict[str, Any]) -> list[dict[str, Any]]:
-    """Of the models of a sheet the base, the one with every effect, and what pays."""
-    return [learnt["models"][i] for i in (0, 1, -1)]
+    """Of the models of a sheet the base, the one with every effect, what pays, and the mean of the searches."""
+    return [learnt["models"][i] for i in (0, 1, -2, -1)]
 
 
 class Steps:
@@ -142,13 +142,12 @@ class Steps:
         return transfer(self.sheet(name), models, self.args.until, self.args.spacing)
 
     def locate(self, carried: dict[str, Any]) -> dict[str, Any]:
-        from calibrate.extended import ExtendedModel
         from studies.importing import import_experiment
+        from studies.measured_account import members
         from studies.measured_map import stiffness_map
 
         e = import_experiment(HETERO, frames=str(LOCAL_FRAMES))
-        model = ExtendedModel.from_dict(carried["models"][-1]["model"])
-        return stiffness_map(e, model, self.args.until, FINE, CELL)
+        return stiffness_map(e, members(carried["models"][-1]), self.args.until, FINE, CELL)
 
     def control(self, name: str) -> dict[str, Any]:
         from studies.measured_control import imported, split_half

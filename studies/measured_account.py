@@ -7,6 +7,7 @@ leave, over the same.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -53,13 +54,18 @@ class Split:
         return {"fitted": self.fitted, "scored": self.scored}
 
 
-def account(e: Experiment, model: ExtendedModel, split: Split, spacing: float) -> dict[str, Any]:
-    """Errors of a model on a sheet, the grips' forces, and the section forces over the measured force."""
-    chain = Chain(equilibrium(e, spacing), model.basis)
-    r, system = chain.residual(model.c, model.additions), chain.system
+def members(described: dict[str, Any]) -> tuple[ExtendedModel, ...]:
+    """The model that a result describes, or those whose mean it is."""
+    return tuple(ExtendedModel.from_dict(one) for one in described["members"])
+
+
+def account(e: Experiment, models: Sequence[ExtendedModel], split: Split, spacing: float) -> dict[str, Any]:
+    """Errors of a model, or of the mean of several, on a sheet, the grips' forces, and the section forces over the measured force."""
+    system = equilibrium(e, spacing)
+    r = np.mean([Chain(system, model.basis).residual(model.c, model.additions) for model in models], axis=0)
     grips = grip_rows(system)
     measured = system.loads[:, grips]
-    sections = section_forces(e, model)
+    sections = np.mean([section_forces(e, model) for model in models], axis=0)
     pull = force(e)
     thirds = sections.shape[1] // 3
     lower, upper = sections[:, :thirds].mean(axis=1), sections[:, -thirds:].mean(axis=1)

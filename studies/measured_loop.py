@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibrate import effect_fit, effect_score, joint, whitened
+from calibrate import effect_score, joint
 from calibrate.chain import Addition
 from calibrate.discovery import CLOSE, GLOBAL
 from calibrate.effect_fit import Fit
@@ -25,7 +25,8 @@ from calibrate.experiment import Experiment
 from calibrate.extended import ExtendedModel, amplitude_unit, fingerprint
 from calibrate.joint import Joint
 from calibrate.whitened import Problem
-from studies.measured_account import Split, account, equations
+from studies.measured_account import Split, account, force_and_field, members
+from studies.measured_searches import NESTED, prepared, price, what_pays, with_splines, without_each
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -34,8 +35,9 @@ KNOWN = ("force offset", "lag between force and image")  # the record says: no f
 ROUGH = ("3D effect of thickness", "subset smoothing")  # second derivatives, far below the virtual fields of 12 mm
 RELAXATION = (0.5, 2.0, 8.0, 32.0)  # s, times of the branches tried
 FASTEST = 0.5  # s: a third of the time between increments; what relaxes faster is told by its product g tau alone
-NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
 SPLINES = (2, 3, 5)  # of base models that are tried instead of neo-Hooke
+FORESEEN = 3  # one part of so many of what is fitted, the last, is predicted from the others to choose the base
+EVERY_EFFECT, WHAT_PAYS, MEAN = "every effect", "what pays", "mean of the searches"
 
 
 @dataclass(frozen=True)
@@ -64,21 +66,6 @@ EFFECTS = tuple(effect for effect in EVERY if effect.name not in (*KNOWN, *ROUGH
 BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 
-def prepared(e: Experiment, fitted: Mask, spacing: float, splines: int = 1) -> tuple[Problem, Fit]:
-    """Problem of the increments fitted (t,), whose base has a number of functions of I1, and its base fit."""
-    problem, _ = effect_fit.prepare([e], [lambda system: equations(system, fitted)], spacing, base="positive")
-    problem = with_splines(problem, splines)
-    return problem, effect_fit.refit(problem, whitened.first_guess([problem.parts[0].assembled]), ())
-
-
-def with_splines(problem: Problem, n: int) -> Problem:
-    """The problem with a base energy of n functions of I1."""
-    top = max(whitened.trained_top(part.system, part.train.rows) for part in problem.trained)
-    start = whitened.first_guess([part.assembled for part in problem.trained])
-    prior = whitened.smoothness("positive", n) / (effect_fit.STIFFENING * float(start.max()))
-    return replace(problem, cone=whitened.base_cone(problem.basis, "positive", top, n), prior=prior, parametric=True)
-
-
 def base_name(splines: int) -> str:
     """'neo-Hooke' or how many splines."""
     return "neo-Hooke" if splines == 1 else f"{splines} splines"
@@ -88,22 +75,29 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
     """What is beyond neo-Hooke in the increments up to `until`, with errors after it; everything that the report shows.
 
     All candidates are fitted at once, from several starts; those that do not pay are taken out (`calibrate.joint`); a general
-    effect gives way to a special one, and neo-Hooke to a finer base, where that pays.
+    effect gives way to a special one where that pays, and neo-Hooke to a finer base where that also predicts the last third of what
+    is fitted from the rest. The search is made once more without each increment (`studies.measured_searches`).
     """
     split = Split.of(e, until)
-    say(f"{e.name}: base model")
+    assert e.time is not None
+
+    def tell(text: str) -> None:
+        say(f"{e.name}: {text}")
+
+    tell("base model")
     early = e.select(np.flatnonzero(split.fitted))
     problem, base = prepared(early, np.ones(early.n_increments, bool), spacing)
     scores = effect_score.score(problem, base, EFFECTS)
     start = joint.candidates(scores, tuple(NESTED))
-    say(f"{e.name}: all {len(start)} effects")
+    special = {name: BY_NAME[name] for name in NESTED if name in BY_NAME}
+    tell(f"all {len(start)} effects")
     starts = joint.whole(problem, base.c, start)
-    path = joint.reduced(problem, starts[0], lambda text: say(f"{e.name}: {text}"))
     unit = starts[0].dispersion
-    final, exchanged = specialised(problem, path[-1], unit, lambda text: say(f"{e.name}: {text}"))
+    path, final, exchanged = what_pays(problem, starts[0], special, tell)
     models = _Models(e, early, split, spacing, until, problem)
-    bases = [(1, final), *_finer(problem, final, lambda text: say(f"{e.name}: {text}"))]
-    splines, chosen = min(bases, key=lambda pair: _price(pair[0], pair[1], unit))
+    bases = _bases(problem, final, early, unit, spacing, tell)
+    chosen = min((one for one in bases if one.foreseen(bases[0])), key=lambda one: one.price)
+    searches = list(without_each(early, starts[0], special, spacing, tell))
     result: dict[str, Any] = {
         "name": e.name,
         "spacing": spacing,
@@ -111,44 +105,58 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
         "split": {name: np.flatnonzero(mask).tolist() for name, mask in split.parts().items()},
         "dispersion": unit,
         "equations": starts[0].n_rows,
-        "exchanged": [{"special": special, "general": general} for special, general in exchanged],
+        "exchanged": [{"special": name, "general": NESTED[name]} for name in exchanged],
         "models": [
             models.of_base(base),
-            models.of(starts[0], "every effect"),
+            models.of(starts[0], EVERY_EFFECT),
             *(models.of(one, f"without {one.out}") for one in path[1:]),
+            models.of(chosen.fit, WHAT_PAYS, chosen.splines),
+            models.mean([one for _, one in searches], MEAN),
         ],
         "starts": [{"objective": one.objective / unit, **models.errors(one)} for one in starts],
         "bases": [
-            {"name": base_name(n), "price": _price(n, one, unit) - _price(1, final, unit), **models.errors(one, n)}
-            for n, one in bases
+            {
+                "name": base_name(one.splines),
+                "price": one.price - bases[0].price,
+                "foresight": one.foresight,
+                "chosen": one is chosen,
+                **models.errors(one.fit, one.splines),
+            }
+            for one in bases
+        ],
+        "searches": [
+            {"left_out": float(e.time[split.fitted][i]), "effects": sorted(one.active), **models.errors(one)}
+            for i, one in searches
         ],
     }
-    last = models.of(chosen, "what pays", splines)
-    result["models"].append(last)
-    result["predicts"] = predicts(result["models"][0]["errors"], last["errors"])
-    result["verdict"] = last["model"]["verdict"] = verdict(chosen, result["predicts"])
-    result["without"] = []
-    for name in sorted(chosen.active):
-        say(f"{e.name}: how much depends on {name}")
-        one = joint.fit(with_splines(problem, splines), chosen.c, chosen.additions, chosen.active - {name}, name)
-        worth = joint.worth(chosen, one, unit)
-        result["without"].append(
-            {
-                "effect": name,
-                "rise": (one.loss - chosen.loss) / unit,
-                "price": chosen.price([name]),
-                "doubtful": worth < CLOSE,
-                "imitated": chosen.imitated[name],
-                "decided_by": BY_NAME[name].decided_by,
-                **models.errors(one, splines),
-            }
-        )
-    fits = [*starts, *path, final, *(one for _, one in bases)]
+    result["predicts"] = predicts(result["models"][0]["errors"], result["models"][-1]["errors"])
+    result["verdict"] = verdict(chosen.fit, result["predicts"])
+    for model in result["models"][-2:]:
+        for member in model["members"]:
+            member["verdict"] = result["verdict"]
+    result["without"] = [_without(problem, chosen, name, unit, models, tell) for name in sorted(chosen.fit.active)]
+    fits = [*starts, *path, final, *(one.fit for one in bases), *(one for _, one in searches)]
     result["unfinished_fits"] = sum(not one.converged for one in fits)
     result["closest"] = [line["effect"] for line in sorted(result["without"], key=lambda line: -line["rise"])]
     result["taken_out"] = [one.out for one in path[1:]]
     result["not_testable"] = {s.effect.name: s.why for s in scores if s.status != "tested"}
     return result
+
+
+def _without(problem: Problem, chosen: Base, name: str, unit: float, models: _Models, say: Say) -> dict[str, Any]:
+    """What an effect is worth: everything else fitted again without it."""
+    say(f"how much depends on {name}")
+    whole = chosen.fit
+    one = joint.fit(with_splines(problem, chosen.splines), whole.c, whole.additions, whole.active - {name}, name)
+    return {
+        "effect": name,
+        "rise": (one.loss - whole.loss) / unit,
+        "price": whole.price([name]),
+        "doubtful": joint.worth(whole, one, unit) < CLOSE,
+        "imitated": whole.imitated[name],
+        "decided_by": BY_NAME[name].decided_by,
+        **models.errors(one, chosen.splines),
+    }
 
 
 def verdict(one: Joint, good: bool) -> str:
@@ -171,7 +179,7 @@ def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, 
     """
     split = Split.of(e, until)
     early = e.select(np.flatnonzero(split.fitted))
-    model = ExtendedModel.from_dict(learnt["models"][-1]["model"])
+    (model,) = members(next(m for m in learnt["models"] if m["name"] == WHAT_PAYS))
     problem, _ = prepared(early, np.ones(early.n_increments, bool), spacing)
     models = _Models(e, early, split, spacing, until, problem)
     kept = tuple(a for a in models.of_early(model.additions) if not isinstance(a.effect, Viscosity))
@@ -189,47 +197,36 @@ def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, 
     return found
 
 
-def _price(n: int, one: Joint, unit: float) -> float:
-    """Misfit over dispersion and price of the functions of the base and the parameters of the effects."""
-    return one.loss / unit + (n + sum(map(joint.n_parameters, one.present))) * float(np.log(one.n_rows))
+@dataclass(frozen=True)
+class Base:
+    """What pays beside a base of some functions of I1. price: misfit and parameters; foresight: errors of force and field of the last
+    part of what is fitted, predicted from the rest."""
+
+    splines: int
+    fit: Joint
+    price: float
+    foresight: dict[str, float]
+
+    def foreseen(self, other: Base) -> bool:
+        """Whether neither force nor field is foreseen worse than by another."""
+        return all(self.foresight[kind] <= other.foresight[kind] for kind in other.foresight)
 
 
-def specialised(problem: Problem, now: Joint, unit: float, say: Say) -> tuple[Joint, list[tuple[str, str]]]:
-    """The fit with special effects in the place of general ones that are no better, and each special one with its general."""
-    exchanged: list[tuple[str, str]] = []
-    for special, general in NESTED.items():
-        if general not in now.active:
-            continue
-        say(f"{special} instead of {general}")
-        effect = BY_NAME[special]
-        best = None
-        for shape in _special_shapes(next(a for a in now.additions if a.effect.name == general), effect):
-            values = tuple(p.null + (0.3 * p.typical if shape else 0.0) for p in effect.amplitudes)
-            others = tuple(a for a in now.additions if a.effect.name != general)
-            one = joint.fit(
-                problem, now.c, (Addition(effect, values, shape), *others), now.active - {general} | {special}
-            )
-            best = one if best is None or one.objective < best.objective else best
-        if best is not None and _price(1, best, unit) < _price(1, now, unit):
-            now = best
-            exchanged.append((special, general))
-    return now, exchanged
-
-
-def _special_shapes(general: Addition, special: Effect) -> list[tuple[float, ...]]:
-    """Where a special effect is started: one family of fibres along either of two, and between them."""
-    if not special.shapes:
-        return [()]
-    axis, half = general.shape
-    return [(axis - half,), (axis,), (axis + half,)] if half > 0.05 else [(axis,)]
-
-
-def _finer(problem: Problem, final: Joint, say: Say) -> list[tuple[int, Joint]]:
-    """The same effects beside bases with more functions."""
+def _bases(problem: Problem, final: Joint, early: Experiment, unit: float, spacing: float, say: Say) -> list[Base]:
+    """The same effects beside neo-Hooke and bases with more functions."""
+    n = early.n_increments
+    first = np.arange(n) < n - max(n // FORESEEN, 1)
+    short, _ = prepared(early, first, spacing)
     found = []
-    for n in SPLINES:
-        say(f"base of {n} splines")
-        found.append((n, joint.fit(with_splines(problem, n), final.c, final.additions, final.active)))
+    for splines in (1, *SPLINES):
+        say(f"base of {base_name(splines)}")
+        fit = (
+            joint.fit(with_splines(problem, splines), final.c, final.additions, final.active) if splines > 1 else final
+        )
+        seen = joint.fit(with_splines(short, splines), fit.c, fit.additions, fit.active)
+        r = short.parts[0].chain.residual(seen.c, seen.present)
+        foresight = force_and_field(short.parts[0].system, r, ~first)
+        found.append(Base(splines, fit, price(splines, fit, unit), foresight))
     return found
 
 
@@ -280,20 +277,29 @@ class _Models:
 
     def of(self, one: Joint, name: str, splines: int = 1) -> dict[str, Any]:
         """A model with everything that the report shows of it."""
-        return self._described(self.extended(one), name, splines, one.loss / one.n_rows, one.dispersion)
+        return self._described([self.extended(one)], name, splines, one.loss / one.n_rows, one.dispersion)
+
+    def mean(self, fits: Sequence[Joint], name: str) -> dict[str, Any]:
+        """Several models whose predictions are averaged."""
+        chi_square, reduced = (
+            float(np.mean(v)) for v in zip(*((f.loss / f.n_rows, f.dispersion) for f in fits), strict=True)
+        )
+        return self._described([self.extended(one) for one in fits], name, 1, chi_square, reduced)
 
     def of_base(self, fit: Fit) -> dict[str, Any]:
         """Neo-Hooke alone."""
         model = self._model(fit.c, (), ())
-        return self._described(model, "neo-Hooke", 1, fit.loss / fit.n_rows, fit.loss / (fit.n_rows - 1))
+        return self._described([model], "neo-Hooke", 1, fit.loss / fit.n_rows, fit.loss / (fit.n_rows - 1))
 
     def _described(
-        self, model: ExtendedModel, name: str, splines: int, chi_square: float, reduced: float
+        self, found: Sequence[ExtendedModel], name: str, splines: int, chi_square: float, reduced: float
     ) -> dict[str, Any]:
+        """One model, or several whose predictions are averaged; amplitudes are those of a single one."""
+        alone = found if len(found) == 1 else ()
         return {
             "name": name,
             "base": base_name(splines),
-            "effects": [a.effect.name for a in model.additions],
+            "effects": sorted({a.effect.name for model in found for a in model.additions}),
             "chi_square": chi_square,
             "reduced_chi_square": reduced,
             "amplitudes": [
@@ -304,14 +310,16 @@ class _Models:
                     "value": v,
                     "deviation": d,
                 }
+                for model in alone
                 for a, deviations in zip(model.additions, model.errors, strict=True)
                 for p, v, d in zip(a.effect.amplitudes, a.amplitudes, deviations, strict=True)
             ],
             "shapes": [
                 {"effect": a.effect.name, "name": p.name, "unit": amplitude_unit(p, model.unit), "value": v}
+                for model in alone
                 for a in model.additions
                 for p, v in zip(a.effect.shapes, a.shape, strict=True)
             ],
-            "model": model.to_dict(),
-            **account(self.whole, model, self.split, self.spacing),
+            "members": [model.to_dict() for model in found],
+            **account(self.whole, found, self.split, self.spacing),
         }

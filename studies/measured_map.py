@@ -5,6 +5,7 @@ In: an Experiment and a model. Out: the map of the stiffness factor and errors b
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from calibrate.chain import Chain
-from calibrate.equilibrium import equilibrium
+from calibrate.equilibrium import Equilibrium, equilibrium
 from calibrate.experiment import Experiment
 from calibrate.extended import ExtendedModel
 from calibrate.virtual_fields import bilinear_hats
@@ -25,16 +26,17 @@ SMOOTHING = (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0)  # weights of the difference
 FOLDS = 5  # of the virtual fields, drawn at random; each is left out once to choose the weight
 
 
-def stiffness_map(e: Experiment, model: ExtendedModel, until: float, spacing: float, cell: float) -> dict[str, Any]:
-    """Stiffness of each place over that of the carried model: bilinear on a grid of `cell` mm, smooth, above zero.
+def stiffness_map(
+    e: Experiment, models: Sequence[ExtendedModel], until: float, spacing: float, cell: float
+) -> dict[str, Any]:
+    """Stiffness of each place over that of the carried model, or the mean of several: bilinear on a grid of `cell` mm, smooth, above zero.
 
     The factors k of nodes minimise |sum_q k_q w_q - F|^2 / |F|^2 + weight |gradient k|^2, w_q the virtual work of the model's
     stress times the hat of node q. The weight is the one that predicts best the virtual fields left out.
     """
     split = Split.of(e, until)
     system = equilibrium(e, spacing)
-    chain = Chain(system, model.basis)
-    stress_work, loads, hats = _work_by_place(e, chain, model, cell)
+    stress_work, loads, hats = _work_by_place(e, system, models, cell)
     rows = split.fitted
     scale = np.abs(force(e))[:, None]
     A, b = stress_work / scale[..., None], loads / scale
@@ -83,13 +85,17 @@ def stiffness_map(e: Experiment, model: ExtendedModel, until: float, spacing: fl
     return result
 
 
-def _work_by_place(e: Experiment, chain: Chain, model: ExtendedModel, cell: float) -> tuple[Array, Array, sp.csr_array]:
-    """Work (t, 2 v, q) of the model's stress by hats on a grid, loads (t, 2 v), hats (n, q)."""
+def _work_by_place(
+    e: Experiment, system: Equilibrium, models: Sequence[ExtendedModel], cell: float
+) -> tuple[Array, Array, sp.csr_array]:
+    """Work (t, 2 v, q) of the models' mean stress by hats on a grid, loads (t, 2 v), hats (n, q)."""
     hats = bilinear_hats(e.points, cell)
     share = (_centroid_mean(e) @ hats).toarray()
-    P = chain.stress(model.c, model.additions)
-    work = np.stack([chain.work(P * place[:, None, None]) for place in share.T], axis=-1)
-    return work, np.nan_to_num(chain.external(model.additions)), hats
+    chains = [Chain(system, model.basis) for model in models]
+    P = np.mean([chain.stress(one.c, one.additions) for chain, one in zip(chains, models, strict=True)], axis=0)
+    loads = np.mean([chain.external(one.additions) for chain, one in zip(chains, models, strict=True)], axis=0)
+    work = np.stack([chains[0].work(P * place[:, None, None]) for place in share.T], axis=-1)
+    return work, np.nan_to_num(loads), hats
 
 
 def _smooth_fit(A: Array, b: Array, D: Array) -> Array:

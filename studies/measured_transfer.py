@@ -17,7 +17,7 @@ from calibrate.chain import Chain
 from calibrate.equilibrium import equilibrium
 from calibrate.experiment import Experiment
 from calibrate.extended import ExtendedModel
-from studies.measured_account import Split, account, grip_rows
+from studies.measured_account import Split, account, grip_rows, members
 
 Array = NDArray[np.float64]
 REFITTED = ", relaxation refitted"
@@ -49,22 +49,26 @@ def carried(
 
 
 def transfer(e: Experiment, models: Sequence[dict[str, Any]], until: float, spacing: float) -> dict[str, Any]:
-    """Every model learnt on another sheet, on this one, with one factor refitted; the last also with its relaxation."""
+    """Every model learnt on another sheet, on this one, with one factor refitted; the last also with its relaxation.
+
+    Of a mean of several models each is refitted; the factor shown is their median.
+    """
     split = Split.of(e, until)
     result: dict[str, Any] = {"name": e.name, "time": e.time, "models": []}
     learnt = [one for one in models if not one["name"].endswith(REFITTED)]
     cases = [(one, False) for one in learnt]
-    if ExtendedModel.from_dict(learnt[-1]["model"]).relaxes:
+    if all(model.relaxes for model in members(learnt[-1])):
         cases.append((learnt[-1], True))
     for one, strength in cases:
-        model, factors = carried(e, ExtendedModel.from_dict(one["model"]), split, spacing, strength)
+        found = [carried(e, model, split, spacing, strength) for model in members(one)]
+        factors = {key: float(np.median([factors[key] for _, factors in found])) for key in found[0][1]}
         result["models"].append(
             {
                 "name": one["name"] + (REFITTED if strength else ""),
                 "factor": factors["stiffness"],
                 "factors": factors,
-                "model": model.to_dict(),
-                **account(e, model, split, spacing),
+                "members": [model.to_dict() for model, _ in found],
+                **account(e, [model for model, _ in found], split, spacing),
             }
         )
     return result

@@ -6,6 +6,8 @@ from typing import Any
 
 from calibrate.discovery import ALPHA
 from studies.measured import SHEETS
+from studies.measured_account import members
+from studies.measured_searches import NESTED
 
 Table = tuple[list[str], list[list[Any]]]
 PARTS = ("fitted", "scored")
@@ -55,51 +57,78 @@ def record_table(results: dict[str, Any]) -> Table:
 
 
 def amplitude_table(models: list[dict[str, Any]]) -> Table:
-    """Amplitudes of the last model."""
-    columns = ["effect", "amplitude", "value", "standard deviation", "unit", "told from zero"]
-    return columns, [
-        [
-            a["effect"],
-            a["name"],
-            a["value"],
-            a["deviation"],
-            a["unit"],
-            "yes" if abs(a["value"]) > 2 * a["deviation"] else "no",
+    """Amplitudes of what pays, and their range over the searches."""
+    columns = ["effect", "amplitude", "value", "standard deviation", "unit", "told from zero", "over the searches"]
+    pays, searched = models[-2], [one.additions for one in members(models[-1])]
+    rows = []
+    for a in pays["amplitudes"]:
+        values = [
+            value
+            for additions in searched
+            for one in additions
+            if one.effect.name == a["effect"]
+            for p, value in zip(one.effect.amplitudes, one.amplitudes, strict=True)
+            if p.name == a["name"]
         ]
-        for a in models[-1]["amplitudes"]
+        told = "yes" if abs(a["value"]) > 2 * a["deviation"] else "no"
+        over = f"{min(values):.3g} to {max(values):.3g}" if values else "in none"
+        rows.append([a["effect"], a["name"], a["value"], a["deviation"], a["unit"], told, over])
+    return columns, rows
+
+
+def search_table(learnt: dict[str, Any]) -> Table:
+    """What pays without each increment, and how that predicts."""
+    columns = ["without the increment at (s)", "effects", "force, fitted", "force, scored", "field, scored"]
+    keys = ("force_fitted", "force_scored", "field_scored")
+    return columns, [
+        [round(one["left_out"], 2), ", ".join(one["effects"]), *(percent(one[k]) for k in keys)]
+        for one in learnt["searches"]
     ]
+
+
+def kept(learnt: dict[str, Any], effect: str) -> str:
+    """In how many searches an effect, or one more general or special than it, is kept."""
+    alike = {effect, NESTED.get(effect, effect), *(s for s, general in NESTED.items() if general == effect)}
+    found = sum(bool(alike & set(one["effects"])) for one in learnt["searches"])
+    return f"{found} of {len(learnt['searches'])}"
 
 
 def effect_table(learnt: dict[str, Any]) -> Table:
     """What each effect is worth: errors of the model that is fitted without it."""
-    columns = ["effect", "outcome", "rise of the misfit without it", "price of its parameters", "imitated by the others",
-               "force, scored, without it", "field, scored, without it", "decided by"]  # fmt: skip
+    columns = ["effect", "outcome", "kept in searches", "rise of the misfit without it", "price of its parameters",
+               "imitated by the others", "force, scored, without it", "field, scored, without it", "decided by"]  # fmt: skip
     rows: list[list[Any]] = []
     for line in sorted(learnt["without"], key=lambda line: -line["rise"]):
         outcome = "in the model" + (", doubtful" if line["doubtful"] else "")
-        rows.append([line["effect"], outcome, line["rise"], line["price"], f"{100 * line['imitated']:.1f} %",
-                     percent(line["force_scored"]), percent(line["field_scored"]), line["decided_by"]])  # fmt: skip
-    rows += [[pair["general"], f"{pair['special']} does as well", *[None] * 6] for pair in learnt["exchanged"]]
-    rows += [[name, "taken out: does not pay", *[None] * 6] for name in learnt["taken_out"]]
-    rows += [[name, why, *[None] * 6] for name, why in learnt["not_testable"].items()]
+        rows.append([line["effect"], outcome, kept(learnt, line["effect"]), line["rise"], line["price"],
+                     f"{100 * line['imitated']:.1f} %", percent(line["force_scored"]), percent(line["field_scored"]), line["decided_by"]])  # fmt: skip
+    gone = [(pair["general"], f"{pair['special']} does as well") for pair in learnt["exchanged"]]
+    gone += [(name, "taken out: does not pay") for name in learnt["taken_out"]]
+    rows += [[name, why, kept(learnt, name), *[None] * 6] for name, why in gone]
+    rows += [[name, why, *[None] * 7] for name, why in learnt["not_testable"].items()]
     return columns, rows
 
 
 def variant_table(learnt: dict[str, Any]) -> Table:
     """The whole from other starts, and what pays beside other bases."""
-    columns = ["variant", "misfit or price over the first", "force, fitted", "force, scored", "field, scored"]
+    columns = ["variant", "misfit or price over the first", "force, fitted", "force, foreseen", "field, foreseen",
+               "force, scored", "field, scored"]  # fmt: skip
     first = learnt["starts"][0]["objective"]
-    lines = [(f"every effect, start {i}", s["objective"] - first, s) for i, s in enumerate(learnt["starts"], start=1)]
-    lines += [(f"what pays, {b['name']}", b["price"], b) for b in learnt["bases"]]
-    return columns, [
-        [name, value, percent(e["force_fitted"]), percent(e["force_scored"]), percent(e["field_scored"])]
-        for name, value, e in lines
-    ]
+    rows: list[list[Any]] = []
+    for i, s in enumerate(learnt["starts"], start=1):
+        rows.append([f"every effect, start {i}", s["objective"] - first, percent(s["force_fitted"]), None, None,
+                     percent(s["force_scored"]), percent(s["field_scored"])])  # fmt: skip
+    for b in learnt["bases"]:
+        name = f"what pays, {b['name']}" + (" (chosen)" if b["chosen"] else "")
+        seen = (percent(b["foresight"][kind]) for kind in ("force", "field"))
+        rows.append([name, b["price"], percent(b["force_fitted"]), *seen, percent(b["force_scored"]),
+                     percent(b["field_scored"])])  # fmt: skip
+    return columns, rows
 
 
 def spread(learnt: dict[str, Any]) -> dict[str, tuple[float, float]]:
-    """Smallest and largest error after the limit over every model with effects that was fitted."""
-    lines = [*learnt["starts"], *learnt["without"], *learnt["bases"]]
+    """Smallest and largest error after the limit over the searches: models that the data fitted do not choose between."""
+    lines = learnt["searches"]
     kinds = {kind: [line[f"{kind}_scored"] for line in lines] for kind in ("force", "field")}
     return {kind: (min(values), max(values)) for kind, values in kinds.items()}
 
@@ -163,7 +192,7 @@ def loop_table(results: dict[str, Any]) -> Table:
 
 def verdict(learnt: dict[str, Any]) -> str:
     """One line on a sheet."""
-    base, final = learnt["models"][0]["errors"]["scored"], learnt["models"][-1]["errors"]["scored"]
+    base, pays, final = (learnt["models"][i]["errors"]["scored"] for i in (0, -2, -1))
     effects = ", ".join(learnt["closest"])
     (low, high), (lowest, highest) = spread(learnt).values()
     text = f"{learnt['name']}: {learnt['verdict']}"
@@ -175,8 +204,9 @@ def verdict(learnt: dict[str, Any]) -> str:
         text += f"; fits stopped before they had converged: {learnt['unfinished_fits']}"
     return (
         f"{text}; on increments never used, force error {percent(base['force'])} -> {percent(final['force'])}, "
-        f"field error {percent(base['field'])} -> {percent(final['field'])} (over all models with effects force "
-        f"{percent(low)} to {percent(high)}, field {percent(lowest)} to {percent(highest)})"
+        f"field error {percent(base['field'])} -> {percent(final['field'])} (mean of {len(learnt['searches'])} searches, each "
+        f"without one increment, that predict force to {percent(low)} to {percent(high)}, field to {percent(lowest)} to "
+        f"{percent(highest)}; the one search with all of them {percent(pays['force'])} and {percent(pays['field'])})"
     )
 
 

@@ -20,7 +20,15 @@ from calibrate.effects.warp import ORDER, InitialWarp, polynomials
 from calibrate.equilibrium import equilibrium, neo_hooke
 from calibrate.experiment import Experiment, LoadedBoundary
 from calibrate.extended import ExtendedModel
-from studies import measured, measured_account, measured_loop, measured_map, measured_transfer, measured_words
+from studies import (
+    measured,
+    measured_account,
+    measured_loop,
+    measured_map,
+    measured_searches,
+    measured_transfer,
+    measured_words,
+)
 from studies.measured_account import Split
 from studies.measured_control import groups, interpolation
 from studies.missing_frames import missing_frames
@@ -133,7 +141,7 @@ def test_section_forces_of_a_uniform_sheet(uniaxial):
 
 def test_a_material_is_carried_with_one_factor(uniaxial):
     result = measured_transfer.transfer(
-        uniaxial, [{"name": "base", "model": MATERIAL.scaled(0.5).to_dict()}], 10.0, 12.0
+        uniaxial, [{"name": "base", "members": [MATERIAL.scaled(0.5).to_dict()]}], 10.0, 12.0
     )
     model = result["models"][0]
     assert model["factor"] == pytest.approx(2.0, rel=5e-3)
@@ -183,7 +191,7 @@ def test_scaling_a_material_scales_its_stress(uniaxial):
 
 
 def test_the_stiffer_half_is_located(layered):
-    found = measured_map.stiffness_map(layered, MATERIAL, 10.0, 8.0, 8.0)
+    found = measured_map.stiffness_map(layered, [MATERIAL], 10.0, 8.0, 8.0)
     y = layered.points[:, 1]
     values = np.array(found["map"])
     inner = np.abs(layered.points[:, 0] - SIZE / 2) < SIZE / 4
@@ -268,9 +276,10 @@ def test_a_sheet_that_relaxes_is_learnt(uniaxial, monkeypatch):
     assert without["force_scored"] > 5 * after
     assert {row[0] for row in measured_words.effect_table(result)[1]} == set(names)
     assert len(measured_words.variant_table(result)[1]) == 3 + 1 + len(measured_loop.SPLINES)
-    low, high = measured_words.spread(result)["force"]
-    assert low <= after <= high
-    assert ExtendedModel.from_dict(result["models"][-1]["model"]).relaxes
+    assert len(result["searches"]) == (TIME <= 13.0).sum()
+    assert measured_words.kept(result, "viscoelasticity") == f"{len(result['searches'])} of {len(result['searches'])}"
+    assert after <= measured_words.spread(result)["force"][1]
+    assert all(model.relaxes for entry in result["models"][-2:] for model in measured_account.members(entry))
 
 
 def test_motion_out_of_plane_is_a_share_of_the_whole_loading(uniaxial):
@@ -291,9 +300,26 @@ def test_motion_out_of_plane_is_a_share_of_the_whole_loading(uniaxial):
 def test_one_family_of_fibres_is_started_where_two_were():
     general = Addition(measured_loop.BY_NAME["two fibre families"], (0.1,), (0.4, 0.3))
     special = measured_loop.BY_NAME["one fibre family"]
-    assert np.ravel(measured_loop._special_shapes(general, special)) == pytest.approx([0.1, 0.4, 0.7])
-    assert measured_loop._special_shapes(replace(general, shape=(0.4, 0.0)), special) == [(0.4,)]
-    assert measured_loop._special_shapes(general, measured_loop.BY_NAME["stiffness gradient"]) == [()]
+    assert np.ravel(measured_searches.special_shapes(general, special)) == pytest.approx([0.1, 0.4, 0.7])
+    assert measured_searches.special_shapes(replace(general, shape=(0.4, 0.0)), special) == [(0.4,)]
+    assert measured_searches.special_shapes(general, measured_loop.BY_NAME["stiffness gradient"]) == [()]
+
+
+def test_the_mean_of_models_predicts_the_mean_of_their_forces(uniaxial):
+    """Too soft and too stiff by as much: the mean is right, each alone is not."""
+    split = Split.of(uniaxial, 13.0)
+    soft, stiff = MATERIAL.scaled(0.8), MATERIAL.scaled(1.2)
+    alone, both = (measured_account.account(uniaxial, models, split, 12.0) for models in ([soft], [soft, stiff]))
+    assert alone["errors"]["scored"]["force"] == pytest.approx(0.2, rel=0.02)
+    assert both["errors"]["scored"]["force"] < 5e-3
+    assert np.mean(both["sections"]) == pytest.approx(1.0, abs=2e-3)
+
+
+def test_a_finer_base_must_foresee_as_well():
+    known = measured_loop.Base(1, None, 10.0, {"force": 0.02, "field": 0.01})
+    assert known.foreseen(known)
+    assert not measured_loop.Base(5, None, 0.0, {"force": 0.05, "field": 0.005}).foreseen(known)
+    assert measured_loop.Base(2, None, 0.0, {"force": 0.01, "field": 0.01}).foreseen(known)
 
 
 def test_what_fits_but_predicts_worse_is_no_explanation():
