@@ -7,7 +7,7 @@ A discretisation error is no noise: it grows with the load and keeps its pattern
 Its standard deviation is taken to be the correction itself, which is of lower order and so on the safe side, three times:
 independent between edges, common to neighbours within a spacing of the virtual fields, and common to all. The covariance
 is sources . sources^T. On clean data the residual of the true material is well below it, so that the score of an effect
-that is not there stays below about 4 however small the noise (docs/discover.md).
+that is not there stays low however small the noise.
 """
 
 from __future__ import annotations

@@ -61,9 +61,5 @@ class ModelFileError(EquigapError, ValueError):
     """A model file is not what it claims to be."""
 
 
-class OutOfRangeError(EquigapError, ValueError):
-    """A stretch or an option outside the range in which the answer is defined."""
-
-
 class DecimalCommaError(FileFormatError):
     """A number is written with a decimal comma."""

@@ -186,9 +186,9 @@ class Experiment:
                 f"{path}: an .npz, but not an Experiment (its 'format' is {content.get('format')}); "
                 "raw measurements are read with `equigap import`"
             )
-        if int(content["version"]) not in (VERSION, WITH_PLANE):
+        if str(content.get("version")) not in (str(VERSION), str(WITH_PLANE)):
             raise errors.FileFormatError(
-                f"{path}: Experiment version {content['version']}, this program reads {VERSION} and {WITH_PLANE}; "
+                f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} and {WITH_PLANE}; "
                 "update equigap"
             )
         try:
@@ -213,6 +213,8 @@ class Experiment:
             raise errors.FileFormatError(f"{path}: array {error} is missing; write the file again") from error
         except errors.EquigapError as error:
             raise type(error)(f"{path}: {error}") from error
+        except (ValueError, TypeError) as error:
+            raise errors.FileFormatError(f"{path}: an array is garbled ({error}); write the file again") from error
 
 
 def signed_areas(points: Array, triangles: NDArray[np.int64]) -> Array:

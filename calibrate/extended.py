@@ -188,7 +188,9 @@ class ExtendedModel:
         try:
             content = json.loads(path.read_text())
         except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise errors.ModelFileError(f"{path}: not a JSON model file ({error})") from error
+            raise errors.ModelFileError(
+                f"{path}: not a JSON model file ({error}); give the model.json of `equigap calibrate` or `equigap discover`"
+            ) from error
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise errors.ModelFileError(f"{path}: 'format' is not '{FORMAT}'; `equigap discover` writes such files")
         if content.get("version") != VERSION:

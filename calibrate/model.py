@@ -150,7 +150,9 @@ class Model:
         try:
             content = json.loads(path.read_text())
         except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise errors.ModelFileError(f"{path}: not a JSON model file ({error})") from error
+            raise errors.ModelFileError(
+                f"{path}: not a JSON model file ({error}); give the model.json of `equigap calibrate` or `equigap discover`"
+            ) from error
         if isinstance(content, dict) and content.get("format") == "equigap-extended-model":
             raise errors.ModelFileError(
                 f"{path}: an extended model of `equigap discover`, whose effects no network holds; predict a test with "

@@ -8,7 +8,7 @@ In: an Experiment. Out: loss of a PANN on the full data (for SLSQP), or of splin
 
 The paper leaves open whether C_F follows the parameters. Both readings are here and neither is hidden:
 ``scaling="frozen"`` takes C_F once, at the neo-Hookean start; ``scaling="dependent"`` recomputes it with theta.
-With correlated displacement noise the loss is ill-posed either way (see docs/method.md): noise makes nodal forces
+With correlated displacement noise the loss is ill-posed either way (docs/resolution.md has its errors): noise makes nodal forces
 that grow with stiffness and mesh refinement, so that a softer material always has the lower loss, or, with the
 dependent scaling, a larger C_F.
 """

@@ -15,8 +15,6 @@ and systematic, so that they outgrow the noise of a good measurement. Here
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -49,19 +47,8 @@ def centroid_gradients(points: Array, triangles: Indices) -> sp.csr_array:
 
 
 def nodal_gradients(points: Array, triangles: Indices) -> list[sp.csr_array]:
-    """Operators (n, n) to the x and y derivative at the nodes; no derivative at a node without a triangle."""
-    return _over_two_rings(points, triangles, _fit, 2)
-
-
-def nodal_second_derivatives(points: Array, triangles: Indices) -> list[sp.csr_array]:
-    """Operators (n, n) to d2/dx2, d2/dy2 and d2/dxdy at the nodes, from the same quadratics; zero where there is none."""
-    return _over_two_rings(points, triangles, _fit_second, 3)
-
-
-def _over_two_rings(
-    points: Array, triangles: Indices, fit: Callable[[Array], Array], count_of: int
-) -> list[sp.csr_array]:
-    """Operators (n, n) whose weights (count_of, k, q) `fit` finds for points at offsets (k, q, 2) from a node."""
+    """Operators (n, n) to the x and y derivative at the nodes, from two rings of neighbours; no derivative at a node without
+    a triangle."""
     n = len(points)
     corners = sp.csr_array(
         (np.ones(triangles.size), (np.repeat(np.arange(len(triangles)), 3), triangles.ravel())),
@@ -71,11 +58,11 @@ def _over_two_rings(
     rings = sp.csr_array(ring @ ring)
     rings.sort_indices()
     counts = np.diff(rings.indptr)
-    values = np.zeros((count_of, rings.nnz))
+    values = np.zeros((2, rings.nnz))
     for count in np.unique(counts[counts > 0]):
         nodes = np.flatnonzero(counts == count)
         at = rings.indptr[nodes][:, None] + np.arange(count)
-        values[:, at] = fit(points[rings.indices[at]] - points[nodes][:, None])
+        values[:, at] = _fit(points[rings.indices[at]] - points[nodes][:, None])
     return [sp.csr_array((v, rings.indices.copy(), rings.indptr.copy()), shape=(n, n)) for v in values]
 
 
@@ -89,20 +76,6 @@ def _fit(offset: Array) -> Array:
         good = noise[1] < GROWTH * noise[0]
         best[good] = quadratic[good]
     return np.moveaxis(best * (weight / reach)[:, None, :], 1, 0)
-
-
-def _fit_second(offset: Array) -> Array:
-    """Weights (3, k, q) of the second derivatives xx, yy, xy; zero where a quadratic is not well determined."""
-    monomials, weight, reach = _monomials(offset)
-    if offset.shape[1] < 6:
-        return np.zeros((3, *offset.shape[:2]))
-    noise = [np.linalg.norm(_least_squares(monomials[:, :, :k]), axis=(1, 2)) for k in (3, 6)]
-    good = noise[1] < GROWTH * noise[0]
-    rows = np.zeros((len(offset), 3, offset.shape[1]))
-    Q, R = np.linalg.qr(monomials[good])
-    rows[good] = np.linalg.inv(R)[:, 3:] @ Q.swapaxes(1, 2)
-    bulk, stretch, shear = np.moveaxis(rows * (weight / reach**2)[:, None, :], 1, 0)
-    return 2 * np.stack([bulk + stretch, bulk - stretch, shear])
 
 
 def _monomials(offset: Array) -> tuple[Array, Array, Array]:

@@ -74,7 +74,9 @@ class Pann(Material):
             shapes = [part.shape for part in hidden]
             values = np.concatenate([np.ravel(np.asarray(part, float)) for part in parts])
         except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise MaterialError(f"pann: the model file lacks or garbles {error}") from error
+            raise MaterialError(
+                f"pann: the model file lacks an entry, or one is garbled ({error}); write it again"
+            ) from error
         widths = (len(used), *layers)
         if shapes != [shape for a, b in pairwise(widths) for shape in ((b, a), (b,))]:
             raise MaterialError(f"pann: weights and biases do not fit layers {layers}")

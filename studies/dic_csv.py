@@ -101,7 +101,10 @@ def read_frames(folder: str | Path) -> Frames:
 
 
 def read_frame(path: str | Path) -> Array:
-    """One frame (n, 4): x, y, displacement in x and y, pixels, image coordinates; NaN where a point failed."""
+    """One frame (n, 4): x, y, displacement in x and y, pixels, image coordinates; NaN where a point failed.
+
+    Raises `FileFormatError`.
+    """
     table = read_table(path, FRAME_COLUMNS, Layout(delimiter=";", missing_allowed=True))
     frame = np.stack([table[name] for name in FRAME_COLUMNS], axis=1)
     if not np.isfinite(frame[:, :2]).all():
@@ -122,16 +125,22 @@ def read_record(path: str | Path) -> ForceRecord:
 
 
 def read_packed(path: str | Path) -> tuple[Frames, ForceRecord | None]:
-    """Frames and machine record of one packed ``.npz``."""
+    """Frames and machine record of one packed ``.npz``. Raises `DataNotFoundError`, `FileFormatError`, `MeshMismatchError`."""
+    if not Path(path).is_file():
+        raise errors.DataNotFoundError(f"{path}: no such file; give the path of a packed sheet")
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            names = data.files
             content = {key: data[key].astype(np.float64) for key in data.files if data[key].dtype.kind in "fiu"}
         points = np.stack([content["x_px"], content["y_px"]], axis=1)
         displacements = np.stack([content["ux_px"], content["uy_px"]], axis=-1)
     except KeyError as error:
+        if "loaded_names" in names:
+            raise errors.FileFormatError(f"{path}: an Experiment already; give it to `equigap calibrate`") from None
         raise errors.FileFormatError(f"{path}: array {error} is missing; is this a packed DIC sheet?") from None
-    except (OSError, ValueError) as error:
-        raise errors.FileFormatError(f"{path}: not a readable .npz ({error})") from error
+    except Exception as error:  # of zip, of NumPy, of the system
+        reason = "" if "pickle" in str(error) else f" ({error})"
+        raise errors.FileFormatError(f"{path}: not a readable .npz{reason}; pack it again") from error
     if displacements.shape[1] != len(points):
         raise errors.MeshMismatchError(
             f"{path}: {displacements.shape[1]} displacements for {len(points)} points; pack the same grid for both"

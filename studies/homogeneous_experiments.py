@@ -129,11 +129,6 @@ def classical(collection: str, mode: str) -> Experiment:
     return curve(f"{collection} {mode}", mode, x, y, source=homogeneous.SOURCES[collection])
 
 
-def kawabata(mode: str) -> Experiment:
-    """Kawabata et al. 1981, one of the three modes."""
-    return classical("kawabata", mode)
-
-
 def kawabata_biaxial(split: str = "all") -> Experiment:
     """Kawabata et al. 1981, points of general biaxial tension with both forces, in order of I1 (no history).
 

@@ -23,6 +23,8 @@ from studies.series import Series, to_experiment
 from studies.synchronise import Selection
 from studies.viewer import write_viewer_file
 
+SHEETS_ONLY = "not for column maps, which say this in the TOML"
+OF_ANY_SOURCE = {"source", "output", "overwrite", "command"}
 DESCRIPTION = "Read measured full-field data into an Experiment (docs/import.md)."
 
 
@@ -34,11 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", type=Path, help="output folder (default: results/import-NAME)")
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier import in that folder")
-    parser.add_argument("--name", help="name of the experiment (default: from the source)")
+    parser.add_argument("--name", help="name of the experiment (default: from the source; not for column maps)")
     parser.add_argument("--record", type=Path, help="machine record (CSV: Time, Displacement, Force) of a folder")
-    _add_frames(parser.add_argument_group("which frames"))
-    _add_sheet(parser.add_argument_group("sheets in pixels (not for column maps, which say this in the TOML)"))
-    _add_noise(parser.add_argument_group("noise (default: estimated from all frames)"))
+    _add_frames(parser.add_argument_group(f"which frames ({SHEETS_ONLY})"))
+    _add_sheet(parser.add_argument_group(f"sheets in pixels ({SHEETS_ONLY})"))
+    _add_noise(parser.add_argument_group(f"noise, default: estimated from all frames ({SHEETS_ONLY})"))
 
 
 def _add_frames(group: argparse._ArgumentGroup) -> None:
@@ -133,6 +135,8 @@ def _read(args: argparse.Namespace) -> Read:
     source = Path(args.source)
     if source.suffix == ".toml":
         return _read_map(args, source)
+    if source.is_file() and source.suffix != ".npz":
+        raise errors.FileFormatError(f"{source}: give a packed .npz, a folder of frames, or a column map .toml")
     if str(args.source) in data.SHEETS and not source.exists():
         reader: Callable[..., Any] = _read_packed
         source = data.sheet(str(args.source))
@@ -176,6 +180,13 @@ def _read_folder(source: Path, record_file: Path | None) -> tuple[Any, Any, list
 
 
 def _read_map(args: argparse.Namespace, source: Path) -> Read:
+    usual = argparse.ArgumentParser()
+    add_arguments(usual)
+    for key, value in vars(usual.parse_args([str(source)])).items():
+        if key not in OF_ANY_SOURCE and getattr(args, key, value) != value:
+            raise errors.ConfigError(
+                f"--{key.replace('_', '-')} is not for a column map; say it in {source.name} (docs/import.md)"
+            )
     columns = column_map.read_map(source)
     series = column_import.column_series(columns, source.parent)
     series.provenance.update(source=source.name, map=asdict(columns))

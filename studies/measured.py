@@ -23,7 +23,7 @@ DESCRIPTION = """\
 What measured sheets and measured homogeneous tests do beyond a hyperelastic model of I1. Learns on Soft_Homo, carries
 that to Stiff2_Homo with one factor refitted, learns on Stiff2_Homo alone for comparison, locates what differs in
 Stiff2_Hetero; runs the loops of Treloar, Kawabata and HNBR50; and looks for effects where there can be none. Takes about
-an hour on one core; a stopped run goes on where it was."""
+three quarters of an hour on one core; a stopped run goes on where it was."""
 FIRST, SECOND, HETERO = SHEETS = ("Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero")
 FINE, CELL = 5.0, 3.5  # mm: virtual fields and grid of the map of stiffness
 LOCAL_FRAMES, COMPARED = 12, 14

@@ -112,7 +112,7 @@ def main(args: argparse.Namespace) -> int:
     manifest.beside(picture, table, unit=model.unit, calibrated_stretch={c.mode: c.limit for c in curves})
     for line in [*map(range_remark, curves), *band_remarks(model)]:
         print(f"- {line}")
-    print(f"curves: {table}\nreport: {_report(folder, args, model, curves, manifest)}")
+    print(f"curves: {table}\nreport: {_report(folder, model, curves, manifest)}")
     return 0
 
 
@@ -230,7 +230,7 @@ def _table(curves: list[Curve], unit: str) -> tuple[list[str], list[list[Any]]]:
     return columns, rows
 
 
-def _report(folder: Path, args: argparse.Namespace, model: Model, curves: list[Curve], manifest: Any) -> Path:
+def _report(folder: Path, model: Model, curves: list[Curve], manifest: Any) -> Path:
     from studies.report import Report
 
     layers = ", ".join(map(str, model.architecture.layers))

@@ -29,7 +29,6 @@ PLACES = ("inside", "outside")
 COLUMNS = ("loss", "nodes kept (%)", "nodes", "noise", "mode", "range", "fits", "bias median (%)", "bias min (%)",
            "bias max (%)", "r2 median", "r2 min", "largest error median (%)")  # fmt: skip
 TARGETS = {"clean": (0.3, 0.999), "noisy": (1.0, 0.99)}
-LINES = {"color": style.COLOURS["blue"]}
 
 
 def write(folder: Path, settings: Settings) -> Path:

@@ -103,9 +103,9 @@ def _find(path: Path, names: list[str], name: str) -> int:
     close = difflib.get_close_matches(name, names, 1)
     hint = f"; did you mean '{close[0]}'?" if close else ""
     if len(names) == 1 and name not in names:
-        hint += " Only one column was found: is the delimiter right?"
+        hint += "; only one column was found: is the delimiter right?"
     raise errors.FileFormatError(
-        f"{path}: {names.count(name)} columns named '{name}'{hint} (columns: {', '.join(names[:12])})"
+        f"{path}: {names.count(name) or 'no'} column{'s' if names.count(name) > 1 else ''} named '{name}'{hint} (columns: {', '.join(names[:12])})"
     )
 
 

@@ -132,7 +132,7 @@ def run_record(folder: Path) -> dict[str, Any]:
         content = json.loads((folder / "figures.json").read_text())
     except (OSError, ValueError) as error:
         raise StudyError(f"{folder}: holds no finished run of `equigap figures` ({error}); run it first") from None
-    if content.get("format") != "equigap-figures":
+    if not isinstance(content, dict) or content.get("format") != "equigap-figures":
         raise StudyError(f"{folder / 'figures.json'}: was not written by `equigap figures`")
     return content
 

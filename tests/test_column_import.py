@@ -113,7 +113,7 @@ def test_column_map_and_files_that_do_not_match(tmp_path):
     path = mapped(tmp_path)
     with pytest.raises(errors.DataNotFoundError, match="0 files"):
         from_map(write(path, MAP.replace("f*.csv", "g*.csv")))
-    with pytest.raises(errors.FileFormatError, match="columns named 'XX'"):
+    with pytest.raises(errors.FileFormatError, match="no column named 'XX'"):
         from_map(write(path, MAP.replace('"X"', '"XX"')))
     mapped(tmp_path, coordinates="current")
     write(path, MAP)

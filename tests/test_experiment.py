@@ -119,6 +119,17 @@ def test_other_versions_and_missing_arrays_are_refused(tmp_path):
     np.savez(path, **{**content, "version": 3})
     with pytest.raises(errors.FileFormatError, match="version 3, this program reads 1 and 2"):
         Experiment.load(path)
+    for garbled, message in (
+        ({"version": "new"}, "version new"),
+        ({"provenance": "{"}, "an array is garbled"),
+        ({"noise": ["a", "b"]}, "an array is garbled"),
+    ):
+        np.savez(path, **{**content, **garbled})
+        with pytest.raises(errors.FileFormatError, match=message):
+            Experiment.load(path)
+    np.savez(path, **{key: value for key, value in content.items() if key != "version"})
+    with pytest.raises(errors.FileFormatError, match="version None"):
+        Experiment.load(path)
     del content["displacements"]
     np.savez(path, **content)
     with pytest.raises(errors.FileFormatError, match="displacements"):

@@ -80,8 +80,8 @@ def test_network_energy():
 
 def test_network_of_the_calibration_package(tmp_path):
     """The model file that `calibrate` writes means the same here."""
-    model = pytest.importorskip("calibrate.model")
-    pann = pytest.importorskip("calibrate.pann")
+    from calibrate import model, pann
+
     for inputs, layers in (("I1", (1,)), ("I2", (8,)), ("I1I2", (4, 4))):
         architecture = pann.Architecture(inputs, layers, (0.2, 0.05), 0.3)
         parameters = np.random.default_rng(1).uniform(0, 0.5, architecture.n_parameters)

@@ -70,7 +70,24 @@ def test_command_reads_a_folder_and_a_column_map(tmp_path, folder):
     assert Experiment.load(tmp_path / "b" / "experiment.npz").name == "mapped"
 
 
+@pytest.mark.parametrize(
+    "words", [("--displacement-std", 0.01), ("--frames", 5), ("--thickness", 2), ("--record", "r.csv"), ("--name", "x")]
+)
+def test_what_a_column_map_says_itself_is_refused_as_an_option(tmp_path, words):
+    with pytest.raises(errors.ConfigError, match=f"{words[0]} is not for a column map"):
+        run(mapped(tmp_path / "m"), "-o", tmp_path / "b", *words)
+    assert not (tmp_path / "b").exists()
+
+
 def test_command_refuses_what_it_cannot_read(tmp_path):
+    (tmp_path / "film.avi").write_text("no table")
+    with pytest.raises(errors.FileFormatError, match="a folder of frames, or a column map"):
+        run(tmp_path / "film.avi", "-o", tmp_path / "a")
+    with pytest.raises(errors.DataNotFoundError, match="no such file"):
+        run(tmp_path / "absent.npz", "-o", tmp_path / "a")
+    run(packed(tmp_path / "e.npz"), "-o", tmp_path / "e", "--scale", SCALE, "--frames", "3,6,9")
+    with pytest.raises(errors.FileFormatError, match="an Experiment already"):
+        run(tmp_path / "e" / "experiment.npz", "-o", tmp_path / "a")
     with pytest.raises(errors.DataNotFoundError, match="neither a published sheet"):
         run(tmp_path / "nothing", "-o", tmp_path / "a")
     with pytest.raises(errors.MissingForceError, match="no force record"):

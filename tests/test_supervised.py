@@ -128,6 +128,13 @@ def run(*words) -> int:
     return supervised.main(parser.parse_args([str(w) for w in words]))
 
 
+@pytest.mark.parametrize("words", [("--starts", 0), ("--layers", "x"), ("--layers", "4,0")])
+def test_what_is_no_number_of_starts_or_neurons_is_refused(words, capsys):
+    with pytest.raises(SystemExit):
+        run(*words)
+    assert "whole number" in capsys.readouterr().err
+
+
 def test_command_writes_table_figure_model_and_manifest(tmp_path, capsys):
     out = tmp_path / "out"
     assert run("--data", "arruda-boyce", "--inputs", "I1", "--layers", "1", "--starts", 2, "-o", out) == 0

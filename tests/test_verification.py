@@ -67,7 +67,7 @@ def test_data_files_are_compared_byte_by_byte(tmp_path: Path, capsys: pytest.Cap
     assert "1 data files differ: simulate/forces.csv" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("content", ["", '{"format": "other"}'])
+@pytest.mark.parametrize("content", ["", '{"format": "other"}', "[1, 2]"])
 def test_what_is_no_run_is_refused(tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]) -> None:
     if content:
         (tmp_path / "figures.json").write_text(content)

@@ -20,8 +20,11 @@ def excess(F):
     return value, jax.lax.cummax(value, axis=0)
 
 
-def lacks_unloading(data, F) -> str | None:
-    mean = np.asarray(excess(F)[0]).mean(axis=1)  # noise unloads single places in any test
+def lacks_unloading(data) -> str | None:
+    """What is missing for an effect that is seen where the sheet comes back from its largest deformation."""
+    from calibrate.chain import law_gradients
+
+    mean = np.asarray(excess(law_gradients(data, data.u))[0]).mean(axis=1)  # noise unloads single places in any test
     back = (np.maximum.accumulate(mean) - mean).max() > UNLOADED * mean.max()
     return None if back else "unloading"
 
@@ -38,9 +41,7 @@ class Mullins(Effect):
     decided_by = "unloading and reloading"
 
     def missing(self, data):
-        from calibrate.chain import law_gradients
-
-        return lacks_unloading(data, law_gradients(data, data.u))
+        return lacks_unloading(data)
 
     def stress(self, data, F, P, a, shape, law):
         value, largest = excess(F)
@@ -60,9 +61,7 @@ class Payne(Effect):
     decided_by = "cycles of small amplitude before and after a large one"
 
     def missing(self, data):
-        from calibrate.chain import law_gradients
-
-        return lacks_unloading(data, law_gradients(data, data.u))
+        return lacks_unloading(data)
 
     def shape_values(self, data):
         return [(0.02,), (0.1,), (0.5,)]
@@ -87,9 +86,7 @@ class PermanentSet(Effect):
     decided_by = "unloading to zero force, and a pause there"
 
     def missing(self, data):
-        from calibrate.chain import law_gradients
-
-        return lacks_unloading(data, law_gradients(data, data.u))
+        return lacks_unloading(data)
 
     def stress(self, data, F, P, a, shape, law):
         whole = jnp.exp(-a[0] * excess(F)[1])
