@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from studies import style
 from studies.measured import SHEETS
 
-BEFORE, AFTER = "neo-Hooke", "with the effects that pay"
+BEFORE, AFTER = "neo-Hooke", "mean of the searches"
 COLOURS = [style.COLOURS[name] for name in ("blue", "vermilion", "green")]
 
 

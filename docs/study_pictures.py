@@ -1,0 +1,40 @@
+"""Take the pictures of the pages on studies from finished runs: `python docs/study_pictures.py RESULTS`.
+
+In: the folder with `resolution`, `thickness`, `measured` and `supervised` as the commands leave them. Out: the pictures of `PICTURES` in
+docs/pictures, each with the manifest of the run that made it. Run it in a clone, so that the manifests name a commit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from pathlib import Path
+
+TARGET = Path(__file__).resolve().parent / "pictures"
+PICTURES = {
+    "resolution": ("resolution/resolution_weighted.png", "resolution/resolution_weighted.json"),
+    "thickness": ("thickness/figures/predictions_weighted.png", "thickness/figures/predictions_weighted.json"),
+    "thickness_corrected": (
+        "thickness/figures/predictions_thickness-corrected.png",
+        "thickness/figures/predictions_thickness-corrected.json",
+    ),
+    "measured_grips": ("measured/grips.png", "measured/report.json"),
+    "measured_stiffness": ("measured/stiffness.png", "measured/report.json"),
+    "supervised": ("supervised/treloar-a.png", "supervised/treloar-a.json"),
+}
+
+
+def main(results: Path) -> None:
+    """Copy every picture and manifest; raises `SystemExit` where one is missing."""
+    missing = [name for pair in PICTURES.values() for name in pair if not (results / name).is_file()]
+    if missing:
+        raise SystemExit(f"{results}: lacks {', '.join(missing)}; run the command that is named first in each")
+    for name, (picture, manifest) in PICTURES.items():
+        shutil.copy(results / picture, TARGET / f"{name}.png")
+        shutil.copy(results / manifest, TARGET / f"{name}.json")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("results", type=Path)
+    main(parser.parse_args().results)
