@@ -7,6 +7,7 @@ docs/pictures, each with the manifest of the run that made it. Run it in a clone
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 from pathlib import Path
 
@@ -31,7 +32,11 @@ def main(results: Path) -> None:
         raise SystemExit(f"{results}: lacks {', '.join(missing)}; run the command that is named first in each")
     for name, (picture, manifest) in PICTURES.items():
         shutil.copy(results / picture, TARGET / f"{name}.png")
-        shutil.copy(results / manifest, TARGET / f"{name}.json")
+        content = json.loads((results / manifest).read_text())
+        content["inputs"] = {
+            Path(path).name: digest for path, digest in content["inputs"].items()
+        }  # folders are nobody's business
+        (TARGET / f"{name}.json").write_text(json.dumps(content, indent=1) + "\n")
 
 
 if __name__ == "__main__":
