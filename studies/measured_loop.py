@@ -110,6 +110,7 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
             models.of_base(base),
             models.of(starts[0], EVERY_EFFECT),
             *(models.of(one, f"without {one.out}") for one in path[1:]),
+            # the last two are what tables, pictures and the transfer take
             models.of(chosen.fit, WHAT_PAYS, chosen.splines),
             models.mean([one for _, one in searches], MEAN),
         ],

@@ -27,10 +27,10 @@ Say = Callable[[str], None]
 NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
 
 
-def prepared(e: Experiment, fitted: Mask, spacing: float, splines: int = 1) -> tuple[Problem, Fit]:
-    """Problem of the increments fitted (t,), whose base has a number of functions of I1, and its base fit."""
+def prepared(e: Experiment, fitted: Mask, spacing: float) -> tuple[Problem, Fit]:
+    """Problem of the increments fitted (t,), whose base is neo-Hooke, and its base fit."""
     problem, _ = effect_fit.prepare([e], [lambda system: equations(system, fitted)], spacing, base="positive")
-    problem = with_splines(problem, splines)
+    problem = with_splines(problem, 1)
     return problem, effect_fit.refit(problem, whitened.first_guess([problem.parts[0].assembled]), ())
 
 
