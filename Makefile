@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help setup study blind measured figures quick docs test test-all browser-test docker-test lint format clean
+.PHONY: help setup study blind measured figures quick docs test test-all coverage browser-test docker-test lint format clean
 
 help: ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -57,6 +57,9 @@ test: setup ## the test suite, without the slowest tests
 
 test-all: setup ## every test
 	$(PYTHON) -m pytest -n $(WORKERS) --dist worksteal $(TESTS)
+
+coverage: setup ## lines and branches that no test reaches, in build/coverage-report (slower than `make test`)
+	$(PYTHON) -m pytest -n $(WORKERS) --dist worksteal -m "not slow" --cov --cov-report=term --cov-report=html:build/coverage-report $(TESTS)
 
 browser-test: setup ## reports in a real browser: headless Chromium, which has to be on the PATH
 	$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile tests/test_reports_in_a_browser.py

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from calibrate import plane_strain
 from calibrate.basis import DEGREE, PlaneStrainBasis, SingleBasis, _pieces, energy_basis
 from calibrate.effects.effect import STAGES, Data, Effect
+from calibrate.effects.recovery import gradients
 from calibrate.equilibrium import Equilibrium
 from calibrate.kinematics import invariants
 
@@ -323,17 +324,6 @@ def _parts(additions: Additions) -> Parts:
 
 def _floated(parts: Parts) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     return _floats(parts[1]), _floats(parts[2])
-
-
-def gradients(data: Data, u: Any) -> Any:
-    """F (t, m, 2, 2) of displacements (t, n, 2)."""
-    return jnp.eye(2) + jnp.einsum("tmki,mkj->tmij", u[:, data.stencil], data.slopes)
-
-
-def law_gradients(data: Data, u: Any) -> Any:
-    """What effects take for the deformation gradient (t, m, 2, 2) at displacements (t, n, 2)."""
-    F = gradients(data, u)
-    return F if data.plane == "stress" else plane_strain.isochoric(F)
 
 
 def _law(kind, arrays, c):

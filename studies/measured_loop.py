@@ -76,7 +76,8 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
 
     All candidates are fitted at once, from several starts; those that do not pay are taken out (`calibrate.joint`); a general
     effect gives way to a special one where that pays, and neo-Hooke to a finer base where that also predicts the last third of what
-    is fitted from the rest. The search is made once more without each increment (`studies.measured_searches`).
+    is fitted from the rest. The search for effects is made once more without each increment, beside neo-Hooke
+    (`studies.measured_searches`).
     """
     split = Split.of(e, until)
     assert e.time is not None
@@ -130,7 +131,8 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
             for i, one in searches
         ],
     }
-    result["predicts"] = predicts(result["models"][0]["errors"], result["models"][-1]["errors"])
+    first, *_, pays, mean = (model["errors"] for model in result["models"])
+    result["predicts"] = predicts(first, pays) and predicts(first, mean)
     result["verdict"] = verdict(chosen.fit, result["predicts"])
     for model in result["models"][-2:]:
         for member in model["members"]:

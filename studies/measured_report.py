@@ -37,7 +37,7 @@ VARIANTS = (
     "only if it does not foresee worse than neo-Hooke."
 )
 SEARCHES = (
-    "The whole search once more without each of the increments fitted. What differs between the lines is not decided by the data; "
+    "The search for effects once more, beside neo-Hooke, without each of the increments fitted. What differs between the lines is not decided by the data; "
     "the mean of their predictions is what the report counts on (Breiman 1996)."
 )
 

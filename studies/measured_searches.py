@@ -1,6 +1,7 @@
 """How much of what pays hangs on single pictures: the search again without each increment, and the mean of what all predict.
 
-In: the increments that are fitted and a fit of every effect to them. Out: a `Joint` for each increment left out. A choice among models
+In: the increments that are fitted and a fit of every effect to them. Out: a `Joint` for each increment left out, beside neo-Hooke: a
+finer base is not searched for again. A choice among models
 that fit alike turns over with small changes of the data; the mean over such changes is steadier than any one of them (bagging;
 Breiman 1996), and their spread says how much the choice matters.
 """

@@ -7,9 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from calibrate.chain import gradients
 from calibrate.effects import Data
-from calibrate.effects.recovery import gradient
+from calibrate.effects.recovery import gradient, gradients
 from calibrate.effects.thickness import Thickness, bend, of_the_mean
 from calibrate.effects.thickness import stress_of_bend as eager
 from calibrate.equilibrium import equilibrium

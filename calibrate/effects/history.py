@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter
+from calibrate.effects.recovery import law_gradients
 from calibrate.tensors import det, inverse
 
 UNLOADED = 0.02  # share of the mean I1 - 3 by which the sheet must have come back
@@ -22,8 +23,6 @@ def excess(F):
 
 def lacks_unloading(data) -> str | None:
     """What is missing for an effect that is seen where the sheet comes back from its largest deformation."""
-    from calibrate.chain import law_gradients
-
     mean = np.asarray(excess(law_gradients(data, data.u))[0]).mean(axis=1)  # noise unloads single places in any test
     back = (np.maximum.accumulate(mean) - mean).max() > UNLOADED * mean.max()
     return None if back else "unloading"

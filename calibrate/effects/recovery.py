@@ -4,6 +4,19 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from calibrate import plane_strain
+
+
+def gradients(data, u):
+    """F (t, m, 2, 2) at the centroids of displacements (t, n, 2)."""
+    return jnp.eye(2) + jnp.einsum("tmki,mkj->tmij", u[:, data.stencil], data.slopes)
+
+
+def law_gradients(data, u):
+    """What effects take for the deformation gradient (t, m, 2, 2) at displacements (t, n, 2)."""
+    F = gradients(data, u)
+    return F if data.plane == "stress" else plane_strain.isochoric(F)
+
 
 def to_nodes(data, values):
     """Area-weighted means (..., n) at the nodes of values (..., m) in the triangles."""
