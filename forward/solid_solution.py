@@ -18,7 +18,7 @@ from forward.errors import SolutionError
 from forward.solution import SurfaceSolution
 from meshes import Mesh
 from meshes.errors import MeshDataError
-from meshes.files import read_npz, write_npz
+from meshes.files import read_npz, with_prefix, write_npz
 from meshes.solid import HEX_NODES, SolidMesh, hex_shape_gradients
 
 Array = NDArray[np.float64]
@@ -85,14 +85,6 @@ class SolidSolution:
         gradients = self._gradients(top, local)
         return points, weights, (np.eye(3) + gradients).reshape(len(self.displacements), -1, 3, 3)
 
-    def pressure_at_nodes(self, increment: int = -1) -> Array:
-        """Pressure (n,), MPa: at each node the mean over its hexes."""
-        points, cells = self.mesh.points, self.mesh.cells
-        q = self.pressure[increment]
-        values = q[:, :1] + np.einsum("mni,mi->mn", points[cells] - points[cells[:, CENTRE]][:, None], q[:, 1:])
-        count = np.bincount(cells.ravel(), minlength=len(points))
-        return np.bincount(cells.ravel(), values.ravel(), len(points)) / count
-
     def _gradients(self, cells: NDArray[np.int64], local: Array) -> Array:
         """du/dX (n_inc, k, q, 3, 3) at local places (q, 3) of hexes (k, 27)."""
         reference = hex_shape_gradients(local)
@@ -125,7 +117,7 @@ class SolidSolution:
         """Read what `save` wrote. Raises `SolutionError`."""
         try:
             content = read_npz(path, FORMAT, REQUIRED)
-            plane = Mesh(content["points"], content["cells"], "quad", _part(content, "boundary_"))
+            plane = Mesh(content["points"], content["cells"], "quad", with_prefix(content, "boundary_"))
             mesh = SolidMesh(plane, content["levels"], bool(content["symmetric"]))
             description = json.loads(str(content["description"]))
         except (MeshDataError, json.JSONDecodeError) as error:
@@ -134,14 +126,10 @@ class SolidSolution:
             mesh=mesh,
             displacements=content["displacements"],
             pressure=content["pressure"],
-            reactions=_part(content, "reaction_"),
+            reactions=with_prefix(content, "reaction_"),
             time=content["time"],
             energy=content["energy"],
             iterations=content["iterations"],
             bulk_modulus=float(content["bulk_modulus"]),
             description=description,
         )
-
-
-def _part(content: dict[str, Any], prefix: str) -> dict[str, Any]:
-    return {key.removeprefix(prefix): value for key, value in content.items() if key.startswith(prefix)}

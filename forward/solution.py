@@ -19,7 +19,7 @@ from forward import interpolation
 from forward.errors import SolutionError
 from meshes import Mesh
 from meshes.errors import MeshDataError
-from meshes.files import read_npz, write_npz
+from meshes.files import read_npz, with_prefix, write_npz
 
 Array = NDArray[np.float64]
 FORMAT = "equigap-surface"
@@ -125,21 +125,17 @@ class SurfaceSolution:
         """Read what `save` wrote. Raises `SolutionError`."""
         try:
             content = read_npz(path, FORMAT, REQUIRED)
-            mesh = Mesh(content["points"], content["cells"], "quad", _part(content, "boundary_"))
+            mesh = Mesh(content["points"], content["cells"], "quad", with_prefix(content, "boundary_"))
             description = json.loads(str(content["description"]))
         except (MeshDataError, json.JSONDecodeError) as error:
             raise SolutionError(str(error)) from error
         return cls(
             mesh=mesh,
             displacements=content["displacements"],
-            reactions=_part(content, "reaction_"),
+            reactions=with_prefix(content, "reaction_"),
             time=content["time"],
             energy=content["energy"],
             iterations=content["iterations"],
             thickness=float(content["thickness"]),
             description=description,
         )
-
-
-def _part(content: dict[str, Any], prefix: str) -> dict[str, Any]:
-    return {key.removeprefix(prefix): value for key, value in content.items() if key.startswith(prefix)}

@@ -55,3 +55,8 @@ def read_npz(path: str | Path, format_name: str, required: Iterable[str]) -> dic
     if missing:
         raise MeshDataError(f"{path}: {', '.join(missing)} missing; the file is damaged, write it again")
     return content
+
+
+def with_prefix(content: dict[str, Any], prefix: str) -> dict[str, Any]:
+    """Those entries whose names begin with a prefix, by the rest of the name."""
+    return {key.removeprefix(prefix): value for key, value in content.items() if key.startswith(prefix)}

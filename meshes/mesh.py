@@ -7,6 +7,7 @@ curve. Node order of a quad (VTK and gmsh): corners anticlockwise, then the midd
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes.errors import MeshDataError
-from meshes.files import read_npz, write_npz
+from meshes.files import read_npz, with_prefix, write_npz
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -60,9 +61,7 @@ class Mesh:
 
     def boundary_nodes(self, name: str) -> Indices:
         """Sorted nodes (k,) of a boundary. Raises `MeshDataError` naming the boundaries there are."""
-        if name not in self.boundaries:
-            raise MeshDataError(f"boundary '{name}' is unknown; this mesh has {', '.join(self.boundaries)}")
-        return np.unique(self.boundaries[name])
+        return nodes_of(self.boundaries, name)
 
     @cached_property
     def quality(self) -> Array:
@@ -100,7 +99,7 @@ class Mesh:
     def load(cls, path: str | Path) -> Mesh:
         """Read what `save` wrote. Raises `MeshDataError`."""
         content = read_npz(path, "equigap-mesh", ("points", "cells", "cell_type"))
-        edges = {k.removeprefix("boundary_"): v for k, v in content.items() if k.startswith("boundary_")}
+        edges = with_prefix(content, "boundary_")
         return cls(content["points"], content["cells"], str(content["cell_type"]), edges)
 
     def _jacobians(self, at: Array = QUAD_NODES) -> Array:
@@ -109,6 +108,13 @@ class Mesh:
             a, b, c = np.moveaxis(self.points[self.cells], 1, 0)
             return np.stack([b - a, c - a], axis=-1)[:, None]
         return np.einsum("qnj,mni->mqij", quad_shape_gradients(at), self.points[self.cells])
+
+
+def nodes_of(boundaries: Mapping[str, Indices], name: str) -> Indices:
+    """Sorted nodes (k,) of one of the boundaries. Raises `MeshDataError` naming those there are."""
+    if name not in boundaries:
+        raise MeshDataError(f"boundary '{name}' is unknown; this mesh has {', '.join(boundaries)}")
+    return np.unique(boundaries[name])
 
 
 def quad_shapes(xi: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes.errors import MeshDataError, MeshQualityError
-from meshes.mesh import QUAD_NODES, Array, Indices, Mesh, quad_shape_gradients, quad_shapes
+from meshes.mesh import QUAD_NODES, Array, Indices, Mesh, nodes_of, quad_shape_gradients, quad_shapes
 
 MIN_QUALITY = 0.3
 GRADING = 0.7  # thickness of a layer relative to its neighbour further inside
@@ -80,9 +80,7 @@ class SolidMesh:
 
     def boundary_nodes(self, name: str) -> Indices:
         """Sorted nodes (k,) of a boundary. Raises `MeshDataError` naming the boundaries there are."""
-        if name not in self.boundaries:
-            raise MeshDataError(f"boundary '{name}' is unknown; this mesh has {', '.join(self.boundaries)}")
-        return np.unique(self.boundaries[name])
+        return nodes_of(self.boundaries, name)
 
     @cached_property
     def quality(self) -> Array:

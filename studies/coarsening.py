@@ -66,16 +66,14 @@ class Coarsening:
         std, length = covariance_fit(self.mesh.points, samples, noise.correlation_length)
         return replace(noise, displacement_std=std, correlation_length=length)
 
-    def apply(self, fine: Experiment, noise: Noise | None = None) -> Experiment:
-        """`fine` on the coarser triangulation. noise: result of `noise` where it is known already.
+    def apply(self, fine: Experiment) -> Experiment:
+        """`fine` on the coarser triangulation, noise included.
 
         Raises `MeshMismatchError` when `fine` is not on the mesh that this was made for.
         """
         if fine.points.shape != self.fine_points.shape or not np.allclose(fine.points, self.fine_points):
             raise MeshMismatchError(f"'{fine.name}' is not on the fine mesh of this coarsening; make a new one")
         loaded, free = boundaries(self.mesh, {b.name: b.force for b in fine.loaded})
-        if fine.noise is not None and noise is None:
-            noise = self.noise(fine.noise)
         share = len(self.mesh.points) / len(fine.points)
         return replace(
             fine,
@@ -85,7 +83,7 @@ class Coarsening:
             displacements=self.field(fine.displacements),
             loaded=loaded,
             free_nodes=free,
-            noise=None if fine.noise is None else noise,
+            noise=None if fine.noise is None else self.noise(fine.noise),
             provenance={
                 **fine.provenance,
                 "coarsening": {"nodes": len(self.mesh.points), "of": len(fine.points)},
@@ -111,11 +109,6 @@ def coarsening(points: Array, triangles: Indices, mesh: Mesh) -> Coarsening:
     solver = splu(sp.csc_array(gram + SMOOTHING * gram.diagonal().mean() * _laplacian(mesh)))
     right = weighted @ from_fine
     return Coarsening(points, mesh, lambda values: solver.solve(np.ascontiguousarray(right @ values)))
-
-
-def coarsen(fine: Experiment, mesh: Mesh) -> Experiment:
-    """`fine` on the coarser triangulation `mesh` of the same specimen, noise included."""
-    return coarsening(fine.points, fine.triangles, mesh).apply(fine)
 
 
 def interpolation(points: Array, triangles: Indices, where: Array) -> sp.csr_array:

@@ -10,7 +10,6 @@ differ in number and place of points.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,12 +67,6 @@ def load(name: str) -> Curves:
     if name not in COLLECTIONS:
         raise errors.ConfigError(f"collection '{name}' unknown; choose one of {', '.join(COLLECTIONS)}")
     return COLLECTIONS[name]()
-
-
-def load_file(path: str | Path) -> tuple[Array, Array]:
-    """(stretch, nominal stress MPa) of a CSV with the columns 'stretch' and 'stress'."""
-    table = read_table(path, ("stretch", "stress"))
-    return _sorted(table["stretch"], table["stress"])
 
 
 def kawabata_biaxial() -> Array:

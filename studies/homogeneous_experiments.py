@@ -178,13 +178,13 @@ def calendered(direction: str) -> Experiment:
     return curve(f"calendered {direction}", "uniaxial", table["x"], table[direction], axis=axis, source="Diani et al.")
 
 
-def hnbr50(test: str = "slow", increments: int = 120, relative: float = 0.0) -> Experiment:
+def hnbr50(test: str = "slow", increments: int = 120) -> Experiment:
     """Filled rubber HNBR50, uniaxial, preconditioned by ten cycles; a test of `HNBR50`, with unloading and time.
 
     Rates: two cycles between stretch 0.75 and 2 (compression: 0.75 and 1). The time of these records is path of strain
     over nominal rate, not a clock. Relaxation: stepwise up and down, 12 h. At most `increments` points, even along the path
     of stretch and stress. Points at the same time are averaged. The records were smoothed by their authors, so that the
-    scatter is hardly noise; `relative` adds some that scales with the force. Two cycles of one test differ by 2 to 4 %.
+    scatter is hardly noise. Two cycles of one test differ by 2 to 4 %.
     """
     if test not in HNBR50:
         raise errors.ConfigError(f"HNBR50 test '{test}' unknown; choose one of {', '.join(HNBR50)}")
@@ -197,7 +197,7 @@ def hnbr50(test: str = "slow", increments: int = 120, relative: float = 0.0) -> 
     keep = homogeneous_sheet.evenly(raw_time, stretch, stress, increments)
     return curve(
         f"HNBR50 {test}", "uniaxial", stretch[keep], stress[keep],
-        noise(max(std, 1e-4), 3.333e-4 * ROUNDING, relative), raw_time[keep],
+        noise(max(std, 1e-4), 3.333e-4 * ROUNDING), raw_time[keep],
         source=HNBR50_SOURCE, file=file, rate=None if np.isnan(rate) else rate,
     )  # fmt: skip
 

@@ -28,9 +28,9 @@ def every_second(test: Experiment, first: int) -> Experiment:
     return test.select(np.arange(first, test.n_increments, 2), f"{test.name}, every second from {first}")
 
 
-def treloar_loops(source: str = "treloar-a") -> list[Loop]:
+def treloar_loops() -> list[Loop]:
     """Uniaxial alone; and with every second equi-biaxial point, from which the second invariant can be seen."""
-    uniaxial, biaxial, shear = (treloar(mode, source) for mode in MODES)
+    uniaxial, biaxial, shear = (treloar(mode) for mode in MODES)
     return [
         Loop(
             "treloar-uniaxial", (uniaxial,), (biaxial, shear),

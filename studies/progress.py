@@ -76,13 +76,13 @@ def track[T](items: Iterable[T], description: str, total: int | None = None, uni
             progress.update()
 
 
-def callback(description: str, unit: str = "increments") -> Callable[[int, int], None]:
-    """A function (done, total) that shows progress and closes itself when done reaches total."""
+def callback(description: str) -> Callable[[int, int], None]:
+    """A function (done, total) that shows the progress of increments and closes itself when done reaches total."""
     shown: list[Progress] = []
 
     def show(done: int, total: int) -> None:
         if not shown:
-            shown.append(Progress(description, total, unit))
+            shown.append(Progress(description, total, "increments"))
         shown[0].to(done, total)
         if done >= total:
             shown.pop().close()

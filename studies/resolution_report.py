@@ -155,9 +155,8 @@ def targets_met(rows: list[list[Any]]) -> list[list[Any]]:
 def findings(rows: list[list[Any]], settings: Settings) -> list[str]:
     """Where the study agrees and disagrees with the paper, in words around numbers from the table."""
 
-    def pick(loss: str, noise: str, place: str, mode: str | None = None, level: float | None = None) -> list[list[Any]]:
-        return [r for r in rows if r[0] == loss and r[3] == noise and r[5] == place
-                and mode in (None, r[4]) and level in (None, r[1])]  # fmt: skip
+    def pick(loss: str, noise: str, place: str, mode: str | None = None) -> list[list[Any]]:
+        return [r for r in rows if r[0] == loss and r[3] == noise and r[5] == place and mode in (None, r[4])]
 
     def worst(chosen: list[list[Any]]) -> str:
         row = max(chosen, key=lambda r: abs(r[7]))

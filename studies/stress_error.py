@@ -13,7 +13,6 @@ The energy error is 100 (psi_model - psi_true) / psi_true.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -128,13 +127,6 @@ def summary(model: Model, reference: Reference) -> dict[str, Any]:
             "mean": float(np.average(energy, weights=weights)),
         },
     }
-
-
-def errors_at(model: Model, states: Mapping[str, Array], limit: float) -> dict[str, tuple[Array, Array]]:
-    """{component: (signed stress errors (s,), %, weights (s,))} at stored states with I1 up to `limit`, for densities."""
-    chosen = States(states["F"], states["weights"], states["invariants"]).within(limit)
-    errors = stress_errors(model, Reference.at(chosen))
-    return {name: (errors[:, i], chosen.weights) for i, name in enumerate(COMPONENTS)}
 
 
 def _statistics(errors: Array, weights: Array) -> dict[str, float]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from forward_helpers import MATERIALS, energy_derivatives, nominal_stresses
 from scipy.optimize import root
-from solid_helpers import CENTRE, block, grid, pressure_jumps
+from solid_helpers import block, grid, pressure_jumps
 
 from forward import ArrudaBoyce, Loading, NeoHooke, SolidSolution
 from forward import plane_stress as sheet
@@ -233,16 +233,6 @@ def test_surface_gradient_of_a_known_displacement():
 def made_up(mesh, u, q):
     one = np.ones(len(u))
     return SolidSolution(mesh, u, q, {"right": np.ones((len(u), 3))}, one, one, one.astype(int), 100.0, {"made": "up"})
-
-
-def test_pressure_at_nodes():
-    """Linear pressures p = q0 + q . (X - Xc) that fit together are found at every node."""
-    mesh = block()
-    slope = np.array([0.5, -1.0, 2.0])
-    centres = mesh.points[mesh.cells[:, CENTRE]]
-    q = np.column_stack([3.0 + centres @ slope, np.tile(slope, (len(centres), 1))])
-    solution = made_up(mesh, np.zeros((1, len(mesh.points), 3)), q[None])
-    np.testing.assert_allclose(solution.pressure_at_nodes(), 3.0 + mesh.points @ slope, atol=1e-12)
 
 
 def test_file(eighth, tmp_path):

@@ -14,7 +14,6 @@ from studies.stress_error import (
     States,
     energy_errors,
     energy_of,
-    errors_at,
     stiffness_errors,
     stress_errors,
     summary,
@@ -89,12 +88,6 @@ def test_only_deformed_states_within_the_range_are_judged():
     chosen = states([np.eye(2), *stretched, np.diag([3.0, 1.0])], np.array([1.0, *[2.0] * 50, 4.0]), 52)
     inside = chosen.within(5.0)
     np.testing.assert_array_equal(inside.weights, [2.0] * 50)
-    stored = {"F": chosen.F, "weights": chosen.weights, "invariants": chosen.invariants}
-    found = errors_at(neo_hooke(1.0), stored, 5.0)
-    assert list(found) == ["P11", "P22", "P12"]
-    errors, weights = found["P11"]
-    np.testing.assert_array_equal(weights, inside.weights)
-    np.testing.assert_allclose(errors, stress_errors(neo_hooke(1.0), Reference.at(inside))[:, 0])
 
 
 def test_states_of_a_solution_hold_every_increment(tmp_path):

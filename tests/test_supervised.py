@@ -116,12 +116,6 @@ def test_treloar_is_described_in_all_modes(name):
     assert min(result.r2.values()) > 0.95
 
 
-def test_user_file(tmp_path):
-    path = tmp_path / "mine.csv"
-    path.write_text("stretch,stress\n1.5,0.3\n1.0,0.0\n")
-    assert [v.tolist() for v in homogeneous.load_file(path)] == [[1.0, 1.5], [0.0, 0.3]]
-
-
 def run(*words) -> int:
     parser = argparse.ArgumentParser()
     supervised.add_arguments(parser)

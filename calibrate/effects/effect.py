@@ -157,6 +157,13 @@ def lacks_plane_stress(data: Data) -> str | None:
     return None if data.plane == "stress" else "plane stress"
 
 
+def lacks_rate(data: Data) -> str | None:
+    """What is missing for an effect that is seen in how fast the sheet is loaded."""
+    if data.time is None:
+        return "time"
+    return None if len(data.time) > 2 else "more increments"
+
+
 @dataclass(frozen=True)
 class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.

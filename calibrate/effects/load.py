@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from calibrate.effects.effect import Effect, Parameter
+from calibrate.effects.effect import Effect, Parameter, lacks_rate
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,7 @@ class Lag(Effect):
     decided_by = "a pause in the loading, or a second rate"
 
     def missing(self, data):
-        if data.time is None:
-            return "time"
-        return None if len(data.time) > 2 else "more increments"
+        return lacks_rate(data)
 
     def shape_values(self, data):
         if data.motion is None or np.allclose(data.motion[0], data.motion[1]):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from calibrate.effects.effect import Effect, Parameter
+from calibrate.effects.effect import Effect, Parameter, lacks_rate
 from calibrate.tensors import inverse
 
 TIMES = 5
@@ -26,9 +26,7 @@ class Viscosity(Effect):
     decided_by = "a pause in the loading, or a second rate"
 
     def missing(self, data):
-        if data.time is None:
-            return "time"
-        return None if len(data.time) > 2 else "more increments"
+        return lacks_rate(data)
 
     def shape_values(self, data):
         steps = np.diff(np.asarray(data.time), prepend=0.0)
