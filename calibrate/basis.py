@@ -37,6 +37,7 @@ class Spline:
 
     @cached_property
     def knots(self) -> Array:
+        """Clamped knots (n + 4,)."""
         inner = np.linspace(self.low, self.high, self.n - DEGREE + 1)
         return np.concatenate([[self.low] * DEGREE, inner, [self.high] * DEGREE])
 
@@ -104,10 +105,12 @@ class SingleBasis:
 
     @cached_property
     def spline(self) -> Spline:
+        """The splines of s, on [0, 1]."""
         return Spline(self.n)
 
     @property
     def n_functions(self) -> int:
+        """Number of coefficients."""
         return self.n
 
     @property
@@ -131,7 +134,7 @@ class SingleBasis:
         return full.reshape(self.n, -1)
 
     def local(self, F: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Stress of the functions that are not zero: P (m, q, 2, 2) and their columns (m, q)."""
+        """Stress of the functions that are not zero: P (m, q, 2, 2) at F (m, 2, 2), and their columns (m, q)."""
         J, dJ = polyconvex(F)
         values, first = self.spline.local(self._s(J))
         return (
@@ -140,7 +143,7 @@ class SingleBasis:
         )
 
     def second(self, F: Array, c: Array) -> tuple[Array, Array]:
-        """psi_k (m, 2) and d psi_k / dJ_l (m, 2, 2) of coefficients c (n,)."""
+        """psi_k (m, 2) and d psi_k / dJ_l (m, 2, 2) at F (m, 2, 2), of coefficients c (n,)."""
         J, _ = polyconvex(F)
         s = self._s(J)
         psi, hessian = np.zeros_like(J), np.zeros((*J.shape, 2))
@@ -166,14 +169,17 @@ class TensorBasis:
 
     @cached_property
     def splines(self) -> tuple[Spline, Spline]:
+        """Of the Hencky norm, and of the Lode angle."""
         return Spline(self.n_norm, 0.0, self.top), Spline(self.n_angle, -np.pi / 6, np.pi / 6)
 
     @property
     def n_functions(self) -> int:
+        """Number of coefficients: those of psi_1, then those of psi_2."""
         return 2 * self.n_norm * self.n_angle
 
     @cached_property
     def site_inputs(self) -> Array:
+        """(J1, J2) - rest (n_sites, 2) at which a model is sampled: at each norm every angle."""
         norm, angle = np.meshgrid(*(s.sites for s in self.splines), indexing="ij")
         stretch = np.exp(lode_to_hencky(norm.ravel(), angle.ravel()))
         I1 = (stretch**2).sum(axis=1)
@@ -182,6 +188,7 @@ class TensorBasis:
 
     @cached_property
     def interpolation(self) -> Array:
+        """(n_functions, n_sites * 2): psi at the sites, [site, k] raveled, to coefficients."""
         inverse = np.kron(*(np.linalg.inv(s.matrix(s.sites)) for s in self.splines))
         n = len(inverse)
         full = np.zeros((2, n, n, 2))
@@ -189,6 +196,7 @@ class TensorBasis:
         return full.reshape(2 * n, -1)
 
     def local(self, F: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Stress of the functions that are not zero: P (m, q, 2, 2) at F (m, 2, 2), and their columns (m, q)."""
         _, dJ = polyconvex(F)
         values, columns = self._values(F)
         n = self.n_norm * self.n_angle
@@ -196,7 +204,8 @@ class TensorBasis:
         return P, np.concatenate([columns, columns + n], axis=1)
 
     def second(self, F: Array, c: Array) -> tuple[Array, Array]:
-        """psi (m, 2); the second derivatives are taken as zero (used for weights only)."""
+        """psi_k (m, 2) at F (m, 2, 2), of coefficients c (n,); the second derivatives are taken as zero (used for
+        weights only)."""
         values, columns = self._values(F)
         n = self.n_norm * self.n_angle
         psi = np.stack([(values * c[k * n + columns]).sum(axis=1) for k in (0, 1)], axis=1)
@@ -219,14 +228,17 @@ class PlaneStrainBasis:
 
     @property
     def n_functions(self) -> int:
+        """Number of coefficients, that of the bulk modulus included."""
         return self.energy.n_functions + 1
 
     @property
     def input_tops(self) -> tuple[float, float]:
+        """Largest J_k - J_k(I) covered, of the isochoric part."""
         return self.energy.input_tops
 
     @property
     def site_inputs(self) -> Array:
+        """(J1, J2) - rest (n_sites, 2) of the isochoric part at which a model is sampled."""
         return self.energy.site_inputs
 
     @cached_property
@@ -235,6 +247,8 @@ class PlaneStrainBasis:
         return np.pad(self.energy.interpolation, ((0, 1), (0, 0)))
 
     def local(self, F: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Stress of the functions that are not zero: P (m, q, 2, 2) at F (m, 2, 2), and their columns (m, q); last the
+        stress of a unit bulk modulus."""
         P, columns = self.energy.local(np.asarray(plane_strain.isochoric(F)))
         P = np.asarray(plane_strain.stress(F[:, None], P, 0.0))
         last = np.full((len(F), 1), self.n_functions - 1)
@@ -272,7 +286,10 @@ def lode_to_hencky(norm: Array, angle: Array) -> Array:
 
 
 def basis_for(inputs: str, F: Array, n: int = 32, plane: str = "stress") -> Basis:
-    """The basis that covers the deformation gradients F (m, 2, 2) for a PANN with `inputs`."""
+    """The basis that covers the deformation gradients F (m, 2, 2) for a PANN with `inputs`.
+
+    n: functions of a single input. plane: 'stress' or 'strain'. Raises `ConfigError` for unknown inputs.
+    """
     if inputs not in pann.INPUT_SETS:
         raise errors.ConfigError(f"inputs '{inputs}' unknown; choose one of {', '.join(pann.INPUT_SETS)}")
     if plane == "strain":

@@ -40,7 +40,7 @@ def bounded_factor(J: Array, prior: float, gradient: Array, start: Array, bounde
 
 
 def cut_off(mean: Array, variance: Array) -> tuple[Array, Array]:
-    """Mean and variance of normal distributions cut off below 0."""
+    """Mean (n,) and variance (n,) of normal distributions of `mean` and `variance` (n,), cut off below 0."""
     std = np.sqrt(variance)
     z = mean / std
     # phi / Phi; far outside it is -z + 1 / -z, and the variance 1 / z^2

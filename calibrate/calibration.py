@@ -33,7 +33,7 @@ class Options:
     """How to calibrate. inputs and layers: PANN_inputs^layers. loss: 'weighted' (virtual fields, noise) or 'paper'.
 
     scaling: the paper's C_F, 'frozen' or 'dependent'. spacing: of the virtual fields, mm (None: from the noise).
-    starts, seed: random starts of the network. passes: of the weighting.
+    starts, seed: random starts of the network. passes: of the weighting. Raises `ConfigError` for what cannot be.
     """
 
     inputs: str = "I1"
@@ -121,7 +121,10 @@ def calibrated_range(system: Equilibrium, quantile: float = QUANTILE) -> dict[st
 
 
 def relative_force_error(predicted: dict[str, Array], measured: dict[str, Array]) -> float:
-    """Root of sum (predicted - measured)^2 / sum measured^2 over every measured component."""
+    """Root of sum (predicted - measured)^2 / sum measured^2 over every measured component.
+
+    predicted, measured: {boundary: (n_increments, 2)} N, NaN where not measured.
+    """
     a = np.concatenate([predicted[name].ravel() for name in predicted])
     b = np.concatenate([measured[name].ravel() for name in predicted])
     known = np.isfinite(b)
@@ -129,7 +132,8 @@ def relative_force_error(predicted: dict[str, Array], measured: dict[str, Array]
 
 
 def predict_forces(system: Equilibrium, model: Model) -> tuple[dict[str, Array], Array]:
-    """Forces {boundary: (n_increments, 2)} N from the measured displacements, and all residuals (n_inc, rows)."""
+    """Forces {boundary: (n_increments, 2)} N from the measured displacements, and all residuals
+    (n_increments, 2 n_fields), N."""
     work = system.internal_forces(model.nominal_stress(system.deformation_gradients, system.experiment.plane))
     n = system.fields.n_fields
     forces = {}
@@ -144,8 +148,9 @@ def calibrate(
 ) -> Calibration:
     """Identify a PANN from one Experiment.
 
-    progress: called with (done, total) increments while the equations are assembled.
-    Raises `ForceSignError`, `FitError`.
+    progress: called with (done, total) increments while the equations are assembled. Raises `ForceSignError`,
+    `FitError`, `ConfigError` for the paper's loss in plane strain, `MissingForceError` where it is asked for with
+    dependent scaling and a force was not measured, and the errors of `calibrate.equilibrium.equilibrium`.
     """
     if options.loss == "paper" and experiment.plane == "strain":
         raise errors.ConfigError(

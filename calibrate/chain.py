@@ -71,10 +71,12 @@ class Chain:
 
     @cached_property
     def data(self) -> Data:
+        """The Experiment, prepared for effects."""
         return Data.of(self.system.experiment)
 
     @cached_property
     def arrays(self) -> Arrays:
+        """What the compiled functions read; a force that was not measured is 0."""
         loads = self.system.loads.reshape(len(self.system.loads), 2, -1)[:, :, self.system.fields.boundary >= 0]
         return Arrays(self.data, jnp.asarray(np.nan_to_num(loads)), jnp.asarray(self.energy.top))
 
@@ -120,7 +122,7 @@ class Chain:
         return self.work(self.stress(c, additions)) - self.external(additions)
 
     def stress(self, c: Any, additions: Additions = ()) -> Array:
-        """P (t, m, 2, 2), MPa, with effects in the model."""
+        """P (t, m, 2, 2), MPa, of coefficients c (n,) and the effects in the model."""
         parts, c = _parts(additions), jnp.asarray(c)
         F = self._deformed(parts)
         return np.asarray(
@@ -552,7 +554,7 @@ def _pushed_on(kind, effect, arrays, c, F, P, a, shape, changes, stresses):
 
 
 def base_law(k: int, n: int, top: Any, c: Any, f: Any) -> Any:
-    """In-plane P (2, 2) at f (2, 2) of psi_k(J_k) with spline coefficients c (n,), as `SingleBasis` has it."""
+    """In-plane P (2, 2), MPa, at f (2, 2) of psi_k(J_k) with spline coefficients c (n,), as `SingleBasis` has it."""
     pieces = jnp.asarray(_pieces(n)[0])
 
     def energy_input(f):

@@ -153,14 +153,17 @@ class Row:
 
     @property
     def name(self) -> str:
+        """Of the effect."""
         return self.score.effect.name
 
     @property
     def addition(self) -> Addition | None:
+        """The effect as it was fitted; None where it was not."""
         return None if self.fit is None else self.fit.additions[-1]
 
     @property
     def deviations(self) -> tuple[float, ...]:
+        """A standard deviation for each fitted amplitude, in its unit; none where it was not fitted."""
         return () if self.fit is None else self.fit.errors[-1]
 
 
@@ -211,15 +214,18 @@ class Discovery:
 
     @property
     def base(self) -> Fit:
+        """The fit without effects."""
         return self.rounds[0].fit
 
     @property
     def final(self) -> Fit:
+        """The last fit: the base with the effects `named` and `closest`."""
         return self.rounds[-1].fit
 
 
 def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misfit | None:
-    """Errors on the training equations, or on those held out (None where there are none)."""
+    """Errors of coefficients c (n,) and effects on the training equations, or on those held out (None where there are
+    none)."""
     force = field_ = measured = chi = determinant = 0.0
     noise = np.zeros(2)
     n = forces = 0
@@ -260,8 +266,10 @@ def discover(
 ) -> Discovery:
     """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
 
-    hold_out: default every third increment, or nothing where there are experiments to be held out. whole_table: refit
-    with every effect, not only with those that are tried. Raises `FitError` for a base that does not converge, `ConfigError`.
+    hold_out: default every third increment, or nothing where there are experiments to be held out, or one has fewer
+    than three increments. spacing: of the virtual fields, mm (None: from the noise). base: see `effect_fit.prepare`.
+    whole_table: refit with every effect, not only with those that are tried. Raises `FitError` for a base that does not
+    converge, `ConfigError`, and the errors of `calibrate.equilibrium.equilibrium`.
     """
     say = progress or (lambda text: None)
     if hold_out is None:

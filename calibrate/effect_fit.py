@@ -41,11 +41,12 @@ class Fit:
     """Base and effects fitted together.
 
     c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. free_loss: of the part that
-    neither the base (all its splines) nor the amplitudes could change, with `degrees` of freedom. clear: the same, of the
-    part that a discretisation error could not change either. smooth: of the part that varies slowly over specimen and
-    increments, see `slow`. additions: effects; errors: a standard deviation for each amplitude. columns (N, k): orthonormal,
-    what the fit can adjust. log_determinant: of the covariance that the weights come from. last_step: norm of what the last
-    step changed, in standard deviations of an equation; above 1 the fit has not converged.
+    neither the base (all its splines) nor the amplitudes could change, with `degrees` of freedom. clear: the same, of
+    the part that a discretisation error could not change either. smooth: of the part that varies slowly over specimen
+    and increments, see `slow`. additions: effects; errors: a standard deviation for each amplitude. columns (N, k):
+    orthonormal, what the fit can adjust. residual (N,): whitened. log_determinant: of the covariance that the weights
+    come from. last_step: norm of what the last step changed, in standard deviations of an equation; above 1 the fit has
+    not converged.
     """
 
     c: Array
@@ -65,6 +66,7 @@ class Fit:
 
     @property
     def converged(self) -> bool:
+        """Whether the last step changed no more than one standard deviation of an equation."""
         return self.last_step <= 1
 
     @property
@@ -96,6 +98,7 @@ class Variables:
 
     @property
     def parameters(self) -> list[tuple[Parameter, float]]:
+        """Every amplitude and shape with its value: of each addition its amplitudes, then its shapes."""
         return [
             pair
             for a in self.additions
@@ -107,15 +110,17 @@ class Variables:
 
     @property
     def sizes(self) -> list[int]:
+        """How many amplitudes and shapes each addition has."""
         return [len(a.amplitudes) + len(a.shape) for a in self.additions]
 
     @property
     def is_shape(self) -> NDArray[np.bool_]:
+        """Which of `parameters` are shapes (k,)."""
         return np.array([k for a in self.additions for k in [False] * len(a.amplitudes) + [True] * len(a.shape)], bool)
 
     @property
     def scale(self) -> Array:
-        """Of amplitudes a typical one, of shapes their size (times) or a tenth of a radian (angles)."""
+        """(k,): of amplitudes a typical one, of shapes their size (times) or a tenth of a radian (angles)."""
         sizes = []
         for (p, value), shape in zip(self.parameters, self.is_shape, strict=True):
             sizes.append((0.1 if p.unit == "rad" else max(abs(value), 1e-12)) if shape else p.typical)
@@ -123,11 +128,12 @@ class Variables:
 
     @property
     def values(self) -> Array:
+        """Values (k,) of `parameters`, each in its unit."""
         return np.array([value for _, value in self.parameters])
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper; shapes move by no more than half their size, or a fifth of a radian, at a time."""
+        """Lower and upper (k,); shapes move by no more than half their size, or a fifth of a radian, at a time."""
         lower, upper = (np.array([getattr(p, end) for p, _ in self.parameters]) for end in ("lower", "upper"))
         reach = np.where([p.unit == "rad" for p, _ in self.parameters], 2.0, 0.5) * self.scale
         lower = np.where(self.is_shape, np.maximum(lower, self.values - reach), lower)
@@ -135,7 +141,7 @@ class Variables:
         return lower, np.maximum(upper, lower)
 
     def at(self, values: Array) -> Additions:
-        """The additions with other values."""
+        """The additions with other values (k,)."""
         result = []
         for a, part in zip(self.additions, np.split(values, np.cumsum(self.sizes)[:-1]), strict=True):
             n = len(a.amplitudes)
@@ -152,11 +158,13 @@ def prepare(
 ) -> tuple[Problem, Fit]:
     """Problem and base fit. train: for each experiment, the equations to be used; the others are held out.
 
-    base: 'positive' (psi_1 >= 0), 'convex' (psi_1 does not fall with I1 either, as in a PANN; rubber that softens before
-    it stiffens then shows up in the errors of the base, not as an effect) or 'neo-Hooke' (psi_1 constant; effects are tested
-    beside it alone, see `Problem`).
+    base: 'positive' (psi_1 >= 0), 'convex' (psi_1 does not fall with I1 either, as in a PANN; rubber that softens
+    before it stiffens then shows up in the errors of the base, not as an effect) or 'neo-Hooke' (psi_1 constant;
+    effects are tested beside it alone, see `Problem`).
 
-    Weights follow the base in `PASSES` passes. Raises `FitError` when it does not settle.
+    spacing: of the virtual fields, mm (None: from the noise). Weights follow the base in `PASSES` passes. Raises
+    `FitError` when it does not settle, or noise hides what it needs; `ConfigError` where nothing is left to fit, or
+    tests in plane stress and in plane strain come together; and the errors of `calibrate.equilibrium.equilibrium`.
     """
     systems = [equilibrium(e, spacing) for e in experiments]
     masks = [function(system) & whitened.all_rows(system) for function, system in zip(train, systems, strict=True)]
@@ -222,7 +230,7 @@ def prepare(
 
 
 def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6) -> Fit:
-    """Base, amplitudes and shapes together, by Gauss-Newton on the exact residual.
+    """Base, amplitudes and shapes together, by Gauss-Newton on the exact residual; c (n,): where it starts.
 
     Amplitudes and shapes, in their bounds, are fitted beside all splines, so that they do not depend on what the base
     models can do; the base then follows in its cone. Steps that raise the misfit are halved.

@@ -115,7 +115,8 @@ def examine(
 ) -> tuple[Score, Array]:
     """Score of one effect over its shapes, and orthonormal signatures (N, k) of all shapes for the simulation.
 
-    hidden: see `hidden_noise`; found here where it is not given.
+    U (N, k): orthonormal columns that the model can adjust; r (N,): what they leave. hidden: see `hidden_noise`; found
+    here where it is not given.
     """
     null = tuple(p.null for p in effect.amplitudes)
     best: Score | None = None
@@ -151,7 +152,8 @@ def examine_shape(
 ) -> tuple[Score, Array]:
     """Score of one effect with one shape, and its orthonormal signature (N, p).
 
-    correct: the amplitude of a rough effect for the noise in its signature, which its score does not depend on.
+    U, r: see `examine`. correct: the amplitude of a rough effect for the noise in its signature, which its score does
+    not depend on.
     """
     effect = addition.effect
     typical = np.array([p.typical for p in effect.amplitudes])

@@ -41,7 +41,7 @@ class Equilibrium:
 
     @cached_property
     def gradient(self) -> sp.csr_array:
-        """Nodal displacements to gradients (2 n_triangles, n_nodes) at the centroids."""
+        """Nodal displacements to gradients (2 n_triangles, n_nodes), 1/mm, at the centroids."""
         function = kinematics.gradient_operator if self.linear else recovery.centroid_gradients
         return function(self.experiment.points, self.experiment.triangles)
 
@@ -95,7 +95,8 @@ class Equilibrium:
         return np.concatenate(blocks)
 
     def tangent(self, basis: Basis, F: Array, c: Array) -> list[list[sp.csr_array]]:
-        """d residual / d displacement of one increment: blocks [i][k] (n_fields, n_nodes), N/mm."""
+        """d residual / d displacement of one increment: blocks [i][k] (n_fields, n_nodes), N/mm, at F (m, 2, 2)
+        with coefficients c (n_functions,)."""
         return self.stiffness(tangent_modulus(basis, F, c))
 
     def stiffness(self, tensor: Array) -> list[list[sp.csr_array]]:
@@ -111,7 +112,7 @@ class Equilibrium:
         return blocks
 
     def internal_forces(self, P: Array) -> Array:
-        """Internal virtual work (..., 2 n_fields), N, of first Piola-Kirchhoff stresses (..., m, 2, 2)."""
+        """Internal virtual work (..., 2 n_fields), N, of first Piola-Kirchhoff stresses (..., m, 2, 2), MPa."""
         leading = P.shape[:-3]
         flat = P.reshape(-1, P.shape[-3], 2, 2)
         work = [np.concatenate([self.virtual_gradients @ p[:, i].ravel() for i in (0, 1)]) for p in flat]
@@ -121,7 +122,9 @@ class Equilibrium:
 def equilibrium(experiment: Experiment, spacing: float | None = None) -> Equilibrium:
     """Virtual-work equations on coarse virtual fields, after checking the sign of the forces.
 
-    Raises `ForceSignError` when the measured forces oppose the deformation.
+    spacing: of the fields, mm (None: from the noise). Raises `ForceSignError` when the measured forces oppose the
+    deformation or do not go with it, `ExperimentError` where nothing moves, `MissingForceError` where every force is
+    zero, `ConfigError` for a spacing that leaves no field inside the specimen.
     """
     system = Equilibrium(experiment, virtual_fields(experiment, spacing))
     check_force_sign(system)
@@ -159,7 +162,7 @@ def _plane_strain_modulus(F, stress, modulus, bulk_modulus):
 
 
 def neo_hooke(basis: Basis, shear_modulus: float = 1.0, bulk_modulus: float = 0.0) -> Array:
-    """Coefficients of a constant psi_k (neo-Hooke for J1: psi_1 = mu / 2)."""
+    """Coefficients (n_functions,) of a constant psi_k (neo-Hooke for J1: psi_1 = mu / 2), in the unit of the moduli."""
     sites, energy = np.zeros((len(basis.site_inputs), 2)), energy_basis(basis)
     sites[:, energy.k if isinstance(energy, SingleBasis) else 0] = 0.5 * shear_modulus
     c = basis.interpolation @ sites.ravel()
@@ -169,7 +172,8 @@ def neo_hooke(basis: Basis, shear_modulus: float = 1.0, bulk_modulus: float = 0.
 
 
 def best_neo_hooke(system: Equilibrium, basis: Basis) -> Array:
-    """Coefficients of the neo-Hookean solid that fits the measured forces best; start of the weighting."""
+    """Coefficients (n_functions,), MPa (or N/mm), of the neo-Hookean solid that fits the measured forces best; start of
+    the weighting."""
     if not isinstance(basis, PlaneStrainBasis):
         return neo_hooke(basis, best_shear_modulus(system, basis)[0])
     shear, bulk = neo_hooke(basis), neo_hooke(basis, 0.0, 1.0)
@@ -183,7 +187,8 @@ def best_neo_hooke(system: Equilibrium, basis: Basis) -> Array:
 
 
 def best_shear_modulus(system: Equilibrium, basis: Basis) -> tuple[float, float]:
-    """Least-squares neo-Hookean modulus from the measured forces alone, and their correlation with the model's.
+    """Least-squares neo-Hookean modulus, MPa (or N/mm), from the measured forces alone, and their correlation with the
+    model's.
 
     In plane strain of a solid whose Poisson ratio is a quarter.
     """

@@ -37,6 +37,8 @@ class Noise:
     correlation_length: l in covariance std^2 exp(-r^2 / (2 l^2)), mm; 0 = uncorrelated between points.
     force_std_relative: standard deviation of a force relative to its magnitude.
     force_std: standard deviation of a force that does not scale with it, N.
+
+    Raises `ExperimentError` for what is negative or not finite.
     """
 
     displacement_std: float
@@ -73,7 +75,7 @@ class Experiment:
     time (n_increments,): None = unknown. noise: None = unknown.
     plane: 'stress' of an incompressible sheet with free faces, or 'strain' of a compressible body held at its faces.
 
-    Raises a subclass of `ExperimentError` when a check fails.
+    Raises `ExperimentError` or a subclass of it when a check fails, `ConfigError` for another plane.
     """
 
     name: str
@@ -103,6 +105,7 @@ class Experiment:
 
     @property
     def n_increments(self) -> int:
+        """Number of increments."""
         return self.displacements.shape[0]
 
     @property
@@ -126,7 +129,7 @@ class Experiment:
         return (float(np.linalg.norm(forces.sum(axis=0))) / size, spread / size) if size > 0 else None
 
     def select(self, increments: NDArray[np.int64] | list[int], name: str | None = None) -> Experiment:
-        """The same experiment with only the given increments."""
+        """The same experiment with only the given increments (k,), counted from 0."""
         index = np.asarray(increments)
         return replace(
             self,
@@ -168,7 +171,8 @@ class Experiment:
     def load(cls, path: str | Path) -> Experiment:
         """Read a ``.npz`` written by `save`.
 
-        Raises `FileFormatError` when it is no such file, `ExperimentError` when its content fails a check.
+        Raises `DataNotFoundError` when there is none, `FileFormatError` when it is no such file, `ExperimentError`
+        or `ConfigError` when its content fails a check.
         """
         path = Path(path)
         if not path.exists():
@@ -224,7 +228,7 @@ def signed_areas(points: Array, triangles: NDArray[np.int64]) -> Array:
 
 
 def boundary_nodes(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Nodes on edges that belong to one triangle only (all rims: outline and holes)."""
+    """Sorted nodes (k,) on edges that belong to one of `triangles` (m, 3) only (all rims: outline and holes)."""
     edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)
     return np.unique(unique[count == 1])

@@ -50,7 +50,7 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class ExtendedModel:
-    """Base coefficients c (n,) and additions, each with a standard deviation for each amplitude (errors).
+    """Base coefficients c (n,), in `unit`, and additions, each with a standard deviation for each amplitude (errors).
 
     training: {"name", "fingerprint"} of the Experiments fitted. network, network_loss: see `calibrate.distillation`.
     """
@@ -83,7 +83,9 @@ class ExtendedModel:
     def predict(self, experiment: Experiment, spacing: float | None = None) -> Prediction:
         """Forces and residuals of an Experiment from its measured displacements.
 
-        Raises `ConfigError` where the thickness or the time that the model needs is unknown, or the test is in another plane.
+        spacing: of the virtual fields, mm (None: from the noise). Raises `ConfigError` where the thickness is known to
+        one of test and model only, the time that the model needs is unknown, or the test is in another plane; TypeError
+        for what is no Experiment; and the errors of `calibrate.equilibrium.equilibrium`.
         """
         if not isinstance(experiment, Experiment):
             raise TypeError(f"an Experiment is needed, not {experiment!r}; Experiment.load(path) reads one")
@@ -120,6 +122,7 @@ class ExtendedModel:
         return Prediction(forces, residuals, left_out, float(beyond))
 
     def to_dict(self) -> dict[str, Any]:
+        """Content of a model file, see the module; `from_dict` reads it."""
         energy = energy_basis(self.basis)
         assert isinstance(energy, SingleBasis)
         base = {"k": energy.k, "top": energy.top, "n": energy.n, "coefficients": self.c[: energy.n].tolist()}
@@ -181,7 +184,7 @@ class ExtendedModel:
 
     @classmethod
     def load(cls, path: str | Path) -> ExtendedModel:
-        """Read a file of `save`. Raises `ModelFileError` naming the key that is wrong."""
+        """Read a file of `save`. Raises `DataNotFoundError`, `ModelFileError` naming the key that is wrong."""
         path = Path(path)
         if not path.exists():
             raise errors.DataNotFoundError(f"{path}: no such model file; `equigap discover` writes one")

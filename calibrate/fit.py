@@ -69,7 +69,8 @@ def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24) -> Array:
 
 @dataclass(frozen=True)
 class NetworkFit:
-    """Result of `fit_network`: best parameters, their spline coefficients, the loss of every start, why each stopped.
+    """Result of `fit_network`: best parameters (n_parameters,), their spline coefficients (n_functions,) and loss; of
+    every start (n_starts,) its loss, its iterations, and why it stopped.
 
     reasons: 'converged' (relative decrease below tolerance) or 'iteration limit'.
     """

@@ -48,7 +48,7 @@ def invariant_hessians(F: jax.Array) -> jax.Array:
 
 
 def shape_gradients(points: Array, triangles: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Gradients dN/dX (m, 3, 2) in 1/mm and areas (m,) in mm^2 of linear triangles."""
+    """Gradients dN/dX (m, 3, 2) in 1/mm and areas (m,) in mm^2 of linear triangles (m, 3) of points (n, 2), mm."""
     x = points[triangles]
     edges = np.stack([x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]], axis=1)
     inverse = np.linalg.inv(edges)
@@ -58,7 +58,10 @@ def shape_gradients(points: Array, triangles: NDArray[np.int64]) -> tuple[Array,
 
 
 def gradient_operator(points: Array, triangles: NDArray[np.int64]) -> sp.csr_array:
-    """Sparse operator (2 m, n): nodal values to their gradient, row 2 e + j = derivative by X_j in triangle e."""
+    """Sparse operator (2 m, n), 1/mm: nodal values to their gradient, row 2 e + j = derivative by X_j in triangle e.
+
+    points (n, 2) mm, triangles (m, 3).
+    """
     gradients, _ = shape_gradients(points, triangles)
     m = len(triangles)
     rows = np.broadcast_to(np.arange(2 * m).reshape(m, 1, 2), (m, 3, 2))
@@ -69,7 +72,7 @@ def gradient_operator(points: Array, triangles: NDArray[np.int64]) -> sp.csr_arr
 
 
 def deformation_gradients(operator: sp.csr_array, displacements: Array) -> Array:
-    """F (..., m, 2, 2) from `gradient_operator` and displacements (..., n, 2): F_iJ = delta_iJ + du_i/dX_J."""
+    """F (..., m, 2, 2) from `gradient_operator` and displacements (..., n, 2), mm: F_iJ = delta_iJ + du_i/dX_J."""
     leading, n = displacements.shape[:-2], displacements.shape[-2]
     u = np.moveaxis(displacements.reshape(-1, n, 2), 1, 0).reshape(n, -1)
     g = (operator @ u).reshape(-1, 2, u.shape[1] // 2, 2)
@@ -79,13 +82,17 @@ def deformation_gradients(operator: sp.csr_array, displacements: Array) -> Array
 
 @partial(jax.jit, static_argnums=0)
 def nominal_stress(energy, F: jax.Array) -> jax.Array:
-    """In-plane P (..., 2, 2) = d psi / d F for `energy`: (2,) invariants -> scalar, F (..., 2, 2)."""
+    """In-plane P (..., 2, 2) = d psi / d F for `energy`: (2,) invariants -> scalar, F (..., 2, 2); in the energy's
+    unit."""
     psi = lambda f: energy(invariants(f))  # noqa: E731
     return jax.vmap(jax.grad(psi))(F.reshape(-1, 2, 2)).reshape(F.shape)
 
 
 def stretches_to_gradient(mode: str, stretch: Array) -> Array:
-    """In-plane F (k, 2, 2) of a homogeneous `mode` ('uniaxial', 'equibiaxial', 'pure_shear') at stretches (k,)."""
+    """In-plane F (k, 2, 2) of a homogeneous `mode` ('uniaxial', 'equibiaxial', 'pure_shear') at stretches (k,).
+
+    Raises KeyError for another mode.
+    """
     stretch = np.asarray(stretch, dtype=np.float64)
     lateral = {"uniaxial": stretch**-0.5, "equibiaxial": stretch, "pure_shear": np.ones_like(stretch)}[mode]
     F = np.zeros((stretch.size, 2, 2))

@@ -13,7 +13,7 @@ UNSEEN = 1e-4  # size of a column, relative to the largest, that is not fitted
 
 
 def orthonormal(columns: Array) -> Array:
-    """Orthonormal basis of the span of columns (N, k), directions without information dropped."""
+    """Orthonormal basis (N, r) of the span of columns (N, k), directions without information dropped."""
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
     U, R = np.linalg.qr(columns)
@@ -29,7 +29,10 @@ def beyond(r: Array, columns: Array) -> tuple[float, int]:
 
 
 def bounded(A: Array, target: Array, lower: Array, upper: Array, prior: Array | None = None) -> Array:
-    """argmin |A x - target|^2 + |prior x|^2 in bounds; columns scaled, reduced to their own number of rows."""
+    """argmin (n,) of |A x - target|^2 + |prior x|^2 in bounds; columns scaled, reduced to their own number of rows.
+
+    A (N, n), target (N,), lower and upper (n,), prior (r, n).
+    """
     if prior is not None:
         A, target = np.concatenate([A, prior]), np.concatenate([target, np.zeros(len(prior))])
     scale = np.linalg.norm(A, axis=0)
@@ -51,7 +54,7 @@ def bounded(A: Array, target: Array, lower: Array, upper: Array, prior: Array | 
 
 
 def less(M: Array, N: Array) -> Array:
-    """M - N (p, p), no direction of M being left less than `LEAST` of itself."""
+    """M - N of symmetric M and N (p, p), no direction of M being left less than `LEAST` of itself."""
     values, vectors = np.linalg.eigh(M)
     keep = values > CONDITION * values.max()
     root = vectors[:, keep] * np.sqrt(values[keep])

@@ -62,7 +62,7 @@ class Model:
         return pann.energy(self.architecture, jnp.asarray(self.parameters), invariants)
 
     def derivatives(self, invariants: Array) -> Array:
-        """d psi / d(I1, I2) (..., 2) at invariants (..., 2)."""
+        """d psi / d(I1, I2) (..., 2), MPa (or N/mm), at invariants (..., 2)."""
         a = self.architecture
         return np.asarray(
             _derivatives(
@@ -89,12 +89,15 @@ class Model:
         return np.einsum("...k,...kij->...ij", psi, np.asarray(derivatives))
 
     def homogeneous(self, mode: str, stretch: Array) -> Array:
-        """Nominal stress (k,) along the pull in 'uniaxial', 'equibiaxial' or 'pure_shear' at stretches (k,)."""
+        """Nominal stress (k,), MPa (or N/mm), along the pull at stretches (k,).
+
+        mode: 'uniaxial', 'equibiaxial' or 'pure_shear'; raises KeyError for another.
+        """
         F = kinematics.stretches_to_gradient(mode, stretch)
         return self.nominal_stress(F)[:, 0, 0]
 
     def homogeneous_deviation(self, mode: str, stretch: Array) -> Array | None:
-        """Standard deviation (k,) of `homogeneous`; None where no uncertainty is known."""
+        """Standard deviation (k,), MPa (or N/mm), of `homogeneous`; None where no uncertainty is known."""
         values, first = map(
             np.asarray, kinematics.invariants_and_derivatives(kinematics.stretches_to_gradient(mode, stretch))
         )
@@ -115,6 +118,7 @@ class Model:
         return inside
 
     def to_dict(self) -> dict[str, Any]:
+        """Content of a model file, see the module; `from_dict` reads it."""
         hidden, output, skip = self.architecture.unpack(np.asarray(self.parameters))
         optional: dict[str, Any] = {} if self.uncertainty is None else {"uncertainty": self.uncertainty.to_dict()}
         if self.bulk_modulus is not None:
@@ -143,7 +147,7 @@ class Model:
 
     @classmethod
     def load(cls, path: str | Path) -> Model:
-        """Read a model file. Raises `ModelFileError` naming the key that is wrong."""
+        """Read a model file. Raises `DataNotFoundError`, `ModelFileError` naming the key that is wrong."""
         path = Path(path)
         if not path.exists():
             raise errors.DataNotFoundError(f"{path}: no such model file; `equigap calibrate` writes one")

@@ -33,7 +33,10 @@ REFERENCE = np.array([3.0, 3.0**1.5])
 
 @dataclass(frozen=True)
 class Architecture:
-    """What a PANN is before it is fitted. `scales` (2,): 1 / range of (J1, J2)."""
+    """What a PANN is before it is fitted. `scales` (2,): 1 / range of (J1, J2). `energy_scale`: MPa, or N/mm.
+
+    Raises `ConfigError` for unknown inputs, or layers that are no positive whole numbers.
+    """
 
     inputs: str = "I1"
     layers: tuple[int, ...] = (4, 4)
@@ -48,6 +51,7 @@ class Architecture:
 
     @property
     def n_inputs(self) -> int:
+        """Number of inputs: 1 or 2."""
         return len(INPUT_SETS[self.inputs])
 
     @property
@@ -58,11 +62,12 @@ class Architecture:
 
     @property
     def n_parameters(self) -> int:
+        """Length of the parameter vector: W_k and b_k of each layer, w, v."""
         return sum(a * b + a for a, b in self.shapes) + self.layers[-1] + self.n_inputs
 
     @property
     def nonnegative(self) -> NDArray[np.bool_]:
-        """Which entries of the parameter vector must be >= 0 (all but the biases)."""
+        """Which entries (n_parameters,) of the parameter vector must be >= 0 (all but the biases)."""
         parts = []
         for a, b in self.shapes:
             parts += [np.ones(a * b, bool), np.zeros(a, bool)]
@@ -79,7 +84,7 @@ class Architecture:
         return hidden, parameters[i : i + n], parameters[i + n :]
 
     def random_start(self, key: jax.Array) -> jax.Array:
-        """A random parameter vector that keeps the bounds; `key` is a JAX random key."""
+        """A random parameter vector (n_parameters,) that keeps the bounds; `key` is a JAX random key."""
         keys = jax.random.split(key, 2 * len(self.shapes) + 2)
         parts = []
         for k, (a, b) in enumerate(self.shapes):
@@ -114,7 +119,7 @@ def energy(architecture: Architecture, parameters: jax.Array, invariants: jax.Ar
 
 
 def energy_derivatives(architecture: Architecture, parameters: jax.Array, invariants: jax.Array) -> jax.Array:
-    """d psi / d(I1, I2) (..., 2) at invariants (..., 2)."""
+    """d psi / d(I1, I2) (..., 2), MPa or N/mm, at invariants (..., 2)."""
     flat = invariants.reshape(-1, 2)
     derivative = jax.vmap(jax.grad(lambda i: energy(architecture, parameters, i)))(flat)
     return derivative.reshape(invariants.shape)

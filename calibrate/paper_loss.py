@@ -83,7 +83,8 @@ def reduced(system: Equilibrium, basis: Basis) -> Quadratic:
 
 @dataclass(frozen=True)
 class FullFit:
-    """Result of `slsqp`: parameters, loss, evaluations, seconds (compilation excluded) and SciPy's message."""
+    """Result of `slsqp`: parameters (n_parameters,), loss, evaluations, seconds (compilation excluded) and SciPy's
+    message."""
 
     architecture: pann.Architecture
     parameters: Array
@@ -97,7 +98,8 @@ class FullFit:
 def full_loss(system: Equilibrium, architecture: pann.Architecture, scaling: str) -> Callable:
     """Value and gradient (theta) of the paper's loss on the full data, compiled by JAX.
 
-    Raises `ConfigError` for an unknown `scaling`.
+    theta (n_parameters,). Raises `ConfigError` for an unknown `scaling`, `MissingForceError` where a component of a
+    force was not measured.
     """
     if scaling not in SCALINGS:
         raise errors.ConfigError(f"scaling '{scaling}' unknown; choose one of {', '.join(SCALINGS)}")

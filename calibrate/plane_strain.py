@@ -34,5 +34,5 @@ def stress(F: Any, isochoric_stress: Any, bulk_modulus: Any) -> Any:
 
 
 def volumetric(F: Any) -> Any:
-    """d/dF of (J - 1)^2 / 2, (..., 2, 2)."""
+    """d/dF of (J - 1)^2 / 2, (..., 2, 2), at F (..., 2, 2)."""
     return (det(F)[..., None, None] - 1.0) * cofactor(F)

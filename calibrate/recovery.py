@@ -29,7 +29,7 @@ GROWTH = 5.0  # largest noise of a quadratic fit over that of a linear one; 3 at
 
 
 def centroid_gradients(points: Array, triangles: Indices) -> sp.csr_array:
-    """Operator (2 m, n): nodal values to gradients at centroids; rows as in `gradient_operator`."""
+    """Operator (2 m, n), 1/mm: nodal values to gradients at centroids; rows as in `gradient_operator`."""
     linear = gradient_operator(points, triangles)
     slopes = shape_gradients(points, triangles)[0]
     recovered = nodal_gradients(points, triangles)
@@ -47,8 +47,8 @@ def centroid_gradients(points: Array, triangles: Indices) -> sp.csr_array:
 
 
 def nodal_gradients(points: Array, triangles: Indices) -> list[sp.csr_array]:
-    """Operators (n, n) to the x and y derivative at the nodes, from two rings of neighbours; no derivative at a node without
-    a triangle."""
+    """Operators (n, n), 1/mm, to the x and y derivative at the nodes, from two rings of neighbours; no derivative at a
+    node without a triangle."""
     n = len(points)
     corners = sp.csr_array(
         (np.ones(triangles.size), (np.repeat(np.arange(len(triangles)), 3), triangles.ravel())),

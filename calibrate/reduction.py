@@ -32,7 +32,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Quadratic:
-    """loss(c) = c^T Q c - 2 q^T c + constant; dimensionless, from `n_rows` equations."""
+    """loss(c) = c^T Q c - 2 q^T c + constant; dimensionless, from `n_rows` equations; Q (n, n), q (n,)."""
 
     basis: Basis
     Q: Array
@@ -118,7 +118,8 @@ class Assembled:
         return Quadratic(self.basis, Q, q, constant, n_rows)
 
     def whitened(self, c: Array):
-        """Yield G and load of each increment with residuals of unit covariance; unmeasured rows left out."""
+        """Yield G (r, n_functions) and load (r,) of each increment with residuals of unit covariance; unmeasured rows
+        left out."""
         for i, F in enumerate(self.system.deformation_gradients):
             load = self.system.loads[i]
             known = np.isfinite(load)
@@ -147,7 +148,7 @@ class Assembled:
         return result
 
     def first_guess(self) -> Array:
-        """Neo-Hooke with the modulus that fits the forces: start of the weighting."""
+        """Coefficients (n_functions,) of neo-Hooke with the modulus that fits the forces: start of the weighting."""
         return best_neo_hooke(self.system, self.basis)
 
 
@@ -197,7 +198,7 @@ def corrected(
 
 
 def whitening(covariance: Array) -> Array:
-    """Lower Cholesky factor of a covariance, with a floor of 1e-10 of each variance against round-off."""
+    """Lower Cholesky factor of a covariance (r, r), with a floor of 1e-10 of each variance against round-off."""
     variance = np.diag(covariance)
     return np.linalg.cholesky(covariance + np.diag(1e-10 * variance + 1e-14 * variance.max()))
 

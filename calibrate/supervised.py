@@ -33,7 +33,7 @@ MODES = ("uniaxial", "equibiaxial", "pure_shear")
 
 @dataclass(frozen=True)
 class SupervisedFit:
-    """model, its loss, the losses of all starts, and why the best one stopped."""
+    """model, its loss, the losses (n,) of all starts, and why the best one stopped."""
 
     model: Model
     loss: float
@@ -42,7 +42,10 @@ class SupervisedFit:
 
 
 def check_curves(curves: Curves) -> None:
-    """Raise `ExperimentError` or `UnitsError` for data that no homogeneous test gives."""
+    """Check {mode: (stretch (k,), nominal stress (k,) MPa)}.
+
+    Raises `ExperimentError` or `UnitsError` for data that no homogeneous test gives, `ConfigError` for an unknown mode.
+    """
     if not curves:
         raise errors.ExperimentError(f"no stress-stretch data; give at least one of {', '.join(MODES)}")
     for mode, (stretch, stress) in curves.items():

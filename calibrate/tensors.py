@@ -13,12 +13,12 @@ def det(F: Any) -> Any:
 
 
 def cofactor(F: Any) -> Any:
-    """d det F / dF = det F F^-T."""
+    """d det F / dF = det F F^-T, (..., 2, 2)."""
     rows = jnp.stack([F[..., 1, 1], -F[..., 1, 0]], axis=-1), jnp.stack([-F[..., 0, 1], F[..., 0, 0]], axis=-1)
     return jnp.stack(rows, axis=-2)
 
 
 def inverse(F: Any) -> Any:
-    """F^-1."""
+    """F^-1 (..., 2, 2)."""
     rows = jnp.stack([F[..., 1, 1], -F[..., 0, 1]], axis=-1), jnp.stack([-F[..., 1, 0], F[..., 0, 0]], axis=-1)
     return jnp.stack(rows, axis=-2) / det(F)[..., None, None]

@@ -82,11 +82,13 @@ class Uncertainty:
         return text + f" The data fix {self.effective_parameters:.2g} directions of the network's parameters."
 
     def deviation(self, architecture: pann.Architecture, parameters: Array, invariants: Array, weights: Array) -> Array:
-        """Standard deviation (...) of sum_k weights_k d psi / dI_k at invariants, weights (..., 2), to first order."""
+        """Standard deviation (...) of sum_k weights_k d psi / dI_k at invariants, weights (..., 2), to first order;
+        in the unit of the energy where the weights have none."""
         slopes = values_and_slopes(architecture, parameters, invariants)[1]
         return np.linalg.norm(np.einsum("...kp,...k->...p", slopes, weights) @ self.factor, axis=-1)
 
     def to_dict(self) -> dict[str, Any]:
+        """Content for a model file; `from_dict` reads it."""
         return {
             "factor": self.factor.tolist(),
             "effective_parameters": self.effective_parameters,
@@ -133,7 +135,8 @@ def parameter_uncertainty(
 def bulk_modulus_deviation(
     quadratic: Quadratic, architecture: pann.Architecture, parameters: Array, found: Uncertainty
 ) -> float:
-    """Standard deviation of the bulk modulus that belongs to a network in plane strain; arguments as above."""
+    """Standard deviation, MPa (or N/mm), of the bulk modulus that belongs to a network in plane strain; arguments as
+    above."""
     energy = quadratic.of_energy().basis
     slopes = _coefficients_and_slopes(architecture, energy, parameters)[1]
     own, shared = quadratic.Q[-1, -1], quadratic.Q[:-1, -1] @ slopes @ found.factor

@@ -29,7 +29,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class VirtualFields:
-    """values (n_nodes, n_fields), sparse; boundary (n_fields,): index of the loaded boundary where it is 1, or -1."""
+    """values (n_nodes, n_fields), sparse; boundary (n_fields,): index of the loaded boundary where it is 1, or -1;
+    spacing of the grid, mm, 0 without one."""
 
     values: sp.csr_array
     boundary: NDArray[np.int64]
@@ -37,6 +38,7 @@ class VirtualFields:
 
     @property
     def n_fields(self) -> int:
+        """Number of scalar fields."""
         return self.values.shape[1]
 
 
@@ -105,7 +107,8 @@ def nodal_fields(experiment: Experiment) -> VirtualFields:
 
 
 def bilinear_hats(points: Array, spacing: float) -> sp.csr_array:
-    """Bilinear hats (n_nodes, n_grid) of a grid centred on the specimen; columns without a node are dropped."""
+    """Bilinear hats (n_nodes, n_grid) at points (n_nodes, 2) of a grid of `spacing`, mm, centred on the specimen;
+    columns without a node are dropped."""
     low, high = points.min(axis=0), points.max(axis=0)
     cells = np.maximum(1, np.ceil((high - low) / spacing)).astype(int)
     start = 0.5 * (low + high) - 0.5 * cells * spacing

@@ -55,10 +55,12 @@ class Part:
 
     @property
     def experiment(self) -> Experiment:
+        """The Experiment of the chain."""
         return self.chain.system.experiment
 
     @property
     def system(self) -> Equilibrium:
+        """The virtual-work equations of the chain."""
         return self.chain.system
 
     @cached_property
@@ -90,6 +92,7 @@ class Problem:
 
     @property
     def trained(self) -> tuple[Part, ...]:
+        """The parts that have training rows."""
         return tuple(part for part in self.parts if part.train.size)
 
     def white(self, values: Sequence[Array]) -> Array:
@@ -169,7 +172,7 @@ def amplifying(problem: Problem, additions: Additions) -> Additions:
 
 
 def first_guess(assembled: Sequence[Assembled]) -> Array:
-    """Neo-Hooke with the mean of the moduli that fit each experiment's forces."""
+    """Coefficients (n_functions,) of neo-Hooke with the mean of the moduli that fit each experiment's forces."""
     return np.mean([a.first_guess() for a in assembled], axis=0)
 
 
@@ -214,7 +217,7 @@ def smoothness(base: str, n: int, bulk: int = 0) -> Array:
 
 
 def residual(problem: Problem, c: Array, additions: Additions) -> Array:
-    """Whitened training residual (N,)."""
+    """Whitened training residual (N,) of coefficients c (n,) and effects."""
     return problem.white([part.residual(c, additions) for part in problem.trained])
 
 

@@ -24,7 +24,8 @@ SMALL = 0.02  # variance of a discrepancy over that of noise, below which it is 
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """rows (t, 2 v): which equations are used. lowers: Cholesky factor of each increment's noise. U, shrink: see above."""
+    """rows (t, 2 v): which equations are used. lowers: Cholesky factor of each increment's noise. U (N, s),
+    shrink (s,): see above."""
 
     rows: Mask
     lowers: tuple[Array, ...]
@@ -33,6 +34,7 @@ class Whitening:
 
     @property
     def size(self) -> int:
+        """Number N of the equations used."""
         return int(self.rows.sum())
 
     def __call__(self, residuals: Array) -> Array:

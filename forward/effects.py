@@ -40,18 +40,23 @@ class Addition:
         return tuple(float(v) for v in asdict(self).values())
 
     def energy(self, I1: Any, I2: Any, C: Any, p: Any) -> Any:
-        """Energy, MPa, to be added; C: in-plane right Cauchy-Green tensor."""
+        """Energy, MPa, to be added; C (2, 2): in-plane right Cauchy-Green tensor, p: `values`. None: nothing is added.
+
+        All in UFL, as in the other two laws.
+        """
         return None
 
     def field(self, X: Any, p: Any) -> Any:
-        """Factor on the energy at the reference place X."""
+        """Factor on the energy at the reference place X (2,), mm; None: there is none."""
         return None
 
     def factor(self, x: Any, largest: Any, p: Any) -> Any:
-        """Factor on the stress at x = I1 - 3 and its largest value so far, the present one included."""
+        """Factor on the stress at x = I1 - 3 and its largest value so far, the present one included; None: there is
+        none."""
         return None
 
     def to_dict(self) -> dict[str, Any]:
+        """Name and values, for a description."""
         return {"effect": self.name, **asdict(self)}
 
 
@@ -142,7 +147,8 @@ class Payne(Addition):
 @dataclass(frozen=True)
 class PermanentSet:
     """Of the chains, exp(-a x_max) are as made; those that broke on the way are formed anew without stress, in the state
-    they broke in, as Gaussian chains with the shear modulus of the material (Tobolsky 1960)."""
+    they broke in, as Gaussian chains with the shear modulus of the material (Tobolsky 1960). Raises
+    `MaterialError`."""
 
     a: float
 
@@ -153,7 +159,8 @@ class PermanentSet:
 
 @dataclass(frozen=True)
 class Prony:
-    """Overstress Q of the in-plane second Piola-Kirchhoff stress S: Q' + Q / tau = g S' (Simo 1987). tau in s."""
+    """Overstress Q of the in-plane second Piola-Kirchhoff stress S: Q' + Q / tau = g S' (Simo 1987). tau in s. Raises
+    `MaterialError`."""
 
     g: float
     tau: float
@@ -165,9 +172,11 @@ class Prony:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A thin sheet: base material, thickness (mm), additions, viscosity, permanent set, bulk modulus (MPa) or incompressible.
+    """A thin sheet: base material, thickness (mm), additions, viscosity, permanent set, bulk modulus (MPa) or
+    incompressible.
 
-    Compressible: psi of the invariants of the volume-preserving part of F, and kappa / 2 (J - 1)^2.
+    Compressible: psi of the invariants of the volume-preserving part of F, and kappa / 2 (J - 1)^2. Raises
+    `MaterialError`.
     """
 
     material: Material
@@ -191,19 +200,20 @@ class Sheet:
         return self.permanent_set is not None or any(type(a).factor is not Addition.factor for a in self.additions)
 
     def energy(self, I1: Any, I2: Any, C: Any, X: Any, material: Any, additions: Sequence[Any]) -> Any:
-        """Energy, MPa, without that of the volume; material and additions: the values as constants."""
+        """Energy, MPa, without that of the volume; C (2, 2), X (2,), mm; material and additions: the values as
+        constants."""
         psi = self.material.energy(I1, I2, material)
         for addition, p in zip(self.additions, additions, strict=True):
             psi += addition.energy(I1, I2, C, p) or 0
         return psi * self.field(X, additions)
 
     def field(self, X: Any, additions: Sequence[Any]) -> Any:
-        """Product of the fields s(X)."""
+        """Product of the fields s(X) at the reference place X (2,), mm."""
         found = (addition.field(X, p) for addition, p in zip(self.additions, additions, strict=True))
         return math.prod((s for s in found if s is not None), start=1)
 
     def factor(self, x: Any, largest: Any, additions: Sequence[Any]) -> Any:
-        """Product of the factors on the stress."""
+        """Product of the factors on the stress at x = I1 - 3 and its largest value so far."""
         found = (addition.factor(x, largest, p) for addition, p in zip(self.additions, additions, strict=True))
         return math.prod((f for f in found if f is not None), start=1)
 

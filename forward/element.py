@@ -125,10 +125,14 @@ class Solid:
 
     @property
     def n_cells(self) -> int:
+        """Number of hexes."""
         return len(self.dofs)
 
     def forces(self, u: Array, q: Array) -> tuple[Array, float, int]:
-        """Nodal forces (n, 3), N, not summed over ranks; squared volume error, mm^3; number of inverted hexes."""
+        """Nodal forces (n, 3), N, not summed over ranks; squared volume error, mm^3; number of inverted hexes.
+
+        u (n, 3): displacements, mm; q (m, 4): pressure coefficients, MPa and MPa/mm.
+        """
         forces, sums = np.zeros_like(u), np.zeros(1)
         bad = self._lib.solid_forces(self._c, *map(self._pointer, (u, q, forces, sums)))
         return forces, float(sums[0]), int(bad)

@@ -45,8 +45,8 @@ def solve_history(
 ) -> SurfaceSolution:
     """Load by `factors` (t,) of `loading` at `times` (t,), s, from rest at time 0; straight lines between.
 
-    substeps: steps of an increment, at least. Raises `LoadingError` and `ConvergenceError`, whose `solution` holds the
-    increments reached.
+    substeps: steps of an increment, at least. Raises `LoadingError`, `MissingSolverError` (no C compiler) and
+    `ConvergenceError`, whose `solution` holds the increments reached.
     """
     moments = _moments(factors, times, substeps)
     loading = loading.on(mesh)

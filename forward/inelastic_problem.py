@@ -28,7 +28,10 @@ THICKNESS_STEPS, THICKNESS_TOLERANCE = 30, 1e-13
 
 
 class InelasticProblem(PlaneStressProblem):
-    """A sheet whose components `held` move to load_factor * `values`; `solve` a step of time, then `commit` its state."""
+    """A sheet whose components `held` move to load_factor * `values`; `step` in time, then `commit` its state.
+
+    Its energy is that of base, additions and change of volume, without softening, viscosity and chains formed anew.
+    """
 
     def __init__(
         self, mesh: Mesh, sheet: Sheet, held: Any, values: Array, tolerance: float, max_iterations: int, comm: Any

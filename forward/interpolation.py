@@ -24,7 +24,8 @@ NEWTON_STEPS = 12
 
 @dataclass(frozen=True)
 class Places:
-    """Where points lie: cell (k,), local coordinates (k, 2) in [-1, 1]^2, how far outside (0 inside)."""
+    """Where points lie: cell (k,), local coordinates (k, 2) in [-1, 1]^2, how far outside in these
+    (k,), 0 inside."""
 
     cells: NDArray[np.int64]
     local: Array
@@ -59,7 +60,7 @@ def values_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
 
 
 def gradients_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
-    """Derivatives to x and y, (..., k, c, 2), of nodal fields (..., n, c)."""
+    """Derivatives to x and y, (..., k, c, 2), 1/mm times their unit, of nodal fields (..., n, c)."""
     slopes = quad_shape_gradients(places.local)
     cells = mesh.cells[places.cells]
     to_local = np.linalg.inv(np.einsum("kni,knj->kij", mesh.points[cells], slopes))

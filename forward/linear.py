@@ -42,6 +42,7 @@ class LinearSolver(Protocol):
         """Step du (n, 3), mm, from u (n, 3), q (m, 4), where held components move by `jump` (n, 3).
 
         fresh: whether the state has changed too much since the last step to use its factor again. None if it fails.
+        Raises `LinearSolverError` for want of memory.
         """
 
 
@@ -78,6 +79,7 @@ class Pardiso:
         self._factor: _Factor | None = None
 
     def step(self, u: Array, q: Array, jump: Array, fresh: bool) -> Array | None:
+        """See `LinearSolver.step`. Raises `LinearSolverError` for want of memory."""
         values, rhs = self.matrix.data, np.zeros(u.size)
         values[:] = 0
         jump = np.ascontiguousarray(jump.ravel())
@@ -212,6 +214,7 @@ class Mumps:
         self.ksp = self._factoriser()
 
     def step(self, u: Array, q: Array, jump: Array, fresh: bool) -> Array | None:
+        """See `LinearSolver.step`. Raises `LinearSolverError` for want of memory."""
         self.A.zeroEntries()
         rhs = self._ghosted
         rhs.array[:] = 0

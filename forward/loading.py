@@ -18,7 +18,10 @@ SYMMETRY = {"symmetry_x": 0, "symmetry_y": 1, "symmetry_z": 2}
 
 
 class BoundedMesh(Protocol):
-    """A mesh of nodes (n, 2) or (n, 3), mm, with named boundaries."""
+    """A mesh of nodes (n, 2) or (n, 3), mm, with named boundaries.
+
+    boundaries: name to the nodes of its edges or faces (e, k); boundary_nodes: the sorted nodes (k,) of one.
+    """
 
     @property
     def points(self) -> NDArray[np.float64]: ...
@@ -33,8 +36,8 @@ class Loading:
     """Final displacements of boundaries, reached in proportion to the load.
 
     displacements: boundary name to (u_x, u_y) or, of a solid, (u_x, u_y, u_z), mm; None leaves a component free. The
-    symmetry boundaries of a quarter or an eighth are held by themselves. Raises `LoadingError` for values that are
-    not finite.
+    symmetry boundaries of a quarter or an eighth are held by themselves. Raises `LoadingError` for no
+    boundary, another number of components, or values that are not finite.
     """
 
     displacements: Mapping[str, tuple[Component, ...]]
@@ -55,6 +58,7 @@ class Loading:
         """Sides held in the plane by rigid grips that move outward by `displacement`, mm, each.
 
         dimension 3: of a solid; its thickness is free at the grips, as in plane stress, unless `hold_thickness`.
+        Raises `LoadingError` for a side other than left, right, bottom, top.
         """
         rest: tuple[Component, ...] = (0.0 if hold_thickness else None,) * (dimension - 2)
         try:
@@ -65,7 +69,8 @@ class Loading:
     def on(self, mesh: BoundedMesh) -> Loading:
         """The loading of this mesh: a quarter keeps the sides it has and gains its symmetry conditions.
 
-        Raises `LoadingError` for a boundary that is not on the mesh, or another number of components than it has.
+        Raises `LoadingError` for a boundary that is not on the mesh, another number of components than it has, or a
+        motion that a quarter cannot show.
         """
         dimension = mesh.points.shape[1]
         for name, components in self.displacements.items():

@@ -19,7 +19,8 @@ ARRUDA_BOYCE = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)
 
 @dataclass(frozen=True)
 class Material:
-    """Base of the materials. Raises `MaterialError` if a parameter is no finite number."""
+    """Base of the materials. Raises `MaterialError` if a parameter is no finite number, or the solid has no
+    stiffness at rest."""
 
     name: ClassVar[str]
     unit = "MPa"
@@ -71,7 +72,7 @@ class ArrudaBoyce(Material):
 
 @dataclass(frozen=True)
 class NeoHooke(Material):
-    """psi = mu / 2 (I1 - 3). mu in MPa."""
+    """psi = mu / 2 (I1 - 3) (Rivlin 1948). mu in MPa."""
 
     mu: float = 0.3
     name: ClassVar[str] = "neo_hooke"
@@ -87,7 +88,7 @@ class NeoHooke(Material):
 
 @dataclass(frozen=True)
 class MooneyRivlin(Material):
-    """psi = c10 (I1 - 3) + c01 (I2 - 3). c10, c01 in MPa."""
+    """psi = c10 (I1 - 3) + c01 (I2 - 3) (Mooney 1940; Rivlin 1948). c10, c01 in MPa."""
 
     c10: float = 0.12
     c01: float = 0.03
@@ -104,7 +105,7 @@ class MooneyRivlin(Material):
 
 @dataclass(frozen=True)
 class Yeoh(Material):
-    """psi = c1 (I1 - 3) + c2 (I1 - 3)^2 + c3 (I1 - 3)^3. c1, c2, c3 in MPa."""
+    """psi = c1 (I1 - 3) + c2 (I1 - 3)^2 + c3 (I1 - 3)^3 (Yeoh 1993). c1, c2, c3 in MPa."""
 
     c1: float = 0.15
     c2: float = -1e-3

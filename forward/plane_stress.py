@@ -51,9 +51,10 @@ def solve(
 ) -> SurfaceSolution:
     """Load in `n_increments` equal steps. thickness: mm. bulk_modulus: MPa, in plane strain; None: in plane stress.
 
-    `checkpoint` is a solution file, rewritten after each increment; if it is there already, the run goes on
-    from its last increment. Raises `LoadingError`, `SolutionError` (checkpoint of another problem) and
-    `ConvergenceError`, whose `solution` holds the increments reached.
+    `checkpoint` is a solution file, rewritten after each increment; if it is there already, the run goes on from its
+    last increment. Raises `LoadingError`, `MaterialError` (a model in N/mm with another thickness than 1, a bulk
+    modulus that cannot be), `MissingSolverError` (no C compiler), `SolutionError` (checkpoint of another problem),
+    `CheckpointError` and `ConvergenceError`, whose `solution` holds the increments reached.
     """
     if mesh.cell_type != "quad":
         raise LoadingError("the forward model needs quads; make the mesh with meshes.quads")
@@ -109,7 +110,10 @@ def solve(
 def default_experiment(
     displacement: float = DEFAULT_DISPLACEMENT, size_factor: float = 1.0, **keywords: Any
 ) -> SurfaceSolution:
-    """The cross, pulled at its four arms, in Arruda-Boyce rubber, 1 mm thick: a quarter is solved and mirrored."""
+    """The cross, pulled at its four arms, in Arruda-Boyce rubber, 1 mm thick: a quarter is solved and mirrored.
+
+    displacement: of each arm, mm. size_factor: of the mesh sizes. keywords: of `solve`, whose errors it raises.
+    """
     specimen = Cross()
     loading = Loading.clamped(specimen.loaded, displacement)
     material = keywords.pop("material", ArrudaBoyce())

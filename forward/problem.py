@@ -46,6 +46,7 @@ class Outcome:
 
     @property
     def converged(self) -> bool:
+        """Whether it ended in equilibrium."""
         return self.reason > 0
 
 
@@ -142,15 +143,17 @@ class PlaneStressProblem:
 
     @property
     def unknowns(self) -> tuple[Array, ...]:
-        """The displacements, for the load stepping."""
+        """The displacements (n, 2), mm, for the load stepping."""
         return (self.displacements,)
 
     @unknowns.setter
     def unknowns(self, values: tuple[Array, ...]) -> None:
+        """Take displacements (n, 2), mm."""
         self.u.x.array[:] = values[0][self.nodes].ravel()
 
     def solve(self, load_factor: float) -> Outcome:
-        """Newton's method from the present u. The caller checks the outcome and rolls u back if need be."""
+        """Newton's method from the present u; `load_factor`: of `values`. The caller checks the outcome and rolls u
+        back if need be."""
         for support in self.supports:
             support.target.x.array[support.dofs] = load_factor * support.values
         self.problem.solve()

@@ -29,7 +29,11 @@ class Reporting(Problem, Protocol):
 
 
 class Solution(Protocol):
-    """What a run yields and can go on from."""
+    """What a run yields and can go on from.
+
+    time (n_inc,): load factor; energy (n_inc,), N mm; iterations (n_inc,); reactions: side to (n_inc, d), the force of
+    the grip on the specimen, N; description: of the problem; unknowns: fields (n_inc, ...); save: writes a file.
+    """
 
     @property
     def time(self) -> np.ndarray: ...
@@ -84,14 +88,17 @@ class Record:
 
     @property
     def time(self) -> np.ndarray:
+        """Load factor of each increment reached, (n_inc,)."""
         return np.array([s.load_factor for s in self.states[1:]])
 
     @property
     def iterations(self) -> np.ndarray:
+        """Of the solver in each increment reached, (n_inc,)."""
         return np.array([s.iterations for s in self.states[1:]], np.int64)
 
     @property
     def reactions(self) -> dict[str, np.ndarray]:
+        """Side to the force of its grip on the specimen, (n_inc, d), N."""
         return {side: np.array(force).reshape(-1, self.mesh.points.shape[1]) for side, force in self.forces.items()}
 
     def unknowns(self, which: int) -> np.ndarray:
@@ -133,8 +140,8 @@ def run(
 ) -> Any:
     """The solution after `n_increments` equal steps; from where `checkpoint` ended, if that file is there.
 
-    Raises `SolutionError`, `CheckpointError` (it cannot be written) and `ConvergenceError`, whose `solution` holds
-    the increments reached.
+    Raises `SolutionError`, `CheckpointError` (it cannot be written), `LinearSolverError` and `ConvergenceError`, whose
+    `solution` holds the increments reached.
     """
     if checkpoint is not None:
         if comm.bcast(Path(checkpoint).exists() if comm.rank == 0 else None):

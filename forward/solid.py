@@ -31,7 +31,7 @@ LAYERS = ((15.0, 2), (20.0, 3), (30.0, 4), (math.inf, 5))  # of half the thickne
 class Options:
     """tolerance: imbalance of free nodes over norm of nodal reactions; volume_tolerance: rms of J - 1 - p / kappa;
     Newton iterations and halvings allowed; solver: 'pardiso', 'mumps', or 'fastest': PARDISO where it is installed
-    and there is one rank."""
+    and there is one rank. Raises `LoadingError` for tolerances that are not positive."""
 
     tolerance: float = 1e-8
     volume_tolerance: float = 1e-9
@@ -62,9 +62,10 @@ def solve(
 ) -> SolidSolution:
     """Load in `n_increments` equal steps. bulk_modulus: MPa, 1e4 times the initial shear modulus by default.
 
-    `checkpoint` is a solution file, rewritten after each increment; if it is there already, the run goes on
-    from its last increment. Raises `LoadingError`, `MaterialError`, `SolutionError` (checkpoint of another problem),
-    `CheckpointError`, `LinearSolverError` and `ConvergenceError`, whose `solution` holds the increments reached.
+    `checkpoint` is a solution file, rewritten after each increment; if it is there already, the run goes on from its
+    last increment. Raises `LoadingError`, `MaterialError`, `SolutionError` (checkpoint of another problem),
+    `CheckpointError`, `LinearSolverError`, `MissingSolverError` (no C compiler) and `ConvergenceError`, whose
+    `solution` holds the increments reached.
     """
     if not isinstance(mesh, SolidMesh):
         raise LoadingError("the solid needs hexes; make the mesh with meshes.extrude")

@@ -53,7 +53,10 @@ class _Imbalance:
 
 
 class SolidProblem:
-    """Displacement u and pressure p of a solid whose components `held` (n, 3) move to load * `values` (n, 3), mm."""
+    """Displacement u and pressure p of a solid whose components `held` (n, 3) move to load * `values` (n, 3), mm.
+
+    bulk_modulus: MPa. Raises `LinearSolverError` for a solver that is unknown or not there.
+    """
 
     def __init__(
         self,
@@ -86,7 +89,8 @@ class SolidProblem:
 
     @property
     def unknowns(self) -> Unknowns:
-        """Displacements (n, 3), mm, and pressure coefficients (m, 4), in the order of the mesh, on every rank."""
+        """Displacements (n, 3), mm, and pressure coefficients (m, 4), MPa and MPa/mm, in the order of the mesh, on
+        every rank."""
         u = np.zeros(self.mesh.points.shape)
         owned = self.V.dofmap.index_map.size_local
         u[self.nodes[:owned]] = self.u[:owned]
@@ -96,6 +100,7 @@ class SolidProblem:
 
     @unknowns.setter
     def unknowns(self, values: Unknowns) -> None:
+        """Take displacements (n, 3), mm, and pressure coefficients (m, 4)."""
         self.u = np.ascontiguousarray(values[0][self.nodes])
         self.q = np.ascontiguousarray(values[1][self.cells])
 

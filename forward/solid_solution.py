@@ -93,7 +93,7 @@ class SolidSolution:
         return np.stack([np.einsum("mqnj,mni->mqij", slopes, u[cells]) for u in self.displacements])
 
     def save(self, path: str | Path) -> None:
-        """Write a .npz atomically."""
+        """Write a .npz atomically. Raises `MeshDataError` where it cannot be written."""
         write_npz(
             path,
             FORMAT,

@@ -30,9 +30,9 @@ REQUIRED = ("points", "cells", "displacements", "time", "energy", "iterations", 
 class SurfaceSolution:
     """Equilibrium states of a sheet, or of the surface of a solid.
 
-    mesh: biquadratic quads; displacements (n_inc, n, 2) at its nodes, mm; reactions: side to (n_inc, 2), the
-    force of the grip on the specimen, N; time (n_inc,): load factor, 1 at the end; energy (n_inc,): stored,
-    N mm; iterations (n_inc,) of the solver; thickness, mm; description: material, loading, program versions.
+    mesh: biquadratic quads; displacements (n_inc, n, 2) at its nodes, mm; reactions: side to (n_inc, 2), the force of
+    the grip on the specimen, N; time (n_inc,): load factor, 1 at the end, or s of a history; energy (n_inc,): stored, N
+    mm; iterations (n_inc,) of the solver; thickness, mm; description: material, loading, program versions.
     """
 
     mesh: Mesh
@@ -64,7 +64,8 @@ class SurfaceSolution:
         return interpolation.values_at(self.mesh, interpolation.locate(self.mesh, points), self.displacements)
 
     def deformation_gradient(self, points: Array) -> Array:
-        """In-plane deformation gradient (n_inc, k, 2, 2) at reference points (k, 2), mm."""
+        """In-plane deformation gradient (n_inc, k, 2, 2) at reference points (k, 2), mm. Raises `SolutionError` far
+        outside."""
         places = interpolation.locate(self.mesh, points)
         return np.eye(2) + interpolation.gradients_at(self.mesh, places, self.displacements)
 
@@ -104,7 +105,7 @@ class SurfaceSolution:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write a .npz atomically."""
+        """Write a .npz atomically. Raises `MeshDataError` where it cannot be written."""
         write_npz(
             path,
             FORMAT,

@@ -17,7 +17,7 @@ HISTORY = 3  # states that a prediction uses
 
 
 class Outcome(Protocol):
-    """How a solve ended."""
+    """How a solve ended: in equilibrium or not, iterations of the solver, text for the user."""
 
     @property
     def converged(self) -> bool: ...
@@ -28,7 +28,8 @@ class Outcome(Protocol):
 
 
 class Problem(Protocol):
-    """What can be stepped: settable unknowns (displacements, and what else there is) and a solve at a load factor."""
+    """What can be stepped: settable unknowns (displacements, mm, and what else there is) and a solve at a load
+    factor."""
 
     @property
     def unknowns(self) -> Unknowns: ...

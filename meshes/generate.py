@@ -31,7 +31,8 @@ def quads(specimen: Specimen, quarter: bool = False, size_factor: float = 1.0) -
     """Biquadratic quads; `size_factor` scales the specimen's mesh sizes.
 
     Edges on fillets and holes are curved. Raises `MeshQualityError` unless all cells are quads with a quality
-    of at least 0.3 and the area is within 0.1 % of the exact one.
+    of at least 0.3 and the area is within 0.1 % of the exact one, `MeshDataError` for a
+    `size_factor` that is not positive, `MissingLibraryError` without gmsh.
     """
     for retry in RETRIES:
         try:
@@ -49,7 +50,8 @@ def triangles(specimen: Specimen, n_nodes: int | None = None, quarter: bool = Fa
     """Straight triangles, `n_nodes` of them within 5 % if given, else with sizes scaled by `size_factor`.
 
     `n_nodes` counts the nodes of the mesh that is returned. Straight edges cut across the holes; `area_excess`
-    tells how much is added. Raises `MeshQualityError` for a quality below 0.3 or a target out of reach.
+    tells how much is added. Raises `MeshQualityError` for a quality below 0.3 or a target out of reach,
+    `MeshDataError` for less than 20 nodes or a `size_factor` that is not positive, `MissingLibraryError` without gmsh.
     """
     if n_nodes is None:
         mesh = _quadrant(specimen, "triangle", size_factor)

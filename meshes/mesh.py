@@ -81,7 +81,10 @@ class Mesh:
         return float((np.linalg.det(J) @ np.outer(w, w).ravel()).sum())
 
     def mirrored(self) -> tuple[Mesh, Indices, Array]:
-        """Full mesh of a quarter, with the quarter's node (n,) each node copies and the signs (n, 2) of x, y."""
+        """Full mesh of a quarter, with the quarter's node (n,) each node copies and the signs (n, 2) of x, y.
+
+        Raises `MeshDataError` for what is no quarter.
+        """
         mesh, source = self, np.arange(len(self.points))
         signs = np.ones_like(self.points)
         for axis, cut in enumerate(("symmetry_x", "symmetry_y")):
@@ -91,7 +94,7 @@ class Mesh:
         return mesh, source, signs
 
     def save(self, path: str | Path) -> None:
-        """Write a .npz atomically."""
+        """Write a .npz atomically. Raises `MeshDataError` where it cannot be written."""
         edges = {f"boundary_{name}": nodes for name, nodes in self.boundaries.items()}
         write_npz(path, "equigap-mesh", points=self.points, cells=self.cells, cell_type=self.cell_type, **edges)
 

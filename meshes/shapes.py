@@ -70,6 +70,7 @@ def triples(corners: list[Corner]) -> Iterator[tuple[Corner, Corner, Corner]]:
 
 
 def distance(one: Corner, other: Corner) -> float:
+    """Between two corners, mm."""
     return math.hypot(other.x - one.x, other.y - one.y)
 
 
@@ -94,6 +95,7 @@ def fillet_arc(before: Corner, corner: Corner, after: Corner) -> tuple[Array, Ar
 
 
 def fillet_points(before: Corner, corner: Corner, after: Corner, n: int = 17) -> Array:
+    """`n` points (n, 2) on the arc that rounds a corner, mm, both its ends among them."""
     start, centre, _ = fillet_arc(before, corner, after)
     angles = np.linspace(0, turn_angle(before, corner, after), n)
     x, y = start - centre

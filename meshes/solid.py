@@ -108,8 +108,9 @@ class SolidMesh:
 def extrude(plane: Mesh, thickness: float, layers: int, whole: bool = False, grading: float = GRADING) -> SolidMesh:
     """Hexes of the half above the mid-plane with `layers` layers, or of the whole thickness with twice as many.
 
-    plane: quads of a quarter (an eighth model results) or of the full specimen. grading: thickness of a layer
-    relative to the one below it, < 1 for thin layers at the surface. Raises `MeshDataError`, `MeshQualityError`.
+    plane: quads of a quarter (an eighth model results) or of the full specimen. thickness: of the whole specimen, mm.
+    grading: thickness of a layer relative to the one below it, < 1 for thin layers at the surface. Raises
+    `MeshDataError`, `MeshQualityError`.
     """
     if not (math.isfinite(thickness) and thickness > 0):
         raise MeshDataError(f"thickness = {thickness} mm; give a positive number")

@@ -61,7 +61,7 @@ class Specimen:
         raise NotImplementedError
 
     def holes(self) -> list[Ellipse]:
-        """Holes of the whole specimen."""
+        """Holes of the whole specimen; none by default."""
         return []
 
     @property

@@ -18,6 +18,7 @@ class Parser(argparse.ArgumentParser):
     reads_config = False
 
     def error(self, message: str) -> NoReturn:
+        """Raise `OptionError`, which names what is wrong, instead of leaving the program."""
         raise OptionError(f"{message}; see `{self.prog} --help`")
 
     def options(self) -> list[str]:

@@ -158,7 +158,11 @@ def read_known(path: Path | None, todo: Sequence[Plan]) -> dict[str, dict[str, A
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Run or resume the trials and write the report."""
+    """Run or resume the trials and write the report.
+
+    Raises `StudyError` where --report finds no trial, workers are killed again and again, more than a tenth of the
+    trials fail, or --known is no file of this run.
+    """
     from studies.blind_report import write_report
 
     todo = plans(arguments)

@@ -26,6 +26,7 @@ class Plan:
 
     @property
     def name(self) -> str:
+        """Effects and seed, as the folder of the trial is called."""
         return "+".join(self.effects).replace(" ", "_") + f"-{self.seed}" if self.effects else f"{NULL}-{self.seed}"
 
 

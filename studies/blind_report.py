@@ -144,6 +144,7 @@ def _line(one: dict[str, Any]) -> list[Any]:
 
 
 def share(part: int, whole: int) -> str:
+    """'3 of 4 (75 %)', or 'none made'."""
     return f"{part} of {whole} ({100 * part / whole:.0f} %)" if whole else "none made"
 
 

@@ -52,10 +52,12 @@ class Review:
 
     @property
     def model(self) -> Model:
+        """The calibrated model."""
         return self.calibration.model
 
     @property
     def measured(self) -> dict[str, Array]:
+        """Measured forces {boundary: (n_increments, 2)}, N; NaN where not measured."""
         return {b.name: b.force for b in self.experiment.loaded}
 
     def force_error(self, increments: NDArray[np.bool_]) -> float:

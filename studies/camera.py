@@ -39,7 +39,8 @@ DISPLACEMENTS, FORCES = 0, 1  # random streams
 class Solution(Protocol):
     """What the camera needs from a forward solution of the whole specimen.
 
-    reactions: {boundary: (n_increments, 2)}, force of the grip on the specimen, N; thickness mm; time (n_increments,).
+    reactions: {boundary: (n_increments, 2)}, force of the grip on the specimen, N; thickness mm; time (n_increments,);
+    description: free, 'plane' in it is 'strain' or, where it is absent, 'stress'.
     """
 
     @property
@@ -88,7 +89,10 @@ class GaussianField:
         return 0.5 * (low + high) - 0.5 * side, side
 
     def on_grid(self, side: float, rng: np.random.Generator) -> NDArray[np.complex128]:
-        """Two independent fields (resolution, resolution), the real and the imaginary part; the axes are x, y."""
+        """Two independent fields (resolution, resolution), the real and the imaginary part; the axes are x, y.
+
+        side: of the grid, mm. Raises `ConfigError` where the grid is too coarse for the correlation length.
+        """
         waves, amplitude = _spectrum(self.correlation_length, side)
         if 2 * waves.max() >= self.resolution:
             raise ConfigError(
@@ -107,7 +111,7 @@ class GaussianField:
         return fields
 
     def sample(self, points: Array, rng: np.random.Generator) -> Array:
-        """Two independent fields (n, 2) at points (n, 2), mm."""
+        """Two independent fields (n, 2) at points (n, 2), mm. Raises `ConfigError`, see `on_grid`."""
         origin, side = self.grid(points)
         values = interpolate(self.on_grid(side, rng), (points - origin) * (self.resolution / side))
         return np.stack([values.real, values.imag], axis=1)
@@ -154,7 +158,7 @@ class Camera:
         return self.relative_noise * self.length_scale
 
     def displacement_noise(self, points: Array, n_increments: int, seed: int) -> Array:
-        """Noise (n_increments, n, 2), mm, at points (n, 2); increment k depends on `seed` and k alone."""
+        """Noise (n_increments, n, 2), mm, at points (n, 2), mm; increment k depends on `seed` and k alone."""
         fields = [self.field.sample(points, stream(seed, DISPLACEMENTS, k)) for k in range(n_increments)]
         return self.amplitude * np.array(fields)
 
@@ -166,11 +170,12 @@ class Camera:
         return {name: factors[:, groups.index(AXIS.get(name, name))] for name in names}
 
     def noise(self, displacement_std: float | None = None) -> Noise:
-        """The noise as an Experiment states it; `displacement_std` replaces eta dx."""
+        """The noise as an Experiment states it; `displacement_std`, mm, replaces eta dx."""
         std = self.amplitude if displacement_std is None else displacement_std
         return Noise(std, self.field.correlation_length, float(self.force_noise / np.sqrt(3)))
 
     def to_dict(self) -> dict[str, Any]:
+        """Settings with the covariance and the amplitude in mm, for a manifest."""
         return {
             **asdict(self),
             "covariance": "exp(-r^2 / (2 l^2))",
@@ -203,7 +208,10 @@ def record(experiment: Experiment, camera: Camera, seed: int) -> Experiment:
 
 
 def boundaries(mesh: Mesh, forces: dict[str, Array]) -> tuple[tuple[LoadedBoundary, ...], NDArray[np.int64]]:
-    """Loaded boundaries and free nodes of a triangle mesh; corner nodes between both are loaded."""
+    """Loaded boundaries and free nodes of a triangle mesh; corner nodes between both are loaded.
+
+    forces: {boundary: (n_increments, 2)}, N. Raises `MeshDataError` for a boundary that the mesh does not have.
+    """
     loaded = tuple(LoadedBoundary(name, mesh.boundary_nodes(name), force) for name, force in forces.items())
     held = np.concatenate([b.nodes for b in loaded])
     return loaded, np.setdiff1d(mesh.boundary_nodes("free"), held)
@@ -220,7 +228,8 @@ def observe(
     """The Experiment that a camera with its points on the nodes of `mesh` (triangles, whole specimen) records.
 
     seed: of the noise; None = the clean fields. camera: None = the default one.
-    Raises `MeshMismatchError` when the mesh has no triangles or lacks a boundary of the solution.
+    Raises `MeshMismatchError` when the mesh has no triangles or lacks a boundary of the solution, and
+    the errors of an Experiment and of `record`.
     """
     if mesh.cell_type != "triangle":
         raise MeshMismatchError(f"the camera needs a mesh of triangles, not of {mesh.cell_type}s")

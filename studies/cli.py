@@ -133,7 +133,7 @@ def overview() -> Parser:
 
 
 def command_parser(name: str) -> tuple[Parser, Any]:
-    """The parser of a command and its module, imported now."""
+    """The parser of a command and its module, imported now. Raises `OptionError` where the module is not there."""
     command = COMMANDS[name]
     try:
         module = importlib.import_module(command.module)
@@ -176,7 +176,11 @@ def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `equigap`; returns the exit code."""
+    """Run `equigap`; returns the exit code.
+
+    Named errors, `OptionError` among them, and those of the operating system become one line and exit code 2; with
+    EQUIGAP_DEBUG in the environment they are raised.
+    """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
         if not arguments or arguments[0].startswith("-"):

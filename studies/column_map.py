@@ -117,11 +117,13 @@ class ColumnMap:
 
     @property
     def selection(self) -> Selection:
+        """Which frames become increments, of [frames]."""
         f = self.frames
         return Selection(f.count, f.list, f.until_s, f.onset, f.tare_N)
 
     @property
     def stated_noise(self) -> Noise | None:
+        """Noise of [noise], mm and N; None where it is to be estimated."""
         n = self.noise
         if n.displacement_std_mm is None:
             return None

@@ -43,6 +43,7 @@ class SheetOptions:
     next seven of the same row, so that the sheet keeps its width; 'drop' leaves a strip unmeasured; 'keep' trusts
     them. free_edges: whether the left and right rim carry no traction; 'auto' = yes (the true edge is there, or at
     most two pitches away); 'no' makes them the rim of the measured region. thickness: mm, None = unknown.
+    Raises `ConfigError` for what cannot be.
     """
 
     scale: float = SCALE_MM_PER_PIXEL
@@ -66,7 +67,8 @@ class SheetOptions:
 
 @dataclass(frozen=True)
 class Frames:
-    """Raw frames in pixels, image coordinates. points (n, 2); displacements (n_frames, n, 2), NaN = failed."""
+    """Raw frames in pixels, image coordinates. points (n, 2); displacements (n_frames, n, 2), NaN = failed;
+    frame_rate: Hz, None = unknown."""
 
     points: Array
     displacements: Array
@@ -76,7 +78,9 @@ class Frames:
 def read_frames(folder: str | Path) -> Frames:
     """Read every frame ``*.csv`` of a folder, in the order of their numbers; the first is the reference.
 
-    Points missing from a later frame count as failed. Raises `FileFormatError` with file and line.
+    Points missing from a later frame count as failed. Raises `DataNotFoundError` for less than two frames,
+    `FileFormatError` with file and line, `DegenerateMeshError` for points listed twice, `MeshMismatchError` for a point
+    that is not in the first frame.
     """
     folder = Path(folder)
     paths = frame_files(folder)
@@ -103,7 +107,7 @@ def read_frames(folder: str | Path) -> Frames:
 def read_frame(path: str | Path) -> Array:
     """One frame (n, 4): x, y, displacement in x and y, pixels, image coordinates; NaN where a point failed.
 
-    Raises `FileFormatError`.
+    Raises `DataNotFoundError`, `FileFormatError`.
     """
     table = read_table(path, FRAME_COLUMNS, Layout(delimiter=";", missing_allowed=True))
     frame = np.stack([table[name] for name in FRAME_COLUMNS], axis=1)
@@ -119,13 +123,15 @@ def frame_files(folder: Path) -> list[Path]:
 
 
 def read_record(path: str | Path) -> ForceRecord:
-    """Machine record: quoted CSV, one row of units. Raises `FileFormatError`, `TimeError`, `MissingForceError`."""
+    """Machine record, s and N: quoted CSV, one row of units. Raises `DataNotFoundError`, `FileFormatError`,
+    `TimeError`, `MissingForceError`."""
     table = read_table(path, ("Time", "Force"), Layout(units_row=True))
     return ForceRecord(table["Time"], table["Force"], str(path))
 
 
 def read_packed(path: str | Path) -> tuple[Frames, ForceRecord | None]:
-    """Frames and machine record of one packed ``.npz``. Raises `DataNotFoundError`, `FileFormatError`, `MeshMismatchError`."""
+    """Frames and machine record of one packed ``.npz``. Raises `DataNotFoundError`, `FileFormatError`,
+    `MeshMismatchError`, and the errors of a `ForceRecord`."""
     if not Path(path).is_file():
         raise errors.DataNotFoundError(f"{path}: no such file; give the path of a packed sheet")
     try:
@@ -155,7 +161,10 @@ def read_packed(path: str | Path) -> tuple[Frames, ForceRecord | None]:
 def sheet_series(
     frames: Frames, record: ForceRecord, options: SheetOptions = SheetOptions(), name: str = "sheet"
 ) -> Series:
-    """Build the Series of a sheet pulled along y; see `SheetOptions`."""
+    """Build the Series of a sheet pulled along y; see `SheetOptions`.
+
+    Raises `MeshMismatchError` where the points are no full grid, `ConfigError` where too little of it is left.
+    """
     order, columns, rows = _grid(frames.points)
     pixels = frames.points[order].reshape(rows, columns, 2)
     u = frames.displacements[:, order].reshape(-1, rows, columns, 2) * options.scale
@@ -201,7 +210,7 @@ def sheet_series(
 
 
 def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:
-    """Counter-clockwise triangles of a grid numbered row by row, bottom row first; diagonals alternate."""
+    """Counter-clockwise triangles (m, 3) of a grid numbered row by row, bottom row first; diagonals alternate."""
     number = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
     even = (np.add.outer(np.arange(rows - 1), np.arange(columns - 1)) % 2 == 0)[..., None]

@@ -344,6 +344,7 @@ def _shape_texts(effect: Effect, values: tuple[float, ...], unit: str) -> list[s
 
 
 def with_unit(text: str, unit: str) -> str:
+    """A quantity with its unit, which is left out where it is '1'."""
     return text if unit == "1" else f"{text} {unit}"
 
 

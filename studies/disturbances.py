@@ -49,19 +49,22 @@ class Disturbance:
         return mesh.points
 
     def displacements(self, solution: SurfaceSolution, specimen: Specimen, X: Array) -> Array | None:
-        """Displacements (t, n, 2), mm, that the correlation finds at X (n, 2); None: those of the points."""
+        """Displacements (t, n, 2), mm, that the correlation finds at X (n, 2), mm; None: those of the points."""
         return None
 
     def before(self, x: Array) -> Array:
-        """Where points x (n, 2), mm, from the middle of the specimen, are seen before it is loaded."""
+        """Where points x (n, 2), mm, from the middle of the specimen, are seen, (n, 2), mm, before it is loaded."""
         return x
 
     def see(self, x: Array, share: Any, size: float) -> Array:
-        """Where points x (..., 2), mm, from the middle of the picture, are seen; share: of the loading, 0 to 1."""
+        """Where points x (..., 2), mm, from the middle of the picture, are seen, (..., 2), mm.
+
+        share: of the loading, 0 to 1; size: largest extent of the specimen, mm.
+        """
         return x
 
     def forces(self, force: Array) -> Array:
-        """What a load cell reads of the forces (t, 2), N."""
+        """What a load cell reads, (t, 2), N, of the forces (t, 2), N."""
         return force
 
     def label(self) -> dict[str, Any]:
@@ -145,7 +148,10 @@ class Lag(Disturbance):
     name: ClassVar[str] = "lag between force and image"
 
     def schedule(self, factors: Sequence[float] | Array, times: Sequence[float] | Array) -> tuple[Array, Array]:
-        """Load factors and times of all pictures and readings, rising; the last straight line is continued."""
+        """Load factors and times, s, of all pictures and readings, rising; the last straight line is continued.
+
+        factors (t,) at times (t,), s, of the pictures. Raises `OptionError` for a reading before the test begins.
+        """
         knots, values = np.concatenate([[0.0], times]), np.concatenate([[0.0], factors])
         late = np.asarray(times) + self.dt
         if late[0] <= 0:
@@ -156,7 +162,7 @@ class Lag(Disturbance):
         return np.concatenate([factors, read])[first], every
 
     def split(self, solution: SurfaceSolution, times: Sequence[float] | Array) -> SurfaceSolution:
-        """Displacements at the pictures, forces at the readings."""
+        """Displacements at the pictures, taken at times (t,), s, and forces at the readings."""
         pictures = np.searchsorted(solution.time, times)
         readings = np.searchsorted(solution.time, np.asarray(times) + self.dt)
         return replace(

@@ -29,7 +29,8 @@ SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1)}
 
 
 class Solid(Protocol):
-    """What is needed of a 3D solution: F (n_inc, k, 3, 3) at surface points (k, 2) with weights (k,), mm^2; time."""
+    """What is needed of a 3D solution: F (n_inc, k, 3, 3) at surface points (k, 2) with weights (k,), mm^2; time
+    (n_inc,): load factor. surface_gauss: points, mm, weights and F."""
 
     @property
     def time(self) -> Array: ...
@@ -65,11 +66,11 @@ class EpsilonField:
             return cls(**{name: content[name] for name in cls.__dataclass_fields__})
 
     def near_holes(self, reach: float = NEAR_HOLE) -> NDArray[np.bool_]:
-        """Which points (k,) are within `reach` of a rim."""
+        """Which points (k,) are within `reach`, mm, of a rim."""
         return self.rim_distance <= reach
 
     def away_from_grips(self, zone: float) -> NDArray[np.bool_]:
-        """Which points (k,) are further than `zone` from every clamped side."""
+        """Which points (k,) are further than `zone`, mm, from every clamped side."""
         return self.grip_distance > zone
 
     def statistics(self, where: NDArray[np.bool_] | None = None, increment: int = -1) -> Statistics:
@@ -88,6 +89,7 @@ class Statistics:
     area: float
 
     def to_dict(self) -> dict[str, float]:
+        """By name, for a file."""
         return asdict(self)
 
 

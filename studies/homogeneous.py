@@ -63,14 +63,20 @@ SOURCES = {
 
 
 def load(name: str) -> Curves:
-    """{mode: (stretch, nominal stress MPa)} of a collection. Raises `ConfigError`, `DataNotFoundError`."""
+    """{mode: (stretch (k,), nominal stress (k,) MPa)} of a collection, sorted by stretch.
+
+    Raises `ConfigError` for an unknown collection, `DataNotFoundError`, `FileFormatError`.
+    """
     if name not in COLLECTIONS:
         raise errors.ConfigError(f"collection '{name}' unknown; choose one of {', '.join(COLLECTIONS)}")
     return COLLECTIONS[name]()
 
 
 def kawabata_biaxial() -> Array:
-    """Kawabata et al. 1981, general biaxial (117, 4): stretches 1 and 2, nominal stresses 1 and 2 in MPa."""
+    """Kawabata et al. 1981, general biaxial (117, 4): stretches 1 and 2, nominal stresses 1 and 2 in MPa.
+
+    Raises `DataNotFoundError`, `FileFormatError`.
+    """
     columns = ("lambda1", "lambda2", "P1_MPa", "P2_MPa")
     table = read_table(data.find("kawabata_jl/kawabata1981_biaxial.csv"), columns)
     return np.stack([table[c] for c in columns], axis=1)

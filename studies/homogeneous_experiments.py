@@ -51,7 +51,8 @@ SPLITS = ("all", "training", "held-out")
 
 
 def scatter(x: Array, y: Array) -> float:
-    """Standard deviation of y (n,) about a smooth curve of x (n,)."""
+    """Standard deviation of y (n,) about a smooth curve of x (n,), in its unit. Raises `ConfigError` for too few
+    points."""
     return homogeneous_sheet.robust_std(homogeneous_sheet.local_residuals(x, y, WINDOW, DEGREE))
 
 
@@ -72,8 +73,9 @@ def curve(
 ) -> Experiment:
     """A test of one `mode` of `MODES`: stretch (n,), nominal stress (n,) MPa, NaN where not measured, time (n,) s.
 
-    axis: along which a uniaxial strip is pulled. uncertainty: by default from the scatter of the curve.
-    Raises `ConfigError`, and the named errors of an Experiment.
+    axis: along which a uniaxial strip is pulled. uncertainty: by default from the scatter of the curve. Raises
+    `ConfigError` for an unknown mode or too few points to see scatter, `InvalidDeformationError` for a stretch that is
+    not positive, and the named errors of an Experiment.
     """
     if mode not in MODES:
         raise errors.ConfigError(f"mode '{mode}' unknown; choose one of {', '.join(MODES)}")
@@ -103,7 +105,7 @@ def curve(
 def transcription(mode: str) -> tuple[float, float]:
     """Standard deviations of stretch, and of stress relative to itself, between the two tables of Treloar's markers.
 
-    The markers are paired from the last backwards, as the tables differ in the first ones.
+    The markers are paired from the last backwards, as the tables differ in the first ones. Raises `DataNotFoundError`.
     """
     (xa, ya), (xb, yb) = (homogeneous.load(f"treloar-{s}")[mode] for s in "ab")
     n = min(np.count_nonzero(ya), np.count_nonzero(yb))
@@ -113,7 +115,10 @@ def transcription(mode: str) -> tuple[float, float]:
 
 
 def treloar(mode: str, source: str = "treloar-a") -> Experiment:
-    """Treloar 1944, natural rubber: 'uniaxial', 'equibiaxial' or 'pure_shear' of one of the two transcriptions."""
+    """Treloar 1944, natural rubber: 'uniaxial', 'equibiaxial' or 'pure_shear' of one of the two transcriptions.
+
+    Raises `ConfigError` for an unknown mode or source, `DataNotFoundError`.
+    """
     if source not in ("treloar-a", "treloar-b"):
         raise errors.ConfigError(f"source '{source}' unknown; choose treloar-a or treloar-b")
     x, y = _mode(homogeneous.load(source), mode)
@@ -124,7 +129,8 @@ def treloar(mode: str, source: str = "treloar-a") -> Experiment:
 
 
 def classical(collection: str, mode: str) -> Experiment:
-    """A curve of another collection of `studies.homogeneous`: 'kawabata', 'meunier'."""
+    """A curve of another collection of `studies.homogeneous`: 'kawabata', 'meunier'. Raises `ConfigError`,
+    `DataNotFoundError`."""
     x, y = _mode(homogeneous.load(collection), mode)
     return curve(f"{collection} {mode}", mode, x, y, source=homogeneous.SOURCES[collection])
 
@@ -133,7 +139,7 @@ def kawabata_biaxial(split: str = "all") -> Experiment:
     """Kawabata et al. 1981, points of general biaxial tension with both forces, in order of I1 (no history).
 
     split: at each stretch 1 the stretches 2 are numbered from 0, uniaxial (its free edge is no equation, NaN). 'training'
-    has the even numbers, 'held-out' the odd ones.
+    has the even numbers, 'held-out' the odd ones. Raises `ConfigError` for another split, `DataNotFoundError`.
     """
     if split not in SPLITS:
         raise errors.ConfigError(f"split '{split}' unknown; choose one of {', '.join(SPLITS)}")
@@ -169,7 +175,8 @@ def calendered(direction: str) -> Experiment:
     """A calendered sheet pulled along ('calendering', x) or across ('transverse', y) its direction of rolling.
 
     The lateral stretch is assumed isotropic, which such a sheet is not: only forces along the pull mean something.
-    The origin of the curves is not stated by their source.
+    The origin of the curves is not stated by their source. Raises `ConfigError` for another direction,
+    `DataNotFoundError`.
     """
     if direction not in ("calendering", "transverse"):
         raise errors.ConfigError(f"direction '{direction}' unknown; choose calendering or transverse")
@@ -185,6 +192,7 @@ def hnbr50(test: str = "slow", increments: int = 120) -> Experiment:
     over nominal rate, not a clock. Relaxation: stepwise up and down, 12 h. At most `increments` points, even along the path
     of stretch and stress. Points at the same time are averaged. The records were smoothed by their authors, so that the
     scatter is hardly noise. Two cycles of one test differ by 2 to 4 %.
+    Raises `ConfigError` for an unknown test, `DataNotFoundError`.
     """
     if test not in HNBR50:
         raise errors.ConfigError(f"HNBR50 test '{test}' unknown; choose one of {', '.join(HNBR50)}")
@@ -206,6 +214,7 @@ def from_file(path: str | Path, mode: str = "uniaxial") -> Experiment:
     """A CSV with the columns 'stretch' and 'stress' (MPa), or 'lambda1', 'lambda2', 'P1_MPa', 'P2_MPa'; 'time' (s) too.
 
     Rows are kept in their order; a missing stress is NaN. mode: of the two-column form.
+    Raises `DataNotFoundError`, `FileFormatError`, and the errors of `curve`.
     """
     path = Path(path)
     table = read_table(path, None, Layout(missing_allowed=True))

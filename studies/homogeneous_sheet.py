@@ -57,7 +57,8 @@ def experiment(
     axes: 'x' or 'y' for a strip gripped across that axis, 'xy' for the square. time (n,), s. The points at rest (stretch
     1, stress 0) at the start are left out: they are no equation.
 
-    Raises `ConfigError`, and the named errors of an Experiment.
+    Raises `ConfigError` for other axes, `MeshMismatchError` where stretch and stress are not both (n, 2),
+    `InvalidDeformationError` for a stretch that is not positive, and the named errors of an Experiment.
     """
     if axes not in ("x", "y", "xy"):
         raise errors.ConfigError(f"axes '{axes}' unknown; choose 'x', 'y' (strips) or 'xy' (square)")
@@ -108,9 +109,11 @@ def stresses(test: Experiment) -> Array:
 
 
 def local_residuals(x: Array, y: Array, window: int = 7, degree: int = 2) -> Array:
-    """What a parabola through the `window` nearest points in order leaves of each y (n,), over sqrt(1 - leverage).
+    """What a polynomial in x (n,), a parabola by default, through the `window` nearest points in order leaves of each y
+    (n,), over sqrt(1 - leverage).
 
-    For independent errors of standard deviation s on a smooth curve each has that standard deviation.
+    For independent errors of standard deviation s on a smooth curve each has that standard deviation. Raises
+    `ConfigError` for too few points.
     """
     n = len(x)
     window = min(window, n)
@@ -133,7 +136,7 @@ def robust_std(residuals: Array) -> float:
 
 
 def evenly(time: Array, stretch: Array, stress: Array, count: int) -> NDArray[np.int64]:
-    """Indices of at most `count` points of a record, even in the path of (stretch, stress) plus elapsed time.
+    """Indices of at most `count` points of a record (n,), even in the path of (stretch, stress) plus elapsed time.
 
     The fast beginning of a relaxation gets its points, a long hold few. The last sixth of them goes where straight lines
     in time between the others are most wrong: reversals, mostly.

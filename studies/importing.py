@@ -116,7 +116,10 @@ _NOT_SETTINGS = {"output", "overwrite", "command"}
 
 
 def import_experiment(source: str | Path, **options: Any) -> Experiment:
-    """The Experiment that `equigap import SOURCE` makes; options as on the command line, '_' for '-'."""
+    """The Experiment that `equigap import SOURCE` makes; options as on the command line, '_' for '-'.
+
+    Raises `ConfigError` for an unknown option, and whatever the reader of the source and `series.to_experiment` find.
+    """
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     args = parser.parse_args([str(source)])

@@ -40,6 +40,7 @@ class Manifest:
     started: float = field(default_factory=time.time)
 
     def to_dict(self) -> dict[str, Any]:
+        """What is written: command, settings, digests of the inputs, versions, revision, date and duration, s."""
         now = time.time()
         return {
             "format": "equigap-manifest",

@@ -122,26 +122,31 @@ class Steps:
         return self._sheets[name]
 
     def record(self, name: str) -> dict[str, Any]:
+        """What the record of a sheet says, see `measured_record.record`."""
         from studies.measured_record import record
 
         return record(name, self.sheet(name))
 
     def learn(self, name: str) -> dict[str, Any]:
+        """What a sheet does beyond hyperelasticity, see `measured_loop.learn`."""
         from studies.measured_loop import learn
 
         return learn(self.sheet(name), self.args.until, self.args.spacing, self.say)
 
     def rivals(self, learnt: dict[str, Any]) -> dict[str, Any]:
+        """Softening against relaxation on the first sheet, see `measured_loop.rivals`."""
         from studies.measured_loop import rivals
 
         return {"models": rivals(self.sheet(FIRST), learnt, self.args.until, self.args.spacing, self.say)}
 
     def transfer(self, name: str, models: list[dict[str, Any]]) -> dict[str, Any]:
+        """Models of another sheet on this one, see `measured_transfer.transfer`."""
         from studies.measured_transfer import transfer
 
         return transfer(self.sheet(name), models, self.args.until, self.args.spacing)
 
     def locate(self, carried: dict[str, Any]) -> dict[str, Any]:
+        """Where the heterogeneous sheet differs from what was carried to it, see `measured_map.stiffness_map`."""
         from studies.importing import import_experiment
         from studies.measured_account import members
         from studies.measured_map import stiffness_map
@@ -150,11 +155,13 @@ class Steps:
         return stiffness_map(e, members(carried["models"][-1]), self.args.until, FINE, CELL)
 
     def control(self, name: str) -> dict[str, Any]:
+        """Negative control on a sheet, see `measured_control.split_half`."""
         from studies.measured_control import imported, split_half
 
         return split_half(imported(name, COMPARED), self.args.spacing)
 
     def homogeneous(self, loop: Any) -> dict[str, Any]:
+        """A loop on homogeneous tests, see `measured_homogeneous.close`."""
         from studies.measured_homogeneous import close
 
         return close(loop, self.say)

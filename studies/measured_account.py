@@ -38,7 +38,8 @@ class Split:
 
     @classmethod
     def of(cls, e: Experiment, until: float) -> Split:
-        """By time. Raises `ConfigError` where one of the two would be too small."""
+        """Those up to `until`, s, are fitted. Raises `ConfigError` without a time, or where one of the two would be too
+        small."""
         if e.time is None:
             raise errors.ConfigError(f"{e.name}: has no time, so that no first part can be fitted")
         fitted = e.time <= until
@@ -60,7 +61,11 @@ def members(described: dict[str, Any]) -> tuple[ExtendedModel, ...]:
 
 
 def account(e: Experiment, models: Sequence[ExtendedModel], split: Split, spacing: float) -> dict[str, Any]:
-    """Errors of a model, or of the mean of several, on a sheet, the grips' forces, and the section forces over the measured force."""
+    """Errors of a model, or of the mean of several, on a sheet, the grips' forces, and the section forces over the
+    measured force.
+
+    spacing: of the virtual fields, mm.
+    """
     system = equilibrium(e, spacing)
     r = np.mean([Chain(system, model.basis).residual(model.c, model.additions) for model in models], axis=0)
     grips = grip_rows(system)
@@ -96,7 +101,7 @@ def grip_rows(system: Equilibrium) -> Mask:
 
 
 def force_and_field(system: Equilibrium, r: Array, increments: Mask) -> dict[str, float]:
-    """Relative errors of residuals r (t, 2 v) in some increments, see the top of this module."""
+    """Relative errors of residuals r (t, 2 v), N, in some increments (t,), see the top of this module."""
     fields = np.tile(system.fields.boundary < 0, 2)
     grips = grip_rows(system)
     size = np.linalg.norm(system.loads[increments][:, grips])

@@ -27,8 +27,8 @@ AROUND = (-3, -1, 1, 3)  # even pictures around an odd one
 
 
 def groups(time: Array, count: int) -> list[int]:
-    """Frames k - 3, k - 1, k, k + 1, k + 3 for at most `count` odd k spread over the record (t,), none across a gap and no
-    frame twice."""
+    """Numbers of the frames k - 3, k - 1, k, k + 1, k + 3 for at most `count` odd k spread over the record time (t,),
+    s, none across a gap and no frame twice."""
     interval = np.median(np.diff(time))
     odd = [k for k in range(3, len(time) - 3, 2) if time[k + 3] - time[k - 3] < 6.5 * interval]
     chosen: list[int] = []
@@ -51,7 +51,8 @@ def interpolation(at: Array, times: Array) -> Array:
 def split_half(e: Experiment, spacing: float, seed: int = 0) -> dict[str, Any]:
     """Score tests of the difference between odd pictures and the even ones around them.
 
-    e: its increments are those of `groups`, its noise is that from picture to picture.
+    e: its increments are those of `groups`, its noise is that from picture to picture. spacing: of the virtual
+    fields, mm.
     """
     assert e.noise is not None and e.time is not None
     times = e.time.reshape(-1, 5)

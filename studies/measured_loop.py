@@ -77,7 +77,7 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
     All candidates are fitted at once, from several starts; those that do not pay are taken out (`calibrate.joint`); a general
     effect gives way to a special one where that pays, and neo-Hooke to a finer base where that also predicts the last third of what
     is fitted from the rest. The search for effects is made once more without each increment, beside neo-Hooke
-    (`studies.measured_searches`).
+    (`studies.measured_searches`). until: s; spacing: of the virtual fields, mm.
     """
     split = Split.of(e, until)
     assert e.time is not None

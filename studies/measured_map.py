@@ -29,10 +29,12 @@ FOLDS = 5  # of the virtual fields, drawn at random; each is left out once to ch
 def stiffness_map(
     e: Experiment, models: Sequence[ExtendedModel], until: float, spacing: float, cell: float
 ) -> dict[str, Any]:
-    """Stiffness of each place over that of the carried model, or the mean of several: bilinear on a grid of `cell` mm, smooth, above zero.
+    """Stiffness of each place over that of the carried model, or the mean of several: bilinear on a grid of `cell` mm,
+    smooth, above zero.
 
-    The factors k of nodes minimise |sum_q k_q w_q - F|^2 / |F|^2 + weight |gradient k|^2, w_q the virtual work of the model's
-    stress times the hat of node q. The weight is the one that predicts best the virtual fields left out.
+    The factors k of nodes minimise |sum_q k_q w_q - F|^2 / |F|^2 + weight |gradient k|^2, w_q the virtual work of the
+    model's stress times the hat of node q. The weight is the one that predicts best the virtual fields left out. until:
+    s; spacing: of the virtual fields, mm.
     """
     split = Split.of(e, until)
     system = equilibrium(e, spacing)

@@ -29,7 +29,8 @@ NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiff
 
 
 def prepared(e: Experiment, fitted: Mask, spacing: float) -> tuple[Problem, Fit]:
-    """Problem of the increments fitted (t,), whose base is neo-Hooke, and its base fit."""
+    """Problem of the increments fitted (t,), whose base is neo-Hooke, and its base fit. spacing: of the virtual fields,
+    mm."""
     problem, _ = effect_fit.prepare([e], [lambda system: equations(system, fitted)], spacing, base="positive")
     problem = with_splines(problem, 1)
     return problem, effect_fit.refit(problem, whitened.first_guess([problem.parts[0].assembled]), ())

@@ -29,6 +29,7 @@ def carried(
     """The model with the factor on its stiffness, and on the `strength` of its relaxation, that fits the forces best.
 
     Fitted to the forces at the grips in the increments to be fitted; everything else stays as it was learnt.
+    spacing: of the virtual fields, mm. Raises `FitError` where no factor is found.
     """
     system = equilibrium(e, spacing)
     rows = split.fitted
@@ -51,7 +52,8 @@ def carried(
 def transfer(e: Experiment, models: Sequence[dict[str, Any]], until: float, spacing: float) -> dict[str, Any]:
     """Every model learnt on another sheet, on this one, with one factor refitted; the last also with its relaxation.
 
-    Of a mean of several models each is refitted; the factor shown is their median.
+    Of a mean of several models each is refitted; the factor shown is their median. until: s; spacing: of the virtual
+    fields, mm. Raises `ConfigError` where the sheet cannot be split there, `FitError`.
     """
     split = Split.of(e, until)
     result: dict[str, Any] = {"name": e.name, "time": e.time, "models": []}

@@ -50,9 +50,9 @@ class FieldNoise:
 
 @dataclass(frozen=True)
 class DisplacementNoise:
-    """total, temporal: see the module. jitter, mm: smooth motion from frame to frame.
+    """total, temporal: see the module. jitter, mm: smooth motion from frame to frame, NaN where temporal is None.
 
-    frame_std (n_frames,), mm: total std of each frame at the common correlation length.
+    frame_std (k,), mm: total std of each frame but those that are zero everywhere, at the common correlation length.
     """
 
     total: FieldNoise
@@ -61,6 +61,7 @@ class DisplacementNoise:
     frame_std: Array
 
     def to_dict(self) -> dict[str, Any]:
+        """By name, mm, for a provenance; of frame_std the first and the last."""
         return {
             "total": asdict(self.total),
             "temporal": None if self.temporal is None else asdict(self.temporal),
@@ -72,8 +73,8 @@ class DisplacementNoise:
 def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise:
     """Estimate the displacement noise of points (n, 2) and displacements (n_frames, n, 2), both mm, no NaN.
 
-    A frame that is zero everywhere (the reference) is left out of the total. Raises `ExperimentError` with fewer
-    than 100 points.
+    A frame that is zero everywhere (the reference) is left out of the total. With fewer than five
+    others temporal is None. Raises `ExperimentError` with fewer than 100 points, or points too scattered.
     """
     if len(points) < 100:
         raise errors.ExperimentError(
@@ -99,7 +100,10 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
 
 def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> tuple[sp.csr_array, Index]:
     """R (n_inner, n): value minus local cubic fit, at those of points (n, 2) whose neighbours surround them; and
-    which these are (n_inner,)."""
+    which these are (n_inner,).
+
+    Raises `ExperimentError` where less than 30 are.
+    """
     pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
     _, index = cKDTree(points).query(points, k=neighbours)
     offset = (points[index] - points[:, None]) / (2 * pitch)

@@ -75,10 +75,12 @@ class Report:
     _parts: list[Any] = field(default_factory=list, repr=False)
 
     def heading(self, text: str) -> Self:
+        """Begin a section."""
         self._parts.append({"kind": "heading", "text": text})
         return self
 
     def paragraph(self, text: str) -> Self:
+        """Add running text."""
         self._parts.append({"kind": "paragraph", "text": _set(text)})
         return self
 

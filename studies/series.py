@@ -87,8 +87,9 @@ def to_experiment(
 ) -> Experiment:
     """Turn a Series into an Experiment. noise: stated noise; None: estimated from all frames.
 
-    noise_kind: 'total' or 'temporal', see `noise_estimate`. Raises `LostPointsError`, `MissingForceError`,
-    `ForceSignError`, `TimeError`, and whatever the checks of an Experiment find.
+    noise_kind: 'total' or 'temporal', see `noise_estimate`. Raises `ConfigError`, `LostPointsError`,
+    `MissingForceError`, `ForceSignError`, `TimeError`, `ExperimentError` where noise cannot be estimated, and whatever
+    the checks of an Experiment find.
     """
     frames, notes = choose_frames(series.time, series.record, selection, _failure(series))
     rest = float(np.clip(series.time[0], series.record.time[0], series.record.time[-1]))
@@ -131,7 +132,8 @@ def to_experiment(
 
 
 def unseen_peak(lengths: Array, frames: Index) -> list[str]:
-    """A note where the specimen was longer between chosen frames than in any chosen before. lengths (n_frames,): mm."""
+    """A note where the specimen was longer between chosen frames than in any chosen before. lengths (n_frames,): mm;
+    frames (t,): those chosen."""
     known = np.where(np.isfinite(lengths), lengths, -np.inf)
     missed = np.maximum.accumulate(known)[frames] - np.maximum.accumulate(known[frames])
     worst = int(np.argmax(missed))
@@ -158,7 +160,11 @@ def _check_sign(series: Series, frames: Index, force: Array) -> None:
 
 
 def estimate_noise(series: Series, nodes: Index, frames: Index, kind: str) -> tuple[Noise, dict[str, Any]]:
-    """Noise of a series from all its frames, or from the chosen ones where too many points failed in the others."""
+    """Noise of a series from all its frames, or from the chosen ones where too many points failed in the others.
+
+    nodes (k,): those to be used; frames (t,): those chosen; kind: 'total' or 'temporal'. Beside the Noise (mm, N) its
+    parts by name. Raises `ConfigError` for another kind, `ExperimentError` where points are too few or too scattered.
+    """
     if kind not in ("total", "temporal"):
         raise errors.ConfigError(f"noise kind '{kind}' unknown; choose total or temporal")
     complete = nodes[np.isfinite(series.displacements[:, nodes]).all(axis=(0, 2))]

@@ -47,6 +47,7 @@ class Case:
 
     @property
     def name(self) -> str:
+        """Data, inputs and layers, as its files are called."""
         return f"{self.data}-{self.inputs}-{'-'.join(map(str, self.layers))}"
 
 
@@ -154,7 +155,7 @@ def _layers(text: str) -> tuple[int, ...]:
 
 
 def cases_of(args: argparse.Namespace) -> list[Case]:
-    """Cases asked for on the command line."""
+    """Cases asked for on the command line. Raises `ConfigError` for an unknown data set."""
     cases = default_cases(args.quick)
     if args.data:
         known = {TRUTH, *homogeneous.COLLECTIONS}

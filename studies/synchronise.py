@@ -19,7 +19,11 @@ BREAK_LEVEL, BREAK_DURATION = 0.5, 0.05
 
 @dataclass(frozen=True)
 class ForceRecord:
-    """Load-cell record: time (n,) s, increasing; force (n,) N, positive in tension; source: for messages."""
+    """Load-cell record: time (n,) s, increasing; force (n,) N, positive in tension; source: for messages.
+
+    Readings without a force (NaN) are left out. Raises `MissingForceError` for too few readings or none with a force,
+    `TimeError`.
+    """
 
     time: Array
     force: Array
@@ -85,7 +89,8 @@ def find_break(record: ForceRecord) -> tuple[float, float] | None:
 def choose_frames(
     time: Array, record: ForceRecord, selection: Selection, broke: float | None = None
 ) -> tuple[Index, list[str]]:
-    """Frame numbers that become increments, and notes on what was left out. broke: time of a failure, s.
+    """Frame numbers that become increments, and notes on what was left out. time (n_frames,): of the frames, s;
+    broke: of a failure, s.
 
     Raises `ConfigError` for frames outside the record, `MissingForceError` when no frame has a force.
     """

@@ -252,10 +252,12 @@ def losses_for(settings: Settings, condition: str, seed: str) -> tuple[str, ...]
 
 
 def experiment_path(folder: Path, condition: str, seed: str) -> Path:
+    """Of the Experiment of a condition and a noise seed."""
     return folder / "experiments" / f"{condition}_{seed}.npz"
 
 
 def case_path(folder: Path, condition: str, seed: str) -> Path:
+    """Of the numbers of a condition and a noise seed."""
     return folder / "cases" / f"{condition}_{seed}.json"
 
 

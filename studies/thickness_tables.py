@@ -84,6 +84,7 @@ class Verdict:
 
     @property
     def ok(self) -> bool:
+        """Whether all are within the limits."""
         small = abs(self.bias) <= BIAS_LIMIT and abs(self.stress) <= STRESS_LIMIT
         return small and self.largest <= LARGEST_LIMIT
 

@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Compare and print. Raises `StudyError` naming what differs."""
+    """Compare and print. Raises `StudyError` naming what differs, `OutputFolderError` for a file of another origin."""
     from studies.output import write_json
 
     if args.collect:
@@ -185,7 +185,10 @@ def table(findings: Sequence[Finding]) -> list[str]:
 
 
 def collect(folders: Sequence[Path], keys: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Reference values from several runs of one scale: median, and a tolerance of `SPREADS` times the range observed."""
+    """Reference values from several runs of one scale: median, and a tolerance of `SPREADS` times the range observed.
+
+    Raises `StudyError` for runs of different scales, or a folder without a run.
+    """
     scales = {run_record(folder)["scale"] for folder in folders}
     if len(scales) != 1:
         raise StudyError(f"runs of different scales: {', '.join(sorted(scales))}; collect one scale at a time")
@@ -202,7 +205,7 @@ def collect(folders: Sequence[Path], keys: Sequence[dict[str, Any]]) -> dict[str
 
 
 def different_files(here: Path, there: Path) -> list[str]:
-    """Data files of two runs whose bytes differ, or that only one has."""
+    """Data files of two runs whose bytes differ, or that only one has. Raises `StudyError` where `here` has none."""
     hashes = [{str(p.relative_to(folder)): _hash(p) for p in _data(folder)} for folder in (here, there)]
     if not hashes[0]:
         raise StudyError(f"{here}: holds no data files")

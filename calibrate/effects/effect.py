@@ -175,6 +175,8 @@ class Effect:
     every specimen of a material, not of one test alone; rough: adds second derivatives of the displacements to them, whose
     noise the weights of a model with it must know; truncated: its formula is the beginning of a series, so that a small part
     of what it explains is left for others.
+
+    In the links below a (p,) are the values of the amplitudes, shape those of the shapes, in the units of `Parameter`.
     """
 
     name: ClassVar[str]
@@ -208,17 +210,18 @@ class Effect:
         return [()]
 
     def displacements(self, data: Data, u: Any, a: Any, shape: Any) -> Any:
-        """True displacements (t, n, 2), mm, of the measured ones."""
+        """True displacements (t, n, 2), mm, of the measured ones u (t, n, 2)."""
         return u
 
     def stress(self, data: Data, F: Any, P: Any, a: Any, shape: Any, law: Any) -> Any:
-        """In-plane first Piola-Kirchhoff stress (t, m, 2, 2) from the one so far, P; F (t, m, 2, 2), of an incompressible sheet.
+        """In-plane first Piola-Kirchhoff stress (t, m, 2, 2), MPa, from the one so far, P; F (t, m, 2, 2), of an
+        incompressible sheet.
 
         In plane strain F is the isochoric part, and P what it would be in such a sheet; see `calibrate.plane_strain`.
-        law: the base model's stress (2, 2) at one deformation gradient (2, 2).
+        law: the base model's stress (2, 2), MPa, at one deformation gradient (2, 2).
         """
         return P
 
     def loads(self, data: Data, loads: Any, a: Any, shape: Any) -> Any:
-        """True forces (t, 2, b), N, of the measured ones on the b loaded boundaries."""
+        """True forces (t, 2, b), N, of the measured ones (t, 2, b) on the b loaded boundaries."""
         return loads

@@ -55,7 +55,7 @@ class TwoFibreFamilies(Effect):
 
 
 def reinforcement(F, angle):
-    """d/dF of (I4 - 1)^2 / 2 for fibres at `angle` to x."""
+    """d/dF of (I4 - 1)^2 / 2 for fibres at `angle`, rad, to x: (..., 2, 2) at F (..., 2, 2)."""
     M = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     FM = F @ M
     I4 = jnp.sum(FM * FM, axis=-1)
