@@ -20,6 +20,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from calibrate.errors import ConfigError
+
 Array = NDArray[np.float64]
 INVARIANTS = ("I1", "I2")
 
@@ -91,10 +93,12 @@ def nominal_stress(energy, F: jax.Array) -> jax.Array:
 def stretches_to_gradient(mode: str, stretch: Array) -> Array:
     """In-plane F (k, 2, 2) of a homogeneous `mode` ('uniaxial', 'equibiaxial', 'pure_shear') at stretches (k,).
 
-    Raises KeyError for another mode.
+    Raises `ConfigError` for another mode.
     """
     stretch = np.asarray(stretch, dtype=np.float64)
-    lateral = {"uniaxial": stretch**-0.5, "equibiaxial": stretch, "pure_shear": np.ones_like(stretch)}[mode]
+    lateral = {"uniaxial": stretch**-0.5, "equibiaxial": stretch, "pure_shear": np.ones_like(stretch)}
+    if mode not in lateral:
+        raise ConfigError(f"mode '{mode}' unknown; choose one of {', '.join(lateral)}")
     F = np.zeros((stretch.size, 2, 2))
-    F[:, 0, 0], F[:, 1, 1] = stretch, lateral
+    F[:, 0, 0], F[:, 1, 1] = stretch, lateral[mode]
     return F

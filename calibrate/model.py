@@ -91,7 +91,7 @@ class Model:
     def homogeneous(self, mode: str, stretch: Array) -> Array:
         """Nominal stress (k,), MPa (or N/mm), along the pull at stretches (k,).
 
-        mode: 'uniaxial', 'equibiaxial' or 'pure_shear'; raises KeyError for another.
+        mode: 'uniaxial', 'equibiaxial' or 'pure_shear'; raises `ConfigError` for another.
         """
         F = kinematics.stretches_to_gradient(mode, stretch)
         return self.nominal_stress(F)[:, 0, 0]

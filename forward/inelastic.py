@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from forward._dolfinx import MPI, compiler_needed, versions
 from forward.effects import Sheet
-from forward.errors import ConvergenceError, LoadingError
+from forward.errors import ConvergenceError, LoadingError, MaterialError
 from forward.inelastic_problem import InelasticProblem
 from forward.loading import SYMMETRY, Loading
 from forward.plane_stress import Options
@@ -45,9 +45,13 @@ def solve_history(
 ) -> SurfaceSolution:
     """Load by `factors` (t,) of `loading` at `times` (t,), s, from rest at time 0; straight lines between.
 
-    substeps: steps of an increment, at least. Raises `LoadingError`, `MissingSolverError` (no C compiler) and
-    `ConvergenceError`, whose `solution` holds the increments reached.
+    substeps: steps of an increment, at least. Raises `LoadingError`, `MaterialError` (a model in N/mm with another thickness
+    than 1), `MissingSolverError` (no C compiler) and `ConvergenceError`, whose `solution` holds the increments reached.
     """
+    if mesh.cell_type != "quad":
+        raise LoadingError("the forward model needs quads; make the mesh with meshes.quads")
+    if sheet.material.unit == "N/mm" and sheet.thickness != 1:
+        raise MaterialError("the model was calibrated without a thickness and includes it; solve with thickness 1")
     moments = _moments(factors, times, substeps)
     loading = loading.on(mesh)
     supports = loading.prescribed(mesh)

@@ -309,4 +309,5 @@ def observe(
         free_nodes=free,
         thickness=solution.thickness,
         time=solution.time,
+        plane=str(solution.description.get("plane", "stress")),
     )

@@ -74,7 +74,7 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
     """Estimate the displacement noise of points (n, 2) and displacements (n_frames, n, 2), both mm, no NaN.
 
     A frame that is zero everywhere (the reference) is left out of the total. With fewer than five
-    others temporal is None. Raises `ExperimentError` with fewer than 100 points, or points too scattered.
+    others temporal is None. Raises `ExperimentError` with fewer than 100 points, points too scattered, or where nothing moves.
     """
     if len(points) < 100:
         raise errors.ExperimentError(
@@ -83,6 +83,10 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
     patch = _patch(points)
     points, frames = points[patch], displacements[:, patch]
     moving = frames[np.abs(frames).max(axis=(1, 2)) > 0]
+    if not len(moving):
+        raise errors.ExperimentError(
+            "nothing moves in any frame, so that no noise can be estimated; check which columns hold the displacements"
+        )
     local, inner = local_residual_operator(points)
     detail = _Filtered(points, lambda values: local @ values, inner, NEAR)
     total = detail.fit(moving)

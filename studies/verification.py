@@ -180,7 +180,8 @@ def table(findings: Sequence[Finding]) -> list[str]:
     for f in findings:
         found = "missing" if f.found is None else f"{f.found:.6g}"
         mark = "  " if f.agrees else "! "
-        lines.append(f"{mark}{f.key.name:{width}}  {found:>12}  reference {f.key.value:.6g} +- {f.key.tolerance:.2g}")
+        expected = "none" if f.key.value is None else f"{f.key.value:.6g} +- {f.key.tolerance:.2g}"
+        lines.append(f"{mark}{f.key.name:{width}}  {found:>12}  reference {expected}")
     return lines
 
 

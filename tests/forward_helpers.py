@@ -12,6 +12,22 @@ MATERIALS = {
     "mooney_rivlin": MooneyRivlin(0.12, 0.03),
     "yeoh": Yeoh(0.15, -1e-3, 1e-4),
 }
+MODEL = {
+    "format": "equigap-model",
+    "version": 1,
+    "kind": "pann",
+    "inputs": "I1I2",
+    "layers": [3, 2],
+    "scales": [0.2, 0.05],
+    "energy_scale": 0.7,
+    "hidden": [
+        {"weights": [[0.3, 0.1], [0.0, 0.8], [1.2, 0.0]], "biases": [-1.0, 0.2, 0.1]},
+        {"weights": [[0.5, 0.1, 0.0], [0.0, 0.4, 0.6]], "biases": [0.0, -0.5]},
+    ],
+    "output": [0.9, 0.3],
+    "skip": [0.5, 0.1],
+    "unit": "MPa",
+}
 
 
 def energy_derivatives(material, I1):

@@ -1,5 +1,7 @@
 """Disturbances of the recording against what each formula says of a displacement field that is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,12 @@ def test_nothing_disturbed(exact, mesh, clean):
     np.testing.assert_allclose(clean.displacements, FACTORS[:, None, None] * field(mesh.points), atol=1e-12)
     np.testing.assert_array_equal(force_of(clean), exact.reactions["right"])
     np.testing.assert_array_equal(clean.time, TIMES)
+    assert clean.plane == "stress"
+
+
+def test_a_solution_in_plane_strain_stays_one(exact, mesh):
+    strained = replace(exact, description={**exact.description, "plane": "strain"})
+    assert observe(strained, SHEET, mesh).plane == "strain"
 
 
 @pytest.mark.parametrize("disturbance", [LensDistortion(0.0), OutOfPlane(0.0), Rotation(0.0), Scale(0.0),

@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
-from forward_helpers import nominal_stresses
+from forward_helpers import MODEL, nominal_stresses
 from scipy.integrate import quad
 from scipy.optimize import brentq, fsolve
 from scipy.special import erf
 
-from forward import ArrudaBoyce, Loading, MooneyRivlin, NeoHooke, Yeoh
+from forward import ArrudaBoyce, Loading, MooneyRivlin, NeoHooke, Pann, Yeoh
 from forward._dolfinx import MPI
 from forward.effects import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, PermanentSet, Prony, Sheet
 from forward.errors import ConvergenceError, LoadingError, MaterialError
 from forward.inelastic import solve_history
 from forward.inelastic_problem import InelasticProblem
 from forward.plane_stress import Options, solve
-from meshes import Cross, SquareSheet, Strip, quads
+from meshes import Cross, SquareSheet, Strip, quads, triangles
 
 L, W, H = 20.0, 10.0, 1.5  # half length and half width of the strip, thickness, mm
 NEO = NeoHooke(0.4)
@@ -304,6 +304,14 @@ def test_impossible_sheets(make):
 def test_impossible_histories(strip, factors, times):
     with pytest.raises(LoadingError, match="times"):
         solve_history(strip, Sheet(NEO), PULL, factors, times)
+
+
+def test_meshes_and_materials_that_do_not_fit_are_named(strip):
+    triangle = triangles(Strip(half_length=L, half_width=W, far_size=10.0), quarter=True)
+    with pytest.raises(LoadingError, match="quads"):
+        solve_history(triangle, Sheet(NEO), PULL, [1.0], [1.0])
+    with pytest.raises(MaterialError, match="thickness 1"):
+        solve_history(strip, Sheet(Pann.from_dict({**MODEL, "unit": "N/mm"}), H), PULL, [1.0], [1.0])
 
 
 def test_no_equilibrium_keeps_what_was_reached(strip):

@@ -4,29 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from forward_helpers import MATERIALS, energy_derivatives, nominal_stresses
+from forward_helpers import MATERIALS, MODEL, energy_derivatives, nominal_stresses
 
 from forward import ArrudaBoyce, Loading, MooneyRivlin, NeoHooke, Pann, material_from_dict
 from forward.errors import MaterialError
 from forward.plane_stress import solve
 from meshes import SquareSheet, Strip, quads
-
-MODEL = {
-    "format": "equigap-model",
-    "version": 1,
-    "kind": "pann",
-    "inputs": "I1I2",
-    "layers": [3, 2],
-    "scales": [0.2, 0.05],
-    "energy_scale": 0.7,
-    "hidden": [
-        {"weights": [[0.3, 0.1], [0.0, 0.8], [1.2, 0.0]], "biases": [-1.0, 0.2, 0.1]},
-        {"weights": [[0.5, 0.1, 0.0], [0.0, 0.4, 0.6]], "biases": [0.0, -0.5]},
-    ],
-    "output": [0.9, 0.3],
-    "skip": [0.5, 0.1],
-    "unit": "MPa",
-}
 
 
 @pytest.mark.parametrize("material", MATERIALS.values(), ids=MATERIALS)

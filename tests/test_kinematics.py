@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from synthetic import ArrudaBoyce, MooneyRivlin, plate, random_gradients, rotation
 
-from calibrate import kinematics
+from calibrate import errors, kinematics
 
 STRETCH = np.linspace(0.6, 3.5, 13)
 # I1, I2 and the nominal Mooney-Rivlin stress along the pull, e.g. Holzapfel 2000, section 6.5
@@ -97,3 +97,8 @@ def polygon_area(corners):
     """Area enclosed by corners (k, 2) in order."""
     x, y = corners.T
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def test_unknown_modes_are_named():
+    with pytest.raises(errors.ConfigError, match="'biaxial' unknown; choose one of uniaxial, equibiaxial, pure_shear"):
+        kinematics.stretches_to_gradient("biaxial", STRETCH)

@@ -88,6 +88,12 @@ def test_too_few_points_are_refused():
         noise_estimate.displacement_noise(points(6, 6), np.ones((3, 36, 2)))
 
 
+def test_nothing_that_moves_is_refused():
+    p = points()
+    with pytest.raises(errors.ExperimentError, match="nothing moves"):
+        noise_estimate.displacement_noise(p, np.zeros((6, len(p), 2)))
+
+
 def test_force_noise():
     rng = np.random.default_rng(7)
     time = np.sort(rng.uniform(0, 40, 2000))
