@@ -29,7 +29,7 @@ from calibrate.chain import Addition, Additions, Chain
 from calibrate.effects import KNOWN, Parameter, Viscosity
 from calibrate.equilibrium import equilibrium
 from calibrate.experiment import Experiment
-from calibrate.files import write_atomically
+from calibrate.files import read_model, write_atomically
 from calibrate.kinematics import invariants_and_derivatives
 from calibrate.model import UNITS, Model
 
@@ -185,25 +185,7 @@ class ExtendedModel:
     @classmethod
     def load(cls, path: str | Path) -> ExtendedModel:
         """Read a file of `save`. Raises `DataNotFoundError`, `ModelFileError` naming the key that is wrong."""
-        path = Path(path)
-        if not path.exists():
-            raise errors.DataNotFoundError(f"{path}: no such model file; `equigap discover` writes one")
-        try:
-            content = json.loads(path.read_text())
-        except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise errors.ModelFileError(
-                f"{path}: not a JSON model file ({error}); give the model.json of `equigap calibrate` or `equigap discover`"
-            ) from error
-        if not isinstance(content, dict) or content.get("format") != FORMAT:
-            raise errors.ModelFileError(f"{path}: 'format' is not '{FORMAT}'; `equigap discover` writes such files")
-        if content.get("version") != VERSION:
-            raise errors.ModelFileError(f"{path}: version {content.get('version')}, this program reads {VERSION}")
-        try:
-            return cls.from_dict(content)
-        except KeyError as error:
-            raise errors.ModelFileError(f"{path}: key {error} is missing") from error
-        except (TypeError, ValueError, AttributeError) as error:
-            raise errors.ModelFileError(f"{path}: {error}") from error
+        return read_model(path, cls.from_dict, FORMAT, VERSION, "equigap discover")
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> ExtendedModel:

@@ -24,10 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors, kinematics, pann, plane_strain
-from calibrate.files import write_atomically
+from calibrate.files import read_model, write_atomically
 from calibrate.uncertainty import Uncertainty
 
 FORMAT, VERSION = "equigap-model", 1
+OTHERS = {
+    "equigap-extended-model": "an extended model of `equigap discover`, whose effects no network holds; predict a test with "
+    "`equigap predict MODEL.json --test EXPERIMENT.npz` or calibrate.extended.ExtendedModel, or save its "
+    "'network' (the base alone) as a file of its own"
+}
 UNITS = ("MPa", "N/mm")
 Array = NDArray[np.float64]
 
@@ -148,31 +153,7 @@ class Model:
     @classmethod
     def load(cls, path: str | Path) -> Model:
         """Read a model file. Raises `DataNotFoundError`, `ModelFileError` naming the key that is wrong."""
-        path = Path(path)
-        if not path.exists():
-            raise errors.DataNotFoundError(f"{path}: no such model file; `equigap calibrate` writes one")
-        try:
-            content = json.loads(path.read_text())
-        except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise errors.ModelFileError(
-                f"{path}: not a JSON model file ({error}); give the model.json of `equigap calibrate` or `equigap discover`"
-            ) from error
-        if isinstance(content, dict) and content.get("format") == "equigap-extended-model":
-            raise errors.ModelFileError(
-                f"{path}: an extended model of `equigap discover`, whose effects no network holds; predict a test with "
-                "`equigap predict MODEL.json --test EXPERIMENT.npz` or calibrate.extended.ExtendedModel, or save its "
-                "'network' (the base alone) as a file of its own"
-            )
-        if not isinstance(content, dict) or content.get("format") != FORMAT:
-            raise errors.ModelFileError(f"{path}: 'format' is not '{FORMAT}'; `equigap calibrate` writes model files")
-        if content.get("version") != VERSION:
-            raise errors.ModelFileError(f"{path}: version {content.get('version')}, this program reads {VERSION}")
-        try:
-            return cls.from_dict(content)
-        except KeyError as error:
-            raise errors.ModelFileError(f"{path}: key {error} is missing") from error
-        except (TypeError, ValueError) as error:
-            raise errors.ModelFileError(f"{path}: {error}") from error
+        return read_model(path, cls.from_dict, FORMAT, VERSION, "equigap calibrate", OTHERS)
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> Model:
