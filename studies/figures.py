@@ -26,6 +26,7 @@ Makes every figure and table of all studies in one folder, with a page that show
 are named and left out."""
 SCALES = ("quick", "default", "full")
 RECORDS = "finished"  # folder of what is finished
+PATIENCE = 10  # s for a command to end by itself when all is interrupted
 THUMBNAIL = (640, 512)  # pixels of a small copy at most
 
 
@@ -93,6 +94,7 @@ def main(args: argparse.Namespace) -> int:
     absent = missing_data(steps)
     failed = run_all([s for s in steps if s.name not in absent], args.scale, folder, args.jobs)
     page = write_page(folder, args.scale, absent, failed)
+    print("\n".join(costs(folder, steps)))
     for name, why in absent.items():
         print(f"- {name}: left out, {why}")
     print(f"figures: {page}")
@@ -139,7 +141,7 @@ def run_all(
     scale: str,
     folder: Path,
     jobs: int,
-    run: Callable[[list[str], Path], int] | None = None,
+    run: Callable[[list[str], Path], tuple[int, float]] | None = None,
 ) -> list[str]:
     """Run the steps that are not finished, in order; the names of those that failed."""
     from studies.manifest import revision
@@ -155,7 +157,7 @@ def run_all(
         print(head, file=sys.stderr, flush=True)
         record.parent.mkdir(parents=True, exist_ok=True)
         began = time.monotonic()
-        code = (run or _run)(line, record.with_suffix(".log"))
+        code, peak = (run or _run)(line, record.with_suffix(".log"))
         if code in (130, -2):
             raise KeyboardInterrupt
         if code:
@@ -163,15 +165,39 @@ def run_all(
             print(f"{head}: FAILED, exit code {code}", file=sys.stderr, flush=True)
             continue
         seconds = round(time.monotonic() - began, 1)
-        write_json(record, {"command": _without_jobs(line), "revision": revision(), "seconds": seconds})
+        about = {"command": _without_jobs(line), "revision": revision(), "seconds": seconds, "peak_MB": round(peak)}
+        write_json(record, about)
     return failed
 
 
-def _run(line: list[str], log: Path) -> int:
-    """The command in a process of its own: its progress on the terminal, its words in a log."""
+def _run(line: list[str], log: Path) -> tuple[int, float]:
+    """The command in a process of its own, its progress on the terminal, its words in a log: exit code, and the memory, MB, that
+    the largest of all its processes took."""
     with log.open("w") as file:
-        done = subprocess.run([sys.executable, "-m", "studies.cli", *line], stdout=file, check=False)
-    return done.returncode
+        process = subprocess.Popen([sys.executable, "-m", "studies.cli", *line], stdout=file)
+        try:
+            _, status, usage = os.wait4(process.pid, 0)
+        except KeyboardInterrupt:  # from a terminal it reaches the command as well
+            try:
+                process.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.terminate()
+                process.wait()
+            raise
+        process.returncode = os.waitstatus_to_exitcode(status)
+    return process.returncode, usage.ru_maxrss / 1024
+
+
+def costs(folder: Path, steps: Iterable[Step]) -> list[str]:
+    """A line a finished study: time, and memory of its largest process."""
+    lines = []
+    for step in steps:
+        try:
+            about = json.loads((folder / RECORDS / f"{step.name}.json").read_text())
+            lines.append(f"{step.name:12} {about['seconds']:8.0f} s {about['peak_MB']:6.0f} MB")
+        except (OSError, ValueError, KeyError):
+            continue  # failed, or finished before this was written down
+    return lines
 
 
 def _without_jobs(line: list[str]) -> list[str]:

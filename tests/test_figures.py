@@ -25,7 +25,7 @@ class Runs:
     def __init__(self, *codes: int) -> None:
         self.codes, self.lines = list(codes), []
 
-    def __call__(self, line: list[str], log: Path) -> int:
+    def __call__(self, line: list[str], log: Path) -> tuple[int, float]:
         from studies.output import Manifest
 
         self.lines.append(line)
@@ -33,7 +33,7 @@ class Runs:
         folder.mkdir(parents=True, exist_ok=True)
         Image.new("RGB", (900, 300), "white").save(folder / "forces.png")
         Manifest().beside(folder / "forces.png")
-        return self.codes.pop(0) if self.codes else 0
+        return (self.codes.pop(0) if self.codes else 0), 400.0
 
 
 def test_every_step_is_a_command_whose_words_are_understood(tmp_path: Path) -> None:
@@ -57,6 +57,12 @@ def test_what_failed_is_named_and_made_again(tmp_path: Path) -> None:
     again = Runs()
     assert figures.run_all(steps(), "quick", tmp_path, 2, again) == []
     assert [line[0] for line in again.lines] == ["calibrate"]
+
+
+def test_what_studies_cost_is_listed(tmp_path: Path) -> None:
+    figures.run_all(steps(), "quick", tmp_path, 2, Runs(0, 2))
+    (line,) = figures.costs(tmp_path, steps())
+    assert line.split() == ["simulate", "0", "s", "400", "MB"]
 
 
 def test_an_interruption_stops_everything(tmp_path: Path) -> None:
@@ -87,7 +93,9 @@ def test_the_page_shows_every_picture_and_lists_its_record(tmp_path: Path) -> No
 
 def test_a_real_command_runs_in_a_process_of_its_own(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / "log"
-    assert figures._run(["specimens", "--only", "nothing", "--output", str(tmp_path / "out")], log) == 2
+    code, peak = figures._run(["specimens", "--only", "nothing", "--output", str(tmp_path / "out")], log)
+    assert code == 2
+    assert 10 < peak < 4000  # MB
     assert "specimen 'nothing' is unknown" in capfd.readouterr().err
 
 
