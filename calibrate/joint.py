@@ -28,7 +28,7 @@ from calibrate.whitened import Problem
 
 Array = NDArray[np.float64]
 PRIOR = 3.0  # typical amplitudes: standard deviation of the prior
-STEPS = 25
+STEPS = 100
 CONVERGED = 0.02  # fall of the misfit in a step, over the dispersion
 DAMPING, MOST_DAMPING = 1e-3, 1e6  # at first, and when a fit is given up
 NOTHING = 1e-2  # dispersions: an effect that costs less is taken out without a look at others
@@ -116,12 +116,16 @@ class _Equations:
 
     def projected(self, columns: Array, s: float, g: Array) -> Array:
         """Derivatives (N, k) of s g from those of g."""
-        return s * (columns - np.outer(g, (self.loads @ columns) / float(g @ self.loads)))
+        return s * (columns - np.outer(g, self.shares(columns, g)))
+
+    def shares(self, columns: Array, g: Array) -> Array:
+        """By what share (k,) all stresses are scaled down for a unit of what has the derivatives (N, k) of g."""
+        return (self.loads @ columns) / float(g @ self.loads)
 
     def compensated(self, columns: Array, w: Array) -> Array:
         """Derivatives (N, k) of g where the base follows as a whole, so that the work still agrees with that of the loads."""
         base = self.columns @ w
-        return columns - np.outer(base, (self.loads @ columns) / float(base @ self.loads))
+        return columns - np.outer(base, self.shares(columns, base))
 
     def slopes(self, w: Array, additions: Additions, used: NDArray[np.bool_]) -> Array:
         """d g / d amplitudes and shapes (N, k), zero where not `used`."""
@@ -159,15 +163,16 @@ def fit(problem: Problem, c: Array, additions: Additions, active: frozenset[str]
     damping, converged = DAMPING, False
     for _ in range(STEPS):
         variables = Variables(additions)
-        prior = _Prior(variables, active, float(r @ r) / len(r))
-        S = equations.projected(equations.slopes(w, additions, prior.used) * variables.scale, s, g)
-        A = equations.projected(equations.columns, s, g)
-        before, promised = float(r @ r) + prior.of(variables), None
+        prior = _Prior(variables, active, float(r @ r) / len(r), problem.prior)
+        S = equations.slopes(w, additions, prior.used) * variables.scale
+        bend = prior.bend(w, equations.shares(equations.columns, g), equations.shares(S, g))
+        S, A = equations.projected(S, s, g), equations.projected(equations.columns, s, g)
+        before, promised = float(r @ r) + prior.of(w, variables), None
         while damping < MOST_DAMPING:
-            step = _step(A, S, r, w, variables, prior, problem, damping)
-            promised = _fall(A, S, r, w, variables, prior, step) if promised is None else promised
+            step = _step(A, S, bend, r, w, variables, prior, damping)
+            promised = _fall(A, S, bend, r, w, variables, prior, step) if promised is None else promised
             moved = equations.scaled(step[:n], variables.at(step[n:] * variables.scale))
-            after = float(moved[2][0] @ moved[2][0]) + prior.of(Variables(moved[1]))
+            after = float(moved[2][0] @ moved[2][0]) + prior.of(moved[0], Variables(moved[1]))
             if after < before:
                 break
             damping = 10 * max(damping, 1e-4)
@@ -183,10 +188,12 @@ def fit(problem: Problem, c: Array, additions: Additions, active: frozenset[str]
 
 
 class _Prior:
-    """Normal prior on the amplitudes of active effects, in units of typical ones; shapes have none."""
+    """Normal prior on the amplitudes of active effects, in units of typical ones (shapes have none), and on the base: smooth (r, n),
+    1 / MPa, as `Problem.prior`."""
 
-    def __init__(self, variables: Variables, active: frozenset[str], dispersion: float) -> None:
+    def __init__(self, variables: Variables, active: frozenset[str], dispersion: float, smooth: Array) -> None:
         self.dispersion = max(1.0, dispersion)
+        self.smooth = smooth * np.sqrt(self.dispersion)
         self.used = np.concatenate(
             [np.full(n, a.effect.name in active) for a, n in zip(variables.additions, variables.sizes, strict=True)]
         )
@@ -195,14 +202,25 @@ class _Prior:
         )
         self.weights = np.where(variables.is_shape | ~self.used, 0.0, np.sqrt(self.dispersion) / PRIOR)
 
-    def of(self, variables: Variables) -> float:
+    def of(self, w: Array, variables: Variables) -> float:
+        """Squared distance from the null values and from a base w (n,) without stiffening, weighted."""
+        bend = self.smooth @ w
+        return self.of_effects(variables) + float(bend @ bend)
+
+    def of_effects(self, variables: Variables) -> float:
         """Squared distance from the null values, weighted."""
         z = self.weights * np.where(variables.is_shape, 0.0, (variables.values - self.null) / variables.scale)
         return float(z @ z)
 
+    def bend(self, w: Array, base: Array, effects: Array) -> Array:
+        """Derivatives (r, n + k) of `smooth` w to w and effects, where base (n,) and effects (k,) scale all stresses down."""
+        whole = np.outer(self.smooth @ w, np.concatenate([base, effects]))
+        whole[:, : len(w)] -= self.smooth
+        return -whole
+
 
 def _step(
-    A: Array, S: Array, r: Array, w: Array, variables: Variables, prior: _Prior, problem: Problem, damping: float
+    A: Array, S: Array, bend: Array, r: Array, w: Array, variables: Variables, prior: _Prior, damping: float
 ) -> Array:
     """New weights of the base and values over their scale (n + k,), in bounds; what is not used stays."""
     scale, n, k = variables.scale, len(w), len(variables.values)
@@ -211,25 +229,26 @@ def _step(
     moves = prior.used & S.any(axis=0)
     free = np.concatenate([np.full(n, n > 1), moves])  # a single base function has s alone
     J = np.concatenate([A, S], axis=1)
-    smooth = np.concatenate([problem.prior * np.sqrt(prior.dispersion), np.zeros((len(problem.prior), k))], axis=1)
     pull = np.concatenate([np.zeros((k, n)), np.diag(prior.weights)], axis=1)
     damp = np.diag(np.sqrt(damping) * np.linalg.norm(J, axis=0))
     now, null = np.concatenate([w, x]), np.concatenate([w, prior.null / scale])
-    rows = np.concatenate([J, smooth, pull, damp])
+    rows = np.concatenate([J, bend, pull, damp])
     fixed = np.where(free, 0.0, now)
-    target = np.concatenate([J @ now - r, np.zeros(len(smooth)), pull @ null, damp @ now]) - rows @ fixed
+    target = np.concatenate([J @ now - r, bend @ now - prior.smooth @ w, pull @ null, damp @ now]) - rows @ fixed
     low, high = np.concatenate([np.zeros(n), lower]), np.concatenate([np.full(n, np.inf), upper])
     now[free] = least_squares.bounded(rows[:, free], target, low[free], high[free])
     return now
 
 
-def _fall(A: Array, S: Array, r: Array, w: Array, variables: Variables, prior: _Prior, step: Array) -> float:
+def _fall(
+    A: Array, S: Array, bend: Array, r: Array, w: Array, variables: Variables, prior: _Prior, step: Array
+) -> float:
     """By how much the objective falls in a step, if the equations were linear."""
     n = len(w)
-    change = step[n:] - variables.values / variables.scale
-    after = r + A @ (step[:n] - w) + S @ change
+    change = step - np.concatenate([w, variables.values / variables.scale])
+    after = np.concatenate([r + A @ change[:n] + S @ change[n:], prior.smooth @ w + bend @ change])
     moved = variables.at(step[n:] * variables.scale)
-    return float(r @ r - after @ after) + prior.of(variables) - prior.of(Variables(moved))
+    return float(r @ r - after @ after) + prior.of(w, variables) - prior.of_effects(Variables(moved))
 
 
 def _finished(
@@ -239,7 +258,7 @@ def _finished(
     r = equations.residual(w, additions)[0]
     variables = Variables(additions)
     loss = float(r @ r)
-    prior = _Prior(variables, active, loss / len(r))
+    prior = _Prior(variables, active, loss / len(r), equations.problem.prior)
     S = equations.compensated(equations.slopes(w, additions, prior.used) * variables.scale, w)
     S = np.concatenate([S, np.diag(prior.weights)])
     A = equations.compensated(equations.columns, w) if len(w) > 1 else np.zeros((len(r), 0))
@@ -262,7 +281,7 @@ def _finished(
             costs[a.effect.name] = float(change @ change)
             imitated[a.effect.name] = 1 - costs[a.effect.name] / max(float(whole @ whole), 1e-300)
         start += size
-    objective = loss + prior.of(variables)
+    objective = loss + prior.of(w, variables)
     c = equations.problem.cone @ w
     return Joint(c, additions, active, loss, objective, len(r), len(w), deviations, costs, imitated, converged, out)
 

@@ -29,8 +29,7 @@ NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiff
 
 
 def prepared(e: Experiment, fitted: Mask, spacing: float) -> tuple[Problem, Fit]:
-    """Problem of the increments fitted (t,), whose base is neo-Hooke, and its base fit. spacing: of the virtual fields,
-    mm."""
+    """Problem of the increments fitted (t,), whose base is neo-Hooke, and its base fit."""
     problem, _ = effect_fit.prepare([e], [lambda system: equations(system, fitted)], spacing, base="positive")
     problem = with_splines(problem, 1)
     return problem, effect_fit.refit(problem, whitened.first_guess([problem.parts[0].assembled]), ())
@@ -72,18 +71,18 @@ def _exchanged(problem: Problem, now: Joint, special: Effect, general: str) -> J
     others = tuple(a for a in now.additions if a.effect.name != general)
     active = now.active - {general} | {special.name}
     found = []
-    for shape in special_shapes(next(a for a in now.additions if a.effect.name == general), special):
-        values = tuple(p.null + (0.3 * p.typical if shape else 0.0) for p in special.amplitudes)
-        found.append(joint.fit(problem, now.c, (Addition(special, values, shape), *others), active))
+    for one in special_starts(next(a for a in now.additions if a.effect.name == general), special):
+        found.append(joint.fit(problem, now.c, (one, *others), active))
     return min(found, key=lambda one: one.objective)
 
 
-def special_shapes(general: Addition, special: Effect) -> list[tuple[float, ...]]:
-    """Where a special effect is started: one family of fibres along either of two, and between them."""
+def special_starts(general: Addition, special: Effect) -> list[Addition]:
+    """Where a special effect is started: one family of fibres along either of two, and between them as stiff as both together."""
     if not special.shapes:
-        return [()]
-    axis, half = general.shape
-    return [(axis - half,), (axis,), (axis + half,)] if half > 0.05 else [(axis,)]
+        return [Addition(special, tuple(p.null for p in special.amplitudes), ())]
+    (k,), (axis, half) = general.amplitudes, general.shape
+    apart = [Addition(special, (k,), (axis + turn,)) for turn in (-half, half)] if half > 0.05 else []
+    return [Addition(special, (2 * k,), (axis,)), *apart]
 
 
 def without_each(

@@ -126,6 +126,19 @@ def test_the_cost_of_an_effect_is_the_rise_of_the_misfit_without_it() -> None:
         assert final.costs[name] == pytest.approx(other.loss - final.loss, rel=0.3)
 
 
+def test_the_prior_on_the_base_counts_in_what_is_minimised() -> None:
+    """A strong one takes the stiffening out, though that raises the misfit."""
+    problem, base = plate()
+    strong = replace(problem, prior=100 * problem.prior)
+    additions = (Addition(BY_NAME["second invariant"], (C01,)),)
+    plain, bound = (joint.fit(one, base.c, additions, frozenset()) for one in (problem, strong))
+    stiffening = [np.linalg.norm(problem.prior @ np.linalg.lstsq(problem.cone, one.c)[0]) for one in (plain, bound)]
+    assert plain.converged and bound.converged
+    assert stiffening[1] < 0.1 * stiffening[0]
+    assert bound.loss > plain.loss
+    assert bound.objective < plain.loss + (100 * stiffening[0]) ** 2
+
+
 def test_a_start_that_pushes_where_the_grips_pull_is_named() -> None:
     problem, base = plate()
     additions = (Addition(BY_NAME["second invariant"], (-10.0,)),)
@@ -141,11 +154,11 @@ def test_a_fit_that_cannot_move_has_converged_only_at_a_minimum(
     problem, _ = turned_plate()
     final = found(NAMES)[-1]
     start = final.additions if at_minimum else tuple(joint._nulled(a) for a in final.additions)
-    right, calls = joint._Equations.residual, iter([1.0])
+    right, calls = joint._Equations.residual, iter([1.0, 1.0])
 
     def raised(self: joint._Equations, *where: Any) -> Any:
         r, s, g = right(self, *where)
-        return next(calls, 2.0) * r, s, g
+        return next(calls, 1e3) * r, s, g
 
     monkeypatch.setattr(joint._Equations, "residual", raised)
     assert joint.fit(problem, final.c, start, final.active).converged is at_minimum

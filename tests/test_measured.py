@@ -300,9 +300,17 @@ def test_motion_out_of_plane_is_a_share_of_the_whole_loading(uniaxial):
 def test_one_family_of_fibres_is_started_where_two_were():
     general = Addition(measured_loop.BY_NAME["two fibre families"], (0.1,), (0.4, 0.3))
     special = measured_loop.BY_NAME["one fibre family"]
-    assert np.ravel(measured_searches.special_shapes(general, special)) == pytest.approx([0.1, 0.4, 0.7])
-    assert measured_searches.special_shapes(replace(general, shape=(0.4, 0.0)), special) == [(0.4,)]
-    assert measured_searches.special_shapes(general, measured_loop.BY_NAME["stiffness gradient"]) == [()]
+    starts = measured_searches.special_starts(general, special)
+    assert [(*one.amplitudes, *one.shape) for one in starts] == [
+        pytest.approx(start) for start in ((0.2, 0.4), (0.1, 0.1), (0.1, 0.7))
+    ]
+    (closed,) = measured_searches.special_starts(replace(general, shape=(0.4, 0.0)), special)
+    F = np.array([[[1.3, 0.1], [0.0, 0.9]]])
+    stresses = [a.effect.stress(None, F, 0.0, a.amplitudes, a.shape, None)
+                for a in (replace(general, shape=(0.4, 0.0)), closed)]  # fmt: skip
+    np.testing.assert_allclose(*stresses, rtol=1e-12)  # two families that have closed up to one are that one
+    (still,) = measured_searches.special_starts(general, measured_loop.BY_NAME["stiffness gradient"])
+    assert still.shape == () and not any(still.amplitudes)
 
 
 def test_the_mean_of_models_predicts_the_mean_of_their_forces(uniaxial):
