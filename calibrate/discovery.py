@@ -343,19 +343,22 @@ def _fitted(problem: Problem, state: Fit, row: Row, compared: bool = False) -> R
 
     A fit to be compared has the weights that belong to it: those of a base that makes up for the effect are wrong.
     Amplitudes far beyond those that the score test is good for are not started from. Without a fit where none is better than
-    the model without the effect: it then did not converge.
+    the model without the effect, or where it runs away: it then did not converge.
     """
     addition = Addition(row.score.effect, row.score.amplitudes, row.score.shape)
     if not whitened.loss(problem, state.c, (*state.additions, addition)) < WORSE * state.loss + state.n_rows:
         null = tuple(p.null for p in row.score.effect.amplitudes)
         addition = replace(addition, amplitudes=null)
     additions, iterations = (*state.additions, addition), 6 if compared else 2
-    if row.score.adjusted < ALPHA:
-        problem, new = effect_fit.settled(problem, state.c, additions, iterations)
-        if compared:
-            problem, new = effect_fit.settled(effect_fit.reweighted(problem, new), new.c, new.additions, iterations)
-    else:
-        new = effect_fit.refit(problem, state.c, additions, iterations)
+    try:
+        if row.score.adjusted < ALPHA:
+            problem, new = effect_fit.settled(problem, state.c, additions, iterations)
+            if compared:
+                problem, new = effect_fit.settled(effect_fit.reweighted(problem, new), new.c, new.additions, iterations)
+        else:
+            new = effect_fit.refit(problem, state.c, additions, iterations)
+    except errors.FitError:
+        return row
     if not new.free_loss < WORSE * state.free_loss + len(addition.amplitudes):
         return row
     return replace(

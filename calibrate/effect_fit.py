@@ -229,11 +229,18 @@ def prepare(
     return problem, refit(problem, c, ())
 
 
+def _finite(values: Array, additions: Additions, somewhere: bool = False) -> None:
+    """Raises `FitError` where values are not finite, or, `somewhere`, all zero: nothing is left of the base."""
+    if not np.isfinite(values).all() or (somewhere and not values.any()):
+        names = " and ".join(a.effect.name for a in additions) or "no effect"
+        raise errors.FitError(f"the fit with {names} ran away; check forces and their signs, and the largest strains")
+
+
 def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6) -> Fit:
     """Base, amplitudes and shapes together, by Gauss-Newton on the exact residual; c (n,): where it starts.
 
     Amplitudes and shapes, in their bounds, are fitted beside all splines, so that they do not depend on what the base
-    models can do; the base then follows in its cone. Steps that raise the misfit are halved.
+    models can do; the base then follows in its cone. Steps that raise the misfit are halved. Raises `FitError` where a fit runs away.
     """
     cone, n = problem.cone, problem.cone.shape[1]
     w = np.maximum(np.linalg.lstsq(cone, c, rcond=None)[0], 0.0)
@@ -245,6 +252,7 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
             chains = denoised(problem, c, additions, r, dispersion)
             G = whitened.base_columns(problem, chains)
             A = G @ cone
+            _finite(A, additions)
             span = A if problem.parametric else G
             base = orthonormal(span)
         S, change, variables = np.zeros((len(r), 0)), np.zeros(0), Variables(additions)
@@ -253,6 +261,7 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
             scale = variables.scale
             S = whitened.signatures(problem, chains, c, additions) * scale
             left = S - base @ (base.T @ S)
+            _finite(left, additions, somewhere=True)
             lower, upper = (end / scale for end in variables.bounds)
             x = np.clip(variables.values / scale, lower, upper)
             change = bounded(left, left @ x - (r - base @ (base.T @ r)), lower, upper) - x
@@ -272,7 +281,9 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = 6)
         if step < 1e-2 * np.sqrt(dispersion):
             break
     c = cone @ w
-    c = (1 + (1 - 1 / dispersion) * (whitened.stiffness_factor(problem, c, additions) - 1)) * c
+    with np.errstate(divide="ignore", invalid="ignore"):  # nothing left
+        c = (1 + (1 - 1 / dispersion) * (whitened.stiffness_factor(problem, c, additions) - 1)) * c
+    _finite(c, additions)
     r = whitened.residual(problem, c, additions)
     U = orthonormal(np.concatenate([span, S], axis=1))
     free, degrees = beyond(r, U)

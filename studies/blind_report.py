@@ -194,6 +194,7 @@ def words(numbers: dict[str, Any]) -> str:
     n = numbers
     fields = n["field_correlation"]
     likeness = f"Stiffness field: correlation with the hidden one, median {np.median(fields):.2f}. " if fields else ""
+    failed = "; ".join(f"{name} ({why})" for name, why in n.get("failures", {}).items())
     return (
         f"Nothing hidden: something was found in {share(n['null_detections'], n['nulls'])}. "
         f"One effect with a score above 10: its group named in {share(n['strong_group_named'], n['strong'])}, "
@@ -204,4 +205,5 @@ def words(numbers: dict[str, Any]) -> str:
         f"Two effects strong beside each other: both found in {share(n['pairs_found'], n['pairs'])}, "
         f"both in the model in {share(n['pairs_in_model'], n['pairs'])}. "
         f"CPU time of a diagnosis, median: {n['seconds']:.1f} s."
+        + (f" Ended with an error and counted nowhere: {failed}." if failed else "")
     )

@@ -100,6 +100,8 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     assert (numbers["pairs"], numbers["pairs_found"], numbers["pairs_in_model"]) == (3, 1, 2)
     assert (numbers["pairs_at_first"], numbers["pairs_at_first_found"]) == (4, 1)
     assert "1 of 2 (50 %)" in text
+    broken = blind_report.write_report(tmp_path / "broken", homes, {"twin-7": "ValueError: nothing left"})
+    assert broken == f"{text} Ended with an error and counted nowhere: twin-7 (ValueError: nothing left)."
     confusion = (tmp_path / "confusion.csv").read_text()
     assert confusion.splitlines()[0].startswith("hidden,nothing,unexplained")
     assert (tmp_path / "report.html").exists()

@@ -305,6 +305,22 @@ def test_a_step_never_raises_the_misfit_much():
     assert effect_fit.refit(problem, state.c, (far,)).loss < state.loss
 
 
+def test_a_fit_that_runs_away_is_named_and_refuses_its_effect(monkeypatch):
+    """An effect that multiplies the stress of a base of which nothing is left."""
+    problem, state = prepared(0.02)
+    payne = Addition(effect("Payne softening"), (5.0,), (1.0,))
+    with pytest.raises(errors.FitError, match="Payne softening ran away"):
+        effect_fit.refit(problem, 0 * state.c, (payne,))
+    now = discovery._round(problem, state, [effect("second invariant")], False, 0, lambda text: None)
+    right = effect_fit.refit
+    monkeypatch.setattr(
+        effect_fit, "refit", lambda problem, c, additions, iterations=6: right(problem, 0 * c, (payne,))
+    )
+    refused, fit = discovery._extend(problem, now, lambda text: None)
+    assert fit is None
+    assert refused.remarks == ("second invariant: no fit with it is better than without it",)
+
+
 def test_what_is_refused_keeps_its_fit():
     """So that its error on data held out can be seen, also where not every candidate is refitted."""
     problem, state = prepared(0.02)
