@@ -58,28 +58,30 @@ def test_the_tables_of_blind_trials_are_those_of_the_trials() -> None:
     """Each file is the trials.json of runs, every trial once; its tables stand on the page as a run prints them."""
     page = (DOCS / "discover.md").read_text()
     said, limits = (" ".join(path.read_text().split()) for path in (ROOT / "README.md", DOCS / "limits.md"))
-    trials, before = (json.loads((DOCS / name).read_text()) for name in ("blind.json", "blind_before.json"))
-    found, old = blind_report.summary(trials), blind_report.summary(before)
-    for some, numbers in ((trials, found), (before, old)):
+    trials, first, before = (
+        json.loads((DOCS / name).read_text()) for name in ("blind.json", "blind_first.json", "blind_before.json")
+    )
+    found, other, old = map(blind_report.summary, (trials, first, before))
+    for some in (trials, first, before):
         assert len({one["trial"] for one in some}) == len(some)
+    for numbers in (found, old):
         assert blind_report.markdown(numbers) in page
-    assert f"**{len(trials)} trials**" in page
+    assert f"**{len(trials)} trials**" in page and f"Before them {len(first)} trials" in page
+    assert f"There {other['null_detections']} of {other['nulls']} without an effect were called significant" in page
+    parts = (other["strong_group_named"], other["strong"], other["amplitudes_within"], other["amplitudes"],
+             other["absent_wrong"], other["absent"], other["pairs_found"], other["pairs"])  # fmt: skip
+    assert "{} of {} groups, {} of {} amplitudes, {} wrong names of {}, {} of {} pairs".format(*parts) in page
     pairs = sum(len(one["hidden"]) == 2 for one in before)
     both = f"{old['pairs_at_first_found']} of {old['pairs_at_first']}"
     assert f"of all {pairs} pairs, both named in {both} that scored above 10, and in the model in" in page
-    assert f"In {len(before)} blind trials of the version before" in said
-    assert f"found nothing in {old['nulls'] - old['null_detections']} of {old['nulls']} without an effect" in said
-    assert f"named the group of {old['strong_group_named']} of {old['strong']} strong effects" in said
-    assert f"{old['amplitudes_within']} of {old['amplitudes']} amplitudes in their 95 % interval" in said
-    assert f"a wrong name in {old['absent_wrong']} of {old['absent']}" in said
-    assert f"both of two strong effects in {both} pairs" in said
     quiet = found["nulls"] - found["null_detections"]
-    assert (
-        f"In {len(trials)} of the present one it found nothing in {quiet} of {found['nulls']} without an effect" in said
-    )
-    assert f"named the group of {found['strong_group_named']} of {found['strong']}, and both" in said
-    assert f"both of two in {found['pairs_found']} of {found['pairs']} pairs" in said
-    assert f"a wrong name was given in {old['absent_wrong']} of {old['absent']} such cases" in limits
+    assert f"In {len(trials)} blind trials" in said
+    assert f"found nothing in {quiet} of {found['nulls']} without an effect" in said
+    assert f"named the group of {found['strong_group_named']} of {found['strong']} strong effects" in said
+    assert f"{found['amplitudes_within']} of {found['amplitudes']} amplitudes in their 95 % interval" in said
+    assert f"a wrong name in {found['absent_wrong']} of {found['absent']}" in said
+    assert f"named both in {found['pairs_found']} of {found['pairs']} pairs" in said
+    assert f"a wrong name was given in {found['absent_wrong']} of {found['absent']} such cases" in limits
     assert f"both were named in {found['pairs_found']} of {found['pairs']} strong pairs" in limits
 
 
