@@ -52,6 +52,7 @@ class Step:
 QUICK, PLAIN = ("--quick",), ()
 USUAL: dict[str, tuple[str, ...]] = {"quick": QUICK, "default": PLAIN, "full": PLAIN}
 EXPERIMENT = "FOLDER/simulate/experiment.npz"
+FEW_CASES = "--specimens cross --thicknesses 2D,10,40 --resolutions 100,25 --noises 0,0.1 --seeds 3"  # of the sweep: 24
 STEPS = (
     Step("specimens", USUAL),
     Step("simulate", USUAL),
@@ -61,6 +62,15 @@ STEPS = (
     Step("supervised", USUAL, ("--data", "arruda-boyce")),
     Step("resolution", USUAL, parallel=True),
     Step("thickness", {"quick": QUICK, "default": PLAIN, "full": ("--fine",)}, parallel=True),
+    Step(
+        "sweep",
+        {
+            "quick": QUICK,
+            "default": tuple(FEW_CASES.split()),
+            "full": PLAIN,
+        },
+        parallel=True,
+    ),
     Step(
         "blind",
         {
