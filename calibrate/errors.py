@@ -30,7 +30,7 @@ class ForceSignError(ExperimentError):
 
 
 class TimeError(ExperimentError):
-    """Time does not increase."""
+    """Time does not increase, or begins before the loading."""
 
 
 class UnitsError(ExperimentError):

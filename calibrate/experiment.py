@@ -72,7 +72,7 @@ class Experiment:
     displacements (n_increments, n_nodes, 2). loaded: gripped boundaries with their measured forces.
     free_nodes: nodes on truly traction-free edges; other boundary nodes are the rim of the measured region.
     thickness: None = unknown; then stiffness times thickness (N/mm) is identified instead of MPa.
-    time (n_increments,): None = unknown. noise: None = unknown.
+    time (n_increments,), from the start of loading: None = unknown. noise: None = unknown.
     plane: 'stress' of an incompressible sheet with free faces, or 'strain' of a compressible body held at its faces.
 
     Raises `ExperimentError` or a subclass of it when a check fails, `ConfigError` for another plane.
@@ -282,6 +282,8 @@ def _check_shapes(e: Experiment) -> None:
         if backwards.any() or not np.isfinite(e.time).all():
             where = int(np.flatnonzero(backwards)[0]) + 1 if backwards.any() else -1
             raise errors.TimeError(f"time does not increase at increment {where}; sort or drop repeated frames")
+        if e.time[0] < 0:
+            raise errors.TimeError(f"time begins at {e.time[0]:g} s; count it from the start of loading")
 
 
 def _check_mesh(e: Experiment) -> None:

@@ -26,6 +26,8 @@ from calibrate.experiment import Experiment, boundary_nodes
 
 Array = NDArray[np.float64]
 
+MOST = 2  # points of the grid of virtual fields, over the number of nodes
+
 
 @dataclass(frozen=True)
 class VirtualFields:
@@ -53,8 +55,9 @@ def default_spacing(experiment: Experiment) -> float:
 def virtual_fields(experiment: Experiment, spacing: float | None = None) -> VirtualFields:
     """Build the virtual fields of an experiment on a grid of `spacing` mm.
 
-    Raises `ConfigError` for a spacing that leaves no field inside the specimen.
+    Raises `ConfigError` for a spacing that leaves no field inside the specimen, or makes more fields than there are nodes.
     """
+    given = spacing is not None
     spacing = default_spacing(experiment) if spacing is None else float(spacing)
     points = experiment.points
     extent = float(np.ptp(points, axis=0).max())
@@ -63,6 +66,11 @@ def virtual_fields(experiment: Experiment, spacing: float | None = None) -> Virt
         raise ConfigError(
             f"{experiment.name}: virtual fields {spacing:g} mm apart do not fit a specimen of {extent:.3g} mm; give a "
             f"--spacing well below it ({default_spacing(experiment):.3g} by default)"
+        )
+    if inside and given and np.prod(np.ceil(np.ptp(points, axis=0) / spacing) + 1) > MOST * len(points):
+        raise ConfigError(
+            f"{experiment.name}: virtual fields {spacing:g} mm apart are more than its {len(points)} nodes; give a larger "
+            f"--spacing ({default_spacing(experiment):.3g} by default)"
         )
     constrained = np.setdiff1d(boundary_nodes(experiment.triangles), experiment.free_nodes)
     cutoff = np.ones(len(points))

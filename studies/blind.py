@@ -21,7 +21,7 @@ from typing import Any
 from studies.blind_case import Plan, run
 from studies.errors import StudyError
 from studies.folder import open_output_folder
-from studies.options import add_output, output_folder
+from studies.options import add_output, output_folder, seed
 from studies.progress import Progress
 
 DESCRIPTION = """\
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--nulls", type=int, default=100, help="without an effect (default: %(default)s)")
     parser.add_argument("--pairs", type=int, default=20, help="with two effects (default: %(default)s)")
     parser.add_argument("--only", metavar="EFFECT,EFFECT,...", help="effects to hide (default: all that can be found)")
-    parser.add_argument("--seed", type=int, default=8000, help="of the first trial (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=20000, help="of the first trial (default: %(default)s)")
     parser.add_argument("--quick", action="store_true", help="one trial an effect, two without: shows the path")
     parser.add_argument("--jobs", type=int, help="trials side by side (default: number of cores)")
     parser.add_argument(

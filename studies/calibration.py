@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from studies.options import add_output, count, output_folder, positive
+from studies.options import add_output, count, output_folder, positive, seed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     fit.add_argument("--spacing", type=positive, metavar="MM", help="of the virtual fields (default: from the noise)")
     fit.add_argument("--starts", type=count, default=20, metavar="N", help="random starts (default: 20)")
-    fit.add_argument("--seed", type=int, default=0, help="of the random starts (default: 0)")
+    fit.add_argument("--seed", type=seed, default=0, help="of the random starts (default: 0)")
     fit.add_argument(
         "--hold-out", metavar="last|random[:SHARE]",
         help=f"leave increments out of the fit and score the model on them (share: {HOLD_OUT})",

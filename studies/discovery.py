@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from studies.options import add_output, nearest, output_folder, positive
+from studies.options import add_output, nearest, output_folder, positive, seed
 
 if TYPE_CHECKING:
     from calibrate.discovery import Discovery, HoldOut
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--without", action="append", default=[], metavar="EFFECT", help="leave a candidate out (may be repeated)"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the simulated search (default: 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="of the simulated search (default: 0)")
     parser.add_argument(
         "--quick", action="store_true", help="refit only candidates that are tried, draw fewer pictures"
     )

@@ -134,7 +134,13 @@ def outcome(row: Row, now: Round) -> str:
     refused = [text.split(": ", 1)[1] for text in now.remarks if text.startswith(f"{row.name}: ")]
     if refused:
         return f"significant, refused: {refused[0]}"
-    return "significant, another was better" if now.added else "significant, not tried"
+    if not now.added:
+        return "significant, not tried"
+    return (
+        "significant, not refitted: another has a higher score"
+        if row.fit is None
+        else "significant, another was better"
+    )
 
 
 def indistinguishable(row: Row, now: Round) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ from studies.discovery_review import (
 )
 from studies.experiment_words import experiment_remarks
 
+OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
 LISTED = 3  # amplitudes that a cell of the table can hold
 MODEL_COLUMNS = [
     "model", "reduced chi-square", "degrees of freedom", "p", "chi-square each, fitted", "force error, fitted, %",
@@ -40,7 +41,7 @@ CANDIDATE_CAPTION = (
     "Score: by how much the whitened squared misfit would fall, over the dispersion; p adjusted for the whole search "
     "(1e-16 stands for anything smaller). Improvement: predicted by the score, as a share of what no energy of I1 "
     "absorbs; achieved when base and effect are fitted together, as a share of the whole misfit; empty where no fit with the "
-    "effect was better than without it. Intervals are those of each candidate by itself, not adjusted for the search, so that "
+    "effect was better than without it, and for all but those that were tried with --quick. Intervals are those of each candidate by itself, not adjusted for the search, so that "
     "those of insignificant ones may leave out zero. The head of an error column holds the error before. The numbers of the "
     "effect that was added differ a little from those of the next model, whose weights follow it. Symbols: see the catalogue "
     "at the end."
@@ -185,15 +186,26 @@ def _best_candidate(now: Round) -> str:
 def remarks(view: View) -> list[str]:
     """What a reader has to know, in sentences."""
     found, result = view.discovery, list(view.remarks)
+    few = min(part.experiment.n_increments for part in found.problem.parts) < 3
     if not found.problem.noise_is_known:
         result.append(
             "The noise of an experiment is unknown: scores are judged by what the candidates leave, and whether that is "
-            "more than noise cannot be said. Give the noise to the Experiment to know."
+            "more than noise cannot be said. Adjusted p are then no probabilities: noise alone may give tiny ones. Give the noise to the "
+            "Experiment to know; `equigap import` estimates it."
+        )
+    elif found.rounds[0].fit.reduced_chi_square < OVERSTATED:
+        result.append(
+            f"What the base leaves is far less than the noise that is stated (reduced chi-square {found.rounds[0].fit.reduced_chi_square:.2g}): "
+            "the noise is overstated, or the allowance for discretisation is. Small effects may go unnoticed, and adjusted p are inexact."
         )
     if found.rounds[0].held is None:
         result.append(
-            "Nothing was held out: no data that the fit has not seen confirm what was added. Give --hold-out every:3, "
-            "or better another test of the same material."
+            "Nothing was held out: no data that the fit has not seen confirm what was added. "
+            + (
+                "Give another test of the same material."
+                if few
+                else "Give --hold-out every:3, or better another test of the same material."
+            )
         )
     else:
         result.append(f"Held out: {view.hold_out}. {_how_hard(view)}")
@@ -261,8 +273,10 @@ def catalogue_table(view: View) -> tuple[list[str], list[list[Any]]]:
             for p in (*effect.amplitudes, *effect.shapes)
         ]
         shown = symbols if len(symbols) <= LISTED else [symbols[0], "...", symbols[-1]]
-        rows.append([effect.name, effect.stage, effect.formula, ", ".join(shown), effect.decided_by or None])
-    return ["effect", "stage", "formula", "amplitudes and shapes (unit)", "decided by"], sorted(rows)
+        rows.append(
+            [effect.name, effect.stage, effect.formula, ", ".join(shown), effect.decided_by or None, effect.source]
+        )
+    return ["effect", "stage", "formula", "amplitudes and shapes (unit)", "decided by", "source"], sorted(rows)
 
 
 def _calibrated(view: View) -> bool:

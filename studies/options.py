@@ -37,6 +37,14 @@ def count(text: str) -> int:
     return value
 
 
+def seed(text: str) -> int:
+    """A whole number >= 0, for `type=`."""
+    value = int(text) if text.strip().lstrip("+").isdigit() else -1
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"'{text}' must be a whole number of at least 0")
+    return value
+
+
 def settings(args: argparse.Namespace, *left_out: str) -> dict[str, object]:
     """What fixes the results: all options but the output folder, the number of jobs and `left_out`."""
     ignored = {"output", "overwrite", "jobs", *left_out}

@@ -11,7 +11,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from studies.errors import OptionError
-from studies.options import add_output, count, nearest, output_folder, positive, settings
+from studies.options import add_output, count, nearest, output_folder, positive, seed, settings
 
 if TYPE_CHECKING:
     from calibrate.experiment import Experiment
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--size-factor", type=positive, metavar="X", help="of the element sizes (1; quick: 2.5)")
     group = parser.add_argument_group("camera and load cell")
     group.add_argument("--nodes", type=count, metavar="N", help="measured points (5000; quick: 900)")
-    group.add_argument("--seed", type=int, default=0, help="of the noise (%(default)s)")
+    group.add_argument("--seed", type=seed, default=0, help="of the noise (%(default)s)")
     group.add_argument("--no-noise", action="store_true", help="record the exact fields")
     group.add_argument("--relative-noise", type=float, default=5e-4, metavar="X", help="of 200 mm (%(default)s)")
     group.add_argument("--correlation-length", type=positive, default=4.0, metavar="MM", help="(%(default)s)")

@@ -26,7 +26,7 @@ from studies import homogeneous
 from studies.folder import open_output_folder
 from studies.manifest import Manifest
 from studies.metrics import MODES, ArrudaBoyceTruth, largest_stretch, nominal_stress, r2
-from studies.options import count
+from studies.options import count, seed
 from studies.output import write_csv, write_figure
 from studies.progress import track
 
@@ -139,7 +139,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--inputs", choices=("I1", "I2", "I1I2"), help="one set of inputs instead of the default cases")
     parser.add_argument("--layers", type=_layers, metavar="N,N", help="one network size instead of the default cases")
     parser.add_argument("--starts", type=count, default=10, help="random starts (%(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the starts (%(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of the starts (%(default)s)")
     parser.add_argument("--quick", action="store_true", help="fewer cases and starts")
     parser.add_argument("-o", "--output", type=Path, default=Path("results/supervised"), help="folder (%(default)s)")
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier run in that folder")

@@ -142,7 +142,7 @@ def test_a_report_of_no_trials_is_refused(tmp_path, capsys):
 def test_a_trial_runs_and_goes_on_where_it_was(tmp_path, capsys):
     words = ["blind", "--trials", "0", "--nulls", "1", "--pairs", "0", "--jobs", "1", "-o", str(tmp_path / "out")]
     assert main(words) == 0
-    made = tmp_path / "out" / "trials" / Plan(8000).name / "diagnosis.json"
+    made = tmp_path / "out" / "trials" / Plan(20000).name / "diagnosis.json"
     time = made.stat().st_mtime_ns
     assert main(words) == 0
     assert made.stat().st_mtime_ns == time

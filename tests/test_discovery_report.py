@@ -178,6 +178,14 @@ def test_second_table_shows_what_is_in_the_model():
     assert rows[0][8].endswith("MPa")
 
 
+def test_noise_that_is_overstated_is_remarked():
+    assert not any("overstated" in text for text in discovery_words.remarks(view(nothing())))
+    found = nothing()
+    fit = found.rounds[0].fit
+    quiet = replace(found, rounds=(replace(found.rounds[0], fit=replace(fit, free_loss=0.1 * fit.degrees)), *found.rounds[1:]))
+    assert any("reduced chi-square 0.1): the noise is overstated" in text for text in discovery_words.remarks(view(quiet)))
+
+
 def test_refusals_are_told_in_the_table():
     first, now = row("stiffness gradient")
     strong = replace(first, score=replace(first.score, adjusted=1e-4))
@@ -185,6 +193,7 @@ def test_refusals_are_told_in_the_table():
     outcome = discovery_words.outcome
     assert outcome(strong, refused) == "significant, refused: the error on held-out data does not fall"
     assert outcome(strong, now) == "significant, another was better"
+    assert outcome(replace(strong, fit=None), now) == "significant, not refitted: another has a higher score"
     negative = replace(strong, score=replace(strong.score, admissible=False))
     assert outcome(negative, now) == "significant, not admissible"
 

@@ -1,5 +1,9 @@
 """Effects: nothing changes at their null value, their signature is a derivative, each does what its formula says."""
 
+import dataclasses
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -62,10 +66,11 @@ def test_null_changes_nothing(chain, c, effect):
 
 @pytest.mark.parametrize("effect", EVERY, ids=NAMES)
 def test_signature_is_the_derivative(chain, c, effect):
-    """Against central differences, in every amplitude."""
+    """Against central differences, in every amplitude, each of which does something."""
     shape = effect.shape_values(chain.data)[-1]
     found = chain.signature(c, effect, shape)
     assert np.isfinite(found).all()
+    assert all(np.abs(one).max() > 0 for one in found)
     for i, parameter in enumerate(effect.amplitudes):
         step = 1e-4 * parameter.typical
         a = np.array([p.null for p in effect.amplitudes])
@@ -119,7 +124,7 @@ def test_derivative_between_other_effects(chain, c, name):
 def test_names_and_units_are_stated():
     assert len(set(NAMES)) == len(EVERY)
     for effect in CATALOGUE:
-        assert effect.formula
+        assert effect.formula and effect.source
         assert effect.gauge or effect.decided_by
         assert all(p.unit and p.lower <= p.null <= p.upper for p in effect.amplitudes)
 
@@ -131,13 +136,43 @@ def test_what_the_data_lack_is_named(chain):
     assert {name: what for name, what in lacking.items() if what} == dict.fromkeys(
         ("Mullins softening", "Payne softening", "permanent set"), "unloading"
     )
-    from dataclasses import replace
-
-    timeless = Data.of(replace(experiment, time=None))
+    timeless = Data.of(dataclasses.replace(experiment, time=None))
     assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
         "viscoelasticity",
         "lag between force and image",
     }
+
+
+def test_a_file_in_the_folder_is_a_candidate(tmp_path):
+    """Nothing else names it; in a process of its own, since the catalogue is made once."""
+    import calibrate
+
+    copy = tmp_path / "calibrate"
+    shutil.copytree(Path(calibrate.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    (copy / "effects" / "another.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from calibrate.effects.effect import Effect, Parameter\n"
+        "@dataclass(frozen=True)\n"
+        "class Another(Effect):\n"
+        "    name, stage, formula, amplitudes = 'another', 'load', 'f', (Parameter('a', '1', typical=1.0),)\n"
+    )
+    code = "from calibrate.effects import CATALOGUE; print(len(CATALOGUE), CATALOGUE[-1].name)"
+    found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert found.stdout.split() == [str(len(CATALOGUE) + 1), "another"]
+
+
+def test_a_first_picture_at_time_zero_is_loaded_at_once(chain):
+    """The overstress is there in full, and falls off from then on."""
+    F = jnp.broadcast_to(jnp.eye(2), (3, 1, 2, 2))
+    data = dataclasses.replace(chain.data, time=np.array([0.0, 1.0, 3.0]))
+    found = Viscosity().stress(data, F, F, jnp.array([0.3]), jnp.array([2.0]), None) - F
+    np.testing.assert_allclose(found[:, 0, 0, 0], 0.3 * np.exp(-data.time / 2.0), rtol=1e-12)
+
+
+def test_the_time_of_a_clock_is_not_that_of_a_loading(chain):
+    late = dataclasses.replace(chain.data, time=1.7e9 + chain.data.time)
+    assert Viscosity().missing(late) == "time counted from the start of loading"
+    assert Viscosity().missing(chain.data) is None
 
 
 def test_viscous_overstress_of_a_ramp(chain):

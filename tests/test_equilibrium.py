@@ -215,7 +215,7 @@ def test_boundary_nodes_of_the_plate(experiment):
     np.testing.assert_array_equal(boundary_nodes(experiment.triangles), rims)
 
 
-@pytest.mark.parametrize("spacing", [0.0, 200.0])
+@pytest.mark.parametrize("spacing", [0.0, 0.01, 200.0])
 def test_virtual_fields_that_do_not_fit_are_refused(experiment, spacing):
     with pytest.raises(errors.ConfigError, match="--spacing"):
         virtual_fields(experiment, spacing)

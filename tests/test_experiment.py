@@ -202,6 +202,12 @@ def test_time_must_increase(time):
         stretched(time=np.array(time))
 
 
+def test_time_counts_from_the_start_of_loading():
+    with pytest.raises(errors.TimeError, match="begins at -1 s; count it from the start of loading"):
+        stretched(time=np.array([-1.0, 1.0, 2.0]))
+    assert stretched(time=np.array([0.0, 1.0, 2.0])).time[0] == 0.0
+
+
 def test_missing_and_infinite_force():
     sheet = stretched()
     nothing = tuple(LoadedBoundary(b.name, b.nodes, np.full((3, 2), np.nan)) for b in sheet.loaded)

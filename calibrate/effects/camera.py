@@ -27,6 +27,7 @@ class LensDistortion(Effect):
     name = "lens distortion"
     stage = "measurement"
     formula = "x (1 + k |x|^2 / R^2)"
+    source = "Brown 1971"
     amplitudes = (Parameter("k", "1", typical=0.005),)
     decided_by = "pictures of a dot grid"
 
@@ -83,6 +84,7 @@ class OutOfPlane(Effect):
     name = "out-of-plane motion"
     stage = "measurement"
     formula = "x (1 + m s), s: share of the loading"
+    source = "Sutton, Yan, Tiwari, Schreier and Orteu 2008"
     amplitudes = (Parameter("m", "1", typical=0.003),)
     decided_by = "a second camera, or a telecentric lens"
 
@@ -106,6 +108,7 @@ class SubsetSmoothing(Effect):
     stage = "measurement"
     truncated = True
     formula = "u + s2 M : grad grad u / 2, M: moments of a square cut by edges"
+    source = "Schreier and Sutton 2002"
     amplitudes = (Parameter("s2", "mm^2", lower=0.0, typical=1.0),)
     shapes = (Parameter("side", "mm", lower=0.0),)
     shapes_vary = False

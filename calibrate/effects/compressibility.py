@@ -28,6 +28,7 @@ class Compressibility(Effect):
     stage = "kinematics"
     of_material = True
     formula = "psi(I1bar) + kappa (J - 1)^2 / 2, sigma33 = 0, beta = 1 / kappa"
+    source = "Flory 1961; Simo, Taylor and Pister 1985"
     amplitudes = (Parameter("beta", "1/MPa", lower=0.0, typical=0.5),)
     decided_by = "the change of thickness, measured from the side"
 

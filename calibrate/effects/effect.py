@@ -152,6 +152,9 @@ def free_edges(experiment: Experiment) -> tuple[Array, NDArray[np.int64]]:
     return np.bincount(owner, length[edge], len(triangles)), nodes
 
 
+LATE = 10.0  # durations of the record: what begins so late has the time of a clock
+
+
 def lacks_plane_stress(data: Data) -> str | None:
     """What is missing for an effect that is derived for a sheet with free faces."""
     return None if data.plane == "stress" else "plane stress"
@@ -161,14 +164,17 @@ def lacks_rate(data: Data) -> str | None:
     """What is missing for an effect that is seen in how fast the sheet is loaded."""
     if data.time is None:
         return "time"
-    return None if len(data.time) > 2 else "more increments"
+    if len(data.time) < 3:
+        return "more increments"
+    late = float(data.time[0]) > LATE * float(data.time[-1] - data.time[0])
+    return "time counted from the start of loading" if late else None
 
 
 @dataclass(frozen=True)
 class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.
 
-    name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report;
+    name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report; source: of the formula;
     amplitudes; shapes; shapes_vary: False where they only choose a
     derivative at the null value and mean nothing once the amplitude is known; gauge: why it can never be told apart
     from another quantity, or nothing; decided_by: the experiment that tells it from its likes; of_material: holds for
@@ -182,6 +188,7 @@ class Effect:
     name: ClassVar[str]
     stage: ClassVar[str]
     formula: ClassVar[str]
+    source: ClassVar[str] = "its own definition"
     amplitudes: ClassVar[tuple[Parameter, ...]]
     shapes: ClassVar[tuple[Parameter, ...]] = ()
     shapes_vary: ClassVar[bool] = True

@@ -21,6 +21,7 @@ class OneFibreFamily(Effect):
     stage = "energy"
     of_material = True
     formula = "psi + k / 2 (I4 - 1)^2, I4 = |F M|^2"
+    source = "Qiu and Pence 1997"
     amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
     shapes = (ANGLE,)
     decided_by = "the same sheet cut and pulled in another direction"
@@ -40,6 +41,7 @@ class TwoFibreFamilies(Effect):
     stage = "energy"
     of_material = True
     formula = "psi + k / 2 sum (I4 - 1)^2 of two directions"
+    source = "Qiu and Pence 1997"
     amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
     shapes = (Parameter("axis", "rad"), Parameter("half", "rad", lower=0.0, upper=np.pi / 4))
     decided_by = "the same sheet cut and pulled in two other directions"

@@ -36,6 +36,7 @@ class Mullins(Effect):
     stage = "softening"
     of_material = True
     formula = "P (1 - r (1 - x / x_max)), x = I1 - 3"
+    source = "Mullins 1969"
     amplitudes = (Parameter("r", "1", lower=0.0, upper=1.0, typical=0.2),)
     decided_by = "unloading and reloading"
 
@@ -55,6 +56,7 @@ class Payne(Effect):
     stage = "softening"
     of_material = True
     formula = "P (1 + r exp(-x_max / x0)), x = I1 - 3"
+    source = "Payne 1962"
     amplitudes = (Parameter("r", "1", lower=0.0, typical=0.3),)
     shapes = (Parameter("x0", "1", lower=0.0),)
     decided_by = "cycles of small amplitude before and after a large one"
@@ -81,6 +83,7 @@ class PermanentSet(Effect):
     stage = "set"
     of_material = True
     formula = "exp(-a x_max) P + sum w_j P0(F G_j^-1) G_j^-T, w_j: fall of exp(-a x_max), P0: of the base"
+    source = "Green and Tobolsky 1946"
     amplitudes = (Parameter("a", "1", lower=0.0, typical=0.05),)
     decided_by = "unloading to zero force, and a pause there"
 

@@ -19,6 +19,7 @@ class SecondInvariant(Effect):
     stage = "energy"
     of_material = True
     formula = "psi + c01 (I2 - 3)"
+    source = "Mooney 1940; Rivlin 1948"
     amplitudes = (Parameter("c01", "MPa", lower=0.0, typical=0.03),)
     decided_by = "an equi-biaxial test beside a uniaxial one"
 

@@ -53,6 +53,7 @@ class Thickness(Effect):
     stage = "kinematics"
     truncated = True
     formula = "u + b F33 F^-T grad F33, b = h^2 / 12"
+    source = "derived in docs/thickness.md"
     amplitudes = (Parameter("b", "mm^2", lower=0.0, typical=10.0),)
     decided_by = "a thinner specimen of the same shape"
     rough = True

@@ -23,6 +23,7 @@ class Upturn(Effect):
     stage = "energy"
     of_material = True
     formula = "psi + c30 (I1 - 3)^3"
+    source = "Yeoh 1993"
     amplitudes = (Parameter("c30", "MPa", lower=0.0, typical=0.003),)
     decided_by = "a test to a larger stretch"
 

@@ -21,6 +21,7 @@ class Viscosity(Effect):
     stage = "relaxation"
     of_material = True
     formula = "S + g int exp(-(t - s) / tau) dS"
+    source = "Simo 1987"
     amplitudes = (Parameter("g", "1", lower=0.0, typical=0.2),)
     shapes = (Parameter("tau", "s", lower=0.0),)
     decided_by = "a pause in the loading, or a second rate"
@@ -39,7 +40,9 @@ class Viscosity(Effect):
         H, before, overstress = jnp.zeros_like(S[0]), jnp.zeros_like(S[0]), []
         for i, now in enumerate(S):
             ratio = steps[i] / tau
-            H = jnp.exp(-ratio) * H + (-jnp.expm1(-ratio) / ratio) * (now - before)
+            some = jnp.where(ratio > 0, ratio, 1.0)
+            gain = jnp.where(ratio > 0, -jnp.expm1(-some) / some, 1.0)  # at time 0 the load is there at once
+            H = jnp.exp(-ratio) * H + gain * (now - before)
             overstress.append(H)
             before = now
         return P + a[0] * F @ jnp.stack(overstress)
@@ -50,3 +53,4 @@ class SecondViscosity(Viscosity):
     """A second branch, for a material that relaxes over more than a decade of time; tested beside the first only."""
 
     name = "second relaxation time"
+    source = "Simo 1987"
