@@ -49,7 +49,7 @@ def read_model[T](
         ) from error
     found = content.get("format") if isinstance(content, dict) else None
     if found != form:
-        known = (others or {}).get(str(found), f"'format' is not '{form}'; `{command}` writes such files")
+        known = (others or {}).get(str(found), f"'format' is not '{form}'; give the model.json that `{command}` writes")
         raise errors.ModelFileError(f"{path}: {known}")
     if content.get("version") != version:
         raise errors.ModelFileError(f"{path}: version {content.get('version')}, this program reads {version}")

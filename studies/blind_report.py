@@ -130,7 +130,7 @@ def summary(judged: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _pulls(one: dict[str, Any]) -> list[float]:
-    """Of the amplitudes of hidden effects that were named; a field's coefficients have no true values."""
+    """Of the amplitudes of hidden effects that were named; a field's coefficients, which cannot follow a patch, are not among them."""
     found = [a for a in one["amplitudes"] if a is not None and a["effect"] in one["named"] and a["effect"] != FIELD]
     return [p for a in found for p in a["pulls"].values()]
 

@@ -182,8 +182,12 @@ def test_noise_that_is_overstated_is_remarked():
     assert not any("overstated" in text for text in discovery_words.remarks(view(nothing())))
     found = nothing()
     fit = found.rounds[0].fit
-    quiet = replace(found, rounds=(replace(found.rounds[0], fit=replace(fit, free_loss=0.1 * fit.degrees)), *found.rounds[1:]))
-    assert any("reduced chi-square 0.1): the noise is overstated" in text for text in discovery_words.remarks(view(quiet)))
+    quiet = replace(
+        found, rounds=(replace(found.rounds[0], fit=replace(fit, free_loss=0.1 * fit.degrees)), *found.rounds[1:])
+    )
+    assert any(
+        "reduced chi-square 0.1): the noise is overstated" in text for text in discovery_words.remarks(view(quiet))
+    )
 
 
 def test_refusals_are_told_in_the_table():

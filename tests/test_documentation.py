@@ -80,6 +80,15 @@ def test_the_tables_of_blind_trials_are_those_of_the_trials() -> None:
     assert f"named the group of {found['strong_group_named']} of {found['strong']} strong effects" in said
     assert f"{found['amplitudes_within']} of {found['amplitudes']} amplitudes in their 95 % interval" in said
     assert f"a wrong name in {found['absent_wrong']} of {found['absent']}" in said
+    fields = [
+        a
+        for one in trials
+        for a in one["amplitudes"]
+        if one["hidden"] == ["stiffness field"] and a["effect"] in one["hidden"]
+    ]
+    pulls = [(a["amplitudes"][k] - true) / a["deviations"][k] for a in fields for k, true in a["true"].items()]
+    inside = f"{sum(abs(pull) <= 1.96 for pull in pulls)} of {len(pulls)}"
+    assert f"of the coefficients of stiffness fields {inside}" in said and f"{inside} are within" in page
     assert f"named both in {found['pairs_found']} of {found['pairs']} pairs" in said
     assert f"a wrong name was given in {found['absent_wrong']} of {found['absent']} such cases" in limits
     assert f"both were named in {found['pairs_found']} of {found['pairs']} strong pairs" in limits
