@@ -214,9 +214,8 @@ class _Prior:
 
     def bend(self, w: Array, base: Array, effects: Array) -> Array:
         """Derivatives (r, n + k) of `smooth` w to w and effects, where base (n,) and effects (k,) scale all stresses down."""
-        whole = np.outer(self.smooth @ w, np.concatenate([base, effects]))
-        whole[:, : len(w)] -= self.smooth
-        return -whole
+        bend = self.smooth @ w
+        return np.concatenate([self.smooth - np.outer(bend, base), -np.outer(bend, effects)], axis=1)
 
 
 def _step(
