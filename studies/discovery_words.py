@@ -86,7 +86,14 @@ def _verdict(view: View) -> str:
             f"significant, not explained: the closest is {_additions(final, found.closest, view.unit)}", _errors(view),
             _left(view), _best_candidate(found.rounds[-1]),
         ])  # fmt: skip
-    return f"significant, not explained by any candidate: {_left(view)}; {_best_candidate(found.rounds[-1])}"
+    last = found.rounds[-1]
+    quiet = _calibrated(view) and last.fit.p_value > GLOBAL and last.predicted_p > GLOBAL
+    alone = (
+        "; no other test sees anything, so that it may well be a false alarm: repeat the test, or hold out others"
+        if quiet
+        else ""
+    )
+    return f"significant, not explained by any candidate: {_left(view)}; {_best_candidate(last)}{alone}"
 
 
 def _additions(fit: Fit, names: tuple[str, ...], unit: str) -> str:

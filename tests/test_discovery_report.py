@@ -141,6 +141,9 @@ def test_not_explained_says_how_much_is_left():
     assert "not explained: the closest is second invariant" in discovery_words.verdict(view(found))
     alone = replace(nothing(), verdict="significant, not explained")
     assert "not explained by any candidate" in discovery_words.verdict(view(alone))
+    assert "may well be a false alarm" in discovery_words.verdict(view(alone))
+    loud = replace(alone.rounds[-1], predicted=(100.0, 10))
+    assert "false alarm" not in discovery_words.verdict(view(replace(alone, rounds=(*alone.rounds[:-1], loud))))
 
 
 def test_unknown_noise_gives_no_p_value():
