@@ -280,10 +280,9 @@ def catalogue_table(view: View) -> tuple[list[str], list[list[Any]]]:
             for p in (*effect.amplitudes, *effect.shapes)
         ]
         shown = symbols if len(symbols) <= LISTED else [symbols[0], "...", symbols[-1]]
-        rows.append(
-            [effect.name, effect.stage, effect.formula, ", ".join(shown), effect.decided_by or None, effect.source]
-        )
-    return ["effect", "stage", "formula", "amplitudes and shapes (unit)", "decided by", "source"], sorted(rows)
+        source = "" if effect.source == Effect.source else f" ({effect.source})"
+        rows.append([effect.name, effect.stage, effect.formula + source, ", ".join(shown), effect.decided_by or None])
+    return ["effect", "stage", "formula (source)", "amplitudes and shapes (unit)", "decided by"], sorted(rows)
 
 
 def _calibrated(view: View) -> bool:
