@@ -55,7 +55,7 @@ def default_spacing(experiment: Experiment) -> float:
 def virtual_fields(experiment: Experiment, spacing: float | None = None) -> VirtualFields:
     """Build the virtual fields of an experiment on a grid of `spacing` mm.
 
-    Raises `ConfigError` for a spacing that leaves no field inside the specimen, or makes more fields than there are nodes.
+    Raises `ConfigError` for a spacing that leaves no field inside the specimen, or makes more than `MOST` for each node.
     """
     given = spacing is not None
     spacing = default_spacing(experiment) if spacing is None else float(spacing)
@@ -69,7 +69,7 @@ def virtual_fields(experiment: Experiment, spacing: float | None = None) -> Virt
         )
     if inside and given and np.prod(np.ceil(np.ptp(points, axis=0) / spacing) + 1) > MOST * len(points):
         raise ConfigError(
-            f"{experiment.name}: virtual fields {spacing:g} mm apart are more than its {len(points)} nodes; give a larger "
+            f"{experiment.name}: virtual fields {spacing:g} mm apart are more than {MOST} for each of its {len(points)} nodes; give a larger "
             f"--spacing ({default_spacing(experiment):.3g} by default)"
         )
     constrained = np.setdiff1d(boundary_nodes(experiment.triangles), experiment.free_nodes)
