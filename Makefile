@@ -49,7 +49,7 @@ quick: setup ## everything at its smallest, a few minutes
 docs: setup ## the documentation as pages in build/site; its examples are run, a warning is an error
 	rm -rf build/tutorial
 	$(PYTHON) docs/tutorial/run.py build/tutorial
-	$(PYTHON) -m pytest tests/test_documentation.py
+	$(PYTHON) -m pytest tests/project/test_documentation.py
 	$(PYTHON) -m mkdocs build --quiet --config-file .ci/mkdocs.yml
 
 test: setup ## the test suite, without the slowest tests
@@ -62,7 +62,7 @@ coverage: setup ## lines and branches that no test reaches, in build/coverage-re
 	$(PYTHON) -m pytest -n $(WORKERS) --dist worksteal -m "not slow" --cov --cov-report=term --cov-report=html:build/coverage-report $(TESTS)
 
 browser-test: setup ## reports in a real browser: headless Chromium, which has to be on the PATH
-	$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile tests/test_reports_in_a_browser.py
+	$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile tests/studies/reports/test_reports_in_a_browser.py
 
 lint: setup ## style and types
 	$(PYTHON) -m ruff check .

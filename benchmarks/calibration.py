@@ -100,7 +100,7 @@ def solution(args: argparse.Namespace) -> Any:
 def experiments(args: argparse.Namespace, n_triangles: int) -> dict[str, Any]:
     """Clean and noisy Experiment on about `n_triangles` triangles."""
     from meshes import Cross, triangles
-    from studies import camera
+    from studies.synthetic import camera
 
     n_nodes = NODES_PER_TRIANGLE * n_triangles
     for _ in range(3):

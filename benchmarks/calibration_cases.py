@@ -20,14 +20,15 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate import fit, pann, paper_loss
-from calibrate.basis import Basis, basis_for
-from calibrate.calibration import Options, calibrate, calibrated_range
-from calibrate.equilibrium import Equilibrium
-from calibrate.experiment import Experiment
-from calibrate.model import Model
-from calibrate.reduction import Quadratic
-from studies import metrics
+from calibrate.data.experiment import Experiment
+from calibrate.equations.basis import Basis, basis_for
+from calibrate.equations.equilibrium import Equilibrium
+from calibrate.equations.reduction import Quadratic
+from calibrate.fitting import network_fit, paper_loss
+from calibrate.fitting.calibration import Options, calibrate, calibrated_range
+from calibrate.models import pann
+from calibrate.models.network_model import Model
+from studies.accuracy import metrics
 
 Array = NDArray[np.float64]
 ITERATIONS = 300
@@ -101,7 +102,7 @@ class Case:
         """The paper's loss with C_F frozen as a quadratic form, its convex spline, and the time both took."""
         with Clock() as clock:
             quadratic = paper_loss.reduced(self.system, self.basis)
-            spline = fit.convex_spline(quadratic, self.inputs)
+            spline = network_fit.convex_spline(quadratic, self.inputs)
         return quadratic, spline, clock
 
     def reduced_loss(self, architecture: pann.Architecture) -> Callable[[jax.Array], tuple[jax.Array, jax.Array]]:
@@ -147,9 +148,9 @@ def gauss_newton(
     """Bounded Gauss-Newton on the reduction: distilled from the convex spline, then polished."""
     quadratic, spline, assembly = case.reduction
     with Clock() as first:
-        fit.fit_network(quadratic, case.inputs, layers, spline, starts, seed, ITERATIONS)
+        network_fit.fit_network(quadratic, case.inputs, layers, spline, starts, seed, ITERATIONS)
     with Clock() as second:
-        architecture, result = fit.fit_network(quadratic, case.inputs, layers, spline, starts, seed, ITERATIONS)
+        architecture, result = network_fit.fit_network(quadratic, case.inputs, layers, spline, starts, seed, ITERATIONS)
     row = {
         **times(second, first.cpu - second.cpu, assembly.cpu),
         "starts_done": starts,

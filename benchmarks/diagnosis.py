@@ -39,11 +39,11 @@ def diagnose(experiment: Any) -> dict[str, float]:
     """CPU s of each stage of one diagnosis, and of signatures by differences."""
     import numpy as np
 
-    from calibrate import discovery, effect_fit, effect_score
-    from calibrate.chain import Addition
+    from calibrate.diagnosis import effect_fit, effect_score, selection
+    from calibrate.effects.chain import Addition
 
     times: dict[str, float] = {}
-    problem, base = timed(times, "base model", lambda: effect_fit.prepare([experiment], [discovery.HoldOut().training]))
+    problem, base = timed(times, "base model", lambda: effect_fit.prepare([experiment], [selection.HoldOut().training]))
     scores = timed(times, "tests of the catalogue", lambda: effect_score.score(problem, base))
     tested = [s.effect for s in scores if s.status == "tested"]
 
@@ -63,8 +63,9 @@ def diagnose(experiment: Any) -> dict[str, float]:
 
 def main(words: list[str] | None = None) -> int:
     args = arguments(words)
-    from studies import camera, pulls
+    from studies.accuracy import pulls
     from studies.output import Manifest, open_output_folder, write_csv
+    from studies.synthetic import camera
 
     settings = {key: value for key, value in vars(args).items() if key not in ("output", "overwrite")}
     started = time.time()

@@ -1,6 +1,6 @@
 """Accuracy of the formulas of effects: amplitudes fitted to data of the forward models, printed and written as a table.
 
-In: blind trials (`studies.blind_data`) whose effect is given three sizes, without noise; what noise is stated is a tenth
+In: blind trials (`studies.trials.blind_data`) whose effect is given three sizes, without noise; what noise is stated is a tenth
 of the trial's, so that the errors are those of formulas and discretisation. Out, in a folder: ``effect_accuracy.csv`` and
 a manifest. A row for each effect, specimen and size: true and fitted amplitude, relative error, standard deviation that
 the fit states, chi-square before and after. A base energy is fitted beside the amplitude, as a diagnosis does.
@@ -59,9 +59,9 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
 
 def observed(case: Case, size: float, specimen: str, seed: int = SEED) -> Any:
     """The Experiment of a trial whose effect has this amplitude; its noise is stated, not added."""
-    from studies.blind_data import draw, record
-    from studies.blind_effects import Hidden
-    from studies.blind_solution import clean_experiment
+    from studies.trials.blind_data import draw, record
+    from studies.trials.blind_effects import Hidden
+    from studies.trials.blind_solution import clean_experiment
 
     trial = draw(seed, case.effect)
     more = {"side": (12 * size) ** 0.5} if case.effect == "subset smoothing" else {}
@@ -80,12 +80,12 @@ def observed(case: Case, size: float, specimen: str, seed: int = SEED) -> Any:
 
 def fitted(experiment: Any, name: str) -> tuple[Any, Any]:
     """Base alone, and base and effect fitted together from the best shape of the effect's grid."""
-    from calibrate import discovery, effect_fit, effect_score
-    from calibrate.chain import Addition
+    from calibrate.diagnosis import effect_fit, effect_score, selection
     from calibrate.effects import CATALOGUE
+    from calibrate.effects.chain import Addition
 
     effect = next(e for e in CATALOGUE if e.name == name)
-    problem, base = effect_fit.prepare([experiment], [discovery.HoldOut().training])
+    problem, base = effect_fit.prepare([experiment], [selection.HoldOut().training])
     U = base.columns
     r = base.residual - U @ (U.T @ base.residual)
     one, _ = effect_score.examine(problem, base, effect, U, r)

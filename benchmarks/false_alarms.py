@@ -11,8 +11,8 @@ import io
 import tempfile
 from pathlib import Path
 
-from calibrate.discovery import discover
-from calibrate.experiment import Experiment
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis.selection import discover
 from studies.cli import main as equigap
 
 

@@ -28,7 +28,7 @@ import scipy.sparse.linalg
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
+sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests" / "fixtures")]
 
 import felupe
 import forward_felupe

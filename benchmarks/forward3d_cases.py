@@ -24,17 +24,17 @@ from typing import Any
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
+sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests" / "fixtures")]
 
 from forward import ArrudaBoyce, Loading, linear
 from forward._dolfinx import JIT_OPTIONS, MPI, PETSc, dolfinx, ufl
 from forward.element import PRESSURES, Solid
-from forward.solid import BULK_TO_SHEAR, Options, solve
 from forward.solid_forms import centre_function, potential, pressure_basis
+from forward.solid_model import BULK_TO_SHEAR, Options, solve
 from forward.solid_problem import Outcome, SolidProblem, create_domain, node_order
 from forward.stepping import State, steps
 from meshes import Cross, quads
-from meshes.solid import SolidMesh, extrude
+from meshes.extrusion import SolidMesh, extrude
 
 THICKNESS = 10.0
 MATERIAL = ArrudaBoyce()

@@ -17,14 +17,14 @@ def main(words: list[str] | None = None) -> int:
     args = parser.parse_args(words)
     import numpy as np
 
-    from calibrate.calibration import Options, calibrate
     from calibrate.errors import FitError
+    from calibrate.fitting.calibration import Options, calibrate
     from forward.loading import Loading
     from forward.materials import ArrudaBoyce
     from forward.plane_stress import solve
     from meshes import quads, triangles
     from meshes.specimens import PlateWithHole
-    from studies.camera import Camera, GaussianField, observe
+    from studies.synthetic.camera import Camera, GaussianField, observe
 
     specimen = PlateWithHole()
     loading = Loading.clamped(specimen.loaded, 20.0)

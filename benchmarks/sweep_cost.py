@@ -26,9 +26,10 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from studies import sweep, workflow
+from studies.commands import sweep
+from studies.grid import workflow
+from studies.grid.sweep_case import PLANE, Case, Settings
 from studies.output import Manifest, open_output_folder, write_csv, write_json, write_text
-from studies.sweep_case import PLANE, Case, Settings
 
 COLUMNS = ("kind", "job", "cpu_s", "wall_s", "peak_mb", "output_kb")
 CORES = (2, 100)
@@ -82,7 +83,7 @@ def measure(folder: Path, job: Job) -> dict[str, Any]:
     path = folder / "rows" / f"{'_'.join([step, *keys])}.json"
     if not path.exists():
         print("sweep_cost:", step, *keys, file=sys.stderr, flush=True)
-        command = [sys.executable, "-m", "studies.sweep_case", step, str(folder), *keys]
+        command = [sys.executable, "-m", "studies.grid.sweep_case", step, str(folder), *keys]
         begin = time.perf_counter()
         process = subprocess.Popen(command, env=workflow.environment(folder / "workflow"))
         _, status, used = os.wait4(process.pid, 0)

@@ -1,6 +1,6 @@
 """What noise does to the 3D effect of thickness: one blind trial, clean and noisy, printed.
 
-In: a seed of `studies.blind_data`. Out: b fitted and hidden, mm^2, reduced chi-square, and the attenuation that the noise in the
+In: a seed of `studies.trials.blind_data`. Out: b fitted and hidden, mm^2, reduced chi-square, and the attenuation that the noise in the
 signature brings, from clean and noisy signatures. Run: ``python benchmarks/thickness_noise.py [seed]``; half a minute.
 """
 
@@ -14,10 +14,10 @@ def main(seed: int) -> None:
     """Solve, fit clean and noisy, compare."""
     import numpy as np
 
-    from calibrate import effect_fit, whitened
-    from calibrate.chain import Addition
-    from calibrate.effects.thickness import Thickness
-    from studies import blind_data, blind_solution
+    from calibrate.diagnosis import effect_fit, whitened
+    from calibrate.effects.chain import Addition
+    from calibrate.effects.finite_thickness import Thickness
+    from studies.trials import blind_data, blind_solution
 
     trial = blind_data.draw(seed, Thickness.name)
     clean = blind_solution.clean_experiment(trial)

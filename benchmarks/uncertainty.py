@@ -1,7 +1,7 @@
 """Pull test of the stated uncertainty, printed as a table and written beside its manifest.
 
 In: a specimen solved with biquadratic quads, seen by a coarse camera mesh with `--seeds` noise seeds. Out, in a folder:
-``pulls.csv`` and a manifest. Columns: see `studies.pulls`; std and median of the pulls over seeds, against the
+``pulls.csv`` and a manifest. Columns: see `studies.accuracy.pulls`; std and median of the pulls over seeds, against the
 calibration of the clean data and against the material. Run: ``python benchmarks/uncertainty.py [--specimen cross]``.
 """
 
@@ -29,9 +29,10 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
 
 def main(words: list[str] | None = None) -> int:
     args = arguments(words)
-    from calibrate.calibration import Options
-    from studies import camera, pulls
+    from calibrate.fitting.calibration import Options
+    from studies.accuracy import pulls
     from studies.output import Manifest, open_output_folder, write_csv
+    from studies.synthetic import camera
 
     settings = {key: value for key, value in vars(args).items() if key not in ("output", "overwrite")}
     started = time.time()

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from forward._dolfinx import FLAGS, JIT_OPTIONS, MPI, dolfinx, ufl
 from forward.materials import Material
+from meshes.extrusion import HEX_NODES, hex_shape_gradients, hex_shapes
 from meshes.mesh import Array
-from meshes.solid import HEX_NODES, hex_shape_gradients, hex_shapes
 
 SOURCE = Path(__file__).with_name("element.c")
 POINTS_1D, WEIGHTS_1D = np.polynomial.legendre.leggauss(3)

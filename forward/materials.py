@@ -130,7 +130,7 @@ def material_from_dict(content: dict[str, Any]) -> Material:
     parameters = dict(content)
     name = parameters.pop("material", None)
     if name == "pann":
-        from forward.pann import Pann
+        from forward.network_energy import Pann
 
         return Pann.from_dict(parameters)
     if name not in MATERIALS:

@@ -19,8 +19,8 @@ from forward.errors import LinearSolverError
 from forward.linear import LinearSolver, Mumps, Pardiso, pardiso_installed
 from forward.materials import Material
 from forward.solid_forms import centre_function, potential, pressure_basis
+from meshes.extrusion import HEX_NODES, SolidMesh
 from meshes.mesh import Array
-from meshes.solid import HEX_NODES, SolidMesh
 
 Unknowns = tuple[Array, ...]
 SOLVERS = ("fastest", "pardiso", "mumps")

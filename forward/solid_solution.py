@@ -18,8 +18,8 @@ from forward.errors import SolutionError
 from forward.solution import SurfaceSolution
 from meshes import Mesh
 from meshes.errors import MeshDataError
+from meshes.extrusion import HEX_NODES, SolidMesh, hex_shape_gradients
 from meshes.files import read_npz, with_prefix, write_npz
-from meshes.solid import HEX_NODES, SolidMesh, hex_shape_gradients
 
 Array = NDArray[np.float64]
 FORMAT = "equigap-solid"

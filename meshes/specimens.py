@@ -16,16 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes.errors import SpecimenError
-from meshes.shapes import (
-    Corner,
-    Ellipse,
-    distance,
-    fillet_points,
-    rotations,
-    signed_distance,
-    triples,
-    turn_angle,
-)
+from meshes.shapes import Corner, Ellipse, distance, fillet_points, rotations, signed_distance, triples, turn_angle
 
 Array = NDArray[np.float64]
 

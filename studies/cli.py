@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from importlib import metadata
 from typing import Any
 
-from studies.arguments import Parser, check_options, config_files, read_config
+from studies.commands.arguments import Parser, check_options, config_files, read_config
+from studies.commands.options import nearest
 from studies.errors import OptionError, StudyError
-from studies.options import nearest
 
 
 @dataclass(frozen=True)
@@ -32,79 +32,79 @@ class Command:
 
 COMMANDS = {
     "specimens": Command(
-        "studies.specimens",
+        "studies.commands.draw_specimens",
         "mesh and draw every specimen",
         "equigap specimens\n  equigap specimens --only cross --set half_width=35",
     ),
     "simulate": Command(
-        "studies.simulation",
+        "studies.commands.simulate",
         "solve a test by finite elements and record it with a noisy camera",
         "equigap simulate --quick\n  equigap simulate --material neo_hooke --displacement 40 --seed 3",
     ),
     "import": Command(
-        "studies.importing",
+        "studies.commands.import_data",
         "read measured full-field data into an Experiment",
         "equigap import Soft_Homo\n  equigap import columns.toml --output results/my-sheet",
     ),
     "homogeneous": Command(
-        "studies.homogeneous_import",
+        "studies.commands.homogeneous",
         "read a stress-stretch curve into an Experiment",
         "equigap homogeneous treloar-a-uniaxial\n  equigap homogeneous pull.csv --mode pure_shear -o results/pull",
     ),
     "calibrate": Command(
-        "studies.calibration",
+        "studies.commands.calibrate",
         "identify a network from an Experiment",
         "equigap calibrate results/simulate/experiment.npz\n  equigap calibrate sheet.npz --inputs I1I2 --layers 4,4",
     ),
     "predict": Command(
-        "studies.prediction",
+        "studies.commands.predict",
         "uniaxial, equi-biaxial and pure-shear curves of a model",
         "equigap predict results/calibrate/model.json\n  equigap predict model.json --stretch 2.5 --against arruda_boyce",
     ),
     "discover": Command(
-        "studies.discovery",
+        "studies.commands.discover",
         "find what a hyperelastic model leaves unexplained in a test",
         "equigap discover results/simulate/experiment.npz\n  equigap discover pull_x.npz --hold-out pull_y.npz\n"
         "  equigap discover sheet.npz --hold-out every:2 --without 'force offset' -o results/sheet",
     ),
     "resolution": Command(
-        "studies.resolution",
+        "studies.commands.resolution",
         "study: how camera resolution and noise limit what is identified",
         "equigap resolution --quick\n  equigap resolution --jobs 8 --output results/resolution",
     ),
     "thickness": Command(
-        "studies.thickness",
+        "studies.commands.thickness",
         "study: how thick a specimen may be before a plane-stress calibration misleads",
         "equigap thickness --quick\n  equigap thickness --thicknesses 5,30 --seeds 20\n  equigap thickness --fine --profile my-cluster",
     ),
     "sweep": Command(
-        "studies.sweep",
+        "studies.commands.sweep",
         "study: a thousand calibrations over specimen, thickness, resolution, noise and seed",
         "equigap sweep --quick\n  equigap sweep --dry-run\n  equigap sweep --thicknesses 2D,5,30 --noises 0.1 --seeds 20 --jobs 8\n"
         "  equigap sweep --profile my-cluster --container equigap.sif",
     ),
     "blind": Command(
-        "studies.blind",
+        "studies.commands.blind",
         "study: does the diagnosis find hidden effects, and nothing where nothing is?",
         "equigap blind --quick\n  equigap blind --trials 5 --nulls 20 --jobs 8",
     ),
     "measured": Command(
-        "studies.measured",
+        "studies.commands.measured",
         "study: what measured sheets and homogeneous tests do beyond hyperelasticity",
         "equigap measured --quick\n  equigap measured --until 15 --frames 24 -o results/measured",
     ),
     "figures": Command(
-        "studies.figures",
+        "studies.commands.figures",
         "every figure and table of all studies, in one folder",
         "equigap figures --scale quick\n  equigap figures --scale default --only resolution,thickness -o results/all",
     ),
     "verify": Command(
-        "studies.verification",
+        "studies.commands.verify",
         "compare the numbers of a run of `figures` with reference values",
         "equigap verify results/figures-quick\n  equigap verify results/figures-quick --same-as results/again",
     ),
     "supervised": Command(
-        "studies.supervised",
+        "studies.commands.supervised",
         "fit networks directly to stress-stretch data",
         "equigap supervised --quick",
     ),

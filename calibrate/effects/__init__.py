@@ -7,15 +7,15 @@ it has a place.
 import pkgutil
 from importlib import import_module
 
-from calibrate.effects.camera import LensDistortion, OutOfPlane, Scale, SubsetSmoothing, UnmeasuredStrip
+from calibrate.effects.camera_errors import LensDistortion, OutOfPlane, Scale, SubsetSmoothing, UnmeasuredStrip
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.effect import Data, Effect, Parameter
 from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
 from calibrate.effects.field import StiffnessField, StiffnessGradient
+from calibrate.effects.finite_thickness import Thickness
 from calibrate.effects.history import Mullins, Payne, PermanentSet
 from calibrate.effects.load import ForceGain, ForceOffset, Lag, Rotation
 from calibrate.effects.second_invariant import SecondInvariant
-from calibrate.effects.thickness import Thickness
 from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import SecondViscosity, Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp

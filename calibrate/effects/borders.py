@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.recovery import SMOOTH
+from calibrate.equations.recovery import SMOOTH
 
 Array = NDArray[np.float64]
 CELLS = 16  # along the side of a subset

@@ -16,11 +16,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate import recovery
+from calibrate.data.experiment import Experiment
 from calibrate.effects.borders import nearest_lines
 from calibrate.effects.branches import motion
 from calibrate.effects.membrane import Membrane
-from calibrate.experiment import Experiment
+from calibrate.equations import recovery
 
 Array = NDArray[np.float64]
 STAGES = ("energy", "kinematics", "stiffness", "softening", "relaxation", "set", "measurement", "load")
@@ -224,7 +224,7 @@ class Effect:
         """In-plane first Piola-Kirchhoff stress (t, m, 2, 2), MPa, from the one so far, P; F (t, m, 2, 2), of an
         incompressible sheet.
 
-        In plane strain F is the isochoric part, and P what it would be in such a sheet; see `calibrate.plane_strain`.
+        In plane strain F is the isochoric part, and P what it would be in such a sheet; see `calibrate.equations.isochoric`.
         law: the base model's stress (2, 2), MPa, at one deformation gradient (2, 2).
         """
         return P

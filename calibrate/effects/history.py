@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter
-from calibrate.effects.recovery import law_gradients
-from calibrate.tensors import det, inverse
+from calibrate.effects.nodal_derivatives import law_gradients
+from calibrate.equations.tensors import det, inverse
 
 UNLOADED = 0.02  # share of the mean I1 - 3 by which the sheet must have come back
 

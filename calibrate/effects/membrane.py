@@ -14,8 +14,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate import kinematics
-from calibrate.experiment import Experiment
+from calibrate.data.experiment import Experiment
+from calibrate.equations import kinematics
 
 Array = NDArray[np.float64]
 RIGID = 0.05  # largest deviation of a grip from a translation, over the largest displacement in the specimen

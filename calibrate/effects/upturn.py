@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from calibrate.effects.effect import Effect, Parameter
-from calibrate.kinematics import invariants
+from calibrate.equations.kinematics import invariants
 
 
 @dataclass(frozen=True)

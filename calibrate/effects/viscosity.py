@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter, lacks_rate
-from calibrate.tensors import inverse
+from calibrate.equations.tensors import inverse
 
 TIMES = 5
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibrate.experiment import Experiment
+from calibrate.data.experiment import Experiment
 
 FAILED = 12  # points that the software could not match
 

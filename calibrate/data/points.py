@@ -1,0 +1,147 @@
+"""Failed points of a measured field: left out, and the gap closed by a new triangulation.
+
+In: points, triangles and displacements with failed points (not finite, or listed). Out: `Kept`, the same arrays
+without them, triangulated anew (Delaunay) inside the original outline; holes stay holes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from calibrate import errors
+from calibrate.data.experiment import LoadedBoundary, boundary_nodes, signed_areas
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+MAX_LOST, MAX_AREA_CHANGE = 0.2, 0.1
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What is left. indices (n_kept,): old node numbers; lost: old numbers of the nodes left out.
+
+    points (n_kept, 2) mm, triangles (m, 3), displacements (n_increments, n_kept, 2) mm; loaded and free_nodes in
+    new numbers.
+    """
+
+    indices: Index
+    lost: Index
+    points: Array
+    triangles: Index
+    displacements: Array
+    loaded: tuple[LoadedBoundary, ...] = ()
+    free_nodes: Index = field(default_factory=lambda: np.zeros(0, np.int64))
+
+
+def failed_points(displacements: Array) -> Index:
+    """Nodes with a displacement that is not finite in any increment of (n_increments, n, 2)."""
+    return np.flatnonzero(~np.isfinite(displacements).all(axis=(0, 2)))
+
+
+def drop_points(
+    points: Array,
+    triangles: Index,
+    displacements: Array,
+    loaded: tuple[LoadedBoundary, ...] = (),
+    free_nodes: Index | None = None,
+    failed: Index | None = None,
+) -> Kept:
+    """Leave failed points out and triangulate the rest inside the original outline.
+
+    points (n, 2) mm, triangles (m, 3), displacements (n_increments, n, 2) mm. failed: node numbers; by default
+    those whose displacements are not finite. Without failed points everything is returned as it came.
+    Raises `LostPointsError` when more than 20 % are lost, when one lies on a loaded edge, or when what is left
+    does not cover the specimen.
+    """
+    free = np.zeros(0, np.int64) if free_nodes is None else np.asarray(free_nodes, np.int64)
+    lost = np.unique(failed_points(displacements) if failed is None else np.asarray(failed, np.int64))
+    if lost.size == 0:
+        return Kept(np.arange(len(points)), lost, points, triangles, displacements, loaded, free)
+    _refuse(len(points), lost, loaded)
+    indices = np.setdiff1d(np.arange(len(points)), lost)
+    new = _triangulate(points, triangles, indices)
+    used = np.unique(new)
+    if used.size < indices.size:  # points that lost all their neighbours
+        lost = np.setdiff1d(np.arange(len(points)), indices[used])
+        _refuse(len(points), lost, loaded)
+        indices, new = indices[used], np.searchsorted(used, new)
+    number = np.full(len(points), -1)
+    number[indices] = np.arange(indices.size)
+    boundary = boundary_nodes(new)
+    kept_free = number[np.intersect1d(free, indices)]
+    return Kept(
+        indices,
+        lost,
+        points[indices],
+        new,
+        displacements[:, indices],
+        tuple(LoadedBoundary(b.name, number[b.nodes], b.force) for b in loaded),
+        np.intersect1d(kept_free, boundary),
+    )
+
+
+def _refuse(n: int, lost: Index, loaded: tuple[LoadedBoundary, ...]) -> None:
+    if lost.size > MAX_LOST * n:
+        raise errors.LostPointsError(
+            f"{lost.size} of {n} points failed ({100 * lost.size / n:.0f} %, at most {100 * MAX_LOST:.0f} % can be "
+            "bridged); leave out the worst frames, or measure again"
+        )
+    for boundary in loaded:
+        hit = np.intersect1d(boundary.nodes, lost)
+        if hit.size:
+            raise errors.LostPointsError(
+                f"{hit.size} failed points lie on the loaded edge '{boundary.name}' (first: node {hit[0]}); choose a "
+                "row further inside as the loaded edge, or leave out the frames in which they fail"
+            )
+
+
+def _triangulate(points: Array, triangles: Index, indices: Index) -> Index:
+    """Delaunay triangles (m, 3) of points[indices], in numbers of `indices`, within the old triangulation."""
+    kept = points[indices]
+    try:
+        new = Delaunay(kept).simplices.astype(np.int64)
+    except QhullError as error:
+        raise errors.LostPointsError("the points that are left cannot be triangulated: they lie on a line") from error
+    area = signed_areas(kept, new)
+    new[area < 0] = new[area < 0][:, ::-1]
+    centres = kept[new].mean(axis=1)
+    corners = kept[new] + 0.1 * (centres[:, None] - kept[new])
+    inside = _within(points, triangles, centres) & (
+        _within(points, triangles, corners.reshape(-1, 2)).reshape(-1, 3).sum(axis=1) >= 2
+    )
+    longest = max(np.linalg.norm(kept[new] - np.roll(kept[new], 1, axis=1), axis=2).max(axis=1).max(), 1e-300)
+    area = np.abs(area)
+    thin = area < 1e-6 * longest**2
+    new = new[inside & ~thin]
+    before = float(np.abs(signed_areas(points, triangles)).sum())
+    after = float(signed_areas(kept, new).sum()) if len(new) else 0.0
+    if abs(after - before) > MAX_AREA_CHANGE * before:
+        raise errors.LostPointsError(
+            f"without its failed points the specimen covers {100 * after / before:.0f} % of its area; "
+            "too many fail at its edges"
+        )
+    return new
+
+
+def _within(points: Array, triangles: Index, where: Array) -> NDArray[np.bool_]:
+    """Whether positions (k, 2) lie in any of the triangles (small overshoot allowed)."""
+    corners = points[triangles]
+    centres = corners.mean(axis=1)
+    reach = float(np.linalg.norm(corners - centres[:, None], axis=2).max())
+    inside = np.zeros(len(where), bool)
+    near = cKDTree(centres).query_ball_point(where, reach)
+    size = np.fromiter((len(n) for n in near), np.int64, len(near))
+    if size.sum() == 0:
+        return inside
+    who = np.repeat(np.arange(len(where)), size)
+    which = np.concatenate([np.asarray(n, np.int64) for n in near])
+    a, b, c = (corners[which, i] for i in range(3))
+    edges = np.stack([b - a, c - a], axis=-1)
+    local = np.linalg.solve(edges, (where[who] - a)[..., None])[..., 0]
+    hit = (local.min(axis=1) > -1e-6) & (local.sum(axis=1) < 1 + 1e-6)
+    inside[who[hit]] = True
+    return inside

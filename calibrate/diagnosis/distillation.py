@@ -1,0 +1,72 @@
+"""A PANN from the base of a fit: what a diagnosis found, as the network that a calibration would have given.
+
+In: a `Problem` and a `Fit`. Out: a `Model` of I1 and how much worse it meets the training equations than the spline.
+The effects in the model are held; the network is fitted to the quadratic loss about the fit, and judged by the exact one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibrate.diagnosis import whitened
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.whitened import Problem
+from calibrate.equations.basis import PlaneStrainBasis
+from calibrate.equations.reduction import Quadratic
+from calibrate.fitting.network_fit import fit_network
+from calibrate.models.network_model import Model
+
+LAYERS, STARTS = (4, 4), 8
+SHARE, NOISE = 0.01, 4.0  # by which the loss may rise: of itself, or two standard deviations of one chi-square term
+
+
+@dataclass(frozen=True)
+class Distilled:
+    """network: PANN of I1. spline_loss, network_loss: whitened squared residual of n_rows training equations."""
+
+    network: Model
+    spline_loss: float
+    network_loss: float
+    n_rows: int
+
+    @property
+    def good(self) -> bool:
+        """Whether the network meets the data as the spline does."""
+        return self.network_loss - self.spline_loss <= max(NOISE, SHARE * self.spline_loss)
+
+    def remark(self) -> str:
+        """How good it is, in words."""
+        before, after = self.spline_loss / self.n_rows, self.network_loss / self.n_rows
+        text = f"The network meets the training equations with a chi-square of {after:.4g} each, the spline of {before:.4g}"
+        return text + (
+            "; they are as good as each other." if self.good else
+            ": the network cannot follow the spline, which is the base model; do not use the network alone."
+        )  # fmt: skip
+
+
+def quadratic(problem: Problem, fit: Fit) -> Quadratic:
+    """The training loss as a quadratic form in the spline coefficients, about those of the fit."""
+    G = whitened.base_columns(problem, fit.chains)
+    target = G @ fit.c - fit.residual
+    return Quadratic(problem.basis, G.T @ G, G.T @ target, float(target @ target), len(target))
+
+
+def distil(
+    problem: Problem, fit: Fit, layers: tuple[int, ...] = LAYERS, n_starts: int = STARTS, seed: int = 0
+) -> Distilled:
+    """Fit PANN_I1^layers to the base of a fit. Raises `FitError`."""
+    loss = quadratic(problem, fit)
+    architecture, found = fit_network(loss, "I1", layers, fit.c, n_starts, seed)
+    exact = whitened.residual(problem, found.coefficients, fit.additions)
+    network_loss = float(exact @ exact)
+    model = Model(
+        architecture,
+        np.asarray(found.parameters),
+        problem.parts[0].experiment.stress_unit,
+        {"I1": (3.0, 3.0 + problem.parts[0].chain.energy.top)},
+        {"loss": network_loss, "spline_loss": fit.loss, "equations": fit.n_rows},
+        bulk_modulus=float(found.coefficients[-1]) if isinstance(problem.basis, PlaneStrainBasis) else None,
+    )
+    return Distilled(model, fit.loss, network_loss, fit.n_rows)

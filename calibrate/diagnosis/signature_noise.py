@@ -1,0 +1,85 @@
+"""Noise in signatures: of the displacements it is both in the residual and in its derivatives, which biases their product.
+
+In: a `Problem` and a model. Out: displacements without the noise that shows in the residual, and what the noise that does not
+show adds to the squares of a signature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis import whitened
+from calibrate.diagnosis.whitened import Problem
+from calibrate.effects.chain import Additions, Chain
+from calibrate.equations import noise_covariance
+
+Array = NDArray[np.float64]
+SAMPLES = 2  # of noise, for its part in a signature
+
+
+def denoised(problem: Problem, c: Array, additions: Additions, r: Array, dispersion: float) -> list[Chain]:
+    """The trained chains at displacements without the noise that shows in the whitened residual r (N,).
+
+    Signatures and residuals of noisy displacements hold the same noise, which biases their product. The maximum of the
+    likelihood, whose covariance C follows the parameters, has no such bias; its derivative by a parameter is S^T C^-1 r
+    with the signature S taken at u - Sigma K^T C^-1 r, the best linear estimate of the true displacements (K: tangent,
+    Sigma: covariance of the noise). dispersion: only this part of the squared residual is taken for noise.
+    """
+    pairs = zip(problem.trained, visible_noise(problem, c, additions, r), strict=True)
+    return [part.chain.disturbed(-noise / dispersion) for part, noise in pairs]
+
+
+def visible_noise(problem: Problem, c: Array, additions: Additions, r: Array) -> list[Array]:
+    """Sigma K^T C^-1 r (t, n, 2), mm, of each trained part; K knows of effects those that the weights know."""
+    found, start = [], 0
+    for part in problem.trained:
+        forces = part.train.adjoint(r[start : start + part.train.size])
+        start += part.train.size
+        factor = part.assembled.noise_factor
+        noise = np.moveaxis(part.chain.pulled_back(c, whitened.amplifying(problem, additions), forces), 1, 0)
+        flat = factor @ (factor.T @ noise.reshape(len(noise), -1))
+        found.append(np.moveaxis(flat.reshape(noise.shape), 0, 1))
+    return found
+
+
+def hidden_noise(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[list[Array]]:
+    """Samples of noise (t, n, 2), mm, of each trained part, without what would show in the residual."""
+    rough, samples = whitened.amplifying(problem, additions), []
+    rng = np.random.default_rng(0)
+    for _ in range(SAMPLES):
+        noise = [
+            np.asarray(noise_covariance.sample(part.assembled.noise_factor, rng, part.experiment.n_increments))
+            for part in problem.trained
+        ]
+        moved = [chain.disturbed(z) for chain, z in zip(chains, noise, strict=True)]
+        change = [m.residual(c, rough) - k.residual(c, rough) for m, k in zip(moved, chains, strict=True)]
+        seen = visible_noise(problem, c, rough, problem.white(change))
+        samples.append([z - s for z, s in zip(noise, seen, strict=True)])
+    return samples
+
+
+def excess(
+    problem: Problem,
+    chains: Sequence[Chain],
+    c: Array,
+    additions: Additions,
+    U: Array,
+    scale: Array,
+    S: Array,
+    hidden: list[list[Array]],
+) -> Array:
+    """(p, p): what `hidden_noise` adds to M, by the signature S (N, p), times scale (p,), of the last addition beside U.
+
+    The noise that shows in the residual has been taken out, that which does not is independent of it: the score has the
+    variance M, but its slope is M less this, so that the amplitude is -(M - excess)^-1 g.
+    """
+    total = np.zeros((len(scale), len(scale)))
+    for sample in hidden:
+        moved = [chain.disturbed(z) for chain, z in zip(chains, sample, strict=True)]
+        change = whitened.signature(problem, moved, c, additions) * scale - S
+        change = change - U @ (U.T @ change)
+        total += change.T @ change / len(hidden)
+    return total

@@ -1,0 +1,306 @@
+"""Fixed spline bases for the energy derivatives: what makes every quadratic loss a small quadratic form.
+
+The displacements are data, so the invariants are fixed, and the stress P = psi_1 dJ1/dF + psi_2 dJ2/dF with
+J1 = I1, J2 = I2^(3/2) is linear in psi_k = d psi / dJ_k. Writing psi_k in a cubic B-spline basis makes the
+residual linear in a few coefficients, however fine the mesh.
+
+- one input: functions of s = sqrt((J - J(I)) / range), uniform knots in s (dense where the data are);
+- both inputs: tensor products in the Hencky norm and the Lode angle of the logarithmic strain;
+- in plane strain: either of them at the isochoric part, and the bulk modulus as one more coefficient.
+
+Any model enters by interpolation: `coefficients(psi at sites)`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from calibrate import errors
+from calibrate.equations import isochoric as plane_strain
+from calibrate.equations import kinematics
+from calibrate.models import pann
+
+Array = NDArray[np.float64]
+DEGREE = 3
+
+
+@dataclass(frozen=True)
+class Spline:
+    """Uniform clamped cubic B-splines on [low, high] with n functions; arguments outside are clipped."""
+
+    n: int
+    low: float = 0.0
+    high: float = 1.0
+
+    @cached_property
+    def knots(self) -> Array:
+        """Clamped knots (n + 4,)."""
+        inner = np.linspace(self.low, self.high, self.n - DEGREE + 1)
+        return np.concatenate([[self.low] * DEGREE, inner, [self.high] * DEGREE])
+
+    @cached_property
+    def sites(self) -> Array:
+        """Greville abscissae (n,), where interpolation is well posed."""
+        return np.array([self.knots[i + 1 : i + DEGREE + 1].mean() for i in range(self.n)])
+
+    def local(self, x: Array, derivative: int = 0) -> tuple[Array, NDArray[np.int64]]:
+        """The 4 non-zero functions at x (m,): values (m, 4) and the index (m,) of the first of them."""
+        x = np.clip(x, self.low, self.high)
+        width = (self.high - self.low) / (self.n - DEGREE)
+        first = np.clip(((x - self.low) / width).astype(np.int64), 0, self.n - DEGREE - 1)
+        values = np.empty((x.size, DEGREE + 1))
+        matrix = _pieces(self.n)[derivative]
+        t = (x - self.low) / width - first
+        powers = np.stack([np.ones_like(t), t, t * t, t * t * t], axis=1)
+        values = np.einsum("mp,mpk->mk", powers, matrix[first])
+        return values / width**derivative, first
+
+    def matrix(self, x: Array, derivative: int = 0) -> Array:
+        """Dense values (m, n) at x (m,)."""
+        values, first = self.local(x, derivative)
+        dense = np.zeros((x.size, self.n))
+        np.put_along_axis(dense, first[:, None] + np.arange(DEGREE + 1), values, axis=1)
+        return dense
+
+
+_PIECES: dict[int, tuple[Array, Array, Array]] = {}
+
+
+def _pieces(n: int) -> tuple[Array, Array, Array]:
+    """Polynomial coefficients (interval, power, function) of n unit-width clamped B-splines and two derivatives."""
+    if n not in _PIECES:
+        intervals = n - DEGREE
+        knots = np.concatenate([[0.0] * DEGREE, np.arange(intervals + 1.0), [float(intervals)] * DEGREE])
+        t = np.array([0.05, 0.35, 0.65, 0.95])
+        vandermonde = np.linalg.inv(np.vander(t, increasing=True))
+        pieces = np.zeros((intervals, 4, 4))
+        for i in range(intervals):
+            dense = BSpline.design_matrix(i + t, knots, DEGREE).toarray()[:, i : i + DEGREE + 1]
+            pieces[i] = vandermonde @ dense
+        first, second = np.zeros_like(pieces), np.zeros_like(pieces)
+        first[:, :3] = pieces[:, 1:] * np.array([1.0, 2.0, 3.0])[:, None]
+        second[:, :2] = first[:, 1:3] * np.array([1.0, 2.0])[:, None]
+        _PIECES[n] = (pieces, first, second)
+    return _PIECES[n]
+
+
+def polyconvex(F: Array) -> tuple[Array, Array]:
+    """(J1, J2) - their rest values (..., 2) and dJ/dF (..., 2, 2, 2) of in-plane gradients F (..., 2, 2)."""
+    values, derivatives = map(np.array, kinematics.invariants_and_derivatives(jnp.asarray(F)))
+    derivatives[..., 1, :, :] *= (1.5 * np.sqrt(values[..., 1]))[..., None, None]
+    values[..., 1] = values[..., 1] ** 1.5
+    return values - pann.REFERENCE, derivatives
+
+
+@dataclass(frozen=True)
+class SingleBasis:
+    """psi_k(J_k) for one input k (0: J1, 1: J2); `top`: largest J_k - J_k(I) covered."""
+
+    k: int
+    top: float
+    n: int = 32
+
+    @cached_property
+    def spline(self) -> Spline:
+        """The splines of s, on [0, 1]."""
+        return Spline(self.n)
+
+    @property
+    def n_functions(self) -> int:
+        """Number of coefficients."""
+        return self.n
+
+    @property
+    def input_tops(self) -> tuple[float, float]:
+        """Largest J_k - J_k(I) covered."""
+        return self.top, self.top
+
+    @cached_property
+    def site_inputs(self) -> Array:
+        """(J1, J2) - rest (n, 2) at which a model is sampled; the other input is not used (NaN)."""
+        inputs = np.full((self.n, 2), np.nan)
+        inputs[:, self.k] = self.top * self.spline.sites**2
+        return inputs
+
+    @cached_property
+    def interpolation(self) -> Array:
+        """(n_functions, n_sites * 2): psi at the sites, [site, k] raveled, to coefficients."""
+        inverse = np.linalg.inv(self.spline.matrix(self.spline.sites))
+        full = np.zeros((self.n, self.n, 2))
+        full[:, :, self.k] = inverse
+        return full.reshape(self.n, -1)
+
+    def local(self, F: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Stress of the functions that are not zero: P (m, q, 2, 2) at F (m, 2, 2), and their columns (m, q)."""
+        J, dJ = polyconvex(F)
+        values, first = self.spline.local(self._s(J))
+        return (
+            values[:, :, None, None] * dJ[:, None, self.k],
+            first[:, None] + np.arange(DEGREE + 1),
+        )
+
+    def second(self, F: Array, c: Array) -> tuple[Array, Array]:
+        """psi_k (m, 2) and d psi_k / dJ_l (m, 2, 2) at F (m, 2, 2), of coefficients c (n,)."""
+        J, _ = polyconvex(F)
+        s = self._s(J)
+        psi, hessian = np.zeros_like(J), np.zeros((*J.shape, 2))
+        psi[:, self.k] = self.spline.matrix(s) @ c
+        hessian[:, self.k, self.k] = self.spline.matrix(s, 1) @ c / (2 * self.top * np.maximum(s, 0.02))
+        return psi, hessian
+
+    def _s(self, J: Array) -> Array:
+        return np.sqrt(np.clip(J[:, self.k] / self.top, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class TensorBasis:
+    """psi_1 and psi_2 as tensor splines in Hencky norm (0 to `top`) and Lode angle (-pi/6 to pi/6).
+
+    input_tops: largest J_k - J_k(I) of the data; the norm and angle of many sites lie far beyond.
+    """
+
+    top: float
+    n_norm: int = 14
+    n_angle: int = 7
+    input_tops: tuple[float, float] = (np.inf, np.inf)
+
+    @cached_property
+    def splines(self) -> tuple[Spline, Spline]:
+        """Of the Hencky norm, and of the Lode angle."""
+        return Spline(self.n_norm, 0.0, self.top), Spline(self.n_angle, -np.pi / 6, np.pi / 6)
+
+    @property
+    def n_functions(self) -> int:
+        """Number of coefficients: those of psi_1, then those of psi_2."""
+        return 2 * self.n_norm * self.n_angle
+
+    @cached_property
+    def site_inputs(self) -> Array:
+        """(J1, J2) - rest (n_sites, 2) at which a model is sampled: at each norm every angle."""
+        norm, angle = np.meshgrid(*(s.sites for s in self.splines), indexing="ij")
+        stretch = np.exp(lode_to_hencky(norm.ravel(), angle.ravel()))
+        I1 = (stretch**2).sum(axis=1)
+        I2 = (stretch**-2.0).sum(axis=1)
+        return np.stack([I1, I2**1.5], axis=1) - pann.REFERENCE
+
+    @cached_property
+    def interpolation(self) -> Array:
+        """(n_functions, n_sites * 2): psi at the sites, [site, k] raveled, to coefficients."""
+        inverse = np.kron(*(np.linalg.inv(s.matrix(s.sites)) for s in self.splines))
+        n = len(inverse)
+        full = np.zeros((2, n, n, 2))
+        full[0, :, :, 0] = full[1, :, :, 1] = inverse
+        return full.reshape(2 * n, -1)
+
+    def local(self, F: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Stress of the functions that are not zero: P (m, q, 2, 2) at F (m, 2, 2), and their columns (m, q)."""
+        _, dJ = polyconvex(F)
+        values, columns = self._values(F)
+        n = self.n_norm * self.n_angle
+        P = np.concatenate([values[:, :, None, None] * dJ[:, None, k] for k in (0, 1)], axis=1)
+        return P, np.concatenate([columns, columns + n], axis=1)
+
+    def second(self, F: Array, c: Array) -> tuple[Array, Array]:
+        """psi_k (m, 2) at F (m, 2, 2), of coefficients c (n,); the second derivatives are taken as zero (used for
+        weights only)."""
+        values, columns = self._values(F)
+        n = self.n_norm * self.n_angle
+        psi = np.stack([(values * c[k * n + columns]).sum(axis=1) for k in (0, 1)], axis=1)
+        return psi, np.zeros((len(F), 2, 2))
+
+    def _values(self, F: Array) -> tuple[Array, NDArray[np.int64]]:
+        norm, angle = hencky_to_lode(F)
+        (a, i), (b, j) = self.splines[0].local(norm), self.splines[1].local(angle)
+        values = (a[:, :, None] * b[:, None, :]).reshape(len(F), -1)
+        offsets = np.arange(DEGREE + 1)
+        columns = (i[:, None] + offsets)[:, :, None] * self.n_angle + (j[:, None] + offsets)[:, None, :]
+        return values, columns.reshape(len(F), -1)
+
+
+@dataclass(frozen=True)
+class PlaneStrainBasis:
+    """The energy of the isochoric part in a basis of its own, and last the bulk modulus, see `calibrate.equations.isochoric`."""
+
+    energy: SingleBasis | TensorBasis
+
+    @property
+    def n_functions(self) -> int:
+        """Number of coefficients, that of the bulk modulus included."""
+        return self.energy.n_functions + 1
+
+    @property
+    def input_tops(self) -> tuple[float, float]:
+        """Largest J_k - J_k(I) covered, of the isochoric part."""
+        return self.energy.input_tops
+
+    @property
+    def site_inputs(self) -> Array:
+        """(J1, J2) - rest (n_sites, 2) of the isochoric part at which a model is sampled."""
+        return self.energy.site_inputs
+
+    @cached_property
+    def interpolation(self) -> Array:
+        """(n_functions, n_sites * 2): as of the energy, without a bulk modulus."""
+        return np.pad(self.energy.interpolation, ((0, 1), (0, 0)))
+
+    def local(self, F: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Stress of the functions that are not zero: P (m, q, 2, 2) at F (m, 2, 2), and their columns (m, q); last the
+        stress of a unit bulk modulus."""
+        P, columns = self.energy.local(np.asarray(plane_strain.isochoric(F)))
+        P = np.asarray(plane_strain.stress(F[:, None], P, 0.0))
+        last = np.full((len(F), 1), self.n_functions - 1)
+        volumetric = np.asarray(plane_strain.volumetric(F))[:, None]
+        return np.concatenate([P, volumetric], axis=1), np.concatenate([columns, last], axis=1)
+
+
+Basis = SingleBasis | TensorBasis | PlaneStrainBasis
+
+
+def energy_basis(basis: Basis) -> SingleBasis | TensorBasis:
+    """The functions of the invariants alone."""
+    return basis.energy if isinstance(basis, PlaneStrainBasis) else basis
+
+
+def hencky_to_lode(F: Array) -> tuple[Array, Array]:
+    """Norm (m,) and Lode angle (m,) in [-pi/6, pi/6] of the incompressible Hencky strain of F (m, 2, 2).
+
+    sin(3 angle) = -3 sqrt(6) det(e): -pi/6 in uniaxial tension, 0 in pure shear, pi/6 in equi-biaxial tension.
+    """
+    C = np.einsum("mki,mkj->mij", F, F)
+    mean, half = 0.5 * (C[:, 0, 0] + C[:, 1, 1]), 0.5 * (C[:, 0, 0] - C[:, 1, 1])
+    radius = np.hypot(half, C[:, 0, 1])
+    e1, e2 = 0.5 * np.log(mean + radius), 0.5 * np.log(np.maximum(mean - radius, 1e-300))
+    e3 = -e1 - e2
+    norm = np.sqrt(e1**2 + e2**2 + e3**2)
+    ratio = -3 * np.sqrt(6) * e1 * e2 * e3 / np.maximum(norm, 1e-12) ** 3
+    return norm, np.arcsin(np.clip(ratio, -1.0, 1.0)) / 3
+
+
+def lode_to_hencky(norm: Array, angle: Array) -> Array:
+    """Principal Hencky strains (m, 3), largest first, of norm (m,) and Lode angle (m,): inverse of the above."""
+    shift = np.array([2 * np.pi / 3, 0.0, -2 * np.pi / 3])
+    return np.sqrt(2.0 / 3.0) * norm[:, None] * np.sin(angle[:, None] + shift)
+
+
+def basis_for(inputs: str, F: Array, n: int = 32, plane: str = "stress") -> Basis:
+    """The basis that covers the deformation gradients F (m, 2, 2) for a PANN with `inputs`.
+
+    n: functions of a single input. plane: 'stress' or 'strain'. Raises `ConfigError` for unknown inputs.
+    """
+    if inputs not in pann.INPUT_SETS:
+        raise errors.ConfigError(f"inputs '{inputs}' unknown; choose one of {', '.join(pann.INPUT_SETS)}")
+    if plane == "strain":
+        basis = basis_for(inputs, np.asarray(plane_strain.isochoric(F)), n)
+        assert not isinstance(basis, PlaneStrainBasis)
+        return PlaneStrainBasis(basis)
+    if inputs == "I1I2":
+        tops = 1.02 * polyconvex(F)[0].max(axis=0)
+        return TensorBasis(1.02 * float(hencky_to_lode(F)[0].max()), input_tops=(float(tops[0]), float(tops[1])))
+    k = pann.INPUT_SETS[inputs][0]
+    return SingleBasis(k, 1.05 * float(polyconvex(F)[0][:, k].max()), n)

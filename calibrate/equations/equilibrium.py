@@ -1,0 +1,233 @@
+"""Equilibrium of measured fields: internal virtual work against the work of the measured forces.
+
+In: an Experiment, virtual fields, a spline basis. Out: the linear system
+
+    residual[increment] = G[increment] c - load[increment],
+    G_(v i, j) = t sum_e A_e P^j_(iJ, e) dv/dX_J,     load = measured force of a loaded boundary, else 0,
+
+one row a virtual field v and component i, in N; c are the spline coefficients of the energy derivatives (MPa).
+With unknown thickness t = 1 mm is used and c is stiffness times thickness (N/mm).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from calibrate import errors
+from calibrate.data.experiment import Experiment
+from calibrate.equations import isochoric as plane_strain
+from calibrate.equations import kinematics, recovery
+from calibrate.equations.basis import Basis, PlaneStrainBasis, SingleBasis, energy_basis
+from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """The virtual-work equations of one Experiment; rows are ordered component-major: all x, then all y.
+
+    linear: displacements are linear in the triangles, as the paper has it, instead of recovered (`recovery`).
+    """
+
+    experiment: Experiment
+    fields: VirtualFields
+    linear: bool = False
+
+    @cached_property
+    def gradient(self) -> sp.csr_array:
+        """Nodal displacements to gradients (2 n_triangles, n_nodes), 1/mm, at the centroids."""
+        function = kinematics.gradient_operator if self.linear else recovery.centroid_gradients
+        return function(self.experiment.points, self.experiment.triangles)
+
+    @cached_property
+    def areas(self) -> Array:
+        """(n_triangles,) mm^2."""
+        points, triangles = self.experiment.points, self.experiment.triangles
+        if self.linear:
+            return kinematics.shape_gradients(points, triangles)[1]
+        return recovery.areas(points, triangles, self.experiment.free_nodes)
+
+    @cached_property
+    def virtual_gradients(self) -> sp.csr_array:
+        """(n_fields, 2 n_triangles): thickness x area x gradient of each virtual field, mm^2."""
+        linear = kinematics.gradient_operator(self.experiment.points, self.experiment.triangles)
+        weights = np.repeat(self.areas * (self.experiment.thickness or 1.0), 2)
+        return sp.csr_array((sp.diags_array(weights) @ (linear @ self.fields.values)).T)
+
+    @cached_property
+    def loads(self) -> Array:
+        """Measured force of each row (n_increments, 2 n_fields), N; NaN where it was not measured."""
+        n = self.fields.n_fields
+        loads = np.zeros((self.experiment.n_increments, 2 * n))
+        for column in np.flatnonzero(self.fields.boundary >= 0):
+            force = self.experiment.loaded[self.fields.boundary[column]].force
+            loads[:, column], loads[:, n + column] = force[:, 0], force[:, 1]
+        return loads
+
+    @cached_property
+    def deformation_gradients(self) -> Array:
+        """F (n_increments, n_triangles, 2, 2)."""
+        return kinematics.deformation_gradients(self.gradient, self.experiment.displacements)
+
+    @cached_property
+    def isochoric_gradients(self) -> Array:
+        """(n_increments, n_triangles, 2, 2): of which the invariants are taken; F itself where the sheet is incompressible."""
+        F = self.deformation_gradients
+        return F if self.experiment.plane == "stress" else np.asarray(plane_strain.isochoric(F))
+
+    def matrix(self, basis: Basis, F: Array) -> Array:
+        """G (2 n_fields, n_functions) of one increment with F (n_triangles, 2, 2), N per MPa."""
+        P, columns = basis.local(F)
+        m, q = columns.shape
+        indptr = np.arange(0, 2 * m * q + 1, q)
+        indices = np.repeat(columns, 2, axis=0).ravel()
+        blocks = []
+        for i in (0, 1):
+            values = P[:, :, i].transpose(0, 2, 1).ravel()
+            stress = sp.csr_array((values, indices, indptr), shape=(2 * m, basis.n_functions))
+            blocks.append((self.virtual_gradients @ stress).toarray())
+        return np.concatenate(blocks)
+
+    def tangent(self, basis: Basis, F: Array, c: Array) -> list[list[sp.csr_array]]:
+        """d residual / d displacement of one increment: blocks [i][k] (n_fields, n_nodes), N/mm, at F (m, 2, 2)
+        with coefficients c (n_functions,)."""
+        return self.stiffness(tangent_modulus(basis, F, c))
+
+    def stiffness(self, tensor: Array) -> list[list[sp.csr_array]]:
+        """The same of dP/dF (m, 2, 2, 2, 2), MPa."""
+        m = len(tensor)
+        rows = np.repeat(np.arange(2 * m), 2)
+        columns = np.tile(np.arange(2 * m).reshape(m, 1, 2), (1, 2, 1)).ravel()
+        blocks: list[list[sp.csr_array]] = [[], []]
+        for i in (0, 1):
+            for k in (0, 1):
+                modulus = sp.csr_array((tensor[:, i, :, k, :].ravel(), (rows, columns)), shape=(2 * m, 2 * m))
+                blocks[i].append(self.virtual_gradients @ modulus @ self.gradient)
+        return blocks
+
+    def internal_forces(self, P: Array) -> Array:
+        """Internal virtual work (..., 2 n_fields), N, of first Piola-Kirchhoff stresses (..., m, 2, 2), MPa."""
+        leading = P.shape[:-3]
+        flat = P.reshape(-1, P.shape[-3], 2, 2)
+        work = [np.concatenate([self.virtual_gradients @ p[:, i].ravel() for i in (0, 1)]) for p in flat]
+        return np.array(work).reshape(*leading, -1)
+
+
+def equilibrium(experiment: Experiment, spacing: float | None = None) -> Equilibrium:
+    """Virtual-work equations on coarse virtual fields, after checking the sign of the forces.
+
+    spacing: of the fields, mm (None: from the noise). Raises `ForceSignError` when the measured forces oppose the
+    deformation or do not go with it, `ExperimentError` where nothing moves, `MissingForceError` where every force is
+    zero, `ConfigError` for a spacing that leaves no field inside the specimen.
+    """
+    system = Equilibrium(experiment, virtual_fields(experiment, spacing))
+    check_force_sign(system)
+    return system
+
+
+def tangent_modulus(basis: Basis, F: Array, c: Array) -> Array:
+    """dP/dF (m, 2, 2, 2, 2) of coefficients c at F (m, 2, 2), MPa."""
+    if isinstance(basis, PlaneStrainBasis):
+        f, energy = np.asarray(plane_strain.isochoric(F)), basis.energy
+        P, columns = energy.local(f)
+        stress = np.einsum("mqij,mq->mij", P, c[columns])
+        return np.asarray(_plane_strain_modulus(F, stress, tangent_modulus(energy, f, c[:-1]), c[-1]))
+    psi, second = basis.second(F, c)
+    values, first = map(np.asarray, kinematics.invariants_and_derivatives(F))
+    hessians = np.asarray(kinematics.invariant_hessians(F))
+    # J2 = I2^(3/2): chain rule from I2
+    dJ = first * np.stack([np.ones(len(F)), 1.5 * np.sqrt(values[:, 1])], axis=1)[:, :, None, None]
+    slope = psi * np.stack([np.ones(len(F)), 1.5 * np.sqrt(values[:, 1])], axis=1)
+    curvature = psi[:, 1] * 0.75 / np.sqrt(values[:, 1])
+    tensor = np.einsum("mk,mkiajb->miajb", slope, hessians)
+    tensor += np.einsum("m,mia,mjb->miajb", curvature, first[:, 1], first[:, 1])
+    return tensor + np.einsum("mkl,mkia,mljb->miajb", second, dJ, dJ)
+
+
+@jax.jit
+def _plane_strain_modulus(F, stress, modulus, bulk_modulus):
+    """dP/dF (m, 2, 2, 2, 2) of F (m, 2, 2), P0 (m, 2, 2) and dP0/df (m, 2, 2, 2, 2) of the isochoric part."""
+
+    def one(f, p, a):
+        along = lambda g: a.reshape(4, 4) @ (plane_strain.isochoric(g) - plane_strain.isochoric(f)).ravel()  # noqa: E731
+        return jax.jacfwd(lambda g: plane_strain.stress(g, p + along(g).reshape(2, 2), bulk_modulus))(f)
+
+    return jax.vmap(one)(F, stress, modulus)
+
+
+def neo_hooke(basis: Basis, shear_modulus: float = 1.0, bulk_modulus: float = 0.0) -> Array:
+    """Coefficients (n_functions,) of a constant psi_k (neo-Hooke for J1: psi_1 = mu / 2), in the unit of the moduli."""
+    sites, energy = np.zeros((len(basis.site_inputs), 2)), energy_basis(basis)
+    sites[:, energy.k if isinstance(energy, SingleBasis) else 0] = 0.5 * shear_modulus
+    c = basis.interpolation @ sites.ravel()
+    if isinstance(basis, PlaneStrainBasis):
+        c[-1] = bulk_modulus
+    return c
+
+
+def best_neo_hooke(system: Equilibrium, basis: Basis) -> Array:
+    """Coefficients (n_functions,), MPa (or N/mm), of the neo-Hookean solid that fits the measured forces best; start of
+    the weighting."""
+    if not isinstance(basis, PlaneStrainBasis):
+        return neo_hooke(basis, best_shear_modulus(system, basis)[0])
+    shear, bulk = neo_hooke(basis), neo_hooke(basis, 0.0, 1.0)
+    rows = np.tile(system.fields.boundary >= 0, 2)
+    both = np.array(
+        [system.matrix(basis, F)[rows] @ np.stack([shear, bulk], axis=1) for F in system.deformation_gradients]
+    )
+    known = np.isfinite(system.loads[:, rows])
+    mu, kappa = nnls(both[known], system.loads[:, rows][known])[0]
+    return max(mu, 1e-3 * kappa) * shear + max(kappa, mu / 3) * bulk
+
+
+def best_shear_modulus(system: Equilibrium, basis: Basis) -> tuple[float, float]:
+    """Least-squares neo-Hookean modulus, MPa (or N/mm), from the measured forces alone, and their correlation with the
+    model's.
+
+    In plane strain of a solid whose Poisson ratio is a quarter.
+    """
+    c = neo_hooke(basis, 1.0, 5 / 3)
+    rows = np.tile(system.fields.boundary >= 0, 2)
+    predicted = np.array([system.matrix(basis, F)[rows] @ c for F in system.deformation_gradients])
+    measured = system.loads[:, rows]
+    known = np.isfinite(measured)
+    a, b = predicted[known], measured[known]
+    return float(a @ b / (a @ a)), float(a @ b / np.sqrt((a @ a) * (b @ b) + 1e-300))
+
+
+def check_force_sign(system: Equilibrium) -> None:
+    """Compare measured forces with those of a neo-Hookean solid under the measured deformation.
+
+    Raises `ExperimentError` where nothing moves, `MissingForceError` where every force is zero, `ForceSignError`.
+    """
+    e = system.experiment
+    if np.ptp(e.displacements, axis=1).max() <= 1e-12 * np.ptp(e.points, axis=0).max():
+        raise errors.ExperimentError(
+            f"{e.name}: the specimen is not deformed in any increment (its displacements are the same everywhere); check that "
+            "displacements, not the reference, were exported"
+        )
+    if not any(np.nan_to_num(b.force).any() for b in e.loaded):
+        raise errors.MissingForceError(
+            f"{e.name}: every measured force is zero; check the column of the load cell, or give NaN for what was not measured"
+        )
+    energy = SingleBasis(0, 1.0, 8)
+    basis = energy if e.plane == "stress" else PlaneStrainBasis(energy)
+    modulus, correlation = best_shear_modulus(system, basis)
+    if modulus < 0 and correlation < -0.3:
+        raise errors.ForceSignError(
+            f"measured forces oppose the measured deformation (correlation {correlation:.2f}): internal and external "
+            "power have opposite signs; a force is that of the grip ON the specimen, positive along +x, +y"
+        )
+    if not modulus > 0 or correlation < 0.3:
+        raise errors.ForceSignError(
+            f"measured forces and deformation do not belong together (correlation {correlation:.2f}); check which "
+            "boundary carries which force, the synchronisation of images and forces, and their signs"
+        )

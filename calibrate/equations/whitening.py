@@ -1,0 +1,112 @@
+"""Residuals of unit covariance: measurement noise of every increment, discrepancy common to all of them.
+
+In: the noise covariance of each increment and sources that act alike in all. Out: a linear map of residuals (..., t, 2 v)
+to rows (..., N). With V the sources after the noise is whitened, the covariance is I + V V^T and its inverse root
+I + U (1 / sqrt(1 + s^2) - 1) U^T, where V = U s W^T.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from calibrate.equations import noise_covariance, reduction
+from calibrate.equations.reduction import Assembled
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+KEPT = 0.995  # share of the variance of the sources that is kept
+SMALL = 0.02  # variance of a discrepancy over that of noise, below which it is left out
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """rows (t, 2 v): which equations are used. lowers: Cholesky factor of each increment's noise. U (N, s),
+    shrink (s,): see above."""
+
+    rows: Mask
+    lowers: tuple[Array, ...]
+    U: Array
+    shrink: Array
+
+    @property
+    def size(self) -> int:
+        """Number N of the equations used."""
+        return int(self.rows.sum())
+
+    def __call__(self, residuals: Array) -> Array:
+        """Rows (..., N) of residuals (..., t, 2 v)."""
+        white = self._noise(residuals)
+        return white + ((white @ self.U) * self.shrink) @ self.U.T
+
+    @property
+    def log_determinant(self) -> float:
+        """Of the covariance of the residuals used."""
+        lowers = sum(2 * float(np.log(np.diag(lower)).sum()) for lower in self.lowers)
+        return lowers - 2 * float(np.log1p(self.shrink).sum())
+
+    @property
+    def variance(self) -> Array:
+        """Of the noise of each equation (t, 2 v), N^2; 0 of those not used."""
+        result = np.zeros(self.rows.shape)
+        for i, lower in enumerate(self.lowers):
+            result[i, self.rows[i]] = (lower**2).sum(axis=1)
+        return result
+
+    def adjoint(self, white: Array) -> Array:
+        """The transposed map: rows (N,) to (t, 2 v)."""
+        white = white + self.U @ (self.shrink * (self.U.T @ white))
+        result, start = np.zeros(self.rows.shape), 0
+        for i, lower in enumerate(self.lowers):
+            part = white[start : start + len(lower)]
+            start += len(lower)
+            if len(lower):
+                result[i, self.rows[i]] = scipy.linalg.solve_triangular(lower, part, lower=True, trans="T")
+        return result
+
+    def _noise(self, residuals: Array) -> Array:
+        leading = residuals.shape[:-2]
+        flat = residuals.reshape(-1, *residuals.shape[-2:])
+        parts = []
+        for i, lower in enumerate(self.lowers):
+            if len(lower):
+                parts.append(scipy.linalg.solve_triangular(lower, flat[:, i, self.rows[i]].T, lower=True).T)
+        return np.concatenate(parts, axis=1).reshape(*leading, -1)
+
+
+def covariances(assembled: Assembled, c: Array) -> list[Array]:
+    """Noise covariance (2 v, 2 v), N^2, of every increment at coefficients c (n,) of the base."""
+    system = assembled.system
+    return [
+        noise_covariance.residual_covariance(
+            system, assembled.basis, c, F, system.loads[i], assembled.noise_factor, assembled.noise
+        )
+        for i, F in enumerate(system.deformation_gradients)
+    ]
+
+
+def whitening(noise: list[Array], rows: Mask, sources: Array | None = None) -> Whitening:
+    """Weights for the equations `rows` (t, 2 v) of noise `covariances`; sources (t, 2 v, s) of a common discrepancy."""
+    lowers = [
+        reduction.whitening(covariance[np.ix_(used, used)]) if used.any() else np.zeros((0, 0))
+        for covariance, used in zip(noise, rows, strict=True)
+    ]
+    n = int(rows.sum())
+    plain = Whitening(rows, tuple(lowers), np.zeros((n, 0)), np.zeros(0))
+    if sources is None or n == 0:
+        return plain
+    V = plain(np.moveaxis(sources, -1, 0)).T
+    size = (V**2).sum(axis=0)
+    order = np.argsort(size)[::-1]
+    V = V[:, order[: np.searchsorted(np.cumsum(size[order]), KEPT * size.sum()) + 1]]
+    if V.shape[1] > n:
+        values, U = np.linalg.eigh(V @ V.T)
+    else:
+        values, W = np.linalg.eigh(V.T @ V)
+        keep = values > 1e-8 * max(values.max(), 1e-300)
+        values, U = values[keep], V @ W[:, keep] / np.sqrt(values[keep])
+    keep = values > SMALL
+    return Whitening(rows, tuple(lowers), U[:, keep], 1 / np.sqrt(1 + values[keep]) - 1)

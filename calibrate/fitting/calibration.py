@@ -1,0 +1,276 @@
+"""From an Experiment to a Model: the one path that the command line, the studies and the tests use.
+
+In: an Experiment and `Options`. Out: `Calibration` with the model, its residuals, forces predicted and measured,
+and a loss that is a reduced chi-square where the noise is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import errors
+from calibrate.data.experiment import Experiment
+from calibrate.equations import reduction
+from calibrate.equations.basis import Basis, basis_for, energy_basis
+from calibrate.equations.equilibrium import Equilibrium, equilibrium
+from calibrate.equations.kinematics import INVARIANTS, invariants_and_derivatives
+from calibrate.fitting import network_fit, paper_loss, uncertainty
+from calibrate.models import pann
+from calibrate.models.network_model import Model
+
+Array = NDArray[np.float64]
+LOSSES = ("weighted", "paper")
+QUANTILE = 0.999
+STRAIN_PASSES = 6  # of the weighting in plane strain, where the first bulk modulus may be far off
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to calibrate. inputs and layers: PANN_inputs^layers. loss: 'weighted' (virtual fields, noise) or 'paper'.
+
+    scaling: the paper's C_F, 'frozen' or 'dependent'. spacing: of the virtual fields, mm (None: from the noise).
+    starts, seed: random starts of the network. passes: of the weighting. Raises `ConfigError` for what cannot be.
+    """
+
+    inputs: str = "I1"
+    layers: tuple[int, ...] = (4, 4)
+    loss: str = "weighted"
+    scaling: str = "frozen"
+    spacing: float | None = None
+    starts: int = 20
+    seed: int = 0
+    passes: int = 2
+
+    def __post_init__(self) -> None:
+        if self.loss not in LOSSES:
+            raise errors.ConfigError(f"loss '{self.loss}' unknown; choose one of {', '.join(LOSSES)}")
+        if self.scaling not in paper_loss.SCALINGS:
+            raise errors.ConfigError(f"scaling '{self.scaling}' unknown; choose one of {paper_loss.SCALINGS}")
+        if self.starts < 1 or self.passes < 1:
+            raise errors.ConfigError("starts and passes must be at least 1")
+        if self.spacing is not None and not self.spacing > 0:
+            raise errors.ConfigError(f"spacing of the virtual fields must be positive, not {self.spacing} mm")
+        pann.Architecture(self.inputs, tuple(self.layers))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Result of `calibrate`.
+
+    model: the PANN. spline: coefficients of the convex spline it was distilled from (None for SLSQP).
+    losses: of all starts. reduced_chi_square: loss / (equations - parameters), NaN where the noise is unknown.
+    predicted_forces, measured_forces: {boundary: (n_increments, 2)} N.
+    imbalance (n_increments, 2, n_fields): unexplained virtual work of the virtual fields, N.
+    """
+
+    experiment: Experiment
+    options: Options
+    model: Model
+    basis: Basis
+    spline: Array | None
+    losses: Array
+    loss: float
+    reduced_chi_square: float
+    reason: str
+    predicted_forces: dict[str, Array]
+    measured_forces: dict[str, Array]
+    imbalance: Array
+    system: Equilibrium = field(repr=False)
+
+    def summary(self) -> dict[str, Any]:
+        """Numbers for a manifest."""
+        spread = self.model.uncertainty
+        return {
+            "experiment": self.experiment.name,
+            "options": asdict(self.options),
+            "loss": self.loss,
+            "losses_of_starts": np.sort(self.losses).tolist(),
+            "reduced_chi_square": None if np.isnan(self.reduced_chi_square) else self.reduced_chi_square,
+            "relative_force_error": relative_force_error(self.predicted_forces, self.measured_forces),
+            "calibrated_range": {k: list(v) for k, v in self.model.calibrated_range.items()},
+            "reason": self.reason,
+            "bulk_modulus": self.model.bulk_modulus,
+            "bulk_modulus_deviation": self.model.bulk_modulus_deviation,
+            "uncertainty": None
+            if spread is None
+            else {
+                "effective_parameters": spread.effective_parameters,
+                "reduced_chi_square": spread.reduced_chi_square,
+                "covariance_multiplied_by": spread.scale,
+                "is_lower_bound": spread.is_lower_bound,
+            },
+        }
+
+
+def calibrated_range(system: Equilibrium, quantile: float = QUANTILE) -> dict[str, tuple[float, float]]:
+    """Range of I1 and I2 in the data: from rest to the area-weighted `quantile` over all increments."""
+    values = np.asarray(invariants_and_derivatives(jnp.asarray(system.isochoric_gradients))[0])
+    weights = np.broadcast_to(system.areas, values.shape[:2]).ravel()
+    result = {}
+    for i, name in enumerate(INVARIANTS):
+        flat = values[..., i].ravel()
+        order = np.argsort(flat)
+        share = np.cumsum(weights[order]) / weights.sum()
+        index = min(int(np.searchsorted(share, quantile)), len(order) - 1)
+        result[name] = (3.0, float(flat[order[index]]))
+    return result
+
+
+def relative_force_error(predicted: dict[str, Array], measured: dict[str, Array]) -> float:
+    """Root of sum (predicted - measured)^2 / sum measured^2 over every measured component.
+
+    predicted, measured: {boundary: (n_increments, 2)} N, NaN where not measured.
+    """
+    a = np.concatenate([predicted[name].ravel() for name in predicted])
+    b = np.concatenate([measured[name].ravel() for name in predicted])
+    known = np.isfinite(b)
+    return float(np.linalg.norm((a - b)[known]) / np.linalg.norm(b[known]))
+
+
+def predict_forces(system: Equilibrium, model: Model) -> tuple[dict[str, Array], Array]:
+    """Forces {boundary: (n_increments, 2)} N from the measured displacements, and all residuals
+    (n_increments, 2 n_fields), N."""
+    work = system.internal_forces(model.nominal_stress(system.deformation_gradients, system.experiment.plane))
+    n = system.fields.n_fields
+    forces = {}
+    for column in np.flatnonzero(system.fields.boundary >= 0):
+        name = system.experiment.loaded[system.fields.boundary[column]].name
+        forces[name] = np.stack([work[:, column], work[:, n + column]], axis=1)
+    return forces, work - system.loads
+
+
+def calibrate(
+    experiment: Experiment, options: Options = Options(), progress: Callable[[int, int], None] | None = None
+) -> Calibration:
+    """Identify a PANN from one Experiment.
+
+    progress: called with (done, total) increments while the equations are assembled. Raises `ForceSignError`,
+    `FitError`, `ConfigError` for the paper's loss in plane strain, `MissingForceError` where it is asked for with
+    dependent scaling and a force was not measured, and the errors of `calibrate.equations.equilibrium.equilibrium`.
+    """
+    if options.loss == "paper" and experiment.plane == "strain":
+        raise errors.ConfigError(
+            f"{experiment.name}: the paper's loss is one of plane stress; calibrate with loss 'weighted'"
+        )
+    system = equilibrium(experiment, options.spacing)
+    basis = basis_for(options.inputs, system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
+    if options.loss == "paper" and options.scaling == "dependent":
+        return _calibrate_slsqp(system, basis, options)
+    if options.loss == "paper":
+        quadratic = paper_loss.reduced(paper_loss.nodal_system(experiment), basis)
+        spline = network_fit.convex_spline(quadratic, options.inputs)
+        known = False
+    else:
+        assembled = reduction.assemble(system, basis, progress)
+        spline, known = assembled.first_guess(), assembled.noise_is_known
+        for _ in range(options.passes if experiment.plane == "stress" else max(options.passes, STRAIN_PASSES)):
+            weights, quadratic = spline, assembled.quadratic(spline)
+            spline = network_fit.convex_spline(quadratic, options.inputs)
+            spline = reduction.corrected(quadratic, spline, weights, [assembled])
+    architecture, result = network_fit.fit_network(
+        quadratic, options.inputs, options.layers, spline, options.starts, options.seed
+    )
+    confidence, bulk = None, None
+    if options.loss == "weighted":
+        confidence = uncertainty.parameter_uncertainty(quadratic, architecture, result.parameters, known)
+        right = reduction.corrected(quadratic, result.coefficients, weights, [assembled])
+        if experiment.plane == "strain":
+            deviation = uncertainty.bulk_modulus_deviation(quadratic, architecture, result.parameters, confidence)
+            bulk = _bulk_modulus(experiment, float(right[-1]), deviation * float(right[-1] / result.coefficients[-1]))
+        largest = int(np.argmax(np.abs(result.coefficients[: energy_basis(basis).n_functions])))
+        factor = float(right[largest] / result.coefficients[largest])
+        architecture = replace(architecture, energy_scale=factor * architecture.energy_scale)
+    freedom = max(1, quadratic.n_rows - architecture.n_parameters)
+    best = int(np.nanargmin(result.losses))
+    return _collect(
+        system,
+        basis,
+        options,
+        architecture,
+        result.parameters,
+        spline,
+        result.losses,
+        result.loss,
+        result.loss / freedom if known else np.nan,
+        result.reasons[best],
+        confidence,
+        bulk,
+    )
+
+
+def _bulk_modulus(experiment: Experiment, value: float, deviation: float) -> tuple[float, float]:
+    if not value > 0:
+        raise errors.FitError(
+            f"{experiment.name}: the bulk modulus found is not positive ({value:.3g} {experiment.stress_unit}); is the "
+            "test in plane strain, and does its volume change by more than noise?"
+        )
+    return value, deviation
+
+
+def _calibrate_slsqp(system: Equilibrium, basis: Basis, options: Options) -> Calibration:
+    """The paper's loss with its dependent scaling, SLSQP on the full data from random starts."""
+    nodal = paper_loss.nodal_system(system.experiment)
+    inputs = np.nan_to_num(basis.site_inputs)
+    scales = 1.0 / np.maximum(np.abs(inputs).max(axis=0), 1e-300)
+    level = paper_loss.best_shear_modulus_of(system) * float(
+        np.max(1.0 / scales[list(pann.INPUT_SETS[options.inputs])])
+    )
+    architecture = pann.Architecture(options.inputs, tuple(options.layers), (float(scales[0]), float(scales[1])), level)
+    loss = paper_loss.full_loss(nodal, architecture, options.scaling)
+    keys = jax.random.split(jax.random.key(options.seed), options.starts)
+    fits = [paper_loss.slsqp(loss, architecture, np.asarray(architecture.random_start(k))) for k in keys]
+    best = min(fits, key=lambda f: f.loss)
+    losses = np.array([f.loss for f in fits])
+    return _collect(
+        system, basis, options, architecture, best.parameters, None, losses, best.loss, np.nan, best.message
+    )
+
+
+def _collect(
+    system: Equilibrium,
+    basis: Basis,
+    options: Options,
+    architecture: pann.Architecture,
+    parameters: Array,
+    spline: Array | None,
+    losses: Array,
+    loss: float,
+    reduced_chi_square: float,
+    reason: str,
+    confidence: uncertainty.Uncertainty | None = None,
+    bulk: tuple[float, float] | None = None,
+) -> Calibration:
+    experiment = system.experiment
+    model = Model(
+        architecture,
+        parameters,
+        experiment.stress_unit,
+        calibrated_range(system),
+        {"loss": loss, "reason": reason, "options": asdict(options)},
+        {"experiment": experiment.name, **experiment.provenance},
+        confidence,
+        *(bulk or (None, None)),
+    )
+    forces, residuals = predict_forces(system, model)
+    return Calibration(
+        experiment,
+        options,
+        model,
+        basis,
+        spline,
+        losses,
+        loss,
+        reduced_chi_square,
+        reason,
+        forces,
+        {b.name: b.force for b in experiment.loaded},
+        residuals.reshape(len(residuals), 2, -1),
+        system,
+    )

@@ -1,0 +1,279 @@
+"""Model file of a diagnosis: a base energy of I1 and the effects that were added to it, as one documented JSON.
+
+Keys: ``format`` = "equigap-extended-model", ``version`` = 1; ``unit`` ("MPa", or "N/mm" where the thickness was unknown);
+``base`` {"k", "top", "n", "coefficients" [n]}: d psi / d I1 as a cubic B-spline with n functions on uniform knots of
+sqrt((I1 - 3) / top) (`calibrate.equations.basis.SingleBasis`), in plane strain also "bulk_modulus" and
+"bulk_modulus_deviation" (`calibrate.equations.isochoric`); ``additions`` [{"effect", "formula", "of_material", "amplitudes"
+[{"name", "unit", "value", "standard_deviation"}], "shape" [{"name", "unit", "value"}]}]; ``training`` [{"name",
+"fingerprint"}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
+from]}; ``network``: a model file of a PANN distilled from the base, or null; ``network_loss``: how good it is;
+``provenance`` (free JSON). The spline is the base; the network stands in for it where programs read networks only.
+
+An effect that is not one of the material belongs to the tests that were fitted and is left out for any other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import errors
+from calibrate.data.experiment import Experiment
+from calibrate.data.files import read_model, write_atomically
+from calibrate.effects import KNOWN, Parameter, Viscosity
+from calibrate.effects.chain import Addition, Additions, Chain
+from calibrate.equations import noise_covariance
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
+from calibrate.equations.equilibrium import equilibrium
+from calibrate.equations.kinematics import invariants_and_derivatives
+from calibrate.models.network_model import UNITS, Model
+
+FORMAT, VERSION = "equigap-extended-model", 1
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """forces: what the load cells should read, N (t, 2) each boundary. residuals (t, 2 v), N: internal virtual work minus
+    load. left_out: effects that belong to other tests. outside: share of area and increments beyond the fitted I1."""
+
+    forces: dict[str, Array]
+    residuals: Array = field(repr=False)
+    left_out: tuple[str, ...]
+    outside: float
+
+
+@dataclass(frozen=True, eq=False)
+class ExtendedModel:
+    """Base coefficients c (n,), in `unit`, and additions, each with a standard deviation for each amplitude (errors).
+
+    training: {"name", "fingerprint"} of the Experiments fitted. network, network_loss: see `calibrate.diagnosis.distillation`.
+    """
+
+    basis: SingleBasis | PlaneStrainBasis
+    c: Array = field(repr=False)
+    additions: Additions
+    errors: tuple[tuple[float, ...], ...]
+    unit: str
+    training: tuple[dict[str, str], ...] = ()
+    hold_out: str = "nothing"
+    held_out: tuple[str, ...] = ()
+    verdict: str = ""
+    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    network: Model | None = field(default=None, repr=False)
+    network_loss: dict[str, Any] = field(default_factory=dict)
+    provenance: dict[str, Any] = field(default_factory=dict, repr=False)
+    bulk_modulus_deviation: float | None = None
+
+    @property
+    def plane(self) -> str:
+        """'stress' or 'strain', of the tests that it was fitted to and may be applied to."""
+        return "strain" if isinstance(self.basis, PlaneStrainBasis) else "stress"
+
+    def for_test(self, experiment: Experiment) -> Additions:
+        """The additions that hold for an Experiment: all if it was fitted, else those of the material."""
+        fitted = fingerprint(experiment) in {t["fingerprint"] for t in self.training}
+        return tuple(a for a in self.additions if fitted or a.effect.of_material)
+
+    def predict(self, experiment: Experiment, spacing: float | None = None) -> Prediction:
+        """Forces and residuals of an Experiment from its measured displacements.
+
+        spacing: of the virtual fields, mm (None: from the noise). Raises `ConfigError` where the thickness is known to
+        one of test and model only, the time that the model needs is unknown, or the test is in another plane; TypeError
+        for what is no Experiment; and the errors of `calibrate.equations.equilibrium.equilibrium`.
+        """
+        if not isinstance(experiment, Experiment):
+            raise TypeError(f"an Experiment is needed, not {experiment!r}; Experiment.load(path) reads one")
+        if experiment.stress_unit != self.unit:
+            raise errors.ConfigError(
+                f"{experiment.name}: its stresses are in {experiment.stress_unit}, the model's in {self.unit}; give "
+                "the thickness to both, or to none"
+            )
+        if experiment.plane != self.plane:
+            raise errors.ConfigError(
+                f"{experiment.name} is in plane {experiment.plane}, the model was fitted in plane {self.plane}; fit one to such tests"
+            )
+        system = equilibrium(experiment, spacing)
+        chain, additions = Chain(system, self.basis), self.for_test(experiment)
+        for addition in additions:
+            if addition.effect.missing(chain.data) == "time":
+                raise errors.ConfigError(
+                    f"{experiment.name}: has no time, which {addition.effect.name} needs; import it with its times"
+                )
+        noise = experiment.noise
+        if noise is None or not noise.displacement_std > 0:
+            noise = noise_covariance.default_noise(experiment, system.fields.spacing)
+        shift = chain.noise_shift(self.c, noise_covariance.noise_factor(experiment.points, noise))
+        residuals = chain.residual(self.c, additions) - shift
+        n, readings = system.fields.n_fields, residuals + np.nan_to_num(system.loads)
+        forces = {
+            experiment.loaded[system.fields.boundary[v]].name: readings[:, [v, n + v]]
+            for v in np.flatnonzero(system.fields.boundary >= 0)
+        }
+        I1 = np.asarray(invariants_and_derivatives(system.isochoric_gradients)[0])[..., 0]
+        beyond = (system.areas * (3 + chain.energy.top < I1)).sum() / (system.areas.sum() * len(I1))
+        names = {a.effect.name for a in additions}
+        left_out = tuple(a.effect.name for a in self.additions if a.effect.name not in names)
+        return Prediction(forces, residuals, left_out, float(beyond))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of a model file, see the module; `from_dict` reads it."""
+        energy = energy_basis(self.basis)
+        assert isinstance(energy, SingleBasis)
+        base = {"k": energy.k, "top": energy.top, "n": energy.n, "coefficients": self.c[: energy.n].tolist()}
+        if self.plane == "strain":
+            base["bulk_modulus"] = float(self.c[-1])
+            base["bulk_modulus_deviation"] = self.bulk_modulus_deviation
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "unit": self.unit,
+            "base": base,
+            "additions": [_addition_to_dict(a, d, self.unit) for a, d in zip(self.additions, self.errors, strict=True)],
+            "training": list(self.training),
+            "hold_out": self.hold_out,
+            "held_out": list(self.held_out),
+            "verdict": self.verdict,
+            "groups": {name: list(group) for name, group in self.groups.items()},
+            "network": None if self.network is None else self.network.to_dict(),
+            "network_loss": self.network_loss,
+            "provenance": self.provenance,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the JSON atomically."""
+        write_atomically(path, json.dumps(self.to_dict(), indent=1).encode())
+
+    def with_network(self, network: Model, loss: dict[str, Any]) -> ExtendedModel:
+        """The same with a network and how good it is."""
+        return replace(self, network=network, network_loss=loss)
+
+    @property
+    def relaxes(self) -> bool:
+        """Whether it holds a branch of viscoelasticity."""
+        return any(isinstance(a.effect, Viscosity) for a in self.additions)
+
+    def scaled(self, factor: float, strength: float = 1.0) -> ExtendedModel:
+        """Stiffer by a factor: amplitudes in MPa follow, those in 1/MPa go the other way; relaxation by its own `strength`.
+
+        For another batch of the same material; what does not scale with stiffness stays.
+        """
+        additions, deviations = [], []
+        for a, spread in zip(self.additions, self.errors, strict=True):
+            own = strength if isinstance(a.effect, Viscosity) else 1.0
+            factors = [own * factor**p.stiffness_power for p in a.effect.amplitudes]
+            values = tuple(f * v for f, v in zip(factors, a.amplitudes, strict=True))
+            additions.append(replace(a, amplitudes=values))
+            deviations.append(tuple(f * d for f, d in zip(factors, spread, strict=True)))
+        return replace(
+            self,
+            c=factor * self.c,
+            additions=tuple(additions),
+            errors=tuple(deviations),
+            network=None,
+            network_loss={},
+            bulk_modulus_deviation=None
+            if self.bulk_modulus_deviation is None
+            else factor * self.bulk_modulus_deviation,
+        )
+
+    @classmethod
+    def load(cls, path: str | Path) -> ExtendedModel:
+        """Read a file of `save`. Raises `DataNotFoundError`, `ModelFileError` naming the key that is wrong."""
+        return read_model(path, cls.from_dict, FORMAT, VERSION, "equigap discover")
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> ExtendedModel:
+        """From the content of a file, or from `to_dict`. Raises KeyError, TypeError or ValueError."""
+        if content["unit"] not in UNITS:
+            raise ValueError(f"unit '{content['unit']}' unknown; choose one of {', '.join(UNITS)}")
+        base = content["base"]
+        energy = SingleBasis(int(base["k"]), float(base["top"]), int(base["n"]))
+        c = np.asarray(base["coefficients"], float)
+        if c.shape != (energy.n,) or not np.isfinite(c).all() or not energy.top > 0:
+            raise ValueError(f"base: need {energy.n} finite coefficients and a positive top")
+        basis: SingleBasis | PlaneStrainBasis = energy
+        if "bulk_modulus" in base:
+            basis, c = PlaneStrainBasis(energy), np.append(c, float(base["bulk_modulus"]))
+            if not 0 < c[-1] < np.inf:
+                raise ValueError(f"base: bulk_modulus {c[-1]} is not a positive number")
+        both = [_addition_from_dict(a) for a in content["additions"]]
+        return cls(
+            basis,
+            c,
+            tuple(a for a, _ in both),
+            tuple(d for _, d in both),
+            content["unit"],
+            tuple({"name": str(t["name"]), "fingerprint": str(t["fingerprint"])} for t in content["training"]),
+            str(content["hold_out"]),
+            tuple(map(str, content["held_out"])),
+            str(content["verdict"]),
+            {str(name): tuple(map(str, group)) for name, group in content["groups"].items()},
+            None if content["network"] is None else Model.from_dict(content["network"]),
+            dict(content["network_loss"]),
+            dict(content["provenance"]),
+            None if base.get("bulk_modulus_deviation") is None else float(base["bulk_modulus_deviation"]),
+        )
+
+
+def is_extended(path: str | Path) -> bool:
+    """Whether a file says that it is an extended model; False for what cannot be read."""
+    try:
+        content = json.loads(Path(path).read_text())
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError):
+        return False
+    return isinstance(content, dict) and content.get("format") == FORMAT
+
+
+def fingerprint(experiment: Experiment) -> str:
+    """Hash of what was measured, by which a test is recognised whatever its file is called."""
+    digest = hashlib.sha256()
+    for array in (experiment.points, experiment.displacements, *(b.force for b in experiment.loaded)):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def amplitude_unit(parameter: Parameter, stress_unit: str) -> str:
+    """Unit of an amplitude or shape; without a thickness, stress is in N/mm."""
+    if stress_unit == "MPa":
+        return parameter.unit
+    return {"MPa": stress_unit, "1/MPa": "mm/N"}.get(parameter.unit, parameter.unit)
+
+
+def _addition_to_dict(addition: Addition, deviations: tuple[float, ...], stress_unit: str) -> dict[str, Any]:
+    effect = addition.effect
+    return {
+        "effect": effect.name,
+        "formula": effect.formula,
+        "of_material": effect.of_material,
+        "amplitudes": [
+            {"name": p.name, "unit": amplitude_unit(p, stress_unit), "value": float(v), "standard_deviation": float(d)}
+            for p, v, d in zip(effect.amplitudes, addition.amplitudes, deviations, strict=True)
+        ],
+        "shape": [
+            {"name": p.name, "unit": amplitude_unit(p, stress_unit), "value": float(v)}
+            for p, v in zip(effect.shapes, addition.shape, strict=True)
+        ],
+    }
+
+
+def _addition_from_dict(content: dict[str, Any]) -> tuple[Addition, tuple[float, ...]]:
+    known = {effect.name: effect for effect in KNOWN}
+    if content["effect"] not in known:
+        raise ValueError(f"effect '{content['effect']}' unknown; this version knows {', '.join(known)}")
+    effect = known[content["effect"]]
+    for key, parameters in (("amplitudes", effect.amplitudes), ("shape", effect.shapes)):
+        names, found = [p.name for p in parameters], [str(p["name"]) for p in content[key]]
+        if found != names:
+            raise ValueError(f"{effect.name}: {key} {found}, but it has {names}")
+    amplitudes = tuple(float(p["value"]) for p in content["amplitudes"])
+    shape = tuple(float(p["value"]) for p in content["shape"])
+    if not np.isfinite([*amplitudes, *shape]).all():
+        raise ValueError(f"{effect.name}: amplitudes {amplitudes} and shape {shape} must be finite numbers")
+    return Addition(effect, amplitudes, shape), tuple(float(p["standard_deviation"]) for p in content["amplitudes"])

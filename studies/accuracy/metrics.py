@@ -1,0 +1,88 @@
+"""How good is a calibrated model: comparison with a known truth in the three homogeneous modes.
+
+In: a Model and the truth as d psi / d(I1, I2). Out: relative mean stress bias and r2 of the nominal stress in
+uniaxial, equi-biaxial and pure-shear tension, up to the stretch where I1 reaches a given limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from calibrate.equations.kinematics import invariants_and_derivatives, stretches_to_gradient
+from calibrate.models.network_model import Model
+
+Array = NDArray[np.float64]
+MODES = ("uniaxial", "equibiaxial", "pure_shear")
+Derivatives = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class ArrudaBoyceTruth:
+    """d psi / d(I1, I2) (..., 2), MPa, of the five-term Arruda-Boyce energy (Steinmann et al. 2012, Arch. Appl. Mech.)."""
+
+    mu: float = 0.2698
+    N: float = 21.49
+
+    def __call__(self, invariants: Array) -> Array:
+        c = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)
+        I1 = invariants[..., 0]
+        slope = self.mu * sum((k + 1) * c[k] / self.N**k * I1**k for k in range(5))
+        return np.stack([slope, np.zeros_like(slope)], axis=-1)
+
+
+def first_invariant(mode: str, stretch: Array) -> Array:
+    """I1 (k,) in a homogeneous mode at stretches (k,)."""
+    return np.asarray(invariants_and_derivatives(stretches_to_gradient(mode, np.atleast_1d(stretch)))[0])[:, 0]
+
+
+def largest_stretch(mode: str, I1: float) -> float:
+    """Stretch > 1 at which a homogeneous mode reaches the first invariant `I1`."""
+    if I1 <= 3.0:
+        return 1.0
+    return float(brentq(lambda x: float(first_invariant(mode, x)[0]) - I1, 1.0, 20.0))
+
+
+def nominal_stress(derivatives: Derivatives, mode: str, stretch: Array) -> Array:
+    """Nominal stress (k,) along the pull from d psi / d(I1, I2), MPa."""
+    values, first = map(np.asarray, invariants_and_derivatives(stretches_to_gradient(mode, stretch)))
+    return np.einsum("mk,mk->m", derivatives(values), first[:, :, 0, 0])
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """bias: mean stress error relative to the mean stress; r2: coefficient of determination; max_error: relative
+    to the largest stress."""
+
+    mode: str
+    stretch: float  # where the comparison ends
+    bias: float
+    r2: float
+    max_error: float
+
+
+def agreement(model: Model, truth: Derivatives, I1: float, start: float = 3.0, n: int = 200) -> list[Agreement]:
+    """Compare on `n` equidistant stretches of each mode, from first invariant `start` to `I1`."""
+    result = []
+    for mode in MODES:
+        stretch = np.linspace(largest_stretch(mode, start), largest_stretch(mode, I1), n)
+        expected, found = nominal_stress(truth, mode, stretch), model.homogeneous(mode, stretch)
+        result.append(
+            Agreement(
+                mode,
+                float(stretch[-1]),
+                float((found - expected).sum() / expected.sum()),
+                r2(expected, found),
+                float(np.abs(found - expected).max() / expected.max()),
+            )
+        )
+    return result
+
+
+def r2(expected: Array, found: Array) -> float:
+    """Coefficient of determination 1 - sum (found - expected)^2 / sum (expected - mean)^2."""
+    return float(1 - ((found - expected) ** 2).sum() / ((expected - expected.mean()) ** 2).sum())

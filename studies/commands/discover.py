@@ -1,0 +1,218 @@
+"""`equigap discover`: Experiments in; what a hyperelastic model leaves, which effect explains it, and the evidence, out.
+
+Out: ``report.html``, its figures as PNG, the same as data (``discovery.json``, ``effects.csv``, ``amplitudes.csv``,
+``forces.csv``, ``residuals.npz``), the extended model ``model.json``, and a manifest. The method is in docs/discover.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from studies.commands.options import add_output, nearest, output_folder, positive, seed
+
+if TYPE_CHECKING:
+    from calibrate.data.experiment import Experiment
+    from calibrate.diagnosis.selection import Discovery, HoldOut
+    from calibrate.effects import Effect
+    from calibrate.models.extended_model import ExtendedModel
+
+DESCRIPTION = """\
+Test what a hyperelastic model of I1 leaves unexplained: which effect of material, camera or load cell it looks
+like, whether data that were not used for fitting confirm it, and what cannot be told from it. Effects are added one
+by one until nothing is significant, or nothing that is known explains it. Takes some minutes for each model."""
+INTERVAL = 20.0  # s between lines of progress in a log
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `equigap discover`."""
+    parser.add_argument(
+        "experiments", type=Path, nargs="+", metavar="EXPERIMENT.npz", help="tests of one material, fitted together"
+    )
+    parser.add_argument(
+        "--hold-out", action="append", default=[], metavar="WHAT",
+        help="what confirms: another EXPERIMENT.npz (may be repeated), every:N, after:SECONDS, "
+        "half:left|right|bottom|top, or none (default: the files given here, else every:3)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--base", choices=("positive", "convex", "neo-Hooke"), default="positive",
+        help="base model: energy of I1 that rises (default), one that is convex too, as a network is, or neo-Hooke",
+    )  # fmt: skip
+    parser.add_argument(
+        "--spacing", type=positive, metavar="MM", help="of the virtual fields (default: from the noise)"
+    )
+    parser.add_argument(
+        "--without", action="append", default=[], metavar="EFFECT", help="leave a candidate out (may be repeated)"
+    )
+    parser.add_argument("--seed", type=seed, default=0, help="of the simulated search (default: 0)")
+    parser.add_argument(
+        "--quick", action="store_true", help="refit only candidates that are tried, draw fewer pictures"
+    )
+    add_output(parser, "discover")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Find, write everything, print the verdict. Raises the named errors of `calibrate` and `studies`."""
+    from studies.output import Manifest, open_output_folder, released_if_refused
+
+    started = time.time()
+    rule, files = hold_outs(args.hold_out)
+    effects = candidates(args.without)
+    trained, held, remarks = read(args.experiments, files, rule)
+    settings = {k: v for k, v in vars(args).items() if k not in ("output", "overwrite", "experiments", "command")}
+    settings["hold_out"] = list(map(str, args.hold_out)) or ["(default)"]
+    manifest = Manifest(args.seed, settings, [*args.experiments, *files], started)
+    key = {**settings, "experiments": manifest.to_dict()["inputs"]}
+    folder = open_output_folder(output_folder(args, "discover"), args.overwrite, key)
+
+    from calibrate.diagnosis.selection import discover
+    from studies.reports.discovery_report import write
+    from studies.reports.discovery_review import View
+    from studies.reports.discovery_words import remarks as all_remarks
+    from studies.reports.discovery_words import verdict
+
+    with released_if_refused(folder), Stages() as say:
+        found = discover(trained, rule, held, effects, args.spacing, args.base, not args.quick, args.seed, say)
+        view = View(found, held_out_words(rule, trained, held), remarks, args.quick)
+        say("network of the base")
+        model = extended(found, view.hold_out, manifest.to_dict())
+        say("writing the report")
+        report = write(folder, view, model, manifest)
+    print(f"{verdict(view)}.")
+    for line in all_remarks(view):
+        print(f"- {line}")
+    print(f"model: {folder / 'model.json'}\nreport: {report}")
+    return 0
+
+
+def hold_outs(texts: Sequence[str]) -> tuple[HoldOut | None, list[Path]]:
+    """The rule (None: the default) and the files among the values of --hold-out. Raises `ConfigError`."""
+    from calibrate.diagnosis.selection import HoldOut
+    from calibrate.errors import ConfigError
+
+    files = [Path(text) for text in texts if text.endswith(".npz") or Path(text).is_file()]
+    rules = [text for text in texts if Path(text) not in files]
+    if len(rules) > 1:
+        raise ConfigError(f"--hold-out {' and '.join(rules)}: give one rule; only files may be repeated")
+    return HoldOut.parse(rules[0]) if rules else None, files
+
+
+def candidates(without: Sequence[str]) -> tuple[Effect, ...]:
+    """The catalogue but the effects named. Raises `OptionError`."""
+    from calibrate.effects import CATALOGUE
+    from studies.errors import OptionError
+
+    names = [effect.name for effect in CATALOGUE]
+    for name in without:
+        if name not in names:
+            raise OptionError(
+                f"--without '{name}': no such effect{nearest(name, names)}; choose from {', '.join(names)}"
+            )
+    return tuple(effect for effect in CATALOGUE if effect.name not in without)
+
+
+def read(
+    paths: Sequence[Path], held_paths: Sequence[Path], rule: HoldOut | None
+) -> tuple[list[Experiment], list[Experiment], tuple[str, ...]]:
+    """Experiments to be fitted, to be held out, and remarks. Raises `ConfigError` where they do not go together.
+
+    Where one has no time, all do without: an effect of time cannot be carried over.
+    """
+    from calibrate.data.experiment import Experiment
+    from calibrate.errors import ConfigError
+    from calibrate.models.extended_model import fingerprint
+
+    loaded = [(path, Experiment.load(path)) for path in (*paths, *held_paths)]
+    seen: dict[str, tuple[Path, bool]] = {}
+    for i, (path, experiment) in enumerate(loaded):
+        other, fitted = seen.setdefault(fingerprint(experiment), (path, i < len(paths)))
+        if i < len(paths) and seen[fingerprint(experiment)][0] is not path:
+            raise ConfigError(f"{path}: the same data as {other}; give each test once")
+        if i >= len(paths) and (fitted or other is not path):
+            raise ConfigError(
+                f"--hold-out {path}: the same data as {other}; what is held out must not be fitted, nor given twice"
+            )
+    units = {experiment.stress_unit: path for path, experiment in loaded}
+    if len(units) > 1:
+        raise ConfigError(
+            f"{units['MPa']} has a thickness, {units['N/mm']} has none, so that their stiffness cannot be compared; "
+            "import them with a thickness each, or without"
+        )
+    remarks: list[str] = []
+    experiments = [experiment for _, experiment in loaded]
+    timeless = [str(path) for path, experiment in loaded if experiment.time is None]
+    if 0 < len(timeless) < len(loaded):
+        if rule is not None and rule.kind == "after":
+            raise ConfigError(f"{timeless[0]}: has no time, which --hold-out after:SECONDS needs; use every:N")
+        experiments = [replace(experiment, time=None) for experiment in experiments]
+        remarks.append(f"{timeless[0]} has no time, so that no effect of time is tested; import it with its times.")
+    return experiments[: len(paths)], experiments[len(paths) :], tuple(remarks)
+
+
+def held_out_words(rule: HoldOut | None, trained: Sequence[Experiment], held: Sequence[Experiment]) -> str:
+    """What is held out: 'every third increment', 'pull_y', ...; as `discover` chooses where there is no rule."""
+    from calibrate.diagnosis.selection import HoldOut
+
+    if rule is None:
+        few = min(e.n_increments for e in trained) < 3
+        rule = HoldOut("none", None) if held or few else HoldOut()
+    words = [e.name for e in held] + ([str(rule)] if rule.kind != "none" else [])
+    return " and ".join(words) or "nothing"
+
+
+def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
+    """The final model of a discovery as a model file, with a network distilled from its base."""
+    from calibrate.diagnosis.distillation import distil
+    from calibrate.diagnosis.effect_fit import bulk_modulus
+    from calibrate.models.extended_model import ExtendedModel, fingerprint
+
+    parts, final = found.problem.parts, found.final
+    bulk = bulk_modulus(found.problem, final)
+    model = ExtendedModel(
+        found.problem.basis,
+        final.c,
+        final.additions,
+        final.errors,
+        parts[0].experiment.stress_unit,
+        tuple({"name": p.experiment.name, "fingerprint": fingerprint(p.experiment)} for p in parts if p.train.size),
+        hold_out,
+        tuple(p.experiment.name for p in parts if not p.train.size),
+        found.verdict,
+        found.groups,
+        provenance={key: record[key] for key in ("command", "settings", "inputs", "versions", "revision")},
+        bulk_modulus_deviation=None if bulk is None else bulk[1],
+    )
+    distilled = distil(found.problem, final)
+    loss = {
+        "network": distilled.network_loss, "spline": distilled.spline_loss, "equations": distilled.n_rows,
+        "good": distilled.good, "remark": distilled.remark(),
+    }  # fmt: skip
+    return model.with_network(distilled.network, loss)
+
+
+class Stages:
+    """Says on stderr what is done: in one line on a terminal, else at most every 20 s."""
+
+    def __init__(self) -> None:
+        self._start = self._last = time.monotonic()
+
+    def __enter__(self) -> Callable[[str], None]:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if sys.stderr.isatty():
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+    def __call__(self, text: str) -> None:
+        now = time.monotonic()
+        line = f"{text}, {now - self._start:.0f} s"
+        if sys.stderr.isatty():
+            print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
+        elif now - self._last >= INTERVAL:
+            self._last = now
+            print(line, file=sys.stderr, flush=True)

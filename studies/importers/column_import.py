@@ -1,0 +1,184 @@
+"""Column-mapped import of full-field data from any DIC software that writes text tables.
+
+In: a `ColumnMap` and the folder its paths are relative to. Out: a `Series`: frames matched point by point, pixels
+to mm, y up, triangulated (Delaunay, holes left open), grips and free edges found.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, cKDTree
+
+from calibrate import errors
+from calibrate.data.experiment import boundary_nodes, signed_areas
+from studies.importers.column_map import (
+    FORCE_UNITS,
+    LENGTH_UNITS,
+    SIDES,
+    TIME_UNITS,
+    ColumnMap,
+    EdgesTable,
+    PointsTable,
+)
+from studies.importers.series import Grip, Series
+from studies.importers.synchronise import ForceRecord
+from studies.importers.text_tables import Layout, read_table
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+def column_series(m: ColumnMap, folder: str | Path) -> Series:
+    """Read the files of a column map; `folder` is where its relative paths start."""
+    folder = Path(folder)
+    paths = _frame_paths(folder, m.points.files)
+    points, displacements, first = _read_frames(m.points, paths)
+    triangles = _triangles(points, m.points.max_edge_mm)
+    used = np.unique(triangles)
+    points, displacements = points[used], displacements[:, used]
+    triangles = np.searchsorted(used, triangles)
+    grips, free = _edges(m.edges, points, triangles)
+    record, time = _force(m, folder, len(paths))
+    rate = m.frames.rate_hz
+    return Series(
+        name=m.name,
+        points=points,
+        triangles=triangles,
+        displacements=displacements,
+        time=time,
+        record=record,
+        grips=grips,
+        free_nodes=free,
+        thickness=m.thickness_mm,
+        plane=m.plane,
+        synchronisation_std=0.0 if m.force.per_frame or rate is None else 1.0 / rate / np.sqrt(12.0),
+        provenance={"reader": "column map", "points_without_triangle": int(first - used.size)},
+    )
+
+
+def _frame_paths(folder: Path, pattern: str) -> list[Path]:
+    found = [p for p in folder.glob(pattern) if p.is_file()]
+    numbered = [([int(n) for n in re.findall(r"\d+", p.stem)][-1:] or [-1], str(p), p) for p in found]
+    paths = [p for _, _, p in sorted(numbered)]
+    if len(paths) < 2:
+        raise errors.DataNotFoundError(
+            f"{folder / pattern}: {len(paths)} files; points.files must match the reference and at least one frame"
+        )
+    return paths
+
+
+def _read_frames(p: PointsTable, paths: list[Path]) -> tuple[Array, Array, int]:
+    """Reference points (n, 2) mm, displacements (n_frames, n, 2) mm (NaN = failed), and n."""
+    columns = [p.x, p.y, p.u, p.v] + ([p.valid_column] if p.valid_column else [])
+    layout = Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True)
+    scale = p.scale_mm_per_px if p.scale_mm_per_px is not None else LENGTH_UNITS[p.unit]
+    axes = scale * np.array([1.0, -1.0 if p.y_axis == "down" else 1.0])
+    frames = []
+    for path in paths:
+        table = read_table(path, columns, layout)
+        position = np.stack([table[p.x], table[p.y]], axis=1) * axes
+        moved = np.stack([table[p.u], table[p.v]], axis=1) * axes
+        if p.valid_column:
+            quality = table[p.valid_column]
+            good = np.isfinite(quality)
+            good &= quality >= p.valid_minimum if p.valid_minimum is not None else True
+            good &= quality <= p.valid_maximum if p.valid_maximum is not None else True
+            moved[~good] = np.nan
+        frames.append((position - moved if p.coordinates == "current" else position, moved))
+    points = frames[0][0]
+    known = np.isfinite(points).all(axis=1)
+    points = points[known]
+    if len(points) < 4:
+        raise errors.LostPointsError(f"{paths[0]}: {len(points)} valid points in the reference frame")
+    distance = cKDTree(points).query(points, k=2)[0][:, 1]
+    if distance.min() < 1e-6 * np.median(distance) or not np.median(distance) > 0:
+        raise errors.DegenerateMeshError(f"{paths[0]}: points are listed twice; export each point once")
+    displacements = np.stack([_matched(points, *frame, path) for frame, path in zip(frames, paths, strict=True)])
+    return points, displacements, len(points)
+
+
+def _matched(points: Array, position: Array, moved: Array, path: Path) -> Array:
+    """Displacements (n, 2) at `points` of a frame listed in any order; NaN where it has no such point."""
+    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    known = np.isfinite(position).all(axis=1) & np.isfinite(moved).all(axis=1)
+    result = np.full((len(points), 2), np.nan)
+    if not known.any():
+        return result
+    distance, index = cKDTree(points).query(position[known])
+    near = distance < 0.3 * pitch
+    if near.mean() < 0.5:
+        raise errors.MeshMismatchError(
+            f"{path}: {int((~near).sum())} of {near.size} points are not in the reference frame; if positions move "
+            "with the specimen, set points.coordinates = 'current'"
+        )
+    result[index[near]] = moved[known][near]
+    return result
+
+
+def _triangles(points: Array, max_edge: float | None) -> Index:
+    """Delaunay triangles whose edges are no longer than `max_edge` mm (default 2.2 times the spacing)."""
+    triangles = Delaunay(points).simplices.astype(np.int64)
+    area = signed_areas(points, triangles)
+    triangles[area < 0] = triangles[area < 0][:, ::-1]
+    corners = points[triangles]
+    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    limit = max_edge or 2.2 * float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    keep = (edge <= limit) & (np.abs(area) > 1e-4 * edge**2)
+    if not keep.any():
+        raise errors.ConfigError(f"no triangle has edges below points.max_edge_mm = {limit:g} mm")
+    return triangles[keep]
+
+
+def _edges(table: EdgesTable, points: Array, triangles: Index) -> tuple[tuple[Grip, ...], Index]:
+    rim = boundary_nodes(triangles)
+    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    tolerance = table.tolerance_mm or 0.4 * pitch
+    nodes = {}
+    for side, (axis, sign) in SIDES.items():
+        value = sign * points[:, axis]
+        nodes[side] = rim[value[rim] >= value.max() - tolerance]
+    taken = np.concatenate([nodes[side] for side in table.loaded])
+    if len(np.unique(taken)) < len(taken):
+        corners = f"{', '.join(table.loaded)}"
+        raise errors.ConfigError(f"edges.loaded: sides {corners} share corner nodes; only opposite sides can be loaded")
+    if len({SIDES[side][0] for side in table.loaded}) > 1:
+        raise errors.ConfigError(
+            f"edges.loaded: {', '.join(table.loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or "
+            "make an Experiment with both forces in Python (docs/extending.md, an importer)"
+        )
+    grips = []
+    for side in table.loaded:
+        axis, sign = SIDES[side]
+        grips.append(Grip(side, nodes[side], (float(sign), 0.0) if axis == 0 else (0.0, float(sign))))
+    free = [nodes[side] for side in table.free if side in SIDES]
+    if "holes" in table.free:
+        free.append(np.setdiff1d(rim, np.concatenate(list(nodes.values()))))
+    return tuple(grips), np.setdiff1d(np.unique(np.concatenate([*free, []])), taken).astype(np.int64)
+
+
+def _force(m: ColumnMap, folder: Path, n_frames: int) -> tuple[ForceRecord, Array]:
+    """The machine record and the time of every frame on its clock, s."""
+    f = m.force
+    layout = Layout(f.delimiter, f.header_line, f.units_row, f.comment, missing_allowed=True)
+    columns = [f.force] + ([f.time] if f.time else [])
+    table = read_table(folder / f.file, columns, layout)
+    force = f.sign * FORCE_UNITS[f.unit] * table[f.force]
+    source = str(folder / f.file)
+    if not f.per_frame:
+        assert f.time is not None
+        assert m.frames.rate_hz is not None
+        record = ForceRecord(TIME_UNITS[f.time_unit] * table[f.time], force, source)
+        return record, np.arange(n_frames) / m.frames.rate_hz + m.frames.offset_s
+    if len(force) != n_frames:
+        raise errors.MeshMismatchError(
+            f"{source}: {len(force)} forces for {n_frames} frames; one row a frame is needed"
+        )
+    if f.time:
+        time = TIME_UNITS[f.time_unit] * table[f.time]
+    else:
+        time = np.arange(n_frames) / (m.frames.rate_hz or 1.0) + m.frames.offset_s
+    return ForceRecord(time, force, source), time

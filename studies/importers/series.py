@@ -1,0 +1,193 @@
+"""A recorded test, frame by frame, before it becomes an Experiment.
+
+In: `Series`: points, triangles, displacements of every frame, the machine's force record and what is gripped.
+Out: an Experiment: frames chosen, forces interpolated to them, failed points left out, noise estimated,
+every decision written into its provenance.
+
+Time of frame k on the clock of the machine: k / frame rate + offset. The force is that of the grip ON the
+specimen, along `direction` for each loaded boundary.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import errors
+from calibrate.data import points
+from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
+from studies.importers import noise_estimate
+from studies.importers.synchronise import (
+    DEFAULT_SELECTION,
+    ForceRecord,
+    Selection,
+    choose_frames,
+    find_break,
+    forces_at,
+)
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been longer than its chosen frames show
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A loaded boundary: nodes (k,), and the direction (2,) in which a tensile force pulls on it; 0 there means the
+    component was not measured."""
+
+    name: str
+    nodes: Index
+    direction: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Series:
+    """Every frame of a test. points (n, 2) mm, y up; triangles (m, 3); displacements (n_frames, n, 2) mm, NaN where
+    a point failed; time (n_frames,) s on the clock of the machine; resolution (s) of that synchronisation."""
+
+    name: str
+    points: Array
+    triangles: Index
+    displacements: Array
+    time: Array
+    record: ForceRecord
+    grips: tuple[Grip, ...]
+    free_nodes: Index
+    thickness: float | None = None
+    synchronisation_std: float = 0.0
+    plane: str = "stress"
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+
+def _failure(series: Series) -> float | None:
+    """Time (s) of the last reading before a break: the force collapses, the distance of the grips does not."""
+    found = find_break(series.record)
+    if found is None:
+        return None
+    length = np.interp(found, series.time, elongation(series))
+    return None if length[1] < 0.9 * length[0] else found[0]
+
+
+def elongation(series: Series) -> Array:
+    """Change of the distance between the grips along the pull (n_frames,), mm."""
+    total = np.zeros(len(series.time))
+    for grip in series.grips:
+        total += np.nanmean(series.displacements[:, grip.nodes], axis=1) @ np.array(grip.direction)
+    return total
+
+
+def to_experiment(
+    series: Series,
+    selection: Selection = DEFAULT_SELECTION,
+    noise: Noise | None = None,
+    noise_kind: str = "total",
+) -> Experiment:
+    """Turn a Series into an Experiment. noise: stated noise; None: estimated from all frames.
+
+    noise_kind: 'total' or 'temporal', see `noise_estimate`. Raises `ConfigError`, `LostPointsError`,
+    `MissingForceError`, `ForceSignError`, `TimeError`, `ExperimentError` where noise cannot be estimated, and whatever
+    the checks of an Experiment find.
+    """
+    frames, notes = choose_frames(series.time, series.record, selection, _failure(series))
+    rest = float(np.clip(series.time[0], series.record.time[0], series.record.time[-1]))
+    tare = float(forces_at(series.record, np.array([rest]))[0]) if selection.tare is None else selection.tare
+    force = forces_at(series.record, series.time[frames]) - tare
+    _check_sign(series, frames, force)
+    loaded = tuple(
+        LoadedBoundary(g.name, g.nodes, np.stack([_component(force, d) for d in g.direction], axis=1))
+        for g in series.grips
+    )
+    notes += unseen_peak(elongation(series), frames)
+    kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
+    if kept.lost.size:
+        notes.append(f"{kept.lost.size} of {len(series.points)} points failed in a chosen frame and were left out")
+    report: dict[str, Any] = {"kind": "stated"}
+    if noise is None:
+        noise, report = estimate_noise(series, kept.indices, frames, noise_kind)
+    provenance = {
+        **series.provenance,
+        "frames": frames.tolist(),
+        "frames_recorded": len(series.time),
+        "tare_N": tare,
+        "points_lost": int(kept.lost.size),
+        "noise": report,
+        "notes": [*series.provenance.get("notes", []), *notes],
+    }
+    return Experiment(
+        name=series.name,
+        points=kept.points,
+        triangles=kept.triangles,
+        displacements=kept.displacements,
+        loaded=kept.loaded,
+        free_nodes=kept.free_nodes,
+        thickness=series.thickness,
+        time=series.time[frames],
+        noise=noise,
+        provenance=provenance,
+        plane=series.plane,
+    )
+
+
+def unseen_peak(lengths: Array, frames: Index) -> list[str]:
+    """A note where the specimen was longer between chosen frames than in any chosen before. lengths (n_frames,): mm;
+    frames (t,): those chosen."""
+    known = np.where(np.isfinite(lengths), lengths, -np.inf)
+    missed = np.maximum.accumulate(known)[frames] - np.maximum.accumulate(known[frames])
+    worst = int(np.argmax(missed))
+    if not missed[worst] > UNSEEN * np.ptp(lengths[np.isfinite(lengths)]):
+        return []
+    peak = int(np.argmax(known[: frames[worst] + 1]))
+    return [
+        f"the specimen was longest in frame {peak}, {missed[worst]:.3g} mm longer than in any frame chosen before frame "
+        f"{frames[worst]}: softening and permanent set know only the chosen frames; name every turning point with --frames"
+    ]
+
+
+def _component(force: Array, direction: float) -> Array:
+    return np.full(force.shape, np.nan) if direction == 0 else direction * force
+
+
+def _check_sign(series: Series, frames: Index, force: Array) -> None:
+    """Tension must lengthen: compare the force with the distance between the grips."""
+    if float(force @ elongation(series)[frames]) < 0:
+        raise errors.ForceSignError(
+            "the specimen lengthens while the force falls below zero; the force must be positive in tension: "
+            "change its sign, or check which way the image's y-axis points"
+        )
+
+
+def estimate_noise(series: Series, nodes: Index, frames: Index, kind: str) -> tuple[Noise, dict[str, Any]]:
+    """Noise of a series from all its frames, or from the chosen ones where too many points failed in the others.
+
+    nodes (k,): those to be used; frames (t,): those chosen; kind: 'total' or 'temporal'. Beside the Noise (mm, N) its
+    parts by name. Raises `ConfigError` for another kind, `ExperimentError` where points are too few or too scattered.
+    """
+    if kind not in ("total", "temporal"):
+        raise errors.ConfigError(f"noise kind '{kind}' unknown; choose total or temporal")
+    complete = nodes[np.isfinite(series.displacements[:, nodes]).all(axis=(0, 2))]
+    enough = complete.size >= 0.6 * nodes.size
+    displacements = series.displacements[:, complete] if enough else series.displacements[frames][:, nodes]
+    found = noise_estimate.displacement_noise(series.points[complete if enough else nodes], displacements)
+    force = forces_at(series.record, series.time[[0, *frames]])
+    slope = float(np.abs(np.diff(force)).sum() / (series.time[frames[-1]] - series.time[0]))
+    cell = noise_estimate.force_noise(series.record.time, series.record.force)
+    chosen = found.temporal if kind == "temporal" and found.temporal is not None else found.total
+    report = {
+        "kind": kind,
+        "from_frames": len(displacements),
+        **found.to_dict(),
+        "load_cell_std_N": cell,
+        "synchronisation_std_s": series.synchronisation_std,
+        "force_rate_N_per_s": slope,
+    }
+    noise = Noise(
+        chosen.std,
+        chosen.correlation_length,
+        0.0,
+        float(np.hypot(cell, slope * series.synchronisation_std)),
+    )
+    return noise, report

@@ -1,0 +1,330 @@
+"""What a measured sheet does beyond hyperelasticity: all effects fitted at once, and those that do not pay taken out.
+
+In: an Experiment. Out: a dictionary of plain numbers with every model, its errors and what each effect is worth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis import effect_score, joint_fit
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.joint_fit import Joint
+from calibrate.diagnosis.selection import CLOSE, GLOBAL
+from calibrate.diagnosis.whitened import Problem
+from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
+from calibrate.effects.camera_errors import OutOfPlane
+from calibrate.effects.chain import Addition
+from calibrate.effects.viscosity import Viscosity
+from calibrate.effects.warp import InitialWarp, UnevenWarp
+from calibrate.models.extended_model import ExtendedModel, amplitude_unit, fingerprint
+from studies.sheets.measured_account import Split, account, force_and_field, members
+from studies.sheets.measured_searches import NESTED, prepared, price, what_pays, with_splines, without_each
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Say = Callable[[str], None]
+KNOWN = ("force offset", "lag between force and image")  # the record says: no force at rest, pictures in time to 0.15 s
+ROUGH = ("3D effect of thickness", "subset smoothing")  # second derivatives, far below the virtual fields of 12 mm
+RELAXATION = (0.5, 2.0, 8.0, 32.0)  # s, times of the branches tried
+FASTEST = 0.5  # s: a third of the time between increments; what relaxes faster is told by its product g tau alone
+SPLINES = (2, 3, 5)  # of base models that are tried instead of neo-Hooke
+FORESEEN = 3  # one part of so many of what is fitted, the last, is predicted from the others to choose the base
+EVERY_EFFECT, WHAT_PAYS, MEAN = "every effect", "what pays", "mean of the searches"
+
+
+@dataclass(frozen=True)
+class Relaxation(Viscosity):
+    """A Prony branch that the increments can resolve."""
+
+    shapes = (Parameter("tau", "s", lower=FASTEST),)
+
+    def shape_values(self, data: Any) -> list[tuple[float, ...]]:
+        return [(tau,) for tau in RELAXATION]
+
+
+@dataclass(frozen=True)
+class SecondRelaxation(Relaxation):
+    """A second one."""
+
+    name = SecondViscosity.name
+
+    def shape_values(self, data: Any) -> list[tuple[float, ...]]:
+        return [(RELAXATION[-1],)]
+
+
+INSTEAD: dict[str, Effect] = {Viscosity.name: Relaxation(), InitialWarp.name: UnevenWarp()}
+EVERY = (*(INSTEAD.get(e.name, e) for e in CATALOGUE), SecondRelaxation())
+EFFECTS = tuple(effect for effect in EVERY if effect.name not in (*KNOWN, *ROUGH))
+BY_NAME = {effect.name: effect for effect in EFFECTS}
+
+
+def base_name(splines: int) -> str:
+    """'neo-Hooke' or how many splines."""
+    return "neo-Hooke" if splines == 1 else f"{splines} splines"
+
+
+def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, Any]:
+    """What is beyond neo-Hooke in the increments up to `until`, with errors after it; everything that the report shows.
+
+    All candidates are fitted at once, from several starts; those that do not pay are taken out (`calibrate.diagnosis.joint_fit`); a general
+    effect gives way to a special one where that pays, and neo-Hooke to a finer base where that also predicts the last third of what
+    is fitted from the rest. The search for effects is made once more without each increment, beside neo-Hooke
+    (`studies.sheets.measured_searches`). until: s; spacing: of the virtual fields, mm.
+    """
+    split = Split.of(e, until)
+    assert e.time is not None
+
+    def tell(text: str) -> None:
+        say(f"{e.name}: {text}")
+
+    tell("base model")
+    early = e.select(np.flatnonzero(split.fitted))
+    problem, base = prepared(early, np.ones(early.n_increments, bool), spacing)
+    scores = effect_score.score(problem, base, EFFECTS)
+    start = joint_fit.candidates(scores, tuple(NESTED))
+    special = {name: BY_NAME[name] for name in NESTED if name in BY_NAME}
+    tell(f"all {len(start)} effects")
+    starts = joint_fit.whole(problem, base.c, start)
+    unit = starts[0].dispersion
+    path, final, exchanged = what_pays(problem, starts[0], special, tell)
+    models = _Models(e, early, split, spacing, until, problem)
+    bases = _bases(problem, final, early, unit, spacing, tell)
+    chosen = min((one for one in bases if one.foreseen(bases[0])), key=lambda one: one.price)
+    searches = list(without_each(early, starts[0], special, spacing, tell))
+    result: dict[str, Any] = {
+        "name": e.name,
+        "spacing": spacing,
+        "time": e.time,
+        "split": {name: np.flatnonzero(mask).tolist() for name, mask in split.parts().items()},
+        "dispersion": unit,
+        "equations": starts[0].n_rows,
+        "exchanged": [{"special": name, "general": NESTED[name]} for name in exchanged],
+        "models": [
+            models.of_base(base),
+            models.of(starts[0], EVERY_EFFECT),
+            *(models.of(one, f"without {one.out}") for one in path[1:]),
+            # the last two are what tables, pictures and the transfer take
+            models.of(chosen.fit, WHAT_PAYS, chosen.splines),
+            models.mean([one for _, one in searches], MEAN),
+        ],
+        "starts": [{"objective": one.objective / unit, **models.errors(one)} for one in starts],
+        "bases": [
+            {
+                "name": base_name(one.splines),
+                "price": one.price - bases[0].price,
+                "foresight": one.foresight,
+                "chosen": one is chosen,
+                **models.errors(one.fit, one.splines),
+            }
+            for one in bases
+        ],
+        "searches": [
+            {"left_out": float(e.time[split.fitted][i]), "effects": sorted(one.active), **models.errors(one)}
+            for i, one in searches
+        ],
+    }
+    first, *_, pays, mean = (model["errors"] for model in result["models"])
+    result["predicts"] = predicts(first, pays) and predicts(first, mean)
+    result["verdict"] = verdict(chosen.fit, result["predicts"])
+    for model in result["models"][-2:]:
+        for member in model["members"]:
+            member["verdict"] = result["verdict"]
+    result["without"] = [_without(problem, chosen, name, unit, models, tell) for name in sorted(chosen.fit.active)]
+    fits = [*starts, *path, final, *(one.fit for one in bases), *(one for _, one in searches)]
+    result["unfinished_fits"] = sum(not one.converged for one in fits)
+    result["closest"] = [line["effect"] for line in sorted(result["without"], key=lambda line: -line["rise"])]
+    result["taken_out"] = [one.out for one in path[1:]]
+    result["not_testable"] = {s.effect.name: s.why for s in scores if s.status != "tested"}
+    return result
+
+
+def _without(problem: Problem, chosen: Base, name: str, unit: float, models: _Models, say: Say) -> dict[str, Any]:
+    """What an effect is worth: everything else fitted again without it."""
+    say(f"how much depends on {name}")
+    whole = chosen.fit
+    one = joint_fit.fit(with_splines(problem, chosen.splines), whole.c, whole.additions, whole.active - {name}, name)
+    return {
+        "effect": name,
+        "rise": (one.loss - whole.loss) / unit,
+        "price": whole.price([name]),
+        "doubtful": joint_fit.worth(whole, one, unit) < CLOSE,
+        "imitated": whole.imitated[name],
+        "decided_by": BY_NAME[name].decided_by,
+        **models.errors(one, chosen.splines),
+    }
+
+
+def verdict(one: Joint, good: bool) -> str:
+    """'explained' only if what the model leaves is noise, and its prediction is `good`, see `predicts`."""
+    p = float(stats.chi2.sf(one.loss, max(one.loss / one.dispersion, 1.0)))
+    if p > GLOBAL and not one.active:
+        return "nothing significant"
+    return "explained" if p > GLOBAL and good else "significant, not explained"
+
+
+def predicts(before: dict[str, dict[str, float]], after: dict[str, dict[str, float]]) -> bool:
+    """Whether neither force nor field is predicted worse than by the base: what fits to noise may still be wrong."""
+    return all(after["scored"][kind] <= before["scored"][kind] for kind in ("force", "field"))
+
+
+def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, say: Say) -> list[dict[str, Any]]:
+    """Softening with strain against relaxation in time: what pays, beside bases with more functions, without relaxation.
+
+    On one ramp at one speed strain and time go together, so that both fit; what they predict differs.
+    """
+    split = Split.of(e, until)
+    early = e.select(np.flatnonzero(split.fitted))
+    (model,) = members(next(m for m in learnt["models"] if m["name"] == WHAT_PAYS))
+    problem, _ = prepared(early, np.ones(early.n_increments, bool), spacing)
+    models = _Models(e, early, split, spacing, until, problem)
+    kept = tuple(a for a in models.of_early(model.additions) if not isinstance(a.effect, Viscosity))
+    found = []
+    for n in (1, *SPLINES):
+        say(f"{e.name}: {base_name(n)} that do not relax")
+        one = joint_fit.fit(with_splines(problem, n), model.c, kept, frozenset(a.effect.name for a in kept))
+        found.append(
+            {
+                "name": f"{base_name(n)}, not relaxing",
+                "misfit": one.loss / learnt["dispersion"],
+                **models.errors(one, n),
+            }
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class Base:
+    """What pays beside a base of some functions of I1. price: misfit and parameters; foresight: errors of force and field of the last
+    part of what is fitted, predicted from the rest."""
+
+    splines: int
+    fit: Joint
+    price: float
+    foresight: dict[str, float]
+
+    def foreseen(self, other: Base) -> bool:
+        """Whether neither force nor field is foreseen worse than by another."""
+        return all(self.foresight[kind] <= other.foresight[kind] for kind in other.foresight)
+
+
+def _bases(problem: Problem, final: Joint, early: Experiment, unit: float, spacing: float, say: Say) -> list[Base]:
+    """The same effects beside neo-Hooke and bases with more functions."""
+    n = early.n_increments
+    first = np.arange(n) < n - max(n // FORESEEN, 1)
+    short, _ = prepared(early, first, spacing)
+    found = []
+    for splines in (1, *SPLINES):
+        say(f"base of {base_name(splines)}")
+        fit = (
+            joint_fit.fit(with_splines(problem, splines), final.c, final.additions, final.active)
+            if splines > 1
+            else final
+        )
+        seen = joint_fit.fit(with_splines(short, splines), fit.c, fit.additions, fit.active)
+        r = short.parts[0].chain.residual(seen.c, seen.present)
+        foresight = force_and_field(short.parts[0].system, r, ~first)
+        found.append(Base(splines, fit, price(splines, fit, unit), foresight))
+    return found
+
+
+@dataclass(frozen=True)
+class _Models:
+    """Joint fits as model files, with their errors on the whole sheet."""
+
+    whole: Experiment
+    early: Experiment
+    split: Split
+    spacing: float
+    until: float
+    problem: Problem
+
+    def extended(self, one: Joint) -> ExtendedModel:
+        """The model file; an amplitude that is a share of the whole loading holds for all increments."""
+        present, deviations = list(one.present), list(one.errors)
+        for i, a in enumerate(present):
+            if a.effect.name == OutOfPlane.name:
+                present[i] = replace(a, amplitudes=(self.growth * a.amplitudes[0],))
+                deviations[i] = (self.growth * deviations[i][0],)
+        return self._model(one.c, present, deviations)
+
+    @property
+    def growth(self) -> float:
+        """Displacements of the whole loading over those of what was fitted."""
+        both = (np.sqrt((e.displacements**2).mean(axis=(1, 2))).max() for e in (self.whole, self.early))
+        return float(next(both) / next(both))
+
+    def of_early(self, additions: Sequence[Addition]) -> tuple[Addition, ...]:
+        """Additions of a model file as they are in a fit of the increments up to the limit."""
+        return tuple(
+            replace(a, amplitudes=(a.amplitudes[0] / self.growth,)) if a.effect.name == OutOfPlane.name else a
+            for a in additions
+        )
+
+    def _model(self, c: Array, additions: Sequence[Addition], deviations: Sequence[tuple[float, ...]]) -> ExtendedModel:
+        e = self.whole
+        training = ({"name": e.name, "fingerprint": fingerprint(e)},)
+        held = f"increments after {self.until:g} s"
+        basis = self.problem.basis
+        return ExtendedModel(basis, c, tuple(additions), tuple(deviations), e.stress_unit, training, held)
+
+    def errors(self, one: Joint, splines: int = 1) -> dict[str, Any]:
+        """Errors of force and field on what was fitted and scored."""
+        found = self.of(one, "", splines)["errors"]
+        return {f"{kind}_{part}": found[part][kind] for part in found for kind in ("force", "field")}
+
+    def of(self, one: Joint, name: str, splines: int = 1) -> dict[str, Any]:
+        """A model with everything that the report shows of it."""
+        return self._described([self.extended(one)], name, splines, one.loss / one.n_rows, one.dispersion)
+
+    def mean(self, fits: Sequence[Joint], name: str) -> dict[str, Any]:
+        """Several models whose predictions are averaged."""
+        chi_square, reduced = (
+            float(np.mean(v)) for v in zip(*((f.loss / f.n_rows, f.dispersion) for f in fits), strict=True)
+        )
+        return self._described([self.extended(one) for one in fits], name, 1, chi_square, reduced)
+
+    def of_base(self, fit: Fit) -> dict[str, Any]:
+        """Neo-Hooke alone."""
+        model = self._model(fit.c, (), ())
+        return self._described([model], "neo-Hooke", 1, fit.loss / fit.n_rows, fit.loss / (fit.n_rows - 1))
+
+    def _described(
+        self, found: Sequence[ExtendedModel], name: str, splines: int, chi_square: float, reduced: float
+    ) -> dict[str, Any]:
+        """One model, or several whose predictions are averaged; amplitudes are those of a single one."""
+        alone = found if len(found) == 1 else ()
+        return {
+            "name": name,
+            "base": base_name(splines),
+            "effects": sorted({a.effect.name for model in found for a in model.additions}),
+            "chi_square": chi_square,
+            "reduced_chi_square": reduced,
+            "amplitudes": [
+                {
+                    "effect": a.effect.name,
+                    "name": p.name,
+                    "unit": amplitude_unit(p, model.unit),
+                    "value": v,
+                    "deviation": d,
+                }
+                for model in alone
+                for a, deviations in zip(model.additions, model.errors, strict=True)
+                for p, v, d in zip(a.effect.amplitudes, a.amplitudes, deviations, strict=True)
+            ],
+            "shapes": [
+                {"effect": a.effect.name, "name": p.name, "unit": amplitude_unit(p, model.unit), "value": v}
+                for model in alone
+                for a in model.additions
+                for p, v in zip(a.effect.shapes, a.shape, strict=True)
+            ],
+            "members": [model.to_dict() for model in found],
+            **account(self.whole, found, self.split, self.spacing),
+        }

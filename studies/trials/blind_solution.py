@@ -1,0 +1,182 @@
+"""A blind trial solved and observed without noise: a `Trial` in, its exact solution and clean Experiment out.
+
+The specimens and their meshes, of quads for the solution and of triangles for the camera, are the same in all trials.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from calibrate.data.experiment import Experiment
+from forward.loading import Loading
+from meshes import Cross, Mesh, PlateWithHole, Specimen, specimen_from_dict
+from studies.synthetic.disturbances import (
+    Disturbance,
+    ForceGain,
+    ForceOffset,
+    Lag,
+    LensDistortion,
+    OutOfPlane,
+    Rotation,
+    Scale,
+    SubsetSmoothing,
+    UnmeasuredStrip,
+    Warp,
+    observe,
+)
+from studies.trials.blind_effects import SOLID
+
+if TYPE_CHECKING:
+    from forward.effects import Sheet
+    from forward.solution import SurfaceSolution
+    from studies.trials.blind_data import Trial
+
+Array = NDArray[np.float64]
+CROSS_SCALE = 0.25
+SPECIMENS: dict[str, Specimen] = {
+    "cross": Cross(**{name: CROSS_SCALE * value for name, value in Cross().dimensions().items()}),
+    "plate": PlateWithHole(half_length=30, half_width=15, far_size=3, hole_radius=5, hole_size=0.8),
+    "wide plate": PlateWithHole(half_length=25, half_width=20, far_size=3, hole_radius=8, hole_size=1.0),
+}
+SIZES = {  # of the quads at holes and far from them, mm: fine enough where grips and free edges meet
+    "cross": {"hole_size": 0.36, "far_size": 1.8},
+    "plate": {"hole_size": 0.7, "far_size": 1.1},
+    "wide plate": {"hole_size": 0.7, "far_size": 1.1},
+}
+CAMERA_NODES = 1400
+VISCOUS_SUBSTEPS = 3
+SET_SUBSTEPS = 4
+SOLID_LAYERS = 2  # of hexes in half the thickness
+
+
+def clean_experiment(trial: Trial, size_factor: float = 1.0) -> Experiment:
+    """The Experiment of a trial before noise. size_factor: of the quads."""
+    mesh, specimen = camera_mesh(trial.specimen), SPECIMENS[trial.specimen]
+    return observe(solve(trial, size_factor), specimen, mesh, disturbances(trial), shares(trial), f"blind {trial.seed}")
+
+
+def shares(trial: Trial) -> Array:
+    """Share (t,) of the largest load factor, which an out-of-plane motion follows."""
+    return np.asarray(trial.factors) / max(trial.factors)
+
+
+@lru_cache(maxsize=8)
+def camera_mesh(specimen: str) -> Mesh:
+    """The fixed triangulation of a specimen."""
+    from meshes import triangles
+
+    return triangles(SPECIMENS[specimen], n_nodes=CAMERA_NODES)
+
+
+@lru_cache(maxsize=16)
+def forward_mesh(specimen: str, size_factor: float = 1.0, quarter: bool = False) -> Mesh:
+    """The quads of a specimen."""
+    from meshes import quads
+
+    described = specimen_from_dict({**SPECIMENS[specimen].to_dict(), **SIZES[specimen]})
+    return quads(described, quarter, size_factor)
+
+
+def solve(trial: Trial, size_factor: float = 1.0) -> SurfaceSolution:
+    """Exact surface displacements at the pictures and forces at the readings."""
+    lag = next((d for d in disturbances(trial) if isinstance(d, Lag)), None)
+    if any(hidden.name == SOLID for hidden in trial.effects):
+        return _solve_solid(trial, size_factor, lag)
+    from forward.inelastic import solve_history
+
+    factors, times = (trial.factors, trial.times) if lag is None else lag.schedule(trial.factors, trial.times)
+    described = sheet(trial)
+    solution = solve_history(
+        forward_mesh(trial.specimen, size_factor),
+        described,
+        Loading.clamped(SPECIMENS[trial.specimen].loaded, trial.displacement),
+        factors,
+        times,
+        substeps=VISCOUS_SUBSTEPS if described.prony else SET_SUBSTEPS if described.permanent_set else 1,
+    )
+    return solution if lag is None else lag.split(solution, trial.times)
+
+
+def _solve_solid(trial: Trial, size_factor: float, lag: Lag | None) -> SurfaceSolution:
+    """The surface of a thick specimen, an eighth of which is solved; forces at the readings by a spline."""
+    from forward.solid_model import Options
+    from forward.solid_model import solve as solve_in_3d
+    from meshes.extrusion import extrude
+
+    sides = SPECIMENS[trial.specimen].loaded
+    solution = solve_in_3d(
+        extrude(forward_mesh(trial.specimen, size_factor, quarter=True), trial.thickness, SOLID_LAYERS),
+        trial.material,
+        Loading.clamped(sides, trial.displacement, dimension=3),
+        len(trial.factors),
+        options=Options(tolerance=1e-6, volume_tolerance=1e-6),
+    )
+    surface = replace(solution.surface().mirrored(), time=np.asarray(trial.times))
+    if lag is None:
+        return surface
+    read = {
+        side: CubicSpline([0.0, *trial.times], [np.zeros(2), *force])(surface.time + lag.dt)
+        for side, force in surface.reactions.items()
+    }
+    return replace(surface, reactions=read)
+
+
+def sheet(trial: Trial) -> Sheet:
+    """The sheet with the effects that are in the material."""
+    from forward import effects as laws
+
+    additions: list[laws.Addition] = []
+    changes: dict[str, Any] = {}
+    for hidden in trial.effects:
+        a, s, more = hidden.amplitudes, hidden.shape, hidden.more
+        match hidden.name:
+            case "second invariant":
+                additions.append(laws.MooneyPart(a["c01"]))
+            case "compressibility":
+                changes["bulk_modulus"] = 1 / a["beta"]
+            case "one fibre family":
+                additions.append(laws.Fibres(a["k"], (s["angle"],)))
+            case "two fibre families":
+                additions.append(laws.Fibres(a["k"], (s["axis"] + s["half"], s["axis"] - s["half"])))
+            case "stiffness gradient":
+                length = 2 * max(SPECIMENS[trial.specimen].half_extent)
+                additions.append(laws.Gradient(a["gx"], a["gy"], length))
+            case "stiffness field":
+                additions.append(laws.Patch(more["height"], more["x"], more["y"], more["width"]))
+            case "viscoelasticity":
+                changes["prony"] = laws.Prony(a["g"], s["tau"])
+            case "Mullins softening":
+                additions.append(laws.Mullins(a["r"]))
+            case "Payne softening":
+                additions.append(laws.Payne(a["r"], s["x0"]))
+            case "permanent set":
+                changes["permanent_set"] = laws.PermanentSet(a["a"])
+    return laws.Sheet(trial.material, trial.thickness, tuple(additions), **changes)
+
+
+def warp(more: dict[str, float]) -> Warp:
+    """The bent specimen of a trial."""
+    return Warp(int(more["axis"]), more["slope"], more["place"], more["width"])
+
+
+def disturbances(trial: Trial) -> list[Disturbance]:
+    """The effects that are in the recording."""
+    kinds: dict[str, type[Disturbance]] = {
+        kind.name: kind
+        for kind in (ForceOffset, ForceGain, Lag, Rotation, Scale, LensDistortion, OutOfPlane, UnmeasuredStrip)
+    }
+    found: list[Disturbance] = []
+    for hidden in trial.effects:
+        if hidden.name in kinds:
+            found.append(kinds[hidden.name](**hidden.amplitudes))
+        elif hidden.name == SubsetSmoothing.name:
+            found.append(SubsetSmoothing(hidden.more["side"]))
+        elif hidden.name == Warp.name:
+            found.append(warp(hidden.more))
+    return found

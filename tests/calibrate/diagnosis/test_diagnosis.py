@@ -1,0 +1,404 @@
+"""Diagnosis: weights, score test, and verdicts on data whose effect is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import synthetic
+from scipy import stats
+from scipy.optimize import lsq_linear, nnls
+
+from calibrate import errors
+from calibrate.data.experiment import Noise
+from calibrate.diagnosis import effect_fit, effect_score, selection, whitened
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition, Chain
+from calibrate.equations import discretisation_error, kinematics, noise_covariance
+from calibrate.equations.basis import SingleBasis, basis_for
+from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
+from calibrate.equations.whitening import Whitening
+from calibrate.fitting import least_squares
+from studies.trials import blind_data
+
+NOISE = Noise(0.004, 3.0, 3e-4, 2e-3)
+
+
+@cache
+def sheet(c01=0.0, seed=1):
+    """The plate in Mooney-Rivlin rubber, with noise and times."""
+    clean = synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, c01), n_increments=6)
+    return replace(synthetic.with_noise(clean, NOISE, seed), time=np.arange(1.0, 7.0), noise=NOISE)
+
+
+@cache
+def prepared(c01=0.0, seed=1):
+    return effect_fit.prepare([sheet(c01, seed)], [selection.HoldOut().training])
+
+
+NAMES = ("second invariant", "force offset", "stiffness gradient", "out-of-plane motion", "lens distortion",
+         "Mullins softening", "force gain", "DIC scale")  # fmt: skip
+FEW = tuple(e for e in CATALOGUE if e.name in NAMES)
+
+
+@cache
+def found(c01=0.0, seed=1):
+    return selection.close_loop(*prepared(c01, seed), FEW, whole_table=False)
+
+
+def effect(name):
+    return next(e for e in CATALOGUE if e.name == name)
+
+
+def test_a_fit_says_whether_it_has_converged():
+    problem, base = prepared(0.03)
+    mooney = (Addition(effect("second invariant"), (0.0,), ()),)
+    early, late = (effect_fit.refit(problem, 2 * base.c, mooney, n) for n in (1, 6))
+    assert not early.converged and early.last_step > 10
+    assert late.converged
+    assert late.last_step < 0.1
+
+
+def test_whitening_gives_unit_covariance():
+    """Noise of every increment and a source common to all, drawn with their covariance."""
+    rng = np.random.default_rng(0)
+    t, rows = 3, 5
+    lowers = tuple(np.tril(rng.standard_normal((rows, rows))) + 3 * np.eye(rows) for _ in range(t))
+    source = rng.standard_normal((t, rows, 2))
+    draws = 20000
+    noise = np.stack([rng.standard_normal((draws, rows)) @ low.T for low in lowers], axis=1)
+    data = noise + np.einsum("trs,ns->ntr", source, rng.standard_normal((draws, 2)))
+    plain = Whitening(np.ones((t, rows), bool), lowers, np.zeros((t * rows, 0)), np.zeros(0))
+    V = plain(np.moveaxis(source, -1, 0)).T
+    U, s, _ = np.linalg.svd(V, full_matrices=False)
+    white = Whitening(plain.rows, lowers, U, 1 / np.sqrt(1 + s**2) - 1)
+    covariance = np.cov(white(data).T)
+    np.testing.assert_allclose(covariance, np.eye(t * rows), atol=5 * np.sqrt(2 / draws))
+    z, r = rng.standard_normal(t * rows), rng.standard_normal((t, rows))
+    assert (white.adjoint(z) * r).sum() == pytest.approx(z @ white(r), rel=1e-12)
+
+
+def test_bounded_least_squares_is_that_of_scipy():
+    rng = np.random.default_rng(1)
+    A, b = rng.standard_normal((40, 6)), rng.standard_normal(40)
+    x = least_squares.bounded(A, b, np.zeros(6), np.full(6, np.inf))
+    np.testing.assert_allclose(x, nnls(A, b)[0], atol=1e-7)
+
+
+def test_what_lies_beyond_columns_has_its_degrees_of_freedom():
+    rng = np.random.default_rng(6)
+    columns = rng.standard_normal((30, 4))
+    columns = np.column_stack([columns, columns @ [1.0, 2.0, 0.0, -1.0]])
+    r = rng.standard_normal(30)
+    loss, degrees = least_squares.beyond(r + columns @ rng.standard_normal(5), columns)
+    assert degrees == 26
+    assert loss == pytest.approx(np.sum((r - columns @ np.linalg.lstsq(columns, r, rcond=None)[0]) ** 2), rel=1e-9)
+
+
+def test_adjusted_p_is_uniform_where_nothing_is():
+    """Of searches in pure noise, the smallest adjusted p is below q in a share q."""
+    rng = np.random.default_rng(2)
+    Q = [np.linalg.qr(rng.standard_normal((60, k)))[0] for k in (1, 1, 3)]
+    Q[1] = np.concatenate([Q[1], 0.9 * Q[1] + 0.44 * np.linalg.qr(rng.standard_normal((60, 1)))[0]], axis=1)
+    Q[1][:, 1] /= np.linalg.norm(Q[1][:, 1])
+    smallest = []
+    for _ in range(150):
+        z = rng.standard_normal(60)
+        T = [(Q[0][:, 0] @ z) ** 2, max((Q[1].T @ z) ** 2), ((Q[2].T @ z) ** 2).sum()]
+        scores = [effect_score.Score(CATALOGUE[i], "tested", score=T[i], degrees=k) for i, k in enumerate((1, 1, 3))]
+        smallest.append(min(s.adjusted for s in effect_score.adjust(scores, Q, 1.0, 0)))
+    assert stats.kstest(smallest, "uniform").pvalue > 0.01
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5])
+def test_a_coarse_base_has_few_functions_and_neo_hooke_among_them(n):
+    basis = SingleBasis(0, 2.0)
+    cone = whitened.base_cone(basis, "positive", 2.0, n)
+    assert cone.shape == (basis.n_functions, n)
+    assert cone.sum(axis=1) == pytest.approx(neo_hooke(basis, 2.0), abs=1e-12)
+
+
+def test_mean_shift_is_that_of_many_draws():
+    """Noise changes the mean of the residual by the sum over sigma points."""
+    e = sheet()
+    system = equilibrium(e)
+    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    assert isinstance(basis, SingleBasis)
+    chain, c = Chain(system, basis), neo_hooke(basis, 0.3)
+    factor = noise_covariance.noise_factor(e.points, replace(NOISE, displacement_std=0.05))
+    rng = np.random.default_rng(3)
+    mean, draws = np.zeros_like(system.loads), 150
+    base = chain.residual(c)
+    for _ in range(draws):
+        noise = noise_covariance.sample(factor, rng, e.n_increments)
+        mean += 0.5 * (chain.disturbed(noise).residual(c) + chain.disturbed(-noise).residual(c)) - base
+    mean /= draws
+    shift = chain.noise_shift(c, factor)
+    slope = (mean * shift).sum() / (shift**2).sum()
+    assert slope == pytest.approx(1, abs=0.1)
+
+
+def test_sources_are_the_derivative_of_the_correction():
+    """The sources common to all edges: how the residual answers when the recovery is scaled."""
+    e = sheet()
+    system = equilibrium(e)
+    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = neo_hooke(basis, 0.3)
+    bend, segment = np.moveaxis(discretisation_error.sources(system, basis, c)[..., -2:], -1, 0)
+    middle, to_gradient = discretisation_error.edge_operators(system)
+    correction = to_gradient @ middle
+    step = 1e-4
+    twins = []
+    for sign in (1, -1):
+        twin = Equilibrium(e, system.fields)
+        twin.__dict__["gradient"] = system.gradient + sign * step * correction
+        twins.append(twin)
+    residuals = []
+    for twin in twins:
+        F = kinematics.deformation_gradients(twin.gradient, e.displacements)
+        residuals.append(np.array([twin.matrix(basis, f) @ c for f in F]))
+    slope = (residuals[0] - residuals[1]) / (2 * step)
+    assert np.linalg.norm(bend - slope) < 0.15 * np.linalg.norm(slope)  # the smallest corrections are left out
+    assert np.abs(segment).max() > 0
+
+
+def test_forces_are_pulled_back_by_the_transposed_tangent():
+    """Adjoint identity with the derivative of the residual along a displacement, by finite differences."""
+    system = equilibrium(sheet())
+    basis = basis_for("I1", 1.01 * system.deformation_gradients.reshape(-1, 2, 2), 8)
+    chain, c = Chain(system, basis), neo_hooke(basis, 0.3) * np.linspace(1.0, 1.4, basis.n_functions)
+    rng = np.random.default_rng(5)
+    forces, direction = (rng.standard_normal(shape) for shape in (system.loads.shape, chain.data.u.shape))
+    ends = [chain.disturbed(sign * 1e-6 * direction).residual(c) for sign in (1, -1)]
+    slope = (ends[0] - ends[1]) / 2e-6
+    back = chain.pulled_back(c, (), forces)
+    np.testing.assert_allclose((back * direction).sum(axis=(1, 2)), (forces * slope).sum(axis=1), rtol=1e-6)
+
+
+def test_prediction_is_judged_with_the_uncertainty_of_the_fit():
+    """The rise of the misfit is e^T (I + B (A^T A)^-1 B^T)^-1 e with the error of prediction e = s - B A^+ r."""
+    problem, _ = effect_fit.prepare([sheet()], [selection.HoldOut().training], with_discrepancy=False)
+    state = effect_fit.refit(problem, whitened.first_guess([problem.parts[0].assembled]), ())
+    chi_square, degrees = effect_fit.predictive(problem, state)
+    part = problem.parts[0]
+    F = part.system.deformation_gradients
+    G = np.moveaxis(np.array([part.system.matrix(problem.basis, f) for f in F]), -1, 0)
+    A, B = part.train(G).T, part.held(G).T
+    A, B = (M / np.maximum(np.linalg.norm(A, axis=0), 1e-300) for M in (A, B))
+    r = part.residual(state.c)
+    e = part.held(r) - B @ np.linalg.lstsq(A, part.train(r), rcond=1e-10)[0]
+    spread = np.eye(len(e)) + B @ np.linalg.pinv(A.T @ A, rcond=1e-12, hermitian=True) @ B.T
+    assert chi_square == pytest.approx(e @ np.linalg.solve(spread, e), rel=0.02)
+    assert degrees == pytest.approx(len(e), abs=6)
+    assert stats.chi2.sf(chi_square, degrees) > 1e-3
+
+
+def test_slow_disturbances_hold_a_force_that_is_wrong_by_a_constant():
+    problem, _ = prepared()
+    columns = whitened.slow(problem)
+    part = problem.parts[0]
+    wrong = np.zeros(part.shift.shape)
+    wrong[:, : part.system.fields.n_fields] = part.system.fields.boundary == 0
+    white = part.train(wrong)
+    Q = least_squares.orthonormal(columns)
+    assert np.linalg.norm(white - Q @ (Q.T @ white)) < 1e-6 * np.linalg.norm(white)
+    assert Q.shape[1] == 88  # 4 times x 2 components x (9 places + 2 boundaries)
+
+
+def test_a_small_transverse_force_is_seen_without_any_candidate():
+    """The misfit of all equations hardly rises; that of slow disturbances does."""
+    e = sheet()
+    wrong = np.array([0.0, 3 * NOISE.force_std])
+    moved = replace(e, loaded=tuple(replace(b, force=b.force + wrong) for b in e.loaded))
+    _, state = effect_fit.prepare([moved], [selection.HoldOut().training])
+    (everything, n), _, (smooth, k) = state.misfits
+    assert stats.chi2.sf(smooth, k) < 1e-4
+    assert stats.chi2.sf(everything, n) > 0.1
+    assert state.p_value < selection.GLOBAL
+
+
+def test_nothing_is_found_where_nothing_is():
+    result = found()
+    assert result.verdict == "nothing significant"
+    assert result.final.additions == ()
+    assert result.base.p_value > 0.01
+
+
+def test_second_invariant_is_found_with_its_amplitude():
+    result = found(0.02)
+    assert result.verdict == "explained"
+    assert result.named == ("second invariant",)
+    (amplitude,), (deviation,) = result.final.additions[0].amplitudes, result.final.errors[0]
+    assert abs(amplitude - 0.02) < 3 * deviation
+    assert deviation < 0.1 * 0.02
+    first, last = result.rounds[0], result.rounds[-1]
+    assert last.held.chi_square < 0.5 * first.held.chi_square
+
+
+def test_nothing_is_explained_without_a_name():
+    """An effect without which the others meet the data as well is not the explanation, though little is left."""
+    result = found(0.02)
+    first, last = result.rounds[0], result.rounds[-1]
+    still = (first, replace(last, rows=first.rows))  # candidates are still significant
+    name = "second invariant"
+    assert selection._conclude(result.problem, still, selection.Review({name: 100.0})).named == (name,)
+    idle = selection._conclude(result.problem, still, selection.Review({name: -1.0}))
+    assert (idle.verdict, idle.named, idle.closest) == ("significant, not explained", (), (name,))
+
+
+def test_absent_effect_is_not_given_another_name_without_saying():
+    """Without the second invariant in the catalogue nothing but its likes may be named."""
+    rest = [e for e in FEW if e.name != "second invariant"]
+    result = selection.close_loop(*prepared(0.02), rest, whole_table=False)
+    like = dict(next(r for r in found(0.02).rounds[0].rows if r.name == "second invariant").like)
+    assert all(like.get(name, 0.0) > 0.9 for name in result.named)
+
+
+def test_amplitudes_of_a_family_stay_within_their_bounds():
+    """A warp only shortens: its score is the fall of the misfit at the best amplitudes that are admissible."""
+    problem, state = prepared(0.02)
+    warp = effect("initial warp")
+    U, r = state.columns, state.residual - state.columns @ (state.columns.T @ state.residual)
+    one, _ = effect_score.examine_shape(problem, state, Addition(warp, (0.0,) * len(warp.amplitudes)), U, r)
+    S = whitened.signature(problem, state.chains, state.c, (Addition(warp, (0.0,) * len(warp.amplitudes)),))
+    left = S - U @ (U.T @ S)
+    bounds = [[getattr(p, end) for p in warp.amplitudes] for end in ("lower", "upper")]
+    best = lsq_linear(left / np.linalg.norm(left), -r / np.linalg.norm(left), bounds, method="bvls", tol=1e-14)
+    free = np.linalg.lstsq(left, -r, rcond=None)[0]
+    assert (free < bounds[0]).any() and one.admissible
+    assert np.all(np.array(one.amplitudes) >= np.array(bounds[0]) - 1e-15)
+    assert one.score == pytest.approx(r @ r - ((r + left @ best.x) ** 2).sum(), rel=1e-3)
+    assert one.score < r @ r - ((r + left @ free) ** 2).sum()
+
+
+def test_a_single_increment_is_not_explained_by_an_offset_of_its_force():
+    one = sheet(0.02)
+    last = tuple(replace(b, force=b.force[-1:]) for b in one.loaded)
+    one = replace(one, displacements=one.displacements[-1:], loaded=last, time=one.time[-1:])
+    result = selection.discover([one], selection.HoldOut("none", None), effects=FEW, whole_table=False)
+    scores = {row.name: row.score for row in result.rounds[0].rows}
+    assert scores["force offset"].status == "not testable"
+    assert "more increments" in scores["force offset"].why
+
+
+def test_without_forces_among_what_is_held_out_there_is_no_force_error():
+    problem, state = effect_fit.prepare([sheet()], [selection.HoldOut("half", "left").training])
+    held = selection.misfit(problem, state.c, (), True)
+    assert np.isnan(held.force) and held.field > 0
+    assert selection.misfit(problem, state.c, (), False).force > 0
+
+
+def test_a_step_never_raises_the_misfit_much():
+    """From amplitudes absurdly far away a fit ends no worse than without the effect."""
+    problem, state = prepared(0.02)
+    far = Addition(effect("second invariant"), (3.0,))
+    assert whitened.loss(problem, state.c, (far,)) > 100 * state.loss
+    assert effect_fit.refit(problem, state.c, (far,)).loss < state.loss
+
+
+def test_a_fit_that_runs_away_is_named_and_refuses_its_effect(monkeypatch):
+    """An effect that multiplies the stress of a base of which nothing is left."""
+    problem, state = prepared(0.02)
+    payne = Addition(effect("Payne softening"), (5.0,), (1.0,))
+    with pytest.raises(errors.FitError, match="Payne softening ran away"):
+        effect_fit.refit(problem, 0 * state.c, (payne,))
+    now = selection._round(problem, state, [effect("second invariant")], False, 0, lambda text: None)
+    right = effect_fit.refit
+    monkeypatch.setattr(
+        effect_fit, "refit", lambda problem, c, additions, iterations=6: right(problem, 0 * c, (payne,))
+    )
+    refused, fit = selection._extend(problem, now, lambda text: None)
+    assert fit is None
+    assert refused.remarks == ("second invariant: no fit with it is better than without it",)
+
+
+def test_what_is_refused_keeps_its_fit():
+    """So that its error on data held out can be seen, also where not every candidate is refitted."""
+    problem, state = prepared(0.02)
+    now = selection._round(
+        problem, state, [e for e in FEW if e.name == "second invariant"], False, 0, lambda text: None
+    )
+    worse = replace(now, held=replace(now.held, force=0.0, field=0.0, chi_square=0.0))
+    refused, fit = selection._extend(problem, worse, lambda text: None)
+    assert fit is None
+    assert "does not fall" in refused.remarks[0]
+    assert refused.rows[0].fit is not None and refused.rows[0].held is not None
+
+
+def test_gauges_and_what_the_data_lack_are_named():
+    scores = {row.name: row.score for row in found().rounds[0].rows}
+    assert scores["force gain"].status == scores["DIC scale"].status == "gauge"
+    assert scores["Mullins softening"].status == "not testable"
+    assert "unloading" in scores["Mullins softening"].why
+
+
+def test_signature_of_a_gauge_is_absorbed():
+    """A common factor of the forces is what the base can do: nothing of it is left."""
+    problem, state = prepared()
+    U = state.columns
+    r = state.residual - U @ (U.T @ state.residual)
+    gain = Addition(effect("force gain"), (0.0,))
+    assert effect_score.examine_shape(problem, state, gain, U, r)[0].absorbed > 0.95
+
+
+@pytest.mark.parametrize(("text", "kind"), [("every:2", "every"), ("after:3.5", "after"), ("half:left", "half")])
+def test_rules_hold_out_what_they_say(text, kind):
+    rule = selection.HoldOut.parse(text)
+    system = equilibrium(sheet())
+    mask = rule.training(system)
+    assert rule.kind == kind
+    assert mask.any()
+    assert not mask.all()
+    if kind == "after":
+        assert mask[:3].all()
+        assert not mask[3:].any()
+    if kind == "half":
+        assert (mask == mask[0]).all()
+
+
+def test_the_last_increment_is_never_held_out():
+    system = equilibrium(sheet())
+    for n in range(3, 7):
+        part = equilibrium(sheet().select(list(range(n)))) if n < 6 else system
+        for every in (2, 3, 4):
+            if n > every - 1:
+                mask = selection.HoldOut("every", every).training(part)
+                assert mask[-1].all() and not mask.all()
+                held = np.flatnonzero(~mask.any(axis=1))
+                assert (np.diff(held) == every).all()
+
+
+@pytest.mark.parametrize("text", ["every:1", "after:soon", "half:middle", "some"])
+def test_nonsense_is_refused(text):
+    with pytest.raises(errors.ConfigError, match="--hold-out"):
+        selection.HoldOut.parse(text)
+
+
+def test_holding_out_everything_is_refused():
+    with pytest.raises(errors.ConfigError, match="leaves nothing"):
+        selection.HoldOut.parse("after:0.5").training(equilibrium(sheet()))
+
+
+@pytest.mark.slow
+def test_families_of_fibres_that_close_up_are_declared_alike():
+    """One family from the UFL model: two families, left to imitate it, are named as its like."""
+    trial = next(t for s in range(60) if (t := blind_data.draw(s, "one fibre family")).specimen == "plate"
+                 and t.effects[0].amplitudes["k"] > 0.02 * t.material.shear_modulus)  # fmt: skip
+    result = selection.discover([blind_data.make(trial)[0]], whole_table=False)
+    row = next(r for r in result.rounds[0].rows if r.name == "one fibre family")
+    assert "one fibre family" in result.named
+    assert dict(row.like)["two fibre families"] > effect_score.COLLINEAR
+
+
+def test_a_lesser_effect_is_named_beside_one_that_leaves_nothing_for_it():
+    """1 % of what Mullins softening explains is another effect; of what fifteen cosines explain it is the sixteenth."""
+    by_name = {e.name: Addition(e, tuple(p.typical for p in e.amplitudes)) for e in CATALOGUE}
+    lesser = by_name["second invariant"]
+    for name, named in (("Mullins softening", True), ("stiffness field", False)):
+        both = (by_name[name], lesser)
+        found = selection.worth_a_name(both, {name: 1000.0, "second invariant": 10.0})
+        assert found == ((name, "second invariant") if named else (name,))
+        assert selection.worth_a_name(both[::-1], {name: 1000.0, "second invariant": 1.0}) == (name,)
+        assert "second invariant" in selection.worth_a_name(both, {name: 1000.0, "second invariant": 40.0})

@@ -1,0 +1,164 @@
+"""Effects fitted at once: what is there stays, what is not is taken out, in whatever order the candidates come."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from discoveries import C01, sheet
+
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis import effect_fit, effect_score, joint_fit, whitened
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition, Chain
+from calibrate.errors import FitError
+
+BY_NAME = {effect.name: effect for effect in CATALOGUE}
+NAMES = ("stiffness gradient", "second invariant", "lens distortion", "image rotation")
+PHI = 0.01
+
+
+@cache
+def turned() -> Experiment:
+    """A Mooney-Rivlin plate seen by a camera that is turned by PHI: places and displacements turn, forces do not."""
+    R = np.array([[np.cos(PHI), -np.sin(PHI)], [np.sin(PHI), np.cos(PHI)]])
+    e = sheet()
+    return replace(e, points=e.points @ R.T, displacements=e.displacements @ R.T)
+
+
+@cache
+def plate() -> tuple[whitened.Problem, effect_fit.Fit]:
+    return effect_fit.prepare([sheet()], [whitened.all_rows])
+
+
+@cache
+def turned_plate() -> tuple[whitened.Problem, effect_fit.Fit]:
+    return effect_fit.prepare([turned()], [whitened.all_rows])
+
+
+@cache
+def found(names: tuple[str, ...]) -> list[joint_fit.Joint]:
+    """The whole and what pays, with candidates in some order."""
+    problem, base = turned_plate()
+    scores = {s.effect.name: s for s in effect_score.score(problem, base, [BY_NAME[name] for name in names])}
+    start = joint_fit.candidates([scores[name] for name in names])
+    return joint_fit.reduced(problem, joint_fit.fit(problem, base.c, start, frozenset(names)))
+
+
+def amplitudes(one: joint_fit.Joint) -> dict[str, float]:
+    return {a.effect.name: a.amplitudes[0] for a in one.present}
+
+
+def test_all_slopes_are_finite_differences() -> None:
+    problem, base = plate()
+    chain: Chain = problem.parts[0].chain
+    effects = (BY_NAME["second invariant"], BY_NAME["one fibre family"], BY_NAME["lens distortion"])
+    additions = (Addition(effects[0], (0.02,)), Addition(effects[1], (0.01,), (0.3,)), Addition(effects[2], (0.002,)))
+    J = chain.jacobian(base.c, additions)
+    assert len(J) == sum(map(joint_fit.n_parameters, additions)) == 4
+    moves = [(0, "amplitudes"), (1, "amplitudes"), (1, "shape"), (2, "amplitudes")]
+    for column, (i, kind) in zip(J, moves, strict=True):
+        ends = []
+        for step in (1e-5, -1e-5):
+            moved = replace(additions[i], **{kind: (getattr(additions[i], kind)[0] + step,)})
+            ends.append(chain.residual(base.c, (*additions[:i], moved, *additions[i + 1 :])))
+        slope = (ends[0] - ends[1]) / 2e-5
+        assert np.abs(column - slope).max() < 1e-5 * np.abs(slope).max()
+
+
+def test_what_is_hidden_stays_and_what_is_not_is_taken_out() -> None:
+    path = found(NAMES)
+    final = path[-1]
+    assert final.active == {"second invariant", "image rotation"}
+    values, deviations = amplitudes(final), {k: d[0] for k, d in final.deviations.items()}
+    assert abs(values["second invariant"] - C01) < 3 * deviations["second invariant"]
+    assert abs(values["image rotation"] - PHI) < 3 * deviations["image rotation"]
+    assert all(one.converged for one in path)
+    assert final.dispersion == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.slow
+def test_the_order_of_the_candidates_does_not_matter() -> None:
+    here, there = found(NAMES), found(NAMES[::-1])
+    assert here[0].objective == pytest.approx(there[0].objective, rel=1e-3)
+    assert here[-1].active == there[-1].active
+    for name, value in amplitudes(here[-1]).items():
+        assert amplitudes(there[-1])[name] == pytest.approx(value, abs=0.2 * here[-1].deviations[name][0])
+
+
+def test_stiffness_follows_the_forces() -> None:
+    """Forces three times as large: every stress is three times as large, everything else is as it was."""
+    e = turned()
+    loaded = tuple(replace(b, force=3 * b.force) for b in e.loaded)
+    noise = replace(e.noise, force_std=3 * e.noise.force_std)
+    problem, base = effect_fit.prepare([replace(e, loaded=loaded, noise=noise)], [whitened.all_rows])
+    final = found(NAMES)[-1]
+    tripled = tuple(
+        replace(a, amplitudes=tuple(3 * v for v in a.amplitudes)) if a.effect.amplitudes[0].unit == "MPa" else a
+        for a in final.present
+    )
+    again = joint_fit.fit(problem, base.c, tripled, final.active)
+    assert again.converged
+    assert again.loss == pytest.approx(final.loss, rel=1e-4)
+    values, before = amplitudes(again), amplitudes(final)
+    assert values["second invariant"] == pytest.approx(3 * before["second invariant"], rel=0.02)
+    assert values["image rotation"] == pytest.approx(before["image rotation"], rel=0.02)
+
+
+def test_how_much_of_an_effect_the_others_imitate() -> None:
+    """A gradient beside a field of stiffness that holds its lowest terms."""
+    problem, base = turned_plate()
+    additions = (Addition(BY_NAME["stiffness gradient"], (0.0, 0.0)), Addition(BY_NAME["stiffness field"], (0.0,) * 15))
+    both = frozenset(a.effect.name for a in additions)
+    one = joint_fit.fit(problem, base.c, additions, both)
+    assert one.imitated["stiffness gradient"] > 0.8
+
+
+def test_the_cost_of_an_effect_is_the_rise_of_the_misfit_without_it() -> None:
+    """To first order; the rest is fitted again."""
+    problem, _ = turned_plate()
+    final = found(NAMES)[-1]
+    for name in final.active:
+        other = joint_fit.fit(problem, final.c, final.additions, final.active - {name}, name)
+        assert final.costs[name] == pytest.approx(other.loss - final.loss, rel=0.3)
+
+
+def test_the_prior_on_the_base_counts_in_what_is_minimised() -> None:
+    """A strong one takes the stiffening out, though that raises the misfit."""
+    problem, base = plate()
+    strong = replace(problem, prior=100 * problem.prior)
+    additions = (Addition(BY_NAME["second invariant"], (C01,)),)
+    plain, bound = (joint_fit.fit(one, base.c, additions, frozenset()) for one in (problem, strong))
+    stiffening = [np.linalg.norm(problem.prior @ np.linalg.lstsq(problem.cone, one.c)[0]) for one in (plain, bound)]
+    assert plain.converged and bound.converged
+    assert stiffening[1] < 0.1 * stiffening[0]
+    assert bound.loss > plain.loss
+    assert bound.objective < plain.loss + (100 * stiffening[0]) ** 2
+
+
+def test_a_start_that_pushes_where_the_grips_pull_is_named() -> None:
+    problem, base = plate()
+    additions = (Addition(BY_NAME["second invariant"], (-10.0,)),)
+    with pytest.raises(FitError, match="no finite start"):
+        joint_fit.fit(problem, base.c, additions, frozenset({"second invariant"}))
+
+
+@pytest.mark.parametrize("at_minimum", [True, False])
+def test_a_fit_that_cannot_move_has_converged_only_at_a_minimum(
+    at_minimum: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every step raises the misfit, as with slopes that are wrong: what they promise decides."""
+    problem, _ = turned_plate()
+    final = found(NAMES)[-1]
+    start = final.additions if at_minimum else tuple(joint_fit._nulled(a) for a in final.additions)
+    right, calls = joint_fit._Equations.residual, iter([1.0, 1.0])
+
+    def raised(self: joint_fit._Equations, *where: Any) -> Any:
+        r, s, g = right(self, *where)
+        return next(calls, 1e3) * r, s, g
+
+    monkeypatch.setattr(joint_fit._Equations, "residual", raised)
+    assert joint_fit.fit(problem, final.c, start, final.active).converged is at_minimum

@@ -1,0 +1,412 @@
+"""Effects: nothing changes at their null value, their signature is a derivative, each does what its formula says."""
+
+import dataclasses
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from made_up import made_up_chain
+
+from calibrate.data.experiment import Experiment, LoadedBoundary
+from calibrate.effects import CATALOGUE, KNOWN, Data
+from calibrate.effects.borders import nearest_lines, subset_moments
+from calibrate.effects.branches import motion
+from calibrate.effects.camera_errors import LensDistortion, OutOfPlane, UnmeasuredStrip, undistorted
+from calibrate.effects.chain import Addition, gradients
+from calibrate.effects.compressibility import Compressibility
+from calibrate.effects.fibres import reinforcement
+from calibrate.effects.finite_thickness import Thickness
+from calibrate.effects.history import PermanentSet
+from calibrate.effects.load import ForceOffset, Lag
+from calibrate.effects.nodal_derivatives import second_derivatives
+from calibrate.effects.upturn import Upturn
+from calibrate.effects.viscosity import Viscosity
+
+EVERY = KNOWN
+NAMES = [effect.name for effect in EVERY]
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return made_up_chain()
+
+
+@pytest.fixture(scope="module")
+def c(chain):
+    return jnp.asarray(0.1 + 0.05 * np.linspace(0, 1, chain.basis.n_functions) ** 2)
+
+
+def residual(chain, c, effect, amplitudes, shape):
+    return chain.residual(c, (Addition(effect, tuple(map(float, amplitudes)), tuple(shape)),))
+
+
+def test_the_chain_is_the_linear_system(chain, c):
+    """The same residual as G c - load, which is assembled without JAX."""
+    system = chain.system
+    expected = [system.matrix(chain.basis, F) @ np.asarray(c) - np.nan_to_num(load)
+                for F, load in zip(system.deformation_gradients, system.loads, strict=True)]  # fmt: skip
+    np.testing.assert_allclose(np.asarray(chain.residual(c)), expected, atol=1e-13)
+
+
+@pytest.mark.parametrize("effect", EVERY, ids=NAMES)
+def test_null_changes_nothing(chain, c, effect):
+    """To round-off: with and without the effect, the residual is compiled differently."""
+    base = np.asarray(chain.residual(c))
+    null = [p.null for p in effect.amplitudes]
+    for shape in effect.shape_values(chain.data):
+        np.testing.assert_allclose(
+            residual(chain, c, effect, null, shape), base, rtol=0, atol=1e-13 * np.abs(base).max()
+        )
+
+
+@pytest.mark.parametrize("effect", EVERY, ids=NAMES)
+def test_signature_is_the_derivative(chain, c, effect):
+    """Against central differences, in every amplitude, each of which does something."""
+    shape = effect.shape_values(chain.data)[-1]
+    found = chain.signature(c, effect, shape)
+    assert np.isfinite(found).all()
+    assert all(np.abs(one).max() > 0 for one in found)
+    for i, parameter in enumerate(effect.amplitudes):
+        step = 1e-4 * parameter.typical
+        a = np.array([p.null for p in effect.amplitudes])
+        up, down = a.copy(), a.copy()
+        up[i] += step
+        down[i] -= step
+        slope = (residual(chain, c, effect, up, shape) - residual(chain, c, effect, down, shape)) / (2 * step)
+        np.testing.assert_allclose(found[i], slope, atol=1e-6 * np.abs(slope).max())
+
+
+TOGETHER = ("second invariant", "stiffness gradient", "Mullins softening", "viscoelasticity", "permanent set",
+            "3D effect of thickness", "compressibility", "initial warp", "lens distortion", "force offset",
+            "lag between force and image", "unmeasured strip")  # fmt: skip
+
+
+def strong(effect, chain):
+    shape = effect.shape_values(chain.data)[0]
+    return Addition(effect, tuple(p.null + 0.1 * p.typical for p in effect.amplitudes), shape)
+
+
+def test_order_of_finding_is_not_that_of_acting(chain, c):
+    """A stiffness gradient multiplies the stress of fibres too, if they were found after it."""
+    additions = [strong(e, chain) for e in EVERY if e.name in TOGETHER]
+    assert len(additions) == len(TOGETHER)
+    expected = chain.residual(c, tuple(additions))
+    np.testing.assert_array_equal(chain.residual(c, tuple(additions[::-1])), expected)
+    fibres, graded = (strong(e, chain) for e in EVERY if e.name in ("one fibre family", "stiffness gradient"))
+    stress, with_fibres = (np.asarray(chain.stress(c, found)) for found in ((graded, fibres), (fibres,)))
+    factor = np.asarray(chain.stress(c, (graded,)) / chain.stress(c))
+    np.testing.assert_allclose(stress, factor * with_fibres, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", TOGETHER)
+def test_derivative_between_other_effects(chain, c, name):
+    """Of an effect that others act before and after, against central differences."""
+    additions = [strong(e, chain) for e in EVERY if e.name in TOGETHER]
+    own = next(a for a in additions if a.effect.name == name)
+    others = tuple(a for a in additions if a is not own)
+    found = chain.derivative(c, (*others, own))
+    for i, parameter in enumerate(own.effect.amplitudes):
+        step = 1e-4 * parameter.typical
+        ends = []
+        for sign in (1, -1):
+            a = np.array(own.amplitudes)
+            a[i] += sign * step
+            ends.append(chain.residual(c, (Addition(own.effect, tuple(a), own.shape), *others)))
+        slope = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(found[i], slope, atol=2e-6 * np.abs(slope).max())
+
+
+def test_names_and_units_are_stated():
+    assert len(set(NAMES)) == len(EVERY)
+    for effect in CATALOGUE:
+        assert effect.formula and effect.source
+        assert effect.gauge or effect.decided_by
+        assert all(p.unit and p.lower <= p.null <= p.upper for p in effect.amplitudes)
+
+
+def test_what_the_data_lack_is_named(chain):
+    experiment = chain.system.experiment
+    ramp = Data.of(experiment.select([0, 1, 2]))
+    lacking = {effect.name: effect.missing(ramp) for effect in CATALOGUE}
+    assert {name: what for name, what in lacking.items() if what} == dict.fromkeys(
+        ("Mullins softening", "Payne softening", "permanent set"), "unloading"
+    )
+    timeless = Data.of(dataclasses.replace(experiment, time=None))
+    assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
+        "viscoelasticity",
+        "lag between force and image",
+    }
+
+
+def test_a_file_in_the_folder_is_a_candidate(tmp_path):
+    """Nothing else names it; in a process of its own, since the catalogue is made once."""
+    import calibrate
+
+    copy = tmp_path / "calibrate"
+    shutil.copytree(Path(calibrate.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    (copy / "effects" / "another.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from calibrate.effects.effect import Effect, Parameter\n"
+        "@dataclass(frozen=True)\n"
+        "class Another(Effect):\n"
+        "    name, stage, formula, amplitudes = 'another', 'load', 'f', (Parameter('a', '1', typical=1.0),)\n"
+    )
+    code = "from calibrate.effects import CATALOGUE; print(len(CATALOGUE), CATALOGUE[-1].name)"
+    found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert found.stdout.split() == [str(len(CATALOGUE) + 1), "another"]
+
+
+def test_a_first_picture_at_time_zero_is_loaded_at_once(chain):
+    """The overstress is there in full, and falls off from then on."""
+    F = jnp.broadcast_to(jnp.eye(2), (3, 1, 2, 2))
+    data = dataclasses.replace(chain.data, time=np.array([0.0, 1.0, 3.0]))
+    found = Viscosity().stress(data, F, F, jnp.array([0.3]), jnp.array([2.0]), None) - F
+    np.testing.assert_allclose(found[:, 0, 0, 0], 0.3 * np.exp(-data.time / 2.0), rtol=1e-12)
+
+
+def test_the_time_of_a_clock_is_not_that_of_a_loading(chain):
+    late = dataclasses.replace(chain.data, time=1.7e9 + chain.data.time)
+    assert Viscosity().missing(late) == "time counted from the start of loading"
+    assert Viscosity().missing(chain.data) is None
+
+
+def test_viscous_overstress_of_a_ramp(chain):
+    """Under S = rate t the branch carries g rate tau (1 - exp(-t / tau)); the recursion is exact for it."""
+    F = jnp.broadcast_to(jnp.eye(2), (4, 1, 2, 2))
+    time = chain.data.time
+    P = F * jnp.asarray(time)[:, None, None, None]
+    found = Viscosity().stress(chain.data, F, P, jnp.array([0.3]), jnp.array([2.0]), None) - P
+    np.testing.assert_allclose(found[:, 0, 0, 0], 0.3 * 2.0 * (1 - np.exp(-time / 2.0)), rtol=1e-12)
+
+
+def test_an_offset_points_along_the_largest_force(chain):
+    """Not along the last one, which after unloading may be anything."""
+    loads = jnp.array([[[2.0], [0.0]], [[4.0], [3.0]], [[-0.1], [0.0]]])
+    found = ForceOffset().loads(chain.data, loads, jnp.array([0.5]), ())
+    np.testing.assert_allclose(loads - found, np.broadcast_to([[[0.4], [0.3]]], (3, 2, 1)))
+
+
+def neo_hooke_law(f):
+    """P (2, 2) in plane stress, mu = 1."""
+    return f - jnp.linalg.inv(f).T / jnp.linalg.det(f) ** 2
+
+
+def strip_with_a_set(stretches, a, data):
+    """Nominal stress (t,) of a uniaxial strip; every network is free across, as the strip is."""
+    F = jnp.array([jnp.diag(jnp.array([s, s**-0.5])) for s in stretches])[:, None]
+    P = jax.vmap(jax.vmap(neo_hooke_law))(F)
+    return np.asarray(PermanentSet().stress(data, F, P, jnp.array([a]), (), neo_hooke_law))[:, 0, 0, 0]
+
+
+def test_permanent_set_leaves_a_longer_strip(chain):
+    """Free of force at (left + int w s)^(1/3) / (left + int w / s^2)^(1/3), w: broken at stretch s (Green and Tobolsky 1946)."""
+    a, made = 0.2, np.linspace(1, 2, 2001)
+    left = np.exp(-a * (made**2 + 2 / made - 3))
+    slope = -np.gradient(left, made)
+    free = ((left[-1] + np.trapezoid(slope * made, made)) / (left[-1] + np.trapezoid(slope / made**2, made))) ** (1 / 3)
+    assert free > 1.05
+    P = strip_with_a_set([*np.linspace(1, 2, 201)[1:], free], a, chain.data)
+    assert abs(P[-1]) < 1e-4 * P[-2]
+
+
+def test_permanent_set_hardly_depends_on_the_increments(chain):
+    """Ten increments a cycle against four hundred."""
+    path = np.concatenate([np.linspace(0, 0.6, 6)[1:], np.linspace(0.6, 0.15, 5)[1:]])
+    fine = np.interp(np.linspace(0, 9, 361), np.arange(10), np.concatenate([[0.0], path]))[1:]
+    coarse, exact = (strip_with_a_set(1 + p, 0.05, chain.data) for p in (path, fine))
+    plain = strip_with_a_set(1 + path, 0.0, chain.data)
+    change = exact[39::40] - plain
+    assert np.abs(coarse - plain - change).max() < 0.03 * np.abs(change).max()
+
+
+def test_upturn_is_the_third_term_of_yeoh(chain):
+    """P = 2 W' (F - F^-T / det(F)^2) with W = c30 (I1 - 3)^3."""
+    f = np.array([[1.4, 0.1], [0.2, 0.9]])
+    F, det = jnp.asarray(f)[None, None], np.linalg.det(f)
+    found = Upturn().stress(chain.data, F, jnp.zeros_like(F), jnp.array([0.02]), (), None)
+    slope = 3 * 0.02 * ((f**2).sum() + det**-2 - 3) ** 2
+    np.testing.assert_allclose(found[0, 0], 2 * slope * (f - np.linalg.inv(f).T / det**2), rtol=1e-12)
+
+
+def test_fibre_stress_is_the_slope_of_its_energy():
+    rng = np.random.default_rng(0)
+    F, H = np.eye(2) + 0.2 * rng.standard_normal((2, 2)), rng.standard_normal((2, 2))
+    M = np.array([np.cos(0.4), np.sin(0.4)])
+
+    def energy(f):
+        return 0.5 * (((f @ M) ** 2).sum() - 1) ** 2
+
+    slope = (energy(F + 1e-6 * H) - energy(F - 1e-6 * H)) / 2e-6
+    assert float((reinforcement(jnp.asarray(F), 0.4) * H).sum()) == pytest.approx(slope, rel=1e-8)
+
+
+@pytest.mark.parametrize("stretch", [1.1, 1.6])
+def test_compressible_sheet_is_exact(chain, c, stretch):
+    """Uniaxial sheet of mu / 2 (I1bar - 3) + kappa / 2 (J - 1)^2 with free sides and faces, solved exactly:
+    the correction is exact, the error of the incompressible sheet of first order in mu / kappa."""
+    from scipy.optimize import fsolve
+
+    mu = 0.3
+
+    def energy(l, kappa):
+        J = l[0] * l[1] * l[2]
+        return mu / 2 * (J ** (-2 / 3) * (l @ l) - 3) + kappa / 2 * (J - 1) ** 2
+
+    def exact(kappa):
+        slope = jax.grad(lambda l: energy(l, kappa))
+        sides = fsolve(lambda x: np.asarray(slope(jnp.array([stretch, *x])))[1:] / mu, [stretch**-0.5] * 2, xtol=1e-10)
+        return sides[0], float(slope(jnp.array([stretch, *sides]))[0])
+
+    def law(f):
+        det = f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
+        inverse = jnp.linalg.inv(f).T
+        return mu * (f - inverse / det**2)
+
+    def error(kappa):
+        l2, P_exact = exact(kappa)
+        F = jnp.diag(jnp.array([stretch, l2]))[None, None]
+        P = law(F[0, 0])[None, None]
+        corrected = Compressibility().stress(chain.data, F, P, jnp.array([1 / kappa]), (), law)
+        return abs(float(corrected[0, 0, 0, 0]) - P_exact) / P_exact, abs(float(P[0, 0, 0, 0]) - P_exact) / P_exact
+
+    (fine, plain_fine), (coarse, plain_coarse) = error(100 * mu), error(25 * mu)
+    assert plain_coarse / plain_fine == pytest.approx(4, rel=0.2)
+    assert fine < 1e-6
+    assert coarse < 1e-6
+
+
+def test_thickness_of_a_linear_sheet():
+    """Small strains, u = (x^2 / 2 - y^2 / 2, x y) e: div u = 2 e x, so F33 - 1 = -2 e x and the mean is off by
+    h^2 / 12 (-2 e, 0) everywhere (four cells inside: means at edge nodes are one-sided, and a slope reads three cells
+    around)."""
+    e = 1e-6
+    x, y = np.meshgrid(np.linspace(0, 10, 11), np.linspace(0, 10, 11), indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel()])
+    corner = (np.arange(10)[:, None] * 11 + np.arange(10)).ravel()
+    triangles = np.concatenate([np.column_stack([corner, corner + 11, corner + 12]),
+                                np.column_stack([corner, corner + 12, corner + 1])])  # fmt: skip
+    u = e * np.stack([(points[:, 0] ** 2 - points[:, 1] ** 2) / 2, points.prod(axis=1)], axis=-1)[None]
+    right = np.flatnonzero(points[:, 0] == 10)
+    experiment = Experiment(
+        "parabola", points, triangles, u, (LoadedBoundary("right", right, np.ones((1, 2))),), np.array([], int)
+    )
+    data = Data.of(experiment)
+    moved = np.asarray(Thickness().displacements(data, data.u, jnp.array([3.0]), ()) - data.u)[0]
+    inside = (np.abs(points - 5) < 1.5).all(axis=1)
+    np.testing.assert_allclose(moved[inside, 0], 3.0 * -2 * e, rtol=1e-4)
+    np.testing.assert_allclose(moved[inside, 1], 0.0, atol=1e-4 * e)
+
+
+def test_second_derivatives_of_parabolas_are_exact(chain):
+    data = chain.data
+    x, y = np.asarray(data.points).T
+    u = jnp.asarray(np.stack([x**2 - 3 * x * y, 2 * y**2 + x], axis=-1)[None])
+    found = np.asarray(second_derivatives(data, u))[0]
+    np.testing.assert_allclose(found[:, 0], np.broadcast_to([[2, -3], [-3, 0]], (len(x), 2, 2)), atol=1e-8)
+    np.testing.assert_allclose(found[:, 1], np.broadcast_to([[0, 0], [0, 4]], (len(x), 2, 2)), atol=1e-8)
+
+
+def test_motion_follows_each_branch():
+    """Parabolas in time, up to 2 s and back: exact on either side of the turning point, at rest at t = 0."""
+    t, way = np.array([0.5, 1.0, 2.0, 2.5, 3.5]), np.array([1.0, -2.0])
+
+    def up(t):
+        return t + 0.2 * t**2
+
+    def down(t):
+        return up(2.0) - 1.1 * (t - 2) + 0.1 * (t - 2) ** 2
+
+    u = np.where(t < 2, up(t), down(t))[:, None, None] * way
+    M = motion(t, u)
+    for s in (0.3, -0.3):
+        branch = 0 if s > 0 else 1
+        found = u + np.einsum("ij,jnc->inc", s * M[branch, 0] + s**2 * M[branch, 1], u)
+        on_first = t + s < 2 if s < 0 else t < 2
+        expected = np.where(on_first, up(t + s), down(t + s))
+        np.testing.assert_allclose(found[:, 0], expected[:, None] * way, atol=1e-12)
+
+
+def test_lag_at_a_turning_point(chain):
+    """After the third picture the sheet goes back, before it it came: either sign of dt lowers the displacement."""
+    u = chain.data.u
+    for dt in (0.1, -0.1):
+        moved = Lag().displacements(chain.data, u, jnp.array([dt]), (0.0,))
+        assert float(jnp.abs(moved[2]).sum()) < float(jnp.abs(u[2]).sum())
+
+
+def test_distorted_places_are_found_back(chain):
+    x = jnp.asarray(np.random.default_rng(0).uniform(-15, 15, (50, 2)))
+    for k in (-0.03, 0.0, 0.03):
+        seen = x * (1 + k * (x**2).sum(-1, keepdims=True) / 10.0**2)
+        np.testing.assert_allclose(undistorted(seen, k, 10.0), x, atol=1e-6)
+    data, k = chain.data, 0.02
+    X, R = data.points - 0.5 * jnp.array([20.0, 10.0]), 10.0
+    place = X + data.u
+    bent = [x * (1 + k * (x**2).sum(-1, keepdims=True) / R**2) for x in (X, place)]
+    from dataclasses import replace
+
+    seen = replace(data, points=bent[0], size=jnp.ptp(bent[0], axis=0).max())
+    true = LensDistortion().displacements(seen, bent[1] - bent[0], jnp.array([k]), ())
+    np.testing.assert_allclose(bent[0] + true, place, atol=1e-6)
+
+
+def test_out_of_plane_motion_is_undone(chain):
+    """Exactly, but for the share of the loading, which is read from magnified displacements."""
+    data, m = chain.data, 0.01
+    X = data.points - jnp.array([10.0, 5.0])
+    share = jnp.sqrt((data.u**2).mean(axis=(1, 2)))
+    share = (share / share.max())[:, None, None]
+    from dataclasses import replace
+
+    seen = replace(data, u=(X + data.u) * (1 + m * share) - X)
+    true = OutOfPlane().displacements(seen, seen.u, jnp.array([m]), ())
+    np.testing.assert_allclose(true, data.u, atol=0.02 * m * float(jnp.abs(X).max()))
+
+
+def test_subset_moments(chain):
+    """Of a whole square 1; at a straight edge -1/2 along the normal (a plane through x^2 on half of the square reads
+    -side^2 / 24 at its edge, where the whole square reads side^2 / 12), 1 along the edge; both in a corner."""
+    points, triangles = chain.system.experiment.points, chain.system.experiment.triangles
+    lines = nearest_lines(points, triangles)
+    np.testing.assert_allclose(lines[:, 0, 0], np.minimum.reduce([*points.T, 20 - points[:, 0], 10 - points[:, 1]]))
+    found = np.asarray(subset_moments(jnp.asarray(lines), 1.2))
+    at = {tuple(p): m for p, m in zip(points, found, strict=True)}
+    np.testing.assert_allclose(at[10, 5], np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(at[10, 10], np.diag([1, -0.5]), atol=0.01)
+    np.testing.assert_allclose(at[0, 5], np.diag([-0.5, 1]), atol=0.01)
+    np.testing.assert_allclose(np.diag(at[20, 0]), [-0.5, -0.5], atol=0.01)
+
+
+def test_a_strip_continues_the_stress(chain):
+    """In a homogeneous field the strip carries the stress of its neighbours: forces rise by its share of the width."""
+    from dataclasses import replace
+
+    data = chain.data
+    H = jnp.array([[0.2, 0.0], [0.0, -0.1]])
+    u = jnp.broadcast_to(data.points @ H.T, data.u.shape)
+    F = jnp.broadcast_to(jnp.eye(2) + H, (len(u), len(data.areas), 2, 2))
+    found = UnmeasuredStrip().stress(replace(data, u=u), F, F, jnp.array([0.5]), (), lambda f: f)
+    total = np.asarray((found[0] * data.areas[:, None, None]).sum(axis=0))
+    np.testing.assert_allclose(total, np.asarray(F[0, 0]) * (200 + 0.5 * 40), atol=1e-8)
+
+
+def test_a_strip_widens_the_sheet(chain):
+    """The areas gained are strip width times length of the free edges."""
+    data = chain.data
+    gained = float((np.asarray(data.edges) * data.areas).sum())
+    assert gained == pytest.approx(40.0)
+
+
+def test_gradients(chain):
+    np.testing.assert_allclose(gradients(chain.data, chain.data.u), chain.system.deformation_gradients, atol=1e-14)
+
+
+def test_the_documentation_lists_the_catalogue():
+    text = (Path(__file__).parents[3] / "docs" / "discover.md").read_text()
+    for effect in CATALOGUE:
+        assert f"| {effect.name} | {effect.stage} |" in text and effect.formula.replace("|", "\\|") in text

@@ -1,0 +1,173 @@
+"""Effects that amplify noise: their noise in the weights, in the score and in the fit, against samples and differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import synthetic
+from made_up import made_up_chain
+
+from calibrate.data.experiment import Noise
+from calibrate.diagnosis import effect_fit, signature_noise, whitened
+from calibrate.effects import Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
+from calibrate.effects.chain import Addition, Chain
+from calibrate.effects.effect import Data
+from calibrate.equations import noise_covariance
+from calibrate.equations.basis import SingleBasis
+from calibrate.equations.equilibrium import equilibrium, neo_hooke
+from calibrate.fitting import least_squares
+from studies.trials import blind_data, blind_solution
+
+NOISE = Noise(0.02, 1.5, 3e-4, 2e-3)
+SMOOTHED = 1.0  # mm^2
+SIDE = np.sqrt(12 * SMOOTHED)
+
+
+@cache
+def smoothed():
+    """The plate as subsets of SIDE see it, to the order in the variance of a subset that the effect has."""
+    clean = synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.0), n_increments=6, n_theta=56, n_radial=11)
+    data = Data.of(clean)
+
+    def corrected(a):
+        return SubsetSmoothing().displacements(data, data.u, jnp.array([a]), (SIDE,))
+
+    u = data.u - SMOOTHED * jax.jvp(corrected, (0.0,), (1.0,))[1]
+    return replace(clean, displacements=np.asarray(u), noise=NOISE)
+
+
+def addition(amplitude=SMOOTHED):
+    return Addition(SubsetSmoothing(), (amplitude,), (SIDE,))
+
+
+@cache
+def noisy(seed):
+    return replace(synthetic.with_noise(smoothed(), NOISE, seed), noise=NOISE)
+
+
+@cache
+def prepared(seed):
+    return effect_fit.prepare([noisy(seed)], [whitened.all_rows], with_discrepancy=False)
+
+
+def test_spread_of_noise_is_the_derivative_of_the_residual():
+    """By finite differences, and its transpose by the adjoint identity; an effect of displacements alone, so exact."""
+    system = equilibrium(noisy(0))
+    basis = SingleBasis(0, 1.0, 8)
+    chain, c = Chain(system, basis), neo_hooke(basis, 0.3)
+    factor = noise_covariance.noise_factor(system.experiment.points, NOISE)
+    rng = np.random.default_rng(1)
+    white = rng.standard_normal((factor.shape[1], 2))
+    u = np.broadcast_to(1e-4 * (factor @ white), chain.data.u.shape)
+    ends = [chain.disturbed(sign * u).residual(c, (addition(),)) for sign in (1, -1)]
+    slope = (ends[0] - ends[1]) / 2e-4
+    spread = chain.spread_of_noise(c, (addition(),), factor)
+    for i, K in enumerate(spread):
+        np.testing.assert_allclose(K @ white.T.ravel(), slope[i], atol=1e-5 * np.abs(slope[i]).max())
+    forces = rng.standard_normal(slope.shape)
+    back = chain.pulled_back(c, (addition(),), forces)
+    for i, K in enumerate(spread):
+        expected = np.einsum("s,s", forces[i], K @ white.T.ravel())
+        assert np.einsum("nk,nk", back[i], factor @ white) == pytest.approx(expected, rel=1e-9)
+
+
+IN_THE_MATERIAL = {
+    "viscoelasticity": Addition(Viscosity(), (0.4,), (1.5,)),
+    "Mullins softening": Addition(Mullins(), (0.3,)),
+    "permanent set": Addition(PermanentSet(), (0.1,)),
+}
+
+
+@pytest.mark.parametrize("plane", ["stress", "strain"])
+@pytest.mark.parametrize("name", IN_THE_MATERIAL)
+def test_noise_that_a_material_amplifies(name, plane):
+    """K of an increment is the derivative by its own displacements, as much larger as those of earlier ones ask for."""
+    chain = made_up_chain(plane)
+    c = neo_hooke(chain.basis, 0.3, *([2.0] if plane == "strain" else []))
+    factor = noise_covariance.noise_factor(chain.system.experiment.points, NOISE)
+    white = np.random.default_rng(2).standard_normal((factor.shape[1], 2))
+    field = factor @ white
+    additions = (IN_THE_MATERIAL[name], Addition(SecondInvariant(), (0.02,)))
+    n = chain.system.experiment.n_increments
+
+    def slope(u):
+        ends = [chain.disturbed(sign * 1e-5 * u).residual(c, additions) for sign in (1, -1)]
+        return (ends[0] - ends[1]) / 2e-5
+
+    each = np.array([slope(np.eye(n)[j][:, None, None] * field) for j in range(n)])  # (j, t, 2 v)
+    for i, K in enumerate(chain.spread_of_noise(c, additions, factor)):
+        found, own = K @ white.T.ravel(), each[i, i]
+        larger = float(found @ own / (own @ own))
+        np.testing.assert_allclose(found, larger * own, atol=1e-5 * np.abs(found).max())
+        assert larger == pytest.approx(np.sqrt((each[:, i] ** 2).sum() / (own @ own)), rel=0.03)
+    forces, u = np.random.default_rng(3).standard_normal((2, n, max(each.shape[2], 2 * len(field))))
+    forces, u = forces[:, : each.shape[2]], u[:, : 2 * len(field)].reshape(n, -1, 2)
+    back = chain.pulled_back(c, additions, forces)
+    assert (back * u).sum() == pytest.approx(float((forces * slope(u)).sum()), rel=1e-5)
+
+
+def test_weights_without_such_an_effect_stay_as_they_are():
+    problem, _ = prepared(0)
+    assert whitened.amplified(problem, ()) is problem
+    assert whitened.amplified(problem, (Addition(Thickness(), (0.0,), ()),)) is problem
+    assert whitened.amplified(problem, (addition(0.5),)).amplifying == (addition(0.5),)
+
+
+def test_excess_is_what_noise_adds_to_a_signature():
+    """Squared signatures of noisy displacements, less that of clean ones, mean over seeds against the estimate of each."""
+    problem, base = prepared(0)
+    chain = problem.parts[0].chain
+    thick = (Addition(Thickness(), (0.0,), ()),)
+    clean = chain.disturbed(smoothed().displacements - np.asarray(chain.data.u))
+    exact = whitened.signature(problem, [clean], base.c, thick)
+    exact = exact - base.columns @ (base.columns.T @ exact)
+    factor = noise_covariance.noise_factor(smoothed().points, NOISE)
+    added, estimated = [], []
+    for seed in range(40):
+        noise = noise_covariance.sample(factor, np.random.default_rng(seed), smoothed().n_increments)
+        moved = clean.disturbed(noise)
+        r = problem.white([moved.residual(base.c)]) - problem.white([clean.residual(base.c)])
+        seen = signature_noise.visible_noise(problem, base.c, (), r)[0]
+        chains = [moved.disturbed(-seen)]
+        plain = whitened.signature(problem, chains, base.c, thick)
+        S = plain - base.columns @ (base.columns.T @ plain)
+        added.append(float((S**2).sum() - (exact**2).sum()))
+        if seed < 6:
+            hidden = signature_noise.hidden_noise(problem, chains, base.c, ())
+            N = signature_noise.excess(problem, chains, base.c, thick, base.columns, np.ones(1), plain, hidden)
+            estimated.append(float(N[0, 0]))
+    error = np.std(added) / np.sqrt(len(added))
+    assert error < 0.1 * np.mean(estimated)
+    assert np.mean(estimated) > 0.1 * float((exact**2).sum())
+    assert abs(np.mean(added) - np.mean(estimated)) < 2.5 * error
+
+
+def test_information_left_is_never_less_than_a_share():
+    M, N = np.diag([4.0, 1.0]), np.diag([3.9, 0.25])
+    np.testing.assert_allclose(least_squares.less(M, N), np.diag([4 * least_squares.LEAST, 0.75]), atol=1e-12)
+    np.testing.assert_allclose(least_squares.less(M, np.zeros((2, 2))), M, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_thickness_is_found_without_bias_in_noise():
+    """A plate from the 3D model, five draws of noise: mean b, its spread, and the misfit of the true model."""
+    trial = blind_data.draw(5043, Thickness.name)
+    clean = blind_solution.clean_experiment(trial)
+    b, errors, chi, plain = [], [], [], []
+    for seed in range(5):
+        problem, base = effect_fit.prepare([blind_data.record(replace(trial, seed=seed), clean)], [whitened.all_rows])
+        start = (Addition(Thickness(), (0.5,), ()),)
+        _, fit = effect_fit.settled(problem, base.c, start)
+        b.append(fit.additions[0].amplitudes[0])
+        errors.append(fit.errors[0][0])
+        chi.append(fit.reduced_chi_square)
+        plain.append(effect_fit.refit(problem, base.c, fit.additions).reduced_chi_square)
+    assert abs(np.mean(b) - trial.effects[0].amplitudes["b"]) < 3 * np.mean(errors) / np.sqrt(5)
+    assert 0.3 < np.std(b, ddof=1) / np.mean(errors) < 2.0
+    assert np.mean(chi) == pytest.approx(1.0, abs=0.08)
+    assert np.mean(plain) > 1.1

@@ -1,0 +1,89 @@
+"""The noise factor against the covariance it stands for, and what noise does to the equations."""
+
+import numpy as np
+import pytest
+from synthetic import ArrudaBoyce, derivatives, plate_experiment, with_noise
+
+from calibrate.data.experiment import Noise
+from calibrate.equations import basis as bases
+from calibrate.equations import equilibrium as equations
+from calibrate.equations import noise_covariance, reduction
+from calibrate.models import pann
+
+NOISE = Noise(displacement_std=0.02, correlation_length=2.5, force_std=0.01)
+SPACING = 12.0
+
+
+def stated_covariance(points, noise):
+    distance2 = ((points[:, None] - points[None]) ** 2).sum(axis=2)
+    return noise.displacement_std**2 * np.exp(-distance2 / (2 * noise.correlation_length**2))
+
+
+def true_coefficients(basis):
+    J1 = basis.site_inputs[:, 0] + pann.REFERENCE[0]
+    psi = derivatives(ArrudaBoyce(), np.stack([J1, np.full_like(J1, 3.0)], axis=1))
+    return basis.interpolation @ psi.ravel()
+
+
+@pytest.mark.parametrize("length", [1.0, 2.5, 6.0])
+def test_factor_reproduces_the_stated_covariance(length):
+    points = np.random.default_rng(0).uniform(-15, 15, (250, 2))
+    noise = Noise(0.03, length)
+    factor = noise_covariance.noise_factor(points, noise)
+    covariance = (factor @ factor.T).toarray()
+    # sources 0.7 l apart, cut off at 3.2 l
+    np.testing.assert_allclose(covariance, stated_covariance(points, noise), atol=3e-4 * noise.displacement_std**2)
+    np.testing.assert_allclose(np.diag(covariance), noise.displacement_std**2, rtol=1e-12)
+
+
+def test_uncorrelated_noise_is_white():
+    points = np.random.default_rng(0).uniform(-15, 15, (50, 2))
+    factor = noise_covariance.noise_factor(points, Noise(0.03, 0.0)).toarray()
+    np.testing.assert_array_equal(factor, 0.03 * np.eye(50))
+
+
+def test_samples_have_the_stated_covariance():
+    points = np.stack(np.meshgrid(np.arange(5.0), np.arange(3.0)), axis=-1).reshape(-1, 2)
+    factor = noise_covariance.noise_factor(points, NOISE)
+    n = 20000
+    fields = noise_covariance.sample(factor, np.random.default_rng(1), n)
+    assert fields.shape == (n, 15, 2)
+    variance = NOISE.displacement_std**2
+    # standard error of a covariance from n samples: at most sqrt(2 / n) of the variance; 5 of them
+    for a, b, expected in ((0, 0, stated_covariance(points, NOISE)), (0, 1, np.zeros((15, 15)))):
+        empirical = fields[..., a].T @ fields[..., b] / n
+        np.testing.assert_allclose(empirical, expected, atol=5 * np.sqrt(2 / n) * variance)
+    between_increments = fields[1:, :, 0].T @ fields[:-1, :, 0] / n
+    np.testing.assert_allclose(between_increments, 0, atol=5 * np.sqrt(1 / n) * variance)
+
+
+def test_predicted_residual_covariance_is_the_empirical_one():
+    """Small noise through the full nonlinear chain, 200 seeds, against K Sigma K^T + Sigma_force."""
+    noise = Noise(1e-4, 2.5, force_std_relative=1e-4, force_std=1e-3)
+    clean = plate_experiment(n_increments=1, n_theta=24, n_radial=4)
+    system = equations.equilibrium(clean, SPACING)
+    basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = true_coefficients(basis)
+    factor = noise_covariance.noise_factor(clean.points, noise)
+    F = system.deformation_gradients[0]
+    predicted = noise_covariance.residual_covariance(system, basis, c, F, system.loads[0], factor, noise)
+    residuals = []
+    for seed in range(200):
+        noisy = equations.Equilibrium(with_noise(clean, noise, seed), system.fields)
+        residuals.append(noisy.matrix(basis, noisy.deformation_gradients[0]) @ c - noisy.loads[0])
+    variance = np.mean(np.square(residuals), axis=0) / np.diag(predicted)
+    assert np.abs(variance - 1).max() < 5 * np.sqrt(2 / 200)
+    assert abs(variance.mean() - 1) < 0.05
+
+
+def test_loss_of_the_true_model_is_a_chi_square():
+    """Loss / equations at the true material: 1 within 5 standard errors over seeds."""
+    clean = plate_experiment(n_increments=2)
+    ratios = []
+    for seed in range(6):
+        system = equations.equilibrium(with_noise(clean, NOISE, seed), SPACING)
+        basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+        quadratic = reduction.assemble(system, basis).quadratic(true_coefficients(basis))
+        ratios.append(quadratic.loss(true_coefficients(basis)) / quadratic.n_rows)
+    standard_error = np.sqrt(2 / quadratic.n_rows / len(ratios))
+    assert abs(np.mean(ratios) - 1) < 5 * standard_error

@@ -1,0 +1,346 @@
+"""`equigap calibrate`: what it writes, what it says, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+from synthetic import ArrudaBoyce, plate_experiment, with_noise
+
+from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
+from calibrate.equations.basis import basis_for
+from calibrate.equations.equilibrium import equilibrium
+from calibrate.errors import ConfigError
+from calibrate.fitting.calibration import Options, calibrate
+from calibrate.models import pann
+from calibrate.models.network_model import Model
+from studies.cli import main
+from studies.commands import calibrate as calibration
+from studies.reports import calibration_figures, calibration_words
+from studies.reports import calibration_review as reviews
+
+NOISE = Noise(0.01, 3.0, 1e-3, 1e-3)
+FAST = ("--layers", "2", "--starts", "3")
+
+
+@cache
+def noisy(n_increments=5):
+    return with_noise(plate_experiment(ArrudaBoyce(), n_increments=n_increments), NOISE, 1)
+
+
+@cache
+def view(known=True):
+    experiment = noisy() if known else replace(noisy(), noise=None)
+    return reviews.review(calibrate(experiment, Options(layers=(2,), starts=3)))
+
+
+@pytest.fixture
+def run(tmp_path, capsys, monkeypatch):
+    """Run the command on an experiment: exit code, folder, what was printed. Draws one figure unless told."""
+    every = calibration_figures.FIGURES
+
+    def command(experiment, *words, folder="out", figures=("starts",)):
+        monkeypatch.setattr(calibration_figures, "FIGURES", {name: every[name] for name in figures})
+        path = tmp_path / "experiment.npz"
+        if experiment is not None:
+            experiment.save(path)
+        code = main(["calibrate", str(path), "-o", str(tmp_path / folder), *FAST, *words])
+        said = capsys.readouterr()
+        return code, tmp_path / folder, said.out + said.err
+
+    return command
+
+
+# --- the command ----------------------------------------------------------------------------------------------
+
+
+def test_help_needs_no_heavy_package():
+    code = (
+        "import argparse, sys; from studies import calibration; "
+        "calibration.add_arguments(argparse.ArgumentParser()); "
+        "print([m for m in ('jax', 'numpy', 'matplotlib', 'scipy') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_everything_is_written(run):
+    code, folder, said = run(noisy(), figures=tuple(calibration_figures.FIGURES))
+    assert code == 0, said
+    model = Model.load(folder / "model.json")
+    assert model.unit == "MPa"
+    assert model.architecture.layers == (2,)
+    for name in calibration_figures.FIGURES:
+        assert (folder / f"{name}.png").stat().st_size > 5000
+    report = (folder / "report.html").read_text()
+    for words in ("initial shear modulus", "Reduced chi-square", "low loss is no proof", "calibrated range"):
+        assert words in report
+    assert report.count("<figure>") == len(calibration_figures.FIGURES)
+    manifest = json.loads((folder / "report.json").read_text())
+    assert manifest["seed"] == 0
+    assert manifest["results"]["unit"] == "MPa"
+    assert set(manifest["outputs"]) == {"report.html", "model.json", "forces.csv"}
+    points = manifest["results"]["curve_points"]
+    assert all(p["low_95"] < p["stress"] < p["high_95"] for p in points)
+    assert {p["calibrated"] for p in points} == {True, False}
+    assert model.uncertainty.covariance.shape == (model.architecture.n_parameters,) * 2
+    assert "95 % bands" in report
+    assert "MPa" in said
+    assert str(folder / "report.html") in said
+
+
+def test_table_of_forces_holds_measured_and_predicted(run):
+    _, folder, _ = run(replace(noisy(), time=np.linspace(2, 10, 5)))
+    lines = (folder / "forces.csv").read_text().splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    measured = np.array([float(row["right_x_measured"]) for row in rows])
+    assert measured == pytest.approx(noisy().loaded[1].force[:, 0])
+    predicted = np.array([float(row["right_x_predicted"]) for row in rows])
+    assert predicted == pytest.approx(measured, rel=0.05)
+    assert [float(row["time"]) for row in rows] == pytest.approx(np.linspace(2, 10, 5))
+
+
+def test_unknown_thickness_is_said_everywhere(run):
+    _, folder, said = run(replace(noisy(), thickness=None))
+    assert Model.load(folder / "model.json").unit == "N/mm"
+    assert "N/mm" in said
+    assert "MPa." in said  # how to get there
+    assert "The thickness is unknown" in (folder / "report.html").read_text()
+
+
+def test_quick_takes_fewer_increments_and_starts(run):
+    code, folder, said = run(noisy(9), "--quick")
+    assert code == 0
+    results = json.loads((folder / "report.json").read_text())["results"]
+    assert results["options"]["starts"] == 3
+    assert f"{calibration.QUICK_INCREMENTS} increments" in said
+
+
+@pytest.mark.parametrize(("n", "most"), [(1, 6), (6, 6), (7, 6), (100, 6)])
+def test_spread_ends_with_the_last_increment(n, most):
+    chosen = calibration._spread(n, most)
+    assert chosen[-1] == n - 1
+    assert len(chosen) == min(n, most)
+    assert (np.diff(chosen) > 0).all()
+
+
+# --- held-out increments --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("choice", "held"),
+    [("last", 2), ("last:0.5", 2), ("random:0.4", 2), ("last:0.01", 1), ("random:0.99", 4)],
+)
+def test_hold_out_leaves_increments_on_both_sides(choice, held):
+    fitted = calibration.held_in(noisy(), choice, 0)
+    assert (~fitted).sum() == held
+    if choice.startswith("last"):
+        assert fitted[:-held].all()
+    assert np.array_equal(fitted, calibration.held_in(noisy(), choice, 0))
+
+
+@pytest.mark.parametrize("choice", ["first", "last:2", "last:x", "random:0", "last:nan"])
+def test_hold_out_is_checked(choice):
+    with pytest.raises(ConfigError, match="give 'last' or 'random'"):
+        calibration.held_in(noisy(), choice, 0)
+
+
+def test_hold_out_needs_two_increments():
+    with pytest.raises(ConfigError, match="at least 2"):
+        calibration.held_in(noisy().select([0]), "last", 0)
+
+
+def test_held_out_increments_do_not_touch_the_model(run):
+    """Spoiling the held-out forces changes their score and nothing else."""
+    spoiled = tuple(LoadedBoundary(b.name, b.nodes, b.force.copy()) for b in noisy().loaded)
+    for b in spoiled:
+        b.force[-2:] *= 1.2
+    _, first, said = run(noisy(), "--hold-out", "last:0.4", folder="first")
+    _, second, _ = run(replace(noisy(), loaded=spoiled), "--hold-out", "last:0.4", folder="second")
+    models = [Model.load(folder / "model.json") for folder in (first, second)]
+    assert np.array_equal(models[0].parameters, models[1].parameters)
+    results = [json.loads((folder / "report.json").read_text())["results"] for folder in (first, second)]
+    errors = [r["held_out"]["relative_force_error"] for r in results]
+    assert errors[0] < 0.05
+    assert errors[1] == pytest.approx(1 - 1 / 1.2, abs=0.05)
+    assert results[0]["held_out"]["increments"] == 2
+    assert results[1]["held_out"]["chi_square_per_equation"] > 2 * results[0]["held_out"]["chi_square_per_equation"]
+    assert "test of extrapolation" in said
+
+
+# --- refusals -------------------------------------------------------------------------------------------------
+
+
+def test_unknown_option_in_a_config_names_the_nearest(run, tmp_path):
+    config = tmp_path / "options.toml"
+    config.write_text("layer = [4, 4]\n")
+    code, folder, said = run(noisy(), "--config", str(config))
+    assert code == 2
+    assert "unknown option 'layer'; did you mean layers?" in said
+    assert not folder.exists()
+
+
+def test_config_is_read_and_the_command_line_wins(run, tmp_path):
+    config = tmp_path / "options.toml"
+    config.write_text('layers = [4, 4]\nspacing = 14.0\nhold_out = "last"\n')
+    code, folder, said = run(noisy(), "--config", str(config))
+    assert code == 0, said
+    results = json.loads((folder / "report.json").read_text())["results"]
+    assert results["options"]["layers"] == [2]
+    assert results["options"]["spacing"] == 14.0
+    assert results["held_out"]["increments"] == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--layers", "4;4"), "whole numbers with commas"),
+        (("--layers", "0"), "positive whole numbers"),
+        (("--inputs", "I3"), "invalid choice"),
+        (("--spacing", "-3"), "above 0"),
+        (("--hold-out", "first"), "'last' or 'random'"),
+        (("--los", "paper"), "unknown option --los; did you mean --loss?"),
+    ],
+)
+def test_bad_options_end_in_one_line(run, words, message):
+    code, folder, said = run(noisy(), *words)
+    assert code == 2
+    assert message in said
+    assert len(said.strip().splitlines()) == 1
+    assert not folder.exists()
+
+
+def test_missing_and_wrong_files(run, tmp_path):
+    code, folder, said = run(None)
+    assert code == 2
+    assert "no such file" in said
+    (tmp_path / "experiment.npz").write_text("not an archive")
+    code, _, said = run(None)
+    assert code == 2
+    assert "equigap import" in said
+    assert not folder.exists()
+
+
+def test_nothing_is_overwritten_silently(run):
+    code, folder, _ = run(noisy())
+    before = (folder / "model.json").read_bytes()
+    code, _, said = run(noisy(), "--inputs", "I2")
+    assert code == 2
+    assert "--overwrite" in said
+    assert (folder / "model.json").read_bytes() == before
+    code, _, _ = run(noisy(), "--inputs", "I2", "--overwrite")
+    assert code == 0
+    assert Model.load(folder / "model.json").architecture.inputs == "I2"
+
+
+# --- the numbers behind the report ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("inputs", ["I1", "I2", "I1I2"])
+def test_coefficients_stand_for_the_model(inputs):
+    system = equilibrium(plate_experiment(), 12.0)
+    F = system.deformation_gradients
+    basis = basis_for(inputs, F.reshape(-1, 2, 2))
+    scales = tuple(1 / np.nan_to_num(basis.site_inputs, nan=1.0).max(axis=0))
+    architecture = pann.Architecture(inputs, (4, 4), scales)
+    model = Model(architecture, np.asarray(architecture.random_start(jax.random.key(0))))
+    by_basis = system.matrix(basis, F[-1]) @ reviews.coefficients(model, basis)
+    by_model = system.internal_forces(model.nominal_stress(F[-1]))
+    assert by_basis == pytest.approx(by_model, abs=2e-3 * np.abs(by_model).max())
+
+
+def test_chi_square_is_one_where_the_noise_is_stated_right():
+    assert view().calibration.reduced_chi_square == pytest.approx(1, abs=0.35)
+    assert view().chi_square.mean() == pytest.approx(1, abs=0.35)
+    assert "close to 1" in calibration_words.remarks(view())[0]
+
+
+def test_chi_square_of_the_review_is_that_of_the_fit():
+    """The review weighs with the final model, the fit with the one before: nearly the same."""
+    fit = view().calibration
+    rows = np.isfinite(view().residuals).sum()
+    assert view().chi_square.mean() * rows == pytest.approx(fit.loss, rel=0.05)
+
+
+def test_underestimated_noise_is_said():
+    experiment = replace(noisy(), noise=Noise(NOISE.displacement_std / 5, 3.0, 2e-4, 2e-4))
+    found = reviews.review(calibrate(experiment, Options(layers=(2,), starts=3)))
+    assert found.calibration.reduced_chi_square > 10
+    assert "noise is underestimated" in calibration_words.remarks(found)[0]
+    assert "Trust the model only" in calibration_words.remarks(found)[0]
+
+
+def test_unknown_noise_is_said():
+    assert view(False).chi_square is None
+    assert "is unknown" in calibration_words.remarks(view(False))[0]
+    assert len(calibration_words.force_table(view(False))[0]) == len(calibration_words.force_table(view())[0]) - 1
+
+
+def test_force_table_is_the_error_of_the_forces():
+    columns, rows = calibration_words.force_table(view())
+    assert [row[:2] for row in rows] == [["left", "x"], ["left", "y"], ["right", "x"], ["right", "y"]]
+    error = view().forces["left"][:, 0] - view().measured["left"][:, 0]
+    assert rows[0][columns.index("rms error, N")] == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert rows[0][columns.index("expected from noise, N")] == pytest.approx(
+        np.sqrt(np.mean(view().force_deviation("left", 0) ** 2))
+    )
+
+
+def test_largest_stretch_ends_the_calibrated_range():
+    model, top = view().model, view().model.calibrated_range["I1"][1]
+    stretch = reviews.largest_stretch(model, "uniaxial")
+    assert stretch**2 + 2 / stretch == pytest.approx(top, rel=2e-3)
+    assert reviews.largest_stretch(model, "equibiaxial") < stretch
+
+
+def test_initial_modulus_is_that_of_the_material():
+    slope = 2 * sum(k * c / 21.49 ** (k - 1) * 3 ** (k - 1) for k, c in enumerate((1 / 2, 1 / 20, 11 / 1050), 1))
+    assert reviews.initial_shear_modulus(view().model) == pytest.approx(0.2698 * slope, rel=0.05)
+
+
+# --- figures --------------------------------------------------------------------------------------------------
+
+
+def one_component(experiment: Experiment) -> Experiment:
+    """Only the x-forces are known, and the left grip has none."""
+    loaded = []
+    for b in experiment.loaded:
+        force = b.force.copy()
+        force[:, 1] = np.nan
+        if b.name == "left":
+            force[:] = np.nan
+        loaded.append(LoadedBoundary(b.name, b.nodes, force))
+    return replace(experiment, loaded=tuple(loaded))
+
+
+@pytest.mark.parametrize("name", list(calibration_figures.FIGURES))
+@pytest.mark.parametrize("known", [True, False])
+def test_every_figure_draws_whatever_is_known(name, known, tmp_path):
+    draw = calibration_figures.FIGURES[name][0]
+    draw(view(known)).savefig(tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 3000
+
+
+def test_figures_of_a_poor_record(tmp_path):
+    """One increment, one force component on one side, no thickness."""
+    experiment = replace(one_component(noisy()), thickness=None).select([4])
+    found = reviews.review(calibrate(experiment, Options(layers=(2,), starts=3)))
+    for name, (draw, _) in calibration_figures.FIGURES.items():
+        draw(found).savefig(tmp_path / f"{name}.png")
+    assert [row[:2] for row in calibration_words.force_table(found)[1]] == [["right", "x"]]
+
+
+def test_residual_map_points_at_the_fault():
+    """A force that is 5 % off shows up at its edge, far above the noise."""
+    loaded = tuple(replace(b, force=b.force * (1.05 if b.name == "right" else 1)) for b in noisy().loaded)
+    found = reviews.review(calibrate(replace(noisy(), loaded=loaded), Options(layers=(2,), starts=3)))
+    white = np.abs(found.residuals / found.deviations).mean(axis=0)
+    rows = {found.row("left", 0), found.row("right", 0)}
+    assert int(np.argmax(white)) in rows

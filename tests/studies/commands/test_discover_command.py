@@ -1,0 +1,222 @@
+"""`equigap discover`: what it passes on, what it writes and says, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from discoveries import FEW, explained, sheet
+
+from calibrate.diagnosis.distillation import distil
+from calibrate.effects import CATALOGUE
+from calibrate.errors import ConfigError, FitError
+from calibrate.models.extended_model import ExtendedModel
+from studies.cli import main
+from studies.commands import discover as discovery
+from studies.errors import OptionError
+from studies.reports import discovery_report
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What the command asked `discover` for; the discovery itself is made once, by tests/discoveries.py."""
+    calls = []
+
+    def discover(trained, rule, held, effects, spacing, base, whole, seed, say):
+        say("round 1: testing effects")
+        calls.append({"trained": trained, "rule": rule, "held": held, "effects": effects, "spacing": spacing,
+                      "base": base, "whole": whole, "seed": seed})  # fmt: skip
+        return explained()
+
+    monkeypatch.setattr("calibrate.diagnosis.selection.discover", discover)
+    monkeypatch.setattr("calibrate.diagnosis.distillation.distil", partial(distil, layers=(2,), n_starts=2))
+    return calls
+
+
+@pytest.fixture
+def run(tmp_path, capsys, asked, monkeypatch):
+    """Run the command on the plate: exit code, folder, what was printed. Draws nothing unless told."""
+    sheet().save(tmp_path / "plate.npz")
+    every = discovery_report.pictures
+
+    def command(*words, also=(), draw=False):
+        monkeypatch.setattr(discovery_report, "pictures", every if draw else lambda folder, view: [])
+        folder = tmp_path / "out"
+        code = main(["discover", str(tmp_path / "plate.npz"), *also, "-o", str(folder), *words])
+        said = capsys.readouterr()
+        return code, folder, said.out + said.err
+
+    return command
+
+
+def other(tmp_path, name="other.npz", **changes):
+    """A second test in a file: the plate with other noise."""
+    path = tmp_path / name
+    replace(sheet(seed=2), name="other", **changes).save(path)
+    return path
+
+
+def test_help_needs_no_heavy_package():
+    code = (
+        "import argparse, sys; from studies import discovery; "
+        "discovery.add_arguments(argparse.ArgumentParser()); "
+        "print([m for m in ('jax', 'numpy', 'matplotlib', 'scipy') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_everything_is_written_and_the_verdict_is_said(run, asked):
+    code, folder, said = run(draw=True)
+    assert code == 0, said
+    assert said.startswith("explained: second invariant (c01 = 0.0")
+    assert "Held out: every third increment" in said
+    assert str(folder / "report.html") in said
+    assert asked[0]["rule"] is None
+    assert asked[0]["effects"] == CATALOGUE
+    assert (asked[0]["base"], asked[0]["whole"], asked[0]["seed"]) == ("positive", True, 0)
+    model = ExtendedModel.load(folder / "model.json")
+    assert model.verdict == "explained"
+    assert model.hold_out == "every third increment"
+    assert model.network is not None
+    manifest = json.loads((folder / "report.json").read_text())
+    assert manifest["results"]["verdict"] == "explained"
+    assert set(manifest["outputs"]) >= {"report.html", "model.json", "discovery.json", "effects.csv"}
+    assert len(manifest["inputs"]) == 1
+
+
+def test_options_reach_the_search(run, asked, tmp_path):
+    path = other(tmp_path)
+    code, _, said = run(
+        "--hold-out", str(path), "--hold-out", "every:2", "--base", "positive", "--spacing", "9",
+        "--without", "force offset", "--without", "lens distortion", "--seed", "4", "--quick",
+    )  # fmt: skip
+    assert code == 0, said
+    call = asked[0]
+    assert str(call["rule"]) == "every second increment"
+    assert [e.name for e in call["held"]] == ["other"]
+    assert {e.name for e in CATALOGUE} - {e.name for e in call["effects"]} == {"force offset", "lens distortion"}
+    assert (call["base"], call["whole"], call["seed"], call["spacing"]) == ("positive", False, 4, 9.0)
+    assert "other and every second increment" in said
+
+
+def test_same_command_is_taken_up_again_another_is_refused(run):
+    assert run("--quick")[0] == 0
+    assert run("--quick")[0] == 0
+    code, _, said = run()
+    assert code == 2
+    assert "--overwrite" in said
+
+
+@pytest.mark.slow
+def test_command_finds_the_second_invariant(tmp_path, capsys):
+    sheet().save(tmp_path / "plate.npz")
+    left_out = [w for e in CATALOGUE if e.name not in FEW for w in ("--without", e.name)]
+    assert main(["discover", str(tmp_path / "plate.npz"), "-o", str(tmp_path / "out"), "--quick", *left_out]) == 0
+    assert "explained: second invariant" in capsys.readouterr().out
+
+
+# --- bad input ------------------------------------------------------------------------------------------------
+
+
+def test_unknown_effect_is_named_with_the_nearest():
+    with pytest.raises(OptionError, match="did you mean force offset"):
+        discovery.candidates(["force ofset"])
+
+
+@pytest.mark.parametrize("text", ["every:1", "every:x", "after:soon", "half:middle", "sometimes", "absent.json"])
+def test_impossible_hold_out_is_named(text):
+    with pytest.raises(ConfigError, match="--hold-out"):
+        discovery.hold_outs([text])
+
+
+def test_two_rules_are_refused():
+    with pytest.raises(ConfigError, match="give one rule"):
+        discovery.hold_outs(["every:2", "half:left"])
+
+
+def test_files_and_rules_are_told_apart(tmp_path):
+    path = other(tmp_path)
+    rule, files = discovery.hold_outs([str(path), "half:left"])
+    assert (rule.kind, rule.value, files) == ("half", "left", [path])
+    assert discovery.hold_outs([]) == (None, [])
+
+
+@pytest.mark.parametrize("words", [(), ("--hold-out", "absent.npz")])
+def test_absent_files_are_named(tmp_path, capsys, words):
+    first = tmp_path / "plate.npz"
+    if words:
+        sheet().save(first)
+    assert main(["discover", str(first), "-o", str(tmp_path / "out"), *words]) == 2
+    assert ("absent.npz" if words else "plate.npz") in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_wrong_file_is_named(tmp_path, capsys):
+    np.savez(tmp_path / "other.npz", x=1)
+    assert main(["discover", str(tmp_path / "other.npz"), "-o", str(tmp_path / "out")]) == 2
+    assert "not an Experiment" in capsys.readouterr().err
+
+
+def test_what_is_fitted_cannot_be_held_out(run, tmp_path):
+    copy = tmp_path / "copy.npz"
+    sheet().save(copy)
+    code, folder, said = run("--hold-out", str(copy))
+    assert code == 2
+    assert "the same data as" in said
+    assert not folder.exists()
+
+
+def test_the_same_test_twice_is_refused(run, tmp_path):
+    sheet().save(tmp_path / "copy.npz")
+    code, _, said = run(also=[str(tmp_path / "copy.npz")])
+    assert code == 2
+    assert "give each test once" in said
+    path = str(other(tmp_path))
+    code, _, said = run("--hold-out", path, "--hold-out", path)
+    assert code == 2
+
+
+def test_thickness_known_and_unknown_are_not_mixed(run, tmp_path):
+    code, _, said = run("--hold-out", str(other(tmp_path, thickness=None)))
+    assert code == 2
+    assert "has none" in said
+    assert "other.npz" in said
+
+
+def test_without_a_time_for_all_there_is_no_time(run, asked, tmp_path):
+    timed = other(tmp_path, time=np.arange(1.0, 7.0))
+    code, _, said = run("--hold-out", str(timed))
+    assert code == 0, said
+    assert asked[0]["held"][0].time is None
+    assert "no effect of time is tested" in said
+    code, _, said = run("--hold-out", str(timed), "--hold-out", "after:3", "--overwrite")
+    assert code == 2
+    assert "has no time" in said
+
+
+def test_a_base_that_has_not_converged_is_refused(run, monkeypatch):
+    def refuse(*arguments):
+        raise FitError("the base model has not converged")
+
+    monkeypatch.setattr("calibrate.diagnosis.selection.discover", refuse)
+    code, folder, said = run()
+    assert code == 2
+    assert "has not converged" in said
+    assert not (folder / "report.html").exists()
+
+
+def test_interruption_leaves_nothing_half_written(run, monkeypatch):
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("calibrate.diagnosis.selection.discover", interrupt)
+    code, folder, said = run()
+    assert code == 130
+    assert [path.name for path in folder.iterdir()] == ["run.json"]
+    assert "interrupted" in said

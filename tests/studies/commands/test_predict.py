@@ -1,0 +1,211 @@
+"""`equigap predict`: curves of a model whose stress is known in closed form."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from discoveries import sheet
+
+from calibrate.equations.basis import SingleBasis
+from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
+from calibrate.fitting.uncertainty import Uncertainty
+from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.network_model import Model
+from calibrate.models.pann import Architecture
+from studies import cli
+from studies.commands import predict as prediction
+
+MU = 0.3
+STRETCH = np.linspace(1.0, 2.5, 31)
+
+
+def neo_hooke(unit: str = "MPa", top: float | None = 6.0) -> Model:
+    """A network whose skip connection alone acts: psi = MU / 2 (I1 - 3)."""
+    architecture = Architecture("I1", (1,))
+    parameters = np.zeros(architecture.n_parameters)
+    parameters[-1] = MU / 2
+    return Model(architecture, parameters, unit, {} if top is None else {"I1": (3.0, top), "I2": (3.0, 99.0)})
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    neo_hooke().save(tmp_path / "model.json")
+    return tmp_path / "model.json"
+
+
+@pytest.mark.parametrize("mode", prediction.MODES)
+def test_curves_are_those_of_the_closed_form(mode: str) -> None:
+    curve = {c.mode: c for c in prediction.predict(neo_hooke(), 2.5, 31)}[mode]
+    power = {"uniaxial": -2, "equibiaxial": -5, "pure_shear": -3}[mode]
+    assert curve.stretch == pytest.approx(STRETCH)
+    assert curve.stress == pytest.approx(MU * (STRETCH - STRETCH**power), abs=1e-12)
+
+
+def test_the_calibrated_range_ends_where_the_invariant_does() -> None:
+    # pure shear: I1 = x^2 + 1 + x^-2 = 6, so x^2 = (5 + sqrt(21)) / 2
+    limit = prediction.calibrated_stretch(neo_hooke(), "pure_shear")
+    assert limit == pytest.approx(np.sqrt((5 + np.sqrt(21)) / 2), abs=2e-3)
+    curve = prediction.predict(neo_hooke())[2]
+    assert curve.stretch[-1] == pytest.approx(1 + 1.25 * (limit - 1))
+    assert 0 < curve.calibrated.mean() < 1
+
+
+def test_a_model_without_range_is_drawn_to_stretch_two() -> None:
+    curve = prediction.predict(neo_hooke(top=None))[0]
+    assert curve.limit == prediction.LARGEST
+    assert curve.stretch[-1] == 2.0
+    assert curve.calibrated.all()
+
+
+def test_the_command_leaves_table_figure_report_and_manifest(file: Path, tmp_path: Path) -> None:
+    words = ["predict", str(file), "-o", str(tmp_path / "out"), "--points", "21"]
+    assert cli.main([*words, "--against", "neo_hooke", "--parameter", f"mu={MU}"]) == 0
+    lines = (tmp_path / "out" / "curves.csv").read_text().splitlines()
+    rows = list(csv.DictReader(lines[1:]))
+    assert len(rows) == 63
+    for row in rows:
+        assert float(row["nominal_stress_MPa"]) == pytest.approx(float(row["compared"]), abs=1e-9)
+    manifest = json.loads((tmp_path / "out" / "curves.json").read_text())
+    assert set(manifest["outputs"]) == {"curves.png", "curves.csv"}
+    assert manifest["results"]["unit"] == "MPa"
+    assert (tmp_path / "out" / "report.html").stat().st_size < 5_000_000
+
+
+def test_bands_are_those_of_the_model_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Standard deviation 0.002 of mu / 2 alone: that of P is 0.004 (x - x^-n), and the 95 % band 1.96 of it."""
+    factor = np.zeros((4, 1))
+    factor[-1] = 0.002
+    model = replace(neo_hooke(), uncertainty=Uncertainty(factor, 1.0, 1.0, True))
+    model.save(tmp_path / "model.json")
+    assert cli.main(["predict", str(tmp_path / "model.json"), "-o", str(tmp_path / "out"), "--points", "21"]) == 0
+    rows = list(csv.DictReader((tmp_path / "out" / "curves.csv").read_text().splitlines()[1:]))
+    power = {"uniaxial": -2, "equibiaxial": -5, "pure_shear": -3}
+    for row in rows:
+        x, stress = float(row["stretch"]), float(row["nominal_stress_MPa"])
+        std = 0.004 * (x - x ** power[row["mode"]])
+        assert float(row["standard_deviation_MPa"]) == pytest.approx(std, abs=1e-9)
+        assert float(row["low_95_MPa"]) == pytest.approx(stress - 1.96 * std, abs=1e-6)
+        assert float(row["high_95_MPa"]) == pytest.approx(stress + 1.96 * std, abs=1e-6)
+    assert {row["calibrated"] for row in rows} == {"0", "1"}
+    said = capsys.readouterr().out
+    assert said.count("leaves the calibrated range at a stretch of") == 3
+    report = (tmp_path / "out" / "report.html").read_text()
+    assert "leaves the calibrated range" in report and "95 %" in report
+
+
+def test_a_model_without_uncertainty_gets_no_bands(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["predict", str(file), "-o", str(tmp_path / "out"), "--points", "3", "--stretch", "1.2"]) == 0
+    said = capsys.readouterr().out
+    assert "no bands are given" in said
+    assert said.count("within the calibrated range up to its end") == 3
+    assert "standard_deviation" not in (tmp_path / "out" / "curves.csv").read_text()
+
+
+def test_an_unknown_thickness_is_told(tmp_path: Path) -> None:
+    neo_hooke("N/mm", None).save(tmp_path / "model.json")
+    cli.main(["predict", str(tmp_path / "model.json"), "-o", str(tmp_path / "out")])
+    assert "N/mm" in (tmp_path / "out" / "curves.csv").read_text().splitlines()[0]
+    assert "thickness of the sheet was unknown" in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--stretch", "0.9"], "stretch above 1"),
+        (["--stretch", "nan"], "stretch above 1"),
+        (["--points", "0"], "at least 1"),
+        (["--against", "neo_hook"], "did you mean neo_hooke?"),
+        (["--parameter", "mu=1"], "name the material"),
+        (["--against", "neo_hooke", "--parameter", "nu=1"], "neo_hooke has mu"),
+        (["--against", "neo_hooke", "--parameter", "mu=x"], "write NAME=VALUE"),
+    ],
+)
+def test_wrong_options_are_named(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    assert cli.main(["predict", str(file), "-o", str(tmp_path / "out"), *words]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"format": "equigap-model", "version": 9}'])
+def test_what_is_no_model_file_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str) -> None:
+    (tmp_path / "m.json").write_text(text)
+    assert cli.main(["predict", str(tmp_path / "m.json"), "-o", str(tmp_path / "out")]) == 2
+    assert "m.json" in capsys.readouterr().err
+
+
+def test_another_model_is_not_written_over_the_first(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["-o", str(tmp_path / "out")]
+    assert cli.main(["predict", str(file), *out]) == 0
+    neo_hooke(top=5.0).save(file)
+    assert cli.main(["predict", str(file), *out]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert cli.main(["predict", str(file), *out, "--overwrite"]) == 0
+
+
+def spline_twin(mu: float = MU) -> ExtendedModel:
+    """The same energy as an extended model without effects."""
+    basis = SingleBasis(0, 20.0)
+    return ExtendedModel(basis, neo_hooke_coefficients(basis, mu), (), (), "MPa")
+
+
+def test_network_and_spline_of_one_energy_predict_the_same_forces_of_a_test(tmp_path: Path) -> None:
+    quiet = replace(sheet(), noise=replace(sheet().noise, displacement_std=1e-9))
+    quiet.save(tmp_path / "test.npz")
+    neo_hooke().save(tmp_path / "pann.json")
+    spline_twin().save(tmp_path / "spline.json")
+    rows = []
+    for name in ("pann", "spline"):
+        words = ["predict", str(tmp_path / f"{name}.json"), "--test", str(tmp_path / "test.npz")]
+        assert cli.main([*words, "-o", str(tmp_path / name)]) == 0
+        rows.append(list(csv.DictReader((tmp_path / name / "forces.csv").read_text().splitlines()[1:])))
+        assert "relative force error" in (tmp_path / name / "report.html").read_text().lower()
+    boundary = quiet.loaded[0].name
+    assert len(rows[0]) == quiet.n_increments
+    for i, (a, b) in enumerate(zip(*rows, strict=True)):
+        assert float(a[f"{boundary}_x_measured"]) == pytest.approx(quiet.loaded[0].force[i, 0], rel=1e-6)
+        assert float(a[f"{boundary}_x_predicted"]) == pytest.approx(float(b[f"{boundary}_x_predicted"]), rel=1e-6)
+
+
+def test_a_test_beyond_the_calibrated_range_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sheet().save(tmp_path / "test.npz")
+    neo_hooke(top=3.05).save(tmp_path / "model.json")
+    words = ["predict", str(tmp_path / "model.json"), "--test", str(tmp_path / "test.npz"), "-o", str(tmp_path / "out")]
+    assert cli.main(words) == 0
+    assert "beyond the calibrated range" in capsys.readouterr().out
+    manifest = json.loads((tmp_path / "out" / "forces.json").read_text())
+    assert 0 < manifest["results"]["outside"] < 1
+
+
+def test_a_bulk_modulus_that_plane_stress_does_not_use_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet().save(tmp_path / "test.npz")
+    replace(neo_hooke(), bulk_modulus=2.0).save(tmp_path / "model.json")
+    words = ["predict", str(tmp_path / "model.json"), "--test", str(tmp_path / "test.npz"), "-o", str(tmp_path / "out")]
+    assert cli.main(words) == 0
+    assert "the bulk modulus of the model (2 MPa) is not used" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("unit", "more", "message"),
+    [("N/mm", [], "give the thickness to both"), ("MPa", ["--stretch", "2"], "leave them out where --test is given")],
+)
+def test_what_does_not_go_with_a_test_is_refused(
+    unit: str, more: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sheet().save(tmp_path / "test.npz")
+    neo_hooke(unit).save(tmp_path / "model.json")
+    words = ["predict", str(tmp_path / "model.json"), "--test", str(tmp_path / "test.npz"), "-o", str(tmp_path / "out")]
+    assert cli.main([*words, *more]) == 2
+    assert message in capsys.readouterr().err

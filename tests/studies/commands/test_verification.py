@@ -1,0 +1,107 @@
+"""`equigap verify`: numbers that are as they were, numbers that differ, files that differ."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from studies import cli
+from studies.commands import verify as verification
+from studies.commands.verify import Key
+
+
+def run(folder: Path, force: float = 10.0, scale: str = "quick") -> Path:
+    """Stands for a run of `figures` with one study."""
+    (folder / "simulate").mkdir(parents=True)
+    (folder / "figures.json").write_text(json.dumps({"format": "equigap-figures", "scale": scale, "left_out": {}}))
+    (folder / "simulate" / "forces.json").write_text(json.dumps({"results": {"force": [1.0, force]}}))
+    (folder / "simulate" / "forces.csv").write_text(f"force\n{force}\n")
+    return folder
+
+
+KEY = Key("largest force", "simulate/forces.json", ("results", "force", 1), 10.0, 0.1)
+
+
+@pytest.fixture
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verification, "reference", lambda scale: [KEY])
+
+
+@pytest.mark.parametrize(("force", "agrees"), [(10.0, True), (10.0999, True), (10.2, False), (float("nan"), False)])
+def test_a_number_agrees_within_its_tolerance(tmp_path: Path, force: float, agrees: bool) -> None:
+    (finding,) = verification.verify(run(tmp_path / "a", force), [KEY])
+    assert finding.agrees is agrees
+
+
+def test_what_differs_is_named(tmp_path: Path, known: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["verify", str(run(tmp_path / "a"))]) == 0
+    assert "all 1 numbers agree" in capsys.readouterr().out
+    assert cli.main(["verify", str(run(tmp_path / "b", 11.0))]) == 2
+    said = capsys.readouterr()
+    assert "! largest force" in said.out and "1 of 1 numbers differ from their reference: largest force" in said.err
+    (row,) = json.loads((tmp_path / "b" / "verify.json").read_text())["numbers"]
+    assert (row["found"], row["reference"], row["agrees"]) == (11.0, 10.0, False)
+
+
+def test_an_absent_number_does_not_agree_unless_its_study_was_left_out(tmp_path: Path) -> None:
+    folder = run(tmp_path / "a")
+    (folder / "simulate" / "forces.json").unlink()
+    assert [f.agrees for f in verification.verify(folder, [KEY])] == [False]
+    assert verification.verify(folder, [KEY], {"simulate": "no data"}) == []
+
+
+def test_tolerances_come_from_the_spread(tmp_path: Path) -> None:
+    folders = [run(tmp_path / name, force) for name, force in (("a", 10.0), ("b", 10.1), ("c", 10.3))]
+    keys = [{"name": "largest force", "file": KEY.file, "path": list(KEY.path)}]
+    (line,) = verification.collect(folders, keys)["quick"]
+    assert line["value"] == 10.1
+    assert line["tolerance"] == pytest.approx(3 * 0.3)
+    assert line["observed"] == [10.0, 10.1, 10.3]
+
+
+def test_data_files_are_compared_byte_by_byte(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a, b, c = run(tmp_path / "a"), run(tmp_path / "b"), run(tmp_path / "c", 10.1)
+    assert cli.main(["verify", str(a), "--same-as", str(b)]) == 0
+    assert cli.main(["verify", str(a), "--same-as", str(c)]) == 2
+    assert "1 data files differ: simulate/forces.csv" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", ["", '{"format": "other"}', "[1, 2]"])
+def test_what_is_no_run_is_refused(tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]) -> None:
+    if content:
+        (tmp_path / "figures.json").write_text(content)
+    assert cli.main(["verify", str(tmp_path)]) == 2
+    assert "equigap figures" in capsys.readouterr().err
+
+
+def test_every_reference_names_a_step_of_figures() -> None:
+    from studies.commands.figures import STEPS
+
+    content = verification.stored()
+    names = {step.name for step in STEPS}
+    assert {k["file"].split("/")[0] for k in content["keys"]} <= names
+    for keys in content["scales"].values():
+        assert all(k["tolerance"] > 0 for k in keys)
+
+
+def test_a_file_of_somebody_else_is_not_replaced(
+    tmp_path: Path, known: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, other = str(run(tmp_path / "a")), tmp_path / "mine.json"
+    other.write_text('{"mine": 1}')
+    assert cli.main(["verify", folder, "-o", str(other)]) == 2
+    assert "was not written by `equigap verify`" in capsys.readouterr().err
+    assert cli.main(["verify", folder, "-o", str(other), "--overwrite"]) == 0
+    assert cli.main(["verify", folder, "-o", str(other)]) == 0
+
+
+@pytest.mark.slow
+def test_two_runs_give_identical_data_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Solved, seen, calibrated and predicted twice, in processes of their own."""
+    for name in ("a", "b"):
+        words = ["--scale", "quick", "--only", "simulate,calibrate,predict", "--jobs", "1", "-o", str(tmp_path / name)]
+        assert cli.main(["figures", *words]) == 0
+    assert cli.main(["verify", str(tmp_path / "a"), "--same-as", str(tmp_path / "b")]) == 0
+    assert "every data file is the same" in capsys.readouterr().out

@@ -1,0 +1,267 @@
+"""Sweep: the cases of a thousand, jobs that a dry run plans, named errors, steps, tables, and (slow) a run taken up again."""
+
+import argparse
+import json
+import re
+import sys
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from calibrate.data.experiment import Experiment
+from calibrate.errors import ConfigError, FitError
+from forward.solution import SurfaceSolution
+from meshes import Mesh, PlateWithHole, quads
+from studies import cli
+from studies.commands import sweep
+from studies.errors import DamagedFileError, OptionError, WorkflowError
+from studies.grid import sweep_case, sweep_report, workflow
+from studies.grid.sweep_case import Case, Settings, targets
+from studies.output import open_output_folder
+
+SMALL = Settings(nodes=800, seeds=(0, 1), starts=2, increments=2, forward_size=2.0, specimens=("plate_with_hole",),
+                 thicknesses=("2D",), resolutions=("50",), noises=("0", "0.1"))  # fmt: skip
+APPTAINER = f"""#!/bin/sh
+[ "$1" = --version ] && echo apptainer version 1.3.4 && exit
+printf '%s\\n' "$@" >> "$(dirname "$0")/said"
+while [ "$1" != -c ]; do shift; done
+exec bash -c "python() {{ '{sys.executable}' \\"\\$@\\"; }}; $2"
+"""
+
+
+def settings_of(*words: str) -> Settings:
+    parser = argparse.ArgumentParser()
+    sweep.add_arguments(parser)
+    return sweep.settings_from(parser.parse_args(words))
+
+
+def folder_of(path, settings):
+    return open_output_folder(path, False, {"study": "sweep", **asdict(settings)})
+
+
+def test_by_default_there_are_about_a_thousand_cases_and_clean_data_know_no_seed():
+    cases = Settings().cases
+    assert len(cases) == len(set(cases)) == 2 * 4 * 4 * (1 + 3 * 10)
+    assert {case.seed for case in cases if case.noise == "0"} == {"clean"}
+
+
+def test_options_become_settings():
+    assert settings_of() == Settings()
+    assert settings_of("--quick") == sweep.QUICK
+    words = "--specimens cross,strip --thicknesses 0,5.0 --resolutions 25,100 --noises 0.10 --seeds 3"
+    found = settings_of(*words.split())
+    assert found == Settings(specimens=("cross", "strip"), thicknesses=("2D", "5"), resolutions=("100", "25"),
+                             noises=("0.1",), seeds=(0, 1, 2))  # fmt: skip
+
+
+def test_settings_survive_the_folder_and_specimens_are_pulled_in_proportion(tmp_path):
+    assert Settings.read(folder_of(tmp_path / "a", SMALL)) == SMALL
+    half = Settings(displacement=30.0)
+    assert half.pull("cross") == 30.0 and half.pull("plate_with_hole") == 20.0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--specimens cros", "specimen 'cros' is unknown; did you mean cross?"),
+        ("--thicknesses 2D,-1", "thickness '-1': give a number of mm above 0, or 2D"),
+        ("--thicknesses thin", "thickness 'thin'"),
+        ("--resolutions 0", "resolution '0': give a percentage"),
+        ("--resolutions 120", "resolution '120'"),
+        ("--noises=-0.1", "noise '-0.1': give a standard deviation in mm, 0 or more"),
+        ("--noises 0.1,nan", "noise 'nan'"),
+        ("--noises 0.1,0.10", "0.1 is there twice"),
+        ("--thicknesses 0,2d", "2D is there twice"),
+    ],
+)
+def test_values_that_cannot_be_are_named(words, message):
+    with pytest.raises(OptionError, match=re.escape(message)):
+        settings_of(*words.split())
+
+
+@pytest.mark.parametrize("words", ["--seeds 0", "--nodes 10", "--jobs 0", "--profile /nowhere", "--layers x"])
+def test_options_shared_with_other_studies_are_checked_too(words):
+    with pytest.raises(ConfigError):
+        settings_of(*words.split())
+
+
+def test_a_missing_executor_is_named(tmp_path, capsys):
+    (tmp_path / "config.yaml").write_text("executor: no-such\n")
+    assert cli.main(["sweep", "--dry-run", "--profile", str(tmp_path)]) == 2
+    assert "pip install snakemake-executor-plugin-no-such" in capsys.readouterr().err
+
+
+def test_a_container_needs_its_program_and_its_image(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(OptionError, match="needs the program apptainer"):
+        sweep.container_words("equigap.sif", tmp_path)
+    (tmp_path / "apptainer").write_text(APPTAINER)
+    (tmp_path / "apptainer").chmod(0o755)
+    with pytest.raises(OptionError, match="no such file; docker/README.md"):
+        sweep.container_words("absent.sif", tmp_path)
+    assert sweep.container_words("docker://here/equigap", tmp_path / "a b") == (
+        ["container=docker://here/equigap"],
+        ["--software-deployment-method", "apptainer", "--apptainer-args", f"--bind '{tmp_path / 'a b'}'"],
+    )
+
+
+class TestPlan:
+    """What `--dry-run` says."""
+
+    def planned(self, capsys, *words):
+        assert cli.main(["sweep", "--dry-run", *map(str, words)]) == 0
+        found = dict(re.findall(r"^ *(\w[\w ]*?)  (\d+)$", capsys.readouterr().out, re.MULTILINE))
+        return {name: int(count) for name, count in found.items()}
+
+    def test_a_thousand_cases_share_their_forward_solutions(self, tmp_path, capsys):
+        folder = tmp_path / "out"
+        expected = {"forward": 2 * 4, "mesh": 2 * 4, "observe": 2 * 4, "case": 992, "collect": 1}
+        assert self.planned(capsys, "-o", folder) == {**expected, "jobs to do": 1017}
+        assert not folder.exists()
+
+    def test_only_what_is_missing_is_planned_and_nothing_is_touched(self, tmp_path, capsys):
+        settings = settings_of("--quick")
+        folder = folder_of(tmp_path / "out", settings)
+        names = ("forward/cross_2D.npz", "meshes/cross_100.npz", "clean/cross_2D.npz", "clean/cross_2D.json",
+                 "cases/cross/2D_100_0.1_1.json")  # fmt: skip
+        for name in names:
+            (folder / name).parent.mkdir(exist_ok=True, parents=True)
+            (folder / name).touch()
+        before = sorted(folder.rglob("*"))
+        found = self.planned(capsys, "--quick", "-o", folder, "--profile", workflow.PROFILES / "laptop")
+        assert found == {"forward": 1, "mesh": 1, "observe": 1, "case": 11, "collect": 1, "jobs to do": 15}
+        assert sorted(folder.rglob("*")) == before
+
+    def test_a_folder_of_another_sweep_is_refused_and_left_alone(self, tmp_path, capsys):
+        folder = folder_of(tmp_path / "out", SMALL)
+        assert cli.main(["sweep", "--dry-run", "--quick", "-o", str(folder)]) == 2
+        assert "other settings" in capsys.readouterr().err
+        assert Settings.read(folder) == SMALL
+
+    def test_the_profile_for_slurm_is_understood(self, tmp_path):
+        """All but its executor, which is a package of its own."""
+        profile, folder = tmp_path / "profile", folder_of(tmp_path / "out", SMALL)
+        profile.mkdir()
+        text = (workflow.PROFILES / "slurm" / "config.yaml").read_text()
+        (profile / "config.yaml").write_text(text.replace("executor: slurm\n", ""))
+        found = workflow.plan(sweep.SNAKEFILE, folder, 2, profile)
+        assert found == {"forward": 1, "mesh": 1, "observe": 1, "case": 3, "collect": 1}
+
+    def test_a_workflow_that_cannot_be_planned_says_why(self, tmp_path):
+        (tmp_path / "broken.smk").write_text("rule all:\n    input: absent_name\n")
+        with pytest.raises(WorkflowError, match="cannot be planned.*absent_name"):
+            workflow.plan(tmp_path / "broken.smk", tmp_path)
+
+
+class TestSteps:
+    """The steps on a made-up plane solution: a plate stretched by a tenth, in two increments."""
+
+    @pytest.fixture
+    def folder(self, tmp_path):
+        folder = folder_of(tmp_path / "out", SMALL)
+        mesh = quads(PlateWithHole(), quarter=True, size_factor=4)
+        u = np.array([t * np.diag([0.1, -0.05]) @ mesh.points[..., None] for t in (0.5, 1.0)])[..., 0]
+        time = np.array([0.5, 1.0])
+        forces = {"right": np.column_stack([5 * time, 0 * time])}
+        solution = SurfaceSolution(mesh, u, forces, time, time, np.ones(2, np.int64), 1.0)
+        (folder / "forward").mkdir()
+        solution.save(folder / "forward" / "plate_with_hole_2D.npz")
+        sweep_case.mesh(folder, SMALL, "plate_with_hole", "50")
+        sweep_case.observe(folder, SMALL, "plate_with_hole", "2D")
+        return folder
+
+    def test_the_judged_range_is_that_of_the_clean_data(self, folder):
+        F = np.diag([1.1, 0.95, 1 / (1.1 * 0.95)])
+        limit = json.loads((folder / "clean" / "plate_with_hole_2D.json").read_text())["calibrated_I1"]
+        assert limit == pytest.approx(np.trace(F @ F), rel=1e-6)
+
+    def test_noises_of_a_seed_differ_in_size_only(self, folder):
+        clean = Experiment.load(folder / "clean" / "plate_with_hole_2D.npz")
+        grid = Mesh.load(folder / "meshes" / "plate_with_hole_50.npz")
+
+        def noise(size, seed):
+            case = Case("plate_with_hole", "2D", "50", size, seed)
+            return sweep_case.record(clean, SMALL, case, grid).displacements - clean.displacements
+
+        assert not noise("0", "clean").any()
+        np.testing.assert_allclose(noise("0.2", "1"), 2 * noise("0.1", "1"), rtol=0, atol=1e-12)
+        assert noise("0.1", "1").std() == pytest.approx(0.1, rel=0.2)
+        assert np.abs(noise("0.1", "0") - noise("0.1", "1")).max() > 0.1
+
+    def test_what_cannot_be_calibrated_is_a_result_too(self, folder, monkeypatch):
+        def fit(*_):
+            raise FitError("no solution; more data are needed")
+
+        monkeypatch.setattr("studies.grid.cases.fit", fit)
+        for case in SMALL.cases:
+            sweep_case.case(folder, SMALL, *asdict(case).values())
+        sweep_case.collect(folder, SMALL)
+        assert all(path.exists() for path in targets(folder, SMALL))
+        assert (folder / "sweep.csv").read_text().count("FitError: no solution") == 3
+        assert "Cases without a model" in (folder / "report.html").read_text()
+
+
+def made_up(settings: Settings) -> list[dict]:
+    """Cases whose bias is known: 1 % of thickness over 10 mm, twice that in pure shear, +- 0.1 % by seed."""
+    cases = []
+    for case in settings.cases:
+        bias = (0 if case.thickness == "2D" else float(case.thickness)) / 1000
+        bias += 0 if case.seed == "clean" else 0.001 * (int(case.seed) - 1)
+        inside = [{"bias": factor * bias, "max_error": abs(bias)} for factor in (1, 1, 2)]
+        numbers = {"relative_force_error": 0.01, "reduced_chi_square": 1.5, "seconds": 1.0}
+        cases.append({**asdict(case), "nodes": 9, "calibrated_I1": 6.0, "inside": inside, **numbers})
+    return cases
+
+
+def test_the_table_holds_medians_and_ranges_of_the_worst_mode(tmp_path):
+    settings = Settings(seeds=(0, 1, 2))
+    cases = made_up(settings)
+    del cases[-1]["inside"]
+    cases[-1]["failed"] = "FitError: x"
+    rows = {tuple(row[:4]): row[4:] for row in sweep_report.table(cases)}
+    assert len(rows) == 2 * 4 * 4 * 4
+    found = rows["cross", "20", "50", "0.1"]
+    assert found[:3] == [3, 0, "pure_shear"]
+    np.testing.assert_allclose(found[3:], [4.0, 3.8, 4.2, 1.0, 1.5], atol=1e-12)
+    assert rows["plate_with_hole", "40", "12.5", "0.2"][:2] == [2, 1]
+    sweep_report.draw(sweep_report.table(cases), settings, tmp_path / "sweep.png")
+    assert "+8.00 % (40 mm thick" in sweep_report.findings(sweep_report.table(cases))[0]
+    assert len(sweep_report.case_rows(cases)) == len(cases)
+
+
+def test_a_damaged_case_is_named(tmp_path):
+    folder = folder_of(tmp_path / "out", SMALL)
+    first = SMALL.cases[0].path(folder)
+    first.parent.mkdir(parents=True)
+    first.write_text("{")
+    with pytest.raises(DamagedFileError, match="2D_50_0_clean.json: damaged; delete it"):
+        sweep_report.load(folder, SMALL)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_sweep_runs_and_is_taken_up_again_in_a_container_without_doing_anything_twice(tmp_path, monkeypatch):
+    """With a stand-in for Apptainer that runs the same words here."""
+    settings = replace(SMALL, resolutions=("100",), seeds=(0,))
+    folder = folder_of(tmp_path / "an output", settings)
+    run = ("sweep", sweep.SNAKEFILE, folder, targets(folder, settings), 1, None)
+    workflow.run_workflow(*run)
+    clean, noisy = (json.loads(case.path(folder).read_text()) for case in settings.cases)
+    assert "failed" not in clean and abs(clean["inside"][0]["bias"]) < 0.02
+    assert noisy["seed"] == "0" and noisy["reduced_chi_square"] > 0
+    stamps = {path: path.stat().st_mtime_ns for path in folder.glob("*/**/*.npz")}
+    kept, lost = (case.path(folder) for case in settings.cases)
+    stamps[kept] = kept.stat().st_mtime_ns
+    lost.unlink()
+
+    (tmp_path / "apptainer").write_text(APPTAINER)
+    (tmp_path / "apptainer").chmod(0o755)
+    (tmp_path / "equigap.sif").touch()
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    workflow.run_workflow(*run, *sweep.container_words(str(tmp_path / "equigap.sif"), folder))
+    assert json.loads(lost.read_text())["inside"] == noisy["inside"]
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
+    said = (tmp_path / "said").read_text().splitlines()
+    assert said.count("exec") == 2 and str(folder) in said and str(tmp_path / "equigap.sif") in said
+    assert (folder / "report.html").exists()

@@ -1,0 +1,157 @@
+"""Column maps: what they read, what they refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+from sheets import (
+    COLUMNS,
+    MAP,
+    PITCH,
+    ROWS,
+    force,
+    mapped,
+    write,
+)
+
+from calibrate import errors
+from calibrate.data.experiment import Experiment, Noise, signed_areas
+from studies.importers import column_import, column_map
+from studies.importers.column_map import EdgesTable
+from studies.importers.series import to_experiment
+
+
+def from_map(path: Path) -> Experiment:
+    m = column_map.read_map(path)
+    return to_experiment(column_import.column_series(m, path.parent), m.selection, m.stated_noise)
+
+
+@pytest.mark.parametrize("coordinates", ["reference", "current"])
+def test_column_map(tmp_path, coordinates):
+    text = MAP.replace('y_axis = "down"', f'y_axis = "down"\ncoordinates = "{coordinates}"')
+    e = from_map(mapped(tmp_path, text, coordinates=coordinates))
+    assert e.name == "mapped"
+    assert e.stress_unit == "MPa"
+    assert len(e.points) == COLUMNS * ROWS
+    np.testing.assert_allclose(np.ptp(e.points, axis=0), [15.0, 13.0], atol=1e-6)
+    assert signed_areas(e.points, e.triangles).sum() == pytest.approx(15 * 13)
+    names = {b.name: b for b in e.loaded}
+    assert len(names["top"].nodes) == COLUMNS
+    assert (names["top"].force[:, 1] > 0).all()
+    assert names["bottom"].force[-1, 1] == pytest.approx(-force(e.time[-1]), rel=1e-5)
+    assert e.free_nodes.size == 2 * (ROWS - 2)
+    slope = np.polyfit(e.points[:, 1], e.displacements[-1, :, 1], 1)[0]
+    assert slope == pytest.approx(0.01 * 2 * e.time[-1], rel=1e-4)
+    assert e.noise == Noise(0.001)
+
+
+def test_column_map_keeps_holes_and_finds_their_rims(tmp_path):
+    def outside(p):
+        centre = [200 + 7.5 * PITCH, 100 + 6.5 * PITCH]
+        return (np.abs(p - centre) > 1.6 * PITCH).any(axis=1)
+
+    e = from_map(mapped(tmp_path, keep=outside))
+    assert len(e.points) == COLUMNS * ROWS - 16
+    assert signed_areas(e.points, e.triangles).sum() == pytest.approx(15 * 13 - 25 + 4 * 0.5)  # corners are bridged
+    assert e.free_nodes.size == 2 * (ROWS - 2) + 16
+
+
+def test_column_map_drops_invalid_points(tmp_path):
+    path = mapped(tmp_path)
+    frame = tmp_path / "frames" / "f_8.csv"
+    lines = frame.read_text().splitlines()
+    inner = next(k for k, line in enumerate(lines) if line.startswith(f"{6 * COLUMNS + 7},"))
+    lines[inner] = lines[inner].rsplit(",", 1)[0] + ",-1"
+    write(frame, "\n".join(lines))
+    text = MAP.replace("count = 4", "list = [3, 8]")
+    e = from_map(write(path, text))
+    assert e.provenance["points_lost"] == 1
+    assert e.provenance["frames"] == [3, 8]
+
+
+def test_force_per_frame(tmp_path):
+    path = mapped(tmp_path)
+    write(tmp_path / "load.csv", "F\n" + "\n".join(f"{-1e-3 * k:.4f}" for k in range(12)))
+    text = MAP.replace('time = "t"\n', "per_frame = true\n").replace("count = 4", "list = [2, 5]")
+    e = from_map(write(path, text))
+    np.testing.assert_allclose(e.loaded[1].force[:, 1], [2.0, 5.0], atol=1e-9)
+    write(tmp_path / "load.csv", "F\n-1\n-2\n")
+    with pytest.raises(errors.MeshMismatchError, match="2 forces for 12 frames"):
+        from_map(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('x = "X"', 'x = "X"\nxx = 1', "points: unknown key 'xx'; did you mean 'x'"),
+        ("rate_hz", "rate_Hz", "frames: unknown key 'rate_Hz'; did you mean 'rate_hz'"),
+        ("[edges]", "[edge]", "unknown key 'edge'; did you mean 'edges'"),
+        ('y = "Y"\n', "", "points: key 'y' is missing"),
+        ("count = 4", "count = 4.5", "frames: count must be of type int"),
+        ("count = 4", "count = true", "frames: count must be of type int"),
+        ('free = ["left", "right", "holes"]', 'free = "left"', "edges: free must be a list"),
+        ('unit = "kN"', 'unit = "kp"', "force.unit = 'kp' unknown"),
+        ('loaded = ["bottom", "top"]', 'loaded = ["bottom", "up"]', "edges.loaded = 'up' unknown"),
+        ("scale_mm_per_px = 0.05\n", "", "scale_mm_per_px belongs to unit 'px'"),
+        ('loaded = ["bottom", "top"]', 'loaded = ["bottom", "left"]', "a loaded side is not free"),
+        ('time = "t"\n', "", "give frames.rate_hz and force.time"),
+        ("[noise]", "[noise", "not valid TOML"),
+        ("[noise]\ndisplacement_std_mm = 0.001", "noise = 3", "unknown key 'noise'"),
+    ],
+)
+def test_bad_column_maps(tmp_path, old, new, message):
+    assert old in MAP
+    path = write(tmp_path / "map.toml", MAP.replace(old, new))
+    with pytest.raises(errors.ConfigError, match=message):
+        column_map.read_map(path)
+
+
+def test_column_map_and_files_that_do_not_match(tmp_path):
+    path = mapped(tmp_path)
+    with pytest.raises(errors.DataNotFoundError, match="0 files"):
+        from_map(write(path, MAP.replace("f*.csv", "g*.csv")))
+    with pytest.raises(errors.FileFormatError, match="no column named 'XX'"):
+        from_map(write(path, MAP.replace('"X"', '"XX"')))
+    mapped(tmp_path, coordinates="current")
+    write(path, MAP)
+    far = "\n".join(f"{k},{9e3 + 20 * k},0,1,1,0" for k in range(50))
+    write(tmp_path / "frames" / "f_5.csv", "n,X,Y,U,V,sigma\n" + far)
+    with pytest.raises(errors.MeshMismatchError, match=r"f_5.csv: .* points.coordinates = 'current'"):
+        from_map(path)
+
+
+def test_column_map_with_duplicate_points(tmp_path):
+    path = mapped(tmp_path)
+    frame = tmp_path / "frames" / "f_0.csv"
+    lines = frame.read_text().splitlines()
+    write(frame, "\n".join([*lines, lines[4]]))
+    with pytest.raises(errors.DegenerateMeshError, match="listed twice"):
+        from_map(path)
+
+
+def test_one_force_for_sides_of_two_directions():
+    """A cross whose four arms share no corner; the y arms would silently get the force of x."""
+    x, y = (v.ravel() for v in np.meshgrid(np.arange(-6, 7), np.arange(-6, 7), indexing="ij"))
+    inside = (np.abs(x) <= 2) | (np.abs(y) <= 2)
+    points = np.column_stack([x, y])[inside].astype(float)
+    triangles = Delaunay(points).simplices
+    triangles = triangles[(np.abs(points[triangles].mean(axis=1)) <= 2.1).any(axis=1)].astype(np.int64)
+    with pytest.raises(errors.ConfigError, match="names one force"):
+        column_import._edges(EdgesTable(("left", "right", "bottom", "top"), (), 0.1), points, triangles)
+    assert len(column_import._edges(EdgesTable(("left", "right"), (), 0.1), points, triangles)[0]) == 2
+
+
+def test_sides_that_share_a_corner(tmp_path):
+    text = MAP.replace('["bottom", "top"]', '["bottom", "left"]').replace('["left", "right", "holes"]', "[]")
+    with pytest.raises(errors.ConfigError, match="share corner nodes"):
+        from_map(mapped(tmp_path, text))
+
+
+@pytest.mark.parametrize("name", ["matchid", "vic", "dice"])
+def test_documented_examples_are_valid(name):
+    path = Path(__file__).parents[3] / "docs" / "import" / f"{name}.toml"
+    assert column_map.read_map(path).name.startswith(name)
+    assert "UNCHECKED" in path.read_text()

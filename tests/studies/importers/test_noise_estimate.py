@@ -1,0 +1,102 @@
+"""Noise estimated from a record: recovers what was put in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibrate import errors
+from studies.importers import noise_estimate
+
+STD = 0.004
+
+
+def points(columns: int = 36, rows: int = 32, pitch: float = 0.5):
+    x, y = np.meshgrid(np.arange(columns) * pitch, np.arange(rows) * pitch)
+    return np.stack([x.ravel(), y.ravel()], axis=1)
+
+
+def smooth_field(p, frames):
+    """A large smooth deformation that grows with time."""
+    t = np.linspace(0.0, 1.0, frames)[:, None, None]
+    return t * np.stack([0.2 * np.sin(p[:, 0] / 6) * p[:, 1], 0.4 * p[:, 1] + np.cos(p[:, 0] / 5)], axis=-1)
+
+
+def correlated(p, frames, length, seed):
+    """Noise (frames, n, 2) with covariance STD^2 exp(-r^2 / (2 l^2)), by its Cholesky factor."""
+    rng = np.random.default_rng(seed)
+    if length == 0:
+        return STD * rng.standard_normal((frames, len(p), 2))
+    distance = np.linalg.norm(p[:, None] - p[None], axis=-1)
+    factor = np.linalg.cholesky(np.exp(-0.5 * (distance / length) ** 2) + 1e-9 * np.eye(len(p)))
+    white = rng.standard_normal((len(p), 2 * frames))
+    return STD * np.moveaxis((factor @ white).reshape(len(p), frames, 2), 1, 0)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.4, 1.0])
+def test_recovers_std_and_correlation_length(length):
+    p = points()
+    found = noise_estimate.displacement_noise(p, smooth_field(p, 16) + correlated(p, 16, length, 1))
+    for estimate in (found.total, found.temporal):
+        assert estimate.std == pytest.approx(STD, rel=0.06)
+        assert estimate.correlation_length == pytest.approx(length, abs=0.06)
+
+
+def test_persistent_errors_count_in_the_total_only():
+    p = points()
+    fixed = correlated(p, 1, 0.4, 2) * np.linspace(0.0, 4.0, 20)[:, None, None]
+    found = noise_estimate.displacement_noise(p, smooth_field(p, 20) + fixed + 0.1 * correlated(p, 20, 0.0, 3))
+    assert found.temporal.std == pytest.approx(0.1 * STD, rel=0.06)
+    assert found.total.std == pytest.approx(STD * np.sqrt(np.mean(np.linspace(0, 4, 20) ** 2)), rel=0.1)
+    assert found.frame_std[-1] > 2.5 * found.frame_std[5]
+
+
+def test_vibration_and_frame_timing_are_jitter_not_noise():
+    p = points()
+    rng = np.random.default_rng(4)
+    shake = 0.05 * rng.standard_normal((20, 1, 2)) + 0.002 * rng.standard_normal((20, 1, 1)) * p
+    found = noise_estimate.displacement_noise(p, smooth_field(p, 20) + shake + correlated(p, 20, 0.0, 5))
+    assert found.temporal.std == pytest.approx(STD, rel=0.06)
+    assert found.jitter > 5 * STD
+
+
+def test_few_frames_give_the_total_alone():
+    p = points()
+    found = noise_estimate.displacement_noise(p, smooth_field(p, 4) + correlated(p, 4, 0.0, 6))
+    assert found.temporal is None
+    assert found.total.std == pytest.approx(STD, rel=0.06)
+    assert found.to_dict()["temporal"] is None
+
+
+def test_noise_free_field_gives_next_to_nothing():
+    p = points()
+    found = noise_estimate.displacement_noise(p, smooth_field(p, 8))
+    assert found.total.std < 0.02 * STD
+    assert found.temporal.std < 0.02 * STD
+
+
+def test_local_cubic_is_exact_for_cubics():
+    p = points(12, 11)
+    operator, inner = noise_estimate.local_residual_operator(p)
+    assert np.abs(operator @ (p[:, 0] ** 3 - 2 * p[:, 0] * p[:, 1] ** 2 + 5)).max() < 1e-9
+    assert operator.shape == (inner.size, len(p))
+    assert inner.size == 8 * 7
+
+
+def test_too_few_points_are_refused():
+    with pytest.raises(errors.ExperimentError, match="too few"):
+        noise_estimate.displacement_noise(points(6, 6), np.ones((3, 36, 2)))
+
+
+def test_nothing_that_moves_is_refused():
+    p = points()
+    with pytest.raises(errors.ExperimentError, match="nothing moves"):
+        noise_estimate.displacement_noise(p, np.zeros((6, len(p), 2)))
+
+
+def test_force_noise():
+    rng = np.random.default_rng(7)
+    time = np.sort(rng.uniform(0, 40, 2000))
+    force = 20 * np.sqrt(time / 40) + 0.02 * rng.standard_normal(2000)
+    assert noise_estimate.force_noise(time, force) == pytest.approx(0.02, rel=0.1)
+    assert noise_estimate.force_noise(time[:3], force[:3]) == 0.0

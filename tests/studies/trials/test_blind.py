@@ -1,0 +1,163 @@
+"""Blind study: plans, judgement and tables, on made-up diagnoses; one real trial (slow)."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from itertools import batched, pairwise
+
+import pytest
+
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis import effect_fit, effect_score, selection
+from calibrate.effects.load import ForceOffset
+from calibrate.effects.second_invariant import SecondInvariant
+from calibrate.errors import ConfigError
+from studies.cli import main
+from studies.commands import blind
+from studies.trials import blind_case, blind_data, blind_report
+from studies.trials.blind_case import Plan
+from studies.trials.blind_data import draw
+
+
+def arguments(*words):
+    parser = argparse.ArgumentParser()
+    blind.add_arguments(parser)
+    return parser.parse_args(words)
+
+
+def trial(
+    tmp_path,
+    name,
+    hidden,
+    named=(),
+    verdict="explained",
+    score=50.0,
+    value=1.0,
+    deviation=0.1,
+    absent=None,
+    closest=(),
+    beside=50.0,
+):
+    """A folder with a label and a diagnosis: `hidden` with amplitude 1."""
+    home = tmp_path / name
+    (home / "sealed").mkdir(parents=True)
+    effects = [{"name": n, "amplitudes": {"a": 1.0}, "shape": {}, "more": {}} for n in hidden]
+    (home / "sealed" / "label.json").write_text(json.dumps({"effects": effects}))
+    if len(hidden) > 1:
+        (home / "sealed" / "beside.json").write_text(json.dumps(dict.fromkeys(hidden, beside)))
+    scores = {n: {"score": score, "adjusted": 0.0, "admissible": True, "amplitudes": [1.0], "like": {"twin": 0.95}}
+              for n in hidden}  # fmt: skip
+    full = {
+        "verdict": verdict, "named": list(named), "closest": list(closest), "groups": {n: [n, "twin"] for n in named},
+        "additions": [{"effect": n, "amplitudes": {"a": value}, "deviations": {"a": deviation}, "shape": {}} for n in named],
+        "rounds": [{"scores": scores}],
+    }  # fmt: skip
+    content = {"full": full, "seconds": 1.0}
+    if absent is not None:
+        content["absent"] = {"verdict": "explained", "named": absent, "closest": []}
+    (home / "diagnosis.json").write_text(json.dumps(content))
+    return home
+
+
+def test_every_trial_has_its_own_seed_and_kinds_are_mixed():
+    plans = blind.plans(
+        arguments("--trials", "2", "--nulls", "4", "--pairs", "2", "--only", "force offset,viscoelasticity")
+    )
+    assert len({p.seed for p in plans}) == len({p.name for p in plans}) == len(plans) == 10
+    assert {len(p.effects) for p in plans[:5]} == {0, 1, 2}
+    assert [p.effects for p in plans if p.absent] == [("force offset",), ("viscoelasticity",)]  # the first of each
+
+
+def test_trials_of_one_size_follow_each_other():
+    todo = blind.plans(arguments("--trials", "2", "--nulls", "10", "--pairs", "0"))
+    ordered = blind.in_order_of_size(todo)
+    assert sorted(p.name for p in ordered) == sorted(p.name for p in todo)
+    for window in batched(ordered, blind.WINDOW):
+        trials = [draw(p.seed, *(p.effects or (None,))) for p in window]
+        sizes = [(t.specimen, len(t.factors)) for t in trials]
+        assert sum(a != b for a, b in pairwise(sizes)) == len(set(sizes)) - 1
+
+
+def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
+    homes = [
+        trial(tmp_path, "hit", ["force offset"], ["force offset"], value=1.1, absent=["twin"]),
+        trial(tmp_path, "group", ["twin"], ["force offset"]),
+        trial(tmp_path, "wrong", ["lens distortion"], ["force offset"], absent=["viscoelasticity"]),
+        trial(tmp_path, "weak", ["force offset"], verdict="nothing significant", score=2.0),
+        trial(tmp_path, "null", [], verdict="nothing significant"),
+        trial(tmp_path, "alarm", [], verdict="significant, not explained"),
+        trial(tmp_path, "pair", ["force offset", "viscoelasticity"], ["force offset", "viscoelasticity"], value=2.0),
+        trial(tmp_path, "lesser", ["force offset", "viscoelasticity"], ["force offset"], closest=["viscoelasticity"]),
+        trial(tmp_path, "half", ["force offset", "viscoelasticity"], ["force offset"]),
+        trial(tmp_path, "imitated", ["force offset", "viscoelasticity"], ["force offset"], beside=1.0),
+    ]
+    text = blind_report.write_report(tmp_path, homes, {})
+    numbers = json.loads((tmp_path / "summary.json").read_text())
+    assert (numbers["nulls"], numbers["null_detections"], numbers["null_names"]) == (2, 1, 0)
+    assert (numbers["strong"], numbers["strong_group_named"], numbers["strong_named"]) == (3, 2, 1)
+    assert (numbers["amplitudes"], numbers["amplitudes_within"]) == (1, 1)
+    assert (numbers["absent"], numbers["absent_wrong"]) == (2, 1)
+    assert (numbers["pairs"], numbers["pairs_found"], numbers["pairs_in_model"]) == (3, 1, 2)
+    assert (numbers["pairs_at_first"], numbers["pairs_at_first_found"]) == (4, 1)
+    assert "1 of 2 (50 %)" in text
+    broken = blind_report.write_report(tmp_path / "broken", homes, {"twin-7": "ValueError: nothing left"})
+    assert broken == f"{text} Ended with an error and counted nowhere: twin-7 (ValueError: nothing left)."
+    confusion = (tmp_path / "confusion.csv").read_text()
+    assert confusion.splitlines()[0].startswith("hidden,nothing,unexplained")
+    assert (tmp_path / "report.html").exists()
+    judged = blind_case.judge(homes[0])
+    assert judged["amplitudes"][0]["pulls"]["a"] == pytest.approx(1.0)
+    known = {one["trial"]: one for one in json.loads((tmp_path / "trials.json").read_text())}
+    elsewhere = [tmp_path / "elsewhere" / home.name for home in homes]
+    assert blind_report.write_report(tmp_path / "again", elsewhere, {}, known) == text
+
+
+@pytest.mark.parametrize(
+    "words", [["--only", "gravity"], ["--trials", "-1"], ["--trials", "0", "--nulls", "0", "--pairs", "0"]]
+)
+def test_nonsense_is_refused(words):
+    with pytest.raises(ConfigError):
+        blind.plans(arguments(*words))
+
+
+def test_trials_of_another_run_are_not_made_again(tmp_path, capsys):
+    todo = blind.plans(arguments())
+    path = tmp_path / "trials.json"
+    path.write_text(json.dumps([{"trial": todo[3].name}, {"trial": "something else-1"}]))
+    assert list(blind.read_known(path, todo)) == [todo[3].name]
+    path.write_text(json.dumps([{"trial": "something else-1"}]))
+    assert main(["blind", "--known", str(path), "-o", str(tmp_path / "out")]) == 2
+    assert "none of its trials is one of this run" in capsys.readouterr().err
+    path.write_text("[1, 2]")
+    assert main(["blind", "--known", str(path), "-o", str(tmp_path / "out")]) == 2
+    assert "give the trials.json of a blind run" in capsys.readouterr().err
+
+
+def test_a_report_of_no_trials_is_refused(tmp_path, capsys):
+    assert main(["blind", "--report", "-o", str(tmp_path / "out")]) == 2
+    assert "no trial is there yet" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_trial_runs_and_goes_on_where_it_was(tmp_path, capsys):
+    words = ["blind", "--trials", "0", "--nulls", "1", "--pairs", "0", "--jobs", "1", "-o", str(tmp_path / "out")]
+    assert main(words) == 0
+    made = tmp_path / "out" / "trials" / Plan(20000).name / "diagnosis.json"
+    time = made.stat().st_mtime_ns
+    assert main(words) == 0
+    assert made.stat().st_mtime_ns == time
+    assert "Nothing hidden" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_an_effect_may_get_its_score_from_another(tmp_path):
+    """A force offset stands in for a second invariant that is not in the model yet; beside it nothing is left."""
+    blind_data.write(draw(9015, "second invariant", "force offset"), tmp_path)
+    experiment = Experiment.load(tmp_path / "experiment.npz")
+    problem, base = effect_fit.prepare([experiment], [selection.HoldOut().training])
+    scores = effect_score.score(problem, base, (SecondInvariant(), ForceOffset()))
+    alone = next(s.score for s in scores if s.effect == ForceOffset())
+    beside = blind_case.beside(tmp_path)
+    assert alone > 1000 and beside["second invariant"] > 1000
+    assert beside["force offset"] < 10
