@@ -1,0 +1,61 @@
+"""The text of reports: a template in ``studies/templates`` in, sentences around numbers that were computed elsewhere out.
+
+A file ``templates/NAME.txt`` holds Jinja macros, one for each sentence, paragraph or caption; `Words("NAME")` gives each of
+them as a function. A macro chooses words by typed values (an enum, a number); it computes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from studies.errors import StudyError
+
+
+@cache
+def _environment() -> Any:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("studies"), undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        extensions=["jinja2.ext.do"],
+    )  # fmt: skip
+    environment.filters.update(percent=percent, digits=digits, plus_minus=plus_minus)
+    return environment
+
+
+class Words:
+    """The macros of ``templates/NAME.txt`` as functions of keyword arguments; white space is run together.
+
+    Raises `StudyError` for a macro that the template does not have, `jinja2.UndefinedError` for a value that it lacks.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __getattr__(self, macro: str) -> Callable[..., str]:
+        module = _environment().get_template(f"{self.name}.txt").module
+        if not hasattr(module, macro):
+            raise StudyError(f"templates/{self.name}.txt has no macro '{macro}'")
+        return lambda **values: " ".join(str(getattr(module, macro)(**values)).split())
+
+
+def percent(share: float, places: int = 2) -> str:
+    """'0.42 %' of 0.0042, to so many significant digits; 'unknown' for NaN."""
+    return f"{100 * share:.{places}g} %" if share == share else "unknown"
+
+
+def digits(value: float, places: int = 3) -> str:
+    """A number to so many significant digits."""
+    return f"{value:.{places}g}"
+
+
+def plus_minus(value: float, half: float) -> str:
+    """'0.01630 +- 0.00060': half the 95 % interval to two digits, the value to the same place."""
+    if not 0 < half < float("inf"):
+        return f"{value:.4g} +- {half:.2g}"
+    places = max(0, 1 - int(f"{half:e}".split("e")[1]))
+    if places > 7:
+        return f"{value:.3e} +- {half:.1e}"
+    return f"{value:.{places}f} +- {half:.{places}f}"
