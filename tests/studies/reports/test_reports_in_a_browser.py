@@ -329,7 +329,7 @@ def test_discover(chromium: Browser, tmp_path: Path) -> None:
     from discoveries import explained, view
     from test_discovery_report import StandInManifest, StandInModel
 
-    from studies.reports import discovery_report
+    from studies.reports.discovery import report as discovery_report
 
     path = discovery_report.write(tmp_path, view(explained()), StandInModel(), StandInManifest())
     assert faults(chromium, path) == []

@@ -1,4 +1,4 @@
-"""What a model leaves unexplained, and which effect it looks like: score tests and groups.
+"""Score tests: which effect the residual of a fit looks like.
 
 In: a `Problem` and its `Fit`. Out: `Score` of every effect.
 
@@ -16,28 +16,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibrate.diagnosis import whitened
+from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.signature_noise import excess, hidden_noise
-from calibrate.diagnosis.whitened import Problem
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.chain import Addition
 from calibrate.fitting.least_squares import CONDITION, bounded, less, orthonormal
 
 Array = NDArray[np.float64]
-COLLINEAR = 0.9  # |cos| of signatures that cannot be told apart
 ABSORBED = 1e-3  # share of a signature that must be left by the base
 DRAWS = 2000  # of the simulated search
 
 
+class Status(StrEnum):
+    """Whether an effect can be tested: a gauge cannot be told from what its effect names; data may be missing, or it belongs to one
+    test where several are fitted; the base may absorb its signature."""
+
+    TESTED = "tested"
+    GAUGE = "gauge"
+    NOT_TESTABLE = "not testable"
+    ABSORBED = "absorbed"
+
+
 @dataclass(frozen=True, eq=False)
 class Score:
-    """One effect's test. status: 'tested', 'gauge', 'not testable' or 'absorbed'; why: in words, where not tested.
+    """One effect's test. missing: the data that it needs, where it is not testable; none where it belongs to one test alone.
 
     score: T over the dispersion, with `degrees`; p_value: of the effect; adjusted: of the whole search. share: of the
     misfit that it would explain. absorbed: share of the signature that the base takes. amplitudes, errors: with null
@@ -45,8 +55,8 @@ class Score:
     """
 
     effect: Effect
-    status: str
-    why: str = ""
+    status: Status
+    missing: tuple[str, ...] = ()
     score: float = 0.0
     degrees: int = 0
     p_value: float = 1.0
@@ -61,10 +71,15 @@ class Score:
 
     @property
     def evidence(self) -> float:
-        """Improvement minus the price of its amplitudes and shapes (Schwarz 1978), for ranking."""
+        """Improvement minus the penalty on its amplitudes and shapes (BIC; Schwarz 1978), for ranking."""
         n = 1000 if self.direction is None else len(self.direction)
-        price = (self.degrees + len(self.shape)) * float(np.log(n))
-        return self.score - price if self.status == "tested" else -np.inf
+        penalty = (self.degrees + len(self.shape)) * float(np.log(n))
+        return self.score - penalty if self.is_tested else -np.inf
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether there is a score."""
+        return self.status is Status.TESTED
 
 
 def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, seed: int = 0) -> list[Score]:
@@ -78,12 +93,12 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
     for effect in effects:
         if effect.name in present:
             continue
-        why = untestable(problem, effect)
-        if why:
-            skipped.append(why)
+        refused = untestable(problem, effect)
+        if refused is not None:
+            skipped.append(refused)
             continue
         result = examine(problem, state, effect, U, r, hidden)
-        if result[0].status == "tested":
+        if result[0].is_tested:
             found.append(result)
         else:
             skipped.append(result[0])
@@ -99,14 +114,12 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
 
 
 def untestable(problem: Problem, effect: Effect) -> Score | None:
-    """Why an effect cannot be tested with these data, or None."""
+    """Score of an effect that cannot be tested with these data, or None."""
     if effect.gauge:
-        return Score(effect, "gauge", f"cannot be told from {effect.gauge}")
-    lacking = {effect.missing(part.chain.data) for part in problem.trained} - {None}
-    if lacking:
-        return Score(effect, "not testable", "needs " + " and ".join(sorted(map(str, lacking))))
-    if len(problem.trained) > 1 and not effect.of_material:
-        return Score(effect, "not testable", "belongs to one test, not to the material; needs a run on one experiment")
+        return Score(effect, Status.GAUGE)
+    missing = {effect.missing(part.chain.data) for part in problem.trained} - {None}
+    if missing or (len(problem.trained) > 1 and not effect.of_material):
+        return Score(effect, Status.NOT_TESTABLE, tuple(sorted(map(str, missing))))
     return None
 
 
@@ -126,15 +139,13 @@ def examine(
     for shape in shapes:
         one, Q = examine_shape(problem, state, Addition(effect, null, tuple(shape)), U, r, hidden, correct=single)
         absorbed_most = min(absorbed_most, one.absorbed)
-        if one.status != "tested":
+        if not one.is_tested:
             continue
         blocks.append(Q)
         if best is None or (one.admissible, one.score) > (best.admissible, best.score):
             best = one
     if best is None:
-        return Score(effect, "absorbed", "the base model can do the same", absorbed=absorbed_most), np.zeros(
-            (len(r), 0)
-        )
+        return Score(effect, Status.ABSORBED, absorbed=absorbed_most), np.zeros((len(r), 0))
     if not single and effect.rough and problem.noise_is_known:
         best = examine_shape(problem, state, Addition(effect, null, best.shape), U, r, hidden)[0]
     p = min(1.0, len(blocks) * float(stats.chi2.sf(best.score, best.degrees)))
@@ -157,43 +168,86 @@ def examine_shape(
     """
     effect = addition.effect
     typical = np.array([p.typical for p in effect.amplitudes])
-    additions = (*state.additions, addition)
-    S = whitened.signature(problem, state.chains, state.c, additions) * typical
-    left = S - U @ (U.T @ S)
-    size = np.linalg.norm(S)
-    absorbed = 1.0 - np.linalg.norm(left) / max(size, 1e-300)
+    S = equations.signature(problem, state.chains, state.c, (*state.additions, addition)) * typical
+    outside = S - U @ (U.T @ S)
+    absorbed = 1.0 - np.linalg.norm(outside) / max(np.linalg.norm(S), 1e-300)
     if absorbed > 1 - ABSORBED:
-        return Score(effect, "absorbed", "the base model can do the same", absorbed=absorbed), left
-    g, M = left.T @ r, left.T @ left
+        return Score(effect, Status.ABSORBED, absorbed=absorbed), outside
+    g, M = outside.T @ r, outside.T @ outside
     values, vectors = np.linalg.eigh(M)
     keep = values > CONDITION * values.max()
-    Q = (left @ vectors[:, keep]) / np.sqrt(values[keep])
+    Q = (outside @ vectors[:, keep]) / np.sqrt(values[keep])
     T = float(((vectors[:, keep].T @ g) ** 2 / values[keep]).sum())
     inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
     if correct and effect.rough and problem.noise_is_known:
-        hidden = hidden_noise(problem, state.chains, state.c, state.additions) if hidden is None else hidden
-        inverse = np.linalg.inv(less(M, excess(problem, state.chains, state.c, additions, U, typical, S, hidden)))
+        inverse = np.linalg.inv(less(M, _hidden_excess(problem, state, addition, U, typical, S, hidden)))
     a = -inverse @ g
     spread = np.sqrt(np.diag(inverse @ M @ inverse))
-    null = np.array([p.null for p in effect.amplitudes])
-    amplitudes = null + a * typical
-    admissible = all(p.lower <= v <= p.upper for p, v in zip(effect.amplitudes, amplitudes, strict=True))
-    if not admissible and len(a) > 1:  # the best within the bounds; its score is less, its price is not
-        lower, upper = (np.array([getattr(p, end) for p in effect.amplitudes]) for end in ("lower", "upper"))
-        a = bounded(left, -r, (lower - null) / typical, (upper - null) / typical)
-        amplitudes, admissible = null + a * typical, True
+    amplitudes, admissible = _amplitudes(effect, a)
+    if not admissible and len(a) > 1:  # the best within the bounds; its score is lower, its penalty is not
+        a = bounded(outside, -r, *_bounds(effect))
+        amplitudes, admissible = _amplitudes(effect, a)[0], True
         T = max(float(-2 * (g @ a) - a @ M @ a), 0.0)
-    change = left @ a
-    direction = change / max(np.linalg.norm(change), 1e-300)
-    return (
-        Score(effect, "tested", "", T, int(keep.sum()), 1.0, 1.0, T / max(float(r @ r), 1e-300), absorbed,
-              tuple(map(float, amplitudes)), tuple(map(float, spread * typical)), addition.shape, admissible, direction),
-        Q,
-    )  # fmt: skip
+    change = outside @ a
+    one = Score(
+        effect,
+        Status.TESTED,
+        score=T,
+        degrees=int(keep.sum()),
+        share=T / max(float(r @ r), 1e-300),
+        absorbed=absorbed,
+        amplitudes=tuple(map(float, amplitudes)),
+        errors=tuple(map(float, spread * typical)),
+        shape=addition.shape,
+        admissible=admissible,
+        direction=change / max(np.linalg.norm(change), 1e-300),
+    )
+    return one, Q
+
+
+def _hidden_excess(
+    problem: Problem,
+    state: Fit,
+    addition: Addition,
+    U: Array,
+    typical: Array,
+    S: Array,
+    hidden: list[list[Array]] | None,
+) -> Array:
+    """(p, p): what noise that does not show in the residual adds to the squares of the signature S (N, p)."""
+    hidden = hidden_noise(problem, state.chains, state.c, state.additions) if hidden is None else hidden
+    return excess(problem, state.chains, state.c, (*state.additions, addition), U, typical, S, hidden)
+
+
+def _amplitudes(effect: Effect, a: Array) -> tuple[Array, bool]:
+    """Amplitudes (p,) of changes a (p,) in typical ones, and whether all are admissible."""
+    values = np.array([p.null for p in effect.amplitudes]) + a * np.array([p.typical for p in effect.amplitudes])
+    return values, all(p.lower <= v <= p.upper for p, v in zip(effect.amplitudes, values, strict=True))
+
+
+def _bounds(effect: Effect) -> tuple[Array, Array]:
+    """Lower and upper bounds (p,) of changes in typical amplitudes."""
+    lower, upper, null, typical = np.array([(p.lower, p.upper, p.null, p.typical) for p in effect.amplitudes]).T
+    return (lower - null) / typical, (upper - null) / typical
 
 
 def adjust(scores: list[Score], blocks: list[Array], dispersion: float, seed: int) -> list[Score]:
     """Scores over the dispersion, with p-values of the whole search from simulated noise."""
+    smallest = _smallest_p(scores, blocks, seed)
+    result = []
+    for one, block in zip(scores, blocks, strict=True):
+        n_shapes = block.shape[1] // one.degrees
+        score = one.score / dispersion
+        p = min(1.0, n_shapes * float(stats.chi2.sf(score, one.degrees)))
+        exceeded = int((smallest <= p).sum())
+        adjusted = exceeded / DRAWS if exceeded >= 10 else min(len(scores) * p, 10 / DRAWS)
+        deviations = tuple(float(e * np.sqrt(dispersion)) for e in one.errors)
+        result.append(replace(one, score=score, p_value=p, adjusted=adjusted, errors=deviations))
+    return result
+
+
+def _smallest_p(scores: list[Score], blocks: list[Array], seed: int) -> Array:
+    """(DRAWS,): the smallest p-value of the search in noise alone; blocks (N, k): signatures of all shapes."""
     Q = np.concatenate(blocks, axis=1)
     values, vectors = np.linalg.eigh(Q.T @ Q)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -205,16 +259,7 @@ def adjust(scores: list[Score], blocks: list[Array], dispersion: float, seed: in
         T = (draws[:, start : start + block.shape[1]].reshape(DRAWS, n_shapes, size) ** 2).sum(axis=2).max(axis=1)
         smallest = np.minimum(smallest, np.minimum(1.0, n_shapes * stats.chi2.sf(T, size)))
         start += block.shape[1]
-    result = []
-    for one, block in zip(scores, blocks, strict=True):
-        n_shapes = block.shape[1] // one.degrees
-        score = one.score / dispersion
-        p = min(1.0, n_shapes * float(stats.chi2.sf(score, one.degrees)))
-        exceeded = int((smallest <= p).sum())
-        adjusted = exceeded / DRAWS if exceeded >= 10 else min(len(scores) * p, 10 / DRAWS)
-        deviations = tuple(float(e * np.sqrt(dispersion)) for e in one.errors)
-        result.append(replace(one, score=score, p_value=p, adjusted=adjusted, errors=deviations))
-    return result
+    return smallest
 
 
 def likeness(scores: Sequence[Score]) -> Array:

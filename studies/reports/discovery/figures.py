@@ -11,20 +11,14 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.selection import ALPHA, Round
-from calibrate.diagnosis.whitened import Part
+from calibrate.diagnosis.problem import Part
+from calibrate.diagnosis.selection.rounds import Round
+from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects.chain import Addition
+from calibrate.models.extended_model import amplitude_unit
 from studies.output import style
-from studies.reports.discovery_review import (
-    BAND,
-    View,
-    amplitude_unit,
-    decorrelated,
-    forces,
-    held_increments,
-    nodal,
-    p_text,
-)
+from studies.reports.discovery.outcome import WORDS
+from studies.reports.discovery.view import BAND, View, decorrelated, forces, held_increments, nodal
 from studies.reports.force_record import COMPONENTS, worth_drawing
 
 Array = NDArray[np.float64]
@@ -105,33 +99,31 @@ def scores(view: View) -> Figure:
     """Scores of all candidates in the first and the last round; filled where significant."""
     rounds = view.discovery.rounds
     shown = {"base model": rounds[0]} if len(rounds) == 1 else {"base model": rounds[0], "final model": rounds[-1]}
-    largest = max([10.0, *(r.score.score for now in shown.values() for r in now.rows if r.score.status == "tested")])
-    names = [row.name for row in rounds[0].rows if row.score.status == "tested"][::-1]
+    largest = max([10.0, *(r.score.score for now in shown.values() for r in now.candidates if r.score.is_tested)])
+    names = [row.name for row in rounds[0].candidates if row.score.is_tested][::-1]
     with style.figure(4.6 * len(shown) + 0.4, 0.27 * max(len(names), 3) + 1.0) as figure:
         axes = figure.subplots(1, len(shown), sharey=True, sharex=True, squeeze=False)[0]
         for ax, (name, now) in zip(axes, shown.items(), strict=True):
-            _bars(ax, now, names)
-            ax.set(
-                title=f"on what the {name} leaves", xlabel="score (fall of the whitened misfit)", xlim=(0, 8 * largest)
-            )
+            _bars(ax, now, names, view.discovery.thresholds)
+            ax.set(title=f"residual of the {name}", xlabel="score (fall of the whitened misfit)", xlim=(0, 8 * largest))
         axes[0].set_yticks(range(len(names)), names, fontsize=8)
         return figure
 
 
-def _bars(ax: Axes, now: Round, names: list[str]) -> None:
-    by_name = {row.name: row.score for row in now.rows if row.score.status == "tested"}
+def _bars(ax: Axes, now: Round, names: list[str], thresholds: Thresholds) -> None:
+    by_name = {row.name: row.score for row in now.candidates if row.score.is_tested}
     for place, name in enumerate(names):
         score = by_name.get(name)
         if score is None:
             ax.text(0.02, place, "in the model", va="center", fontsize=7, transform=ax.get_yaxis_transform())
             continue
-        significant = score.adjusted < ALPHA
+        significant = score.adjusted < thresholds.significance
         ax.barh(
             place, score.score, height=0.7, edgecolor=style.COLOURS["blue"], linewidth=0.8,
             facecolor=style.COLOURS["blue"] if significant and score.admissible else "white",
             hatch="////" if significant and not score.admissible else None,
         )  # fmt: skip
-        text = f"p {p_text(score.adjusted)}"
+        text = f"p {WORDS.p(value=score.adjusted)}"
         ax.annotate(text, (max(score.score, 0.0), place), (3, 0), textcoords="offset points", va="center", fontsize=7)
     ax.set_xscale("symlog", linthresh=10.0)
     ax.grid(False, axis="y")
@@ -143,7 +135,7 @@ def intervals(view: View) -> Figure | None:
     if not final.additions:
         return None
     sizes = [len(a.amplitudes) for a in final.additions]
-    tested = {now.added: row.score for now in view.discovery.rounds for row in now.rows if row.name == now.added}
+    tested = {now.added: row.score for now in view.discovery.rounds for row in now.candidates if row.name == now.added}
     with style.figure(6.0, 0.3 * sum(sizes) + 0.95 * len(sizes)) as figure:
         axes = figure.subplots(len(sizes), 1, squeeze=False, height_ratios=[n + 1 for n in sizes])[:, 0]
         for ax, addition, deviations in zip(axes, final.additions, final.errors, strict=True):
@@ -179,19 +171,10 @@ def _intervals(
     ax.set_xlabel("amplitude" + ("" if label == "1" else f", {label}"), fontsize=8)
 
 
-OF_A_TEST: dict[str, tuple[Callable[[View, Part], Figure], str]] = {
-    "residual_map": (residual_map, "Where and when {name} is not in equilibrium: residuals of the virtual fields over "
-                     "their standard deviation, decorrelated, averaged where fields overlap. What noise and "
-                     "discretisation explain scatters over the specimen and stays near 1 or below; what a model misses "
-                     "stands out and persists."),
-    "forces": (force_history, "Forces of {name}: read by the load cells (circles), predicted from the measured "
-               "displacements (lines), and their difference over the noise that is expected in it. Shaded increments were "
-               "held out. Components that carry less than 5 % of the largest force are in forces.csv."),
-}  # fmt: skip
-OF_ALL: dict[str, tuple[Callable[[View], Figure | None], str]] = {
-    "scores": (scores, "Score of every candidate; p adjusted for the whole search. Filled: significant and admissible. "
-               "Hatched: significant, with an amplitude that cannot be. Empty: not significant. Only candidates of one "
-               "degree of freedom can be compared by the length of the bar."),
-    "amplitudes": (intervals, "Amplitudes of what was added, with 95 % intervals: as the score test predicted them, and "
-                   "fitted together with the base. The dashed line is no effect."),
-}  # fmt: skip
+OF_A_TEST: dict[str, Callable[[View, Part], Figure]] = {"residual_map": residual_map, "forces": force_history}
+OF_ALL: dict[str, Callable[[View], Figure | None]] = {"scores": scores, "amplitudes": intervals}
+
+
+def caption(name: str, **values: str) -> str:
+    """The caption of a figure; of one test with its name."""
+    return str(getattr(WORDS, f"{name}_caption")(**values))

@@ -12,21 +12,12 @@ from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.network_model import Model
 from studies.output import write_csv, write_figure, write_json, write_npz
 from studies.output.report import Report
-from studies.reports import discovery_figures as figures
-from studies.reports.discovery_review import View, content, decorrelated, forces, held_increments, model_name, nodal
-from studies.reports.discovery_words import (
-    CANDIDATE_CAPTION,
-    CATALOGUE_CAPTION,
-    MISFIT_CAPTION,
-    MODEL_CAPTION,
-    candidate_table,
-    catalogue_table,
-    misfit_table,
-    model_table,
-    remarks,
-    untestable,
-    verdict,
-)
+from studies.reports.discovery import figures
+from studies.reports.discovery.outcome import WORDS
+from studies.reports.discovery.records import ExperimentRecord, content, model_name
+from studies.reports.discovery.statement import remarks, untestable, verdict
+from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
+from studies.reports.discovery.view import View, decorrelated, forces, held_increments, nodal
 
 MOST_TESTS = 4  # that get pictures
 QUICK_FIGURES = ("residual_map", "forces", "scores")
@@ -36,34 +27,42 @@ def write(folder: Path, view: View, model: ExtendedModel, manifest: Any) -> Path
     """Write model, data, figures, report and manifest into `folder`; returns the report's path."""
     files = [folder / "report.html", folder / "model.json", *_data(folder, view)]
     model.save(files[1])
-    report = Report("What the model leaves", _subtitle(view))
-    report.heading("Verdict").paragraph(verdict(view)[0].upper() + verdict(view)[1:] + ".")
+    report = Report("Diagnosis", _subtitle(view))
+    said = verdict(view)
+    report.heading("Verdict").paragraph(said[0].upper() + said[1:] + ".")
     for remark in remarks(view):
         report.paragraph(remark)
-    report.heading("Models").table(*model_table(view), MODEL_CAPTION)
-    if view.discovery.problem.noise_is_known:
-        report.heading("More than noise?").table(*misfit_table(view), MISFIT_CAPTION)
-    report.heading("Where and when")
-    for path, figure, caption in pictures(folder, view):
-        write_figure(path, figure, dpi=140)
-        report.figure(path, caption)
-    for i, now in enumerate(view.discovery.rounds, start=1):
-        report.heading(f"Round {i}: what {model_name(now.fit)} leaves")
-        report.table(*candidate_table(now, view.unit), CANDIDATE_CAPTION)
-    report.heading("Not testable with these data").paragraph(_list(untestable(view.discovery.rounds[0])))
-    report.heading("The catalogue").table(*catalogue_table(view), CATALOGUE_CAPTION)
+    _results(report, folder, view)
     report.heading("The extended model").paragraph(model_words(model))
     report.heading("How it was made")
-    for part in content(view)["experiments"]:
-        numbers = _numbers(part["held_out_increments"])
-        report.details(f"Experiment {part['name']}", {**part, "held_out_increments": numbers})
+    for part in map(ExperimentRecord.of, view.discovery.problem.parts):
+        numbers = ", ".join(map(str, part.held_out_increments)) or "none"
+        report.details(f"Experiment {part.name}", {**part.to_dict(), "held_out_increments": numbers})
     record = manifest.to_dict()
     report.details("Settings", record["settings"])
     report.details("Versions", record["versions"])
     report.save(files[0])
     # the manifest is written last: where it is, everything is
-    manifest.beside(*files, verdict=view.discovery.verdict, in_words=verdict(view), hold_out=view.hold_out)
+    manifest.beside(*files, verdict=view.discovery.verdict, in_words=said, hold_out=view.hold_out)
     return files[0]
+
+
+def _results(report: Report, folder: Path, view: View) -> None:
+    """Tables and figures of the models and candidates."""
+    rounds = view.discovery.rounds
+    report.heading("Models").table(*model_table(view), WORDS.model_caption())
+    if view.discovery.problem.noise_is_known:
+        report.heading("Residual against noise").table(*misfit_table(view), WORDS.misfit_caption())
+    report.heading("Residuals in place and time")
+    for path, figure, caption in pictures(folder, view):
+        write_figure(path, figure, dpi=140)
+        report.figure(path, caption)
+    for i, now in enumerate(rounds, start=1):
+        report.heading(f"Round {i}: residual of {model_name(now.fit)}")
+        report.table(*candidate_table(now, view.unit), WORDS.candidate_caption())
+    lines = "\n".join(untestable(rounds[0])) or WORDS.all_testable()
+    report.heading("Not testable with these data").paragraph(lines)
+    report.heading("The catalogue").table(*catalogue_table(view), WORDS.catalogue_caption())
 
 
 def _subtitle(view: View) -> str:
@@ -73,42 +72,30 @@ def _subtitle(view: View) -> str:
     return f"{', '.join(names)}; {'held out: ' + ', '.join(held) if held else 'held out: ' + view.hold_out}"
 
 
-def _list(lines: list[str]) -> str:
-    return "\n".join(lines) or "Every effect of the catalogue can be tested with these data."
-
-
-def _numbers(values: list[int]) -> str:
-    return ", ".join(map(str, values)) or "none"
-
-
 def model_words(model: ExtendedModel) -> str:
     """What the model file holds and how good its network is."""
-    names = ", ".join(a.effect.name for a in model.additions) or "no effect"
-    text = f"model.json holds the base energy as a spline of I1, in {model.unit}, and {names}."
+    names = [a.effect.name for a in model.additions]
     own = [a.effect.name for a in model.additions if not a.effect.of_material]
-    if own:
-        text += f" Of this test alone, and left out when another one is predicted: {', '.join(own)}."
-    if isinstance(model.network, Model):
-        text += f" {model.network_loss['remark']}"
-    return text
+    remark = model.network_loss["remark"] if isinstance(model.network, Model) else ""
+    return WORDS.model(unit=model.unit, names=names, own=own, remark=remark)
 
 
 def pictures(folder: Path, view: View) -> Iterator[tuple[Path, Any, str]]:
     """Path, figure and caption of every picture."""
     parts = view.discovery.problem.parts[:MOST_TESTS]
-    for name, (draw, caption) in figures.OF_A_TEST.items():
+    for name, draw in figures.OF_A_TEST.items():
         for i, part in enumerate(parts, start=1):
             if view.quick and i > 1 and name != "forces":
                 continue
             number = f"_{i}" if len(parts) > 1 else ""
             title = part.experiment.name + ("" if part.train.size else " (held out)")
-            yield folder / f"{name}{number}.png", draw(view, part), caption.format(name=title)
-    for name, (draw_all, caption) in figures.OF_ALL.items():
+            yield folder / f"{name}{number}.png", draw(view, part), figures.caption(name, test=title)
+    for name, draw_all in figures.OF_ALL.items():
         if view.quick and name not in QUICK_FIGURES:
             continue
         figure = draw_all(view)
         if figure is not None:
-            yield folder / f"{name}.png", figure, caption
+            yield folder / f"{name}.png", figure, figures.caption(name)
 
 
 def _data(folder: Path, view: View) -> list[Path]:
