@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 import synthetic
-from calibrate.diagnosis.misfit import misfit
+from calibrate.diagnosis.selection.misfit import misfit
 from scipy import stats
 from scipy.optimize import lsq_linear, nnls
 
