@@ -46,9 +46,10 @@ quick: setup ## everything at its smallest, a few minutes
 	$(EQUIGAP) resolution --quick --jobs $(JOBS) --output $(QUICK)/resolution
 	$(EQUIGAP) thickness --quick --jobs $(JOBS) --output $(QUICK)/thickness
 
-numbers: setup ## put the numbers of docs/results into README and docs (a stale one fails a test)
+numbers: setup ## put the numbers of docs/results into README and docs, the modules into the reference (a stale one fails a test)
 	$(PYTHON) docs/derive_numbers.py
 	$(PYTHON) docs/insert_numbers.py
+	$(PYTHON) docs/reference_pages.py
 
 docs: setup ## the documentation as pages in build/site; its examples are run, a warning is an error
 	rm -rf build/tutorial

@@ -23,7 +23,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.equations import recovery
 from forward import Loading, NeoHooke
 from forward.loading import BoundedMesh
-from forward.plane_stress import solve
+from forward.sheet.plane_stress import solve
 from meshes import PureShearSheet, quads
 from studies.commands.import_data import import_experiment
 
