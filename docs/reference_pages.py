@@ -12,7 +12,14 @@ PACKAGES = {
     "calibrate": "Experiment to model, and which effects the model lacks.",
     "studies": "What scripts and notebooks use of the studies; the rest are commands.",
 }
-ORDER = ("data", "equations", "models", "fitting", "effects", "diagnosis")  # the path of the data; other folders follow by name
+ORDER = (
+    "data",
+    "equations",
+    "models",
+    "fitting",
+    "effects",
+    "diagnosis",
+)  # the path of the data; other folders follow by name
 OF_STUDIES = ("accuracy", "importers", "synthetic", "output")
 FOLDERS = {
     "calibrate.data": "What was measured: the Experiment and its files.",
