@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 import synthetic
-from calibrate.diagnosis.selection.misfit import misfit
 from scipy import stats
 from scipy.optimize import lsq_linear, nnls
 
@@ -21,6 +20,7 @@ from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import DEFAULT, Verdict, close_loop, discover
 from calibrate.diagnosis.selection.candidate_fit import Model
 from calibrate.diagnosis.selection.loop import extended, scored_round
+from calibrate.diagnosis.selection.misfit import misfit
 from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason, Review
 from calibrate.diagnosis.selection.verdict import conclude, worth_a_name
 from calibrate.effects import CATALOGUE
