@@ -51,7 +51,7 @@ class Curve:
     @property
     def band(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Lower and upper end (k,) of the 95 % band of the stress, or None."""
-        from calibrate.fitting.uncertainty import BAND
+        from calibrate.models.parameter_covariance import BAND
 
         if self.deviation is None:
             return None
