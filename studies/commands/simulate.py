@@ -17,8 +17,8 @@ from cyclopts import Parameter
 from calibrate.data.experiment import Experiment
 from forward.loading import Loading
 from forward.materials import MATERIALS, Material, material_from_dict
-from forward.network_energy import Pann
-from forward.plane_stress import solve as solve_plane_stress
+from forward.materials.network_energy import Pann
+from forward.sheet.plane_stress import solve as solve_plane_stress
 from forward.solution import SurfaceSolution
 from meshes import Mesh, quads, triangles
 from meshes.specimens import SPECIMENS
