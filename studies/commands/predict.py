@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from studies.commands.options import add_output, count, output_folder, settings
+from studies.commands.options import add_output, assignments, count, output_folder, settings
 from studies.errors import OptionError
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ def _truth(args: argparse.Namespace) -> Any:
 
     from studies.commands.simulate import read_material
 
-    material = read_material(args.against, args.parameter)
+    material = read_material(args.against, assignments(args.parameter))
     slope = jax.vmap(jax.grad(lambda invariants: jnp.asarray(material.energy(invariants[0], invariants[1]))))
     return lambda invariants: slope(jnp.asarray(invariants))
 
