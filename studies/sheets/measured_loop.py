@@ -25,7 +25,7 @@ from calibrate.effects.chain import Addition
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
 from calibrate.models.extended_model import ExtendedModel, amplitude_unit, fingerprint
-from studies.reports.discovery.outcome import untested_words
+from studies.reports.discovery.candidate_outcome import untested_words
 from studies.sheets.measured_account import Split, account, force_and_field, members
 from studies.sheets.measured_searches import NESTED, prepared, price, what_pays, with_splines, without_each
 

@@ -103,7 +103,7 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
 
 def described(found: Any) -> dict[str, Any]:
     """A `Discovery` as plain data."""
-    from studies.reports.discovery.outcome import round_remarks
+    from studies.reports.discovery.candidate_outcome import round_remarks
 
     rounds = []
     for r in found.rounds:

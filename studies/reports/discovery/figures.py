@@ -17,7 +17,7 @@ from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects.chain import Addition
 from calibrate.models.extended_model import amplitude_unit
 from studies.output import style
-from studies.reports.discovery.outcome import WORDS
+from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.view import BAND, View, decorrelated, forces, held_increments, nodal
 from studies.reports.force_record import COMPONENTS, worth_drawing
 

@@ -19,7 +19,7 @@ from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects import Effect
 from calibrate.models.extended_model import amplitude_unit
-from studies.reports.discovery.outcome import indistinguishable, outcome_words, round_remarks
+from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
 from studies.reports.discovery.view import BAND, View, held_increments
 
 MISFITS = ("all", "no discretisation error", "slow")  # names of the tests of `Fit.misfits` in discovery.json

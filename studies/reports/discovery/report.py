@@ -13,7 +13,7 @@ from calibrate.models.network_model import Model
 from studies.output import write_csv, write_figure, write_json, write_npz
 from studies.output.report import Report
 from studies.reports.discovery import figures
-from studies.reports.discovery.outcome import WORDS
+from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
 from studies.reports.discovery.statement import remarks, untestable, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table

@@ -10,7 +10,7 @@ from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Round
 from calibrate.models.extended_model import amplitude_unit
 from studies.output.words import plus_minus
-from studies.reports.discovery.outcome import WORDS, outcome_words, round_remarks
+from studies.reports.discovery.candidate_outcome import WORDS, outcome_words, round_remarks
 from studies.reports.discovery.records import shape_records
 from studies.reports.discovery.view import BAND, View
 from studies.reports.experiment_words import experiment_remarks

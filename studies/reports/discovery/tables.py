@@ -9,7 +9,7 @@ from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.effects import Effect
 from calibrate.models.extended_model import amplitude_unit
-from studies.reports.discovery.outcome import WORDS, indistinguishable, outcome_words
+from studies.reports.discovery.candidate_outcome import WORDS, indistinguishable, outcome_words
 from studies.reports.discovery.records import amplitude_records, model_name, shape_records
 from studies.reports.discovery.statement import LISTED, effect_values, with_unit
 from studies.reports.discovery.view import BAND, View

@@ -15,7 +15,7 @@ from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason
 from studies.reports.discovery import figures, report
-from studies.reports.discovery.outcome import Outcome, outcome
+from studies.reports.discovery.candidate_outcome import Outcome, outcome
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
 from studies.reports.discovery.statement import Statement, remarks, verdict
 from studies.reports.discovery.tables import candidate_table, model_table
