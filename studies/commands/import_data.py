@@ -21,7 +21,7 @@ from studies.importers.synchronise import Selection
 from studies.output.folder import open_output_folder
 from studies.output.manifest import Manifest
 from studies.output.viewer import write_viewer_file
-from studies.reports.import_report import picture, report, summary, write_report
+from studies.reports.experiments.import_report import picture, report, summary, write_report
 
 SHEETS_ONLY = "not for column maps, which say this in the TOML"
 OF_ANY_SOURCE = {"source", "output", "overwrite", "command"}

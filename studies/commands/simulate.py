@@ -67,7 +67,7 @@ def main(args: argparse.Namespace) -> int:
     from meshes.specimens import SPECIMENS
     from studies.output import Manifest, open_output_folder
     from studies.output.viewer import write_viewer_file
-    from studies.reports.simulation_report import write_report
+    from studies.reports.experiments.simulation_report import write_report
 
     _complete(args)
     material, camera = read_material(args.material, args.parameter), camera_from(args)
