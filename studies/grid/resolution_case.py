@@ -35,7 +35,7 @@ class Settings(CaseSettings):
 
 def forward(folder: Path, settings: Settings) -> None:
     """Solve the cross (quarter model, Q2) and write the mirrored solution."""
-    from forward.plane_stress import default_experiment
+    from forward.sheet.plane_stress import default_experiment
 
     solution = default_experiment(
         settings.displacement,

@@ -96,9 +96,10 @@ def forward(folder: Path, settings: Settings, specimen: str, thickness: str) -> 
 
     A 3D solution goes on from ``forward/SPECIMEN_THICKNESS.checkpoint.npz``, which is there until it is done.
     """
-    from forward import plane_stress, solid_model
     from forward.loading import Loading
     from forward.materials import ArrudaBoyce
+    from forward.sheet import plane_stress
+    from forward.solid import solid_model
     from meshes import extrude, quads
     from meshes.specimens import SPECIMENS
 

@@ -84,7 +84,7 @@ def plane(folder: Path, settings: Settings) -> None:
     """Solve the quarter of the cross in plane stress."""
     from forward.loading import Loading
     from forward.materials import ArrudaBoyce
-    from forward.plane_stress import solve
+    from forward.sheet.plane_stress import solve
     from meshes import Cross, quads
 
     mesh = quads(Cross(), quarter=True, size_factor=settings.forward_size)
@@ -100,7 +100,7 @@ def solid(folder: Path, settings: Settings, thickness: str) -> None:
     from forward._dolfinx import MPI
     from forward.loading import Loading
     from forward.materials import ArrudaBoyce
-    from forward.solid_model import default_layers, solve
+    from forward.solid.solid_model import default_layers, solve
     from forward.solution import SurfaceSolution
     from meshes import Cross
     from meshes.extrusion import extrude
@@ -119,7 +119,7 @@ def solid(folder: Path, settings: Settings, thickness: str) -> None:
 
 def epsilon(folder: Path, settings: Settings, thickness: str) -> None:
     """Compare the surface of the 3D solution with the 2D one."""
-    from forward.solid_solution import SolidSolution
+    from forward.solid.solid_solution import SolidSolution
     from forward.solution import SurfaceSolution
     from studies.accuracy.epsilon import epsilon_field
 
@@ -170,7 +170,7 @@ def surface(folder: Path, condition: str) -> tuple[SurfaceSolution, str]:
 
     if condition == PLANE:
         return SurfaceSolution.load(folder / "plane.npz"), f"plane stress, {PLANE_THICKNESS:g} mm thick"
-    from forward.solid_solution import SolidSolution
+    from forward.solid.solid_solution import SolidSolution
 
     return SolidSolution.load(folder / f"solid_{condition}.npz").surface(), f"3D, {condition} mm thick"
 
@@ -182,7 +182,7 @@ def provenance(settings: Settings, condition: str, solution: SurfaceSolution) ->
 
     hexes: dict[str, Any] = {}
     if condition != PLANE:
-        from forward.solid_model import default_layers
+        from forward.solid.solid_model import default_layers
         from meshes.extrusion import GRADING
 
         layers = default_layers(float(condition)) + settings.extra_layers

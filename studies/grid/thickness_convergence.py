@@ -140,8 +140,8 @@ def start(folder: Path, run: Run) -> None:
 def measure(folder: Path, run: Run) -> Row:
     """Solve in 2D (once a mesh) and in 3D; what the table needs."""
     from forward import ArrudaBoyce
-    from forward.linear import pardiso_installed
-    from forward.solid_model import solve
+    from forward.solid.pardiso import pardiso_installed
+    from forward.solid.solid_model import solve
     from meshes import Cross, quads
     from meshes.extrusion import extrude
     from studies.reports.solid_pictures import pressure_jumps
@@ -166,7 +166,7 @@ def measure(folder: Path, run: Run) -> Row:
 def plane_solution(folder: Path, run: Run, mesh: Any) -> Any:
     """The plane-stress solution on the quads of a run, kept for other runs."""
     from forward import ArrudaBoyce, Loading
-    from forward.plane_stress import solve
+    from forward.sheet.plane_stress import solve
     from forward.solution import SurfaceSolution
     from meshes import Cross
 

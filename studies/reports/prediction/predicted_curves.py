@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.equations.kinematics import invariants_and_derivatives, stretches_to_gradient
+from calibrate.equations.deformation_modes import MODES, mode_invariants, nominal_stress
 from calibrate.fitting.uncertainty import BAND
 from calibrate.models.network_model import Model
-from studies.accuracy.metrics import MODES, nominal_stress
 from studies.output.findings import Finding
 
 Array = NDArray[np.float64]
@@ -97,7 +96,7 @@ def predict(
         limit = calibrated_stretch(model, mode)
         top = stretch or (1 + MARGIN * (limit - 1) if 1 < limit < LARGEST else NO_RANGE)
         x = np.linspace(1.0, top, max(points, 2))
-        invariants = np.asarray(invariants_and_derivatives(stretches_to_gradient(mode, x))[0])
+        invariants = mode_invariants(mode, x)
         curves.append(Curve(
             mode, x, model.homogeneous(mode, x), invariants, x <= limit, limit,
             None if truth is None else nominal_stress(truth, mode, x), model.homogeneous_deviation(mode, x),
@@ -107,10 +106,7 @@ def predict(
 
 def calibrated_stretch(model: Model, mode: str) -> float:
     """Largest stretch of a mode within the calibrated range; `LARGEST` where the model states none."""
-    x = np.linspace(1.0, LARGEST, 20001)
-    inside = model.in_range(np.asarray(invariants_and_derivatives(stretches_to_gradient(mode, x))[0]))
-    inside[0] = True
-    return float(x[-1] if inside.all() else x[np.argmin(inside) - 1])
+    return min(model.largest_stretch(mode), LARGEST)
 
 
 def band_finding(model: Model) -> Finding:
