@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from studies.commands.options import add_output, count, output_folder, settings
+from studies.commands.options import add_output, assignments, count, output_folder, settings
 from studies.errors import OptionError
 
 DESCRIPTION = """\
@@ -106,6 +106,6 @@ def _truth(args: argparse.Namespace) -> Any:
 
     from studies.commands.simulate import read_material
 
-    material = read_material(args.against, args.parameter)
+    material = read_material(args.against, assignments(args.parameter))
     slope = jax.vmap(jax.grad(lambda invariants: jnp.asarray(material.energy(invariants[0], invariants[1]))))
     return lambda invariants: slope(jnp.asarray(invariants))

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.equations.deformation_modes import MODES, mode_invariants, nominal_stress
-from calibrate.fitting.uncertainty import BAND
 from calibrate.models.network_model import Model
+from calibrate.models.parameter_covariance import BAND
 from studies.output.findings import Finding
 
 Array = NDArray[np.float64]
