@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from studies.commands.options import add_output, count, output_folder, settings
+from studies.commands.options import add_output, assignments, count, output_folder, settings
 from studies.errors import OptionError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Curve:
     @property
     def band(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Lower and upper end (k,) of the 95 % band of the stress, or None."""
-        from calibrate.fitting.uncertainty import BAND
+        from calibrate.models.parameter_covariance import BAND
 
         if self.deviation is None:
             return None
@@ -202,7 +202,7 @@ def _truth(args: argparse.Namespace) -> Any:
 
     from studies.commands.simulate import read_material
 
-    material = read_material(args.against, args.parameter)
+    material = read_material(args.against, assignments(args.parameter))
     slope = jax.vmap(jax.grad(lambda invariants: jnp.asarray(material.energy(invariants[0], invariants[1]))))
     return lambda invariants: slope(jnp.asarray(invariants))
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibrate.equations.basis import hencky_to_lode
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.kinematics import invariants_and_derivatives
-from calibrate.fitting.uncertainty import BAND
+from calibrate.models.parameter_covariance import BAND
 from studies.output import style
 from studies.reports.calibration_review import Review, initial_shear_modulus
 from studies.reports.force_record import COMPONENTS

@@ -20,10 +20,10 @@ from calibrate.equations import noise_covariance, reduction
 from calibrate.equations.basis import Basis, PlaneStrainBasis, basis_for
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke, equilibrium
+from calibrate.equations.inputs import REFERENCE
 from calibrate.fitting.calibration import Calibration, predict_forces, relative_force_error
-from calibrate.fitting.uncertainty import BAND
-from calibrate.models import pann
 from calibrate.models.network_model import Model
+from calibrate.models.parameter_covariance import BAND
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -129,7 +129,7 @@ def review(
 
 def coefficients(model: Model, basis: Basis) -> Array:
     """Spline coefficients (n_functions,) of the energy derivatives of `model`."""
-    inputs = np.nan_to_num(basis.site_inputs) + pann.REFERENCE
+    inputs = np.nan_to_num(basis.site_inputs) + REFERENCE
     invariants = np.stack([inputs[:, 0], inputs[:, 1] ** (2 / 3)], axis=1)
     slopes = model.derivatives(invariants).copy()
     slopes[:, 1] /= 1.5 * np.sqrt(invariants[:, 1])

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from calibrate.equations.deformation_modes import TITLES
+from calibrate.equations.inputs import INPUT_SETS
 from calibrate.equations.kinematics import INVARIANTS
-from calibrate.models import pann
 from studies.reports.calibration_review import (
     Review,
     curve_points,
@@ -79,7 +79,7 @@ def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
         rows.append(["relative force error, held-out increments", 100 * held["relative_force_error"], "%"])
         if held["chi_square_per_equation"] is not None:
             rows.append(["chi-square per equation, held-out increments", held["chi_square_per_equation"], ""])
-    for i in pann.INPUT_SETS[model.architecture.inputs]:
+    for i in INPUT_SETS[model.architecture.inputs]:
         name = INVARIANTS[i]
         rows.append([f"calibrated to {name}", model.calibrated_range[name][1], ""])
     rows += [[f"calibrated to stretch, {title}", model.largest_stretch(mode), ""] for mode, title in TITLES.items()]

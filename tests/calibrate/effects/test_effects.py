@@ -407,9 +407,3 @@ def test_a_strip_widens_the_sheet(chain):
 
 def test_gradients(chain):
     np.testing.assert_allclose(gradients(chain.data, chain.data.u), chain.system.deformation_gradients, atol=1e-14)
-
-
-def test_the_documentation_lists_the_catalogue():
-    text = (Path(__file__).parents[3] / "docs" / "discover.md").read_text()
-    for effect in CATALOGUE:
-        assert f"| {effect.name} | {effect.stage} |" in text and effect.formula.replace("|", "\\|") in text

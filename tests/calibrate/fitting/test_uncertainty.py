@@ -22,10 +22,10 @@ from calibrate.fitting.uncertainty import (
     _coefficients_and_slopes,
     parameter_uncertainty,
     prior_precision,
-    values_and_slopes,
 )
 from calibrate.models import pann
 from calibrate.models.network_model import Model
+from calibrate.models.parameter_covariance import values_and_slopes
 from studies.accuracy import pulls
 
 NOISE = Noise(0.01, 2.5, force_std=0.005)
