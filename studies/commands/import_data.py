@@ -24,7 +24,7 @@ from studies.importers.series import Series, to_experiment
 from studies.importers.synchronise import Selection
 from studies.output import Manifest, open_output_folder
 from studies.output.viewer import write_viewer_file
-from studies.reports.import_report import picture, report_lines, summary, write_report
+from studies.reports.experiments.import_report import picture, report_lines, summary, write_report
 
 SHEETS_ONLY = "not for column maps, which say this in the TOML"
 SOURCE = (

@@ -36,7 +36,7 @@ from studies.commands.outcome import Outcome
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder
 from studies.output.viewer import write_viewer_file
-from studies.reports.simulation_report import write_report
+from studies.reports.experiments.simulation_report import write_report
 from studies.synthetic.camera import Camera, GaussianField
 from studies.synthetic.camera import observe as record
 

@@ -13,7 +13,7 @@ from studies.output.words import plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words, round_remarks
 from studies.reports.discovery.records import shape_records
 from studies.reports.discovery.view import BAND, View
-from studies.reports.experiment_words import experiment_remarks
+from studies.reports.experiments.experiment_findings import experiment_findings
 
 OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
 LISTED = 3  # amplitudes that a cell of the table can hold
@@ -179,7 +179,7 @@ def remarks(view: View) -> list[str]:
     if view.unit != "MPa":
         result.append(WORDS.no_thickness())
     for part in found.problem.parts:
-        result += experiment_remarks(part.experiment, part.assembled.noise_is_known)
+        result += [f.text for f in experiment_findings(part.experiment, part.assembled.noise_is_known)]
     bulk = bulk_modulus(found.problem, found.final)
     if bulk is not None:
         result.append(WORDS.plane_strain(value=plus_minus(bulk[0], BAND * bulk[1]), unit=view.unit))

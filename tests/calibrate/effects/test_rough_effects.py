@@ -17,7 +17,7 @@ from calibrate.diagnosis import base_fit, effect_fit, model_weights, signature_n
 from calibrate.diagnosis.problem import all_rows, signature
 from calibrate.effects import Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
 from calibrate.effects.chain import Addition, Chain
-from calibrate.effects.effect import Data
+from calibrate.effects.support.effect_data import Data
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import equilibrium, neo_hooke

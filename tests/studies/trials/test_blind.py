@@ -11,7 +11,7 @@ import pytest
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_fit, score_tests
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.effects.load import ForceOffset
+from calibrate.effects.force_offset import ForceOffset
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.errors import ConfigError
 from studies.cli import main
