@@ -85,7 +85,7 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
 
 def solution(args: argparse.Namespace) -> Any:
     """The solved cross, from `--solution`, from the folder, or solved now."""
-    from forward.plane_stress import default_experiment
+    from forward.sheet.plane_stress import default_experiment
     from forward.solution import SurfaceSolution
 
     path = args.solution or args.output / "solution.npz"

@@ -35,8 +35,8 @@ import forward_felupe
 
 from forward import ArrudaBoyce, Loading
 from forward._dolfinx import dolfinx
-from forward.plane_stress import solve
-from forward.problem import PlaneStressProblem
+from forward.sheet.plane_stress import solve
+from forward.sheet.plane_stress_problem import PlaneStressProblem
 from meshes import Cross, Mesh, quads
 from studies.output import Manifest, open_output_folder, write_csv, write_figure
 

@@ -26,12 +26,13 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests" / "fixtures")]
 
-from forward import ArrudaBoyce, Loading, linear
+from forward import ArrudaBoyce, Loading
 from forward._dolfinx import JIT_OPTIONS, MPI, PETSc, dolfinx, ufl
-from forward.element import PRESSURES, Solid
-from forward.solid_forms import centre_function, potential, pressure_basis
-from forward.solid_model import BULK_TO_SHEAR, Options, solve
-from forward.solid_problem import Outcome, SolidProblem, create_domain, node_order
+from forward.solid import pardiso
+from forward.solid.element import PRESSURES, Solid
+from forward.solid.solid_forms import centre_function, potential, pressure_basis
+from forward.solid.solid_model import BULK_TO_SHEAR, Options, solve
+from forward.solid.solid_problem import Outcome, SolidProblem, create_domain, node_order
 from forward.stepping import State, steps
 from meshes import Cross, quads
 from meshes.extrusion import SolidMesh, extrude
@@ -216,12 +217,12 @@ def profile(mesh: SolidMesh, displacement: float, increments: int) -> dict[str, 
 
         setattr(owner, name, wrapper)
 
-    timed(linear, "_block_pattern", "pattern")
-    timed(linear, "_places", "pattern")
-    timed(linear, "_scalar_pattern", "pattern")
-    timed(linear._Factor, "__init__", "analyse")
-    timed(linear._Factor, "update", "factorise")
-    timed(linear._Factor, "solve", "triangular solves")
+    timed(pardiso, "block_pattern", "pattern")
+    timed(pardiso, "block_places", "pattern")
+    timed(pardiso, "scalar_pattern", "pattern")
+    timed(pardiso._Factor, "__init__", "analyse")
+    timed(pardiso._Factor, "update", "factorise")
+    timed(pardiso._Factor, "solve", "triangular solves")
     for name, part in (("assemble", "assemble"), ("product", "products"), ("forces", "forces")):
         timed(Solid, name, part)
     timed(Solid, "pressure_step", "pressure steps")

@@ -21,7 +21,7 @@ def main(words: list[str] | None = None) -> int:
     from calibrate.fitting.calibration import Options, calibrate
     from forward.loading import Loading
     from forward.materials import ArrudaBoyce
-    from forward.plane_stress import solve
+    from forward.sheet.plane_stress import solve
     from meshes import quads, triangles
     from meshes.specimens import PlateWithHole
     from studies.synthetic.camera import Camera, GaussianField, observe

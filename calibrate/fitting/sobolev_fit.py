@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.equations.basis import basis_for, polyconvex
-from calibrate.equations.kinematics import INVARIANTS, invariants_and_derivatives, stretches_to_gradient
+from calibrate.equations.deformation_modes import MODES, stretches_to_gradient
+from calibrate.equations.kinematics import INVARIANTS, invariants_and_derivatives
 from calibrate.equations.reduction import Quadratic
 from calibrate.fitting import network_fit
 from calibrate.models import pann
@@ -30,7 +31,6 @@ from calibrate.models.network_model import Model
 Array = NDArray[np.float64]
 Curves = Mapping[str, tuple[Array, Array]]
 RIDGE = 1e-6
-MODES = ("uniaxial", "equibiaxial", "pure_shear")
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
+from calibrate.equations.deformation_modes import MODES, Derivatives, largest_stretch, nominal_stress
 from calibrate.fitting.calibration import Options, calibrate
 from calibrate.fitting.uncertainty import BAND
 from calibrate.models.network_model import Model
-from studies.accuracy.metrics import MODES, ArrudaBoyceTruth, Derivatives, largest_stretch, nominal_stress
+from studies.accuracy.metrics import ArrudaBoyceTruth
 from studies.synthetic import camera
 
 Array = NDArray[np.float64]
@@ -81,7 +82,7 @@ def clean_plate(n_nodes: int = 1000, n_increments: int = 4, pull: float = 30.0) 
     """Plate with a hole in Arruda-Boyce rubber, pulled by `pull` mm at each side; biquadratic quads, seen clean."""
     from forward.loading import Loading
     from forward.materials import ArrudaBoyce
-    from forward.plane_stress import solve
+    from forward.sheet.plane_stress import solve
     from meshes import PlateWithHole, quads, triangles
 
     plate = PlateWithHole()
@@ -92,7 +93,7 @@ def clean_plate(n_nodes: int = 1000, n_increments: int = 4, pull: float = 30.0) 
 
 def clean_cross(n_nodes: int = 1150, n_increments: int = 5) -> Experiment:
     """The perforated cross in Arruda-Boyce rubber, seen clean."""
-    from forward.plane_stress import default_experiment
+    from forward.sheet.plane_stress import default_experiment
     from meshes import Cross, triangles
 
     solution = default_experiment(n_increments=n_increments)

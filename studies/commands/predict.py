@@ -26,7 +26,6 @@ uniaxial, equi-biaxial and pure shear. In MPa, or in N/mm (stress times thicknes
 calibrated sheet was unknown. What lies beyond the calibrated range is marked: there the model extrapolates.
 The table gives the standard deviation and a 95 % band of each stress.
 With --test: the forces of another test instead, from its measured displacements; also for extended models of `discover`."""
-MODES = ("uniaxial", "equibiaxial", "pure_shear")
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
 COLUMNS = ("mode", "stretch", "nominal_stress", "I1", "I2", "calibrated")
 BAND_COLUMNS = ("standard_deviation", "low_95", "high_95")
@@ -123,15 +122,14 @@ def predict(model: Model, stretch: float | None = None, points: int = 101, truth
     """
     import numpy as np
 
-    from calibrate.equations.kinematics import invariants_and_derivatives, stretches_to_gradient
-    from studies.accuracy.metrics import nominal_stress
+    from calibrate.equations.deformation_modes import MODES, mode_invariants, nominal_stress
 
     curves = []
     for mode in MODES:
         limit = calibrated_stretch(model, mode)
         top = stretch or (1 + MARGIN * (limit - 1) if 1 < limit < LARGEST else NO_RANGE)
         x = np.linspace(1.0, top, max(points, 2))
-        invariants = np.asarray(invariants_and_derivatives(stretches_to_gradient(mode, x))[0])
+        invariants = mode_invariants(mode, x)
         curves.append(Curve(
             mode, x, model.homogeneous(mode, x), invariants, x <= limit, limit,
             None if truth is None else nominal_stress(truth, mode, x), model.homogeneous_deviation(mode, x),
@@ -141,14 +139,7 @@ def predict(model: Model, stretch: float | None = None, points: int = 101, truth
 
 def calibrated_stretch(model: Model, mode: str) -> float:
     """Largest stretch of a mode within the calibrated range; `LARGEST` where the model states none."""
-    import numpy as np
-
-    from calibrate.equations.kinematics import invariants_and_derivatives, stretches_to_gradient
-
-    x = np.linspace(1.0, LARGEST, 20001)
-    inside = model.in_range(np.asarray(invariants_and_derivatives(stretches_to_gradient(mode, x))[0]))
-    inside[0] = True
-    return float(x[-1] if inside.all() else x[np.argmin(inside) - 1])
+    return min(model.largest_stretch(mode), LARGEST)
 
 
 def range_remark(curve: Curve) -> str:
@@ -173,9 +164,9 @@ def band_remarks(model: Model) -> list[str]:
 
 def draw(curves: list[Curve], model: Model, path: Path, against: str | None = None) -> None:
     """One panel a mode: solid where calibrated, thin beyond; the known material as a dotted line."""
+    from calibrate.equations.deformation_modes import MODES
     from studies.output import style, write_figure
 
-    names = {"uniaxial": "uniaxial", "equibiaxial": "equi-biaxial", "pure_shear": "pure shear"}
     with style.figure(9.0, 3.3) as figure:
         for axes, curve in zip(figure.subplots(1, 3), curves, strict=True):
             colour = style.MODES[curve.mode]["color"]
@@ -189,7 +180,7 @@ def draw(curves: list[Curve], model: Model, path: Path, against: str | None = No
             axes.plot(x[inside], stress[inside], linestyle="-", linewidth=2, color=colour, label="model")
             if curve.truth is not None:
                 axes.plot(x, curve.truth, linestyle=":", color="black", label=str(against).replace("_", "-"))
-            axes.set(title=names[curve.mode], xlabel="stretch", xlim=(1.0, x[-1]), ylim=(0, None))
+            axes.set(title=MODES[curve.mode].title, xlabel="stretch", xlim=(1.0, x[-1]), ylim=(0, None))
             axes.legend(loc="upper left")
         figure.axes[0].set_ylabel(f"nominal stress, {model.unit}")
         write_figure(path, figure)

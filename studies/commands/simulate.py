@@ -104,7 +104,7 @@ def _complete(args: argparse.Namespace) -> None:
 def read_material(name: str, parameters: list[str]) -> Material:
     """A material by name and parameters ('mu=0.3'), or from a model file. Raises `OptionError`, `MaterialError`."""
     from forward.materials import MATERIALS, material_from_dict
-    from forward.network_energy import Pann
+    from forward.materials.network_energy import Pann
 
     if name.endswith(".json"):
         if parameters:
@@ -130,7 +130,7 @@ def read_material(name: str, parameters: list[str]) -> Material:
 def solve(args: argparse.Namespace, material: Material, checkpoint: Any) -> SurfaceSolution:
     """Solve a quarter of the specimen and mirror it."""
     from forward.loading import Loading
-    from forward.plane_stress import solve as solve_plane_stress
+    from forward.sheet.plane_stress import solve as solve_plane_stress
     from meshes import quads
     from meshes.specimens import SPECIMENS
 

@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
+from calibrate.equations.deformation_modes import MODES, largest_stretch, nominal_stress
 from calibrate.fitting.sobolev_fit import Curves, fit_supervised
 from calibrate.models.network_model import Model
-from studies.accuracy.metrics import MODES, ArrudaBoyceTruth, largest_stretch, nominal_stress, r2
+from studies.accuracy.metrics import ArrudaBoyceTruth, r2
 from studies.commands.options import count, seed
 from studies.importers import homogeneous_curves
 from studies.output import write_csv, write_figure

@@ -17,6 +17,7 @@ import numpy as np
 
 from calibrate.data.experiment import Experiment
 from calibrate.effects.finite_thickness import of_the_mean
+from calibrate.equations.deformation_modes import MODES, largest_stretch, nominal_stress
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.virtual_fields import virtual_fields
 from calibrate.fitting.calibration import Options, calibrate, calibrated_range
@@ -117,7 +118,9 @@ def calibrated_limit(experiment: Experiment) -> float:
     return calibrated_range(Equilibrium(experiment, virtual_fields(experiment)))["I1"][1]
 
 
-def fit(experiment: Experiment, settings: Settings, loss: Loss, limit: float, reference: Reference | None = None) -> Fit:
+def fit(
+    experiment: Experiment, settings: Settings, loss: Loss, limit: float, reference: Reference | None = None
+) -> Fit:
     """Calibrate with a loss and judge the model. limit: calibrated I1. reference: states at which it is judged as well."""
     if loss is Loss.CORRECTED:
         experiment, loss = of_the_mean(experiment), Loss.WEIGHTED
@@ -133,17 +136,15 @@ def fit(experiment: Experiment, settings: Settings, loss: Loss, limit: float, re
     return found if settings.keep_all else _shortened(found, model)
 
 
-def judged(
-    model: Any, limit: float, seconds: float, summary: dict[str, Any], states: StateErrors | None = None
-) -> Fit:
+def judged(model: Any, limit: float, seconds: float, summary: dict[str, Any], states: StateErrors | None = None) -> Fit:
     """A model beside Arruda-Boyce, inside the calibrated range of I1, which ends at `limit`, and outside."""
     truth = metrics.ArrudaBoyceTruth()
     end = 3 + EXTRAPOLATION * (limit - 3)
     curves = {}
-    for mode in metrics.MODES:
-        stretch = np.linspace(1, metrics.largest_stretch(mode, end), CURVE_POINTS)
-        expected, found = metrics.nominal_stress(truth, mode, stretch), model.homogeneous(mode, stretch)
-        last = metrics.largest_stretch(mode, limit)
+    for mode in MODES:
+        stretch = np.linspace(1, largest_stretch(mode, end), CURVE_POINTS)
+        expected, found = nominal_stress(truth, mode, stretch), model.homogeneous(mode, stretch)
+        last = largest_stretch(mode, limit)
         curves[mode] = Curve(stretch.tolist(), last, expected.tolist(), np.asarray(found).tolist())
     inside = tuple(metrics.agreement(model, truth, limit))
     outside = tuple(metrics.agreement(model, truth, end, start=limit))

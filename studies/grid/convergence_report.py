@@ -12,7 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from studies.grid.convergence_runs import (
-    DISPLACEMENT, FINE, GRIP_ZONE, INCREMENTS, NEAR, Run, RunResult, Series, result_path,
+    DISPLACEMENT,
+    FINE,
+    GRIP_ZONE,
+    INCREMENTS,
+    NEAR,
+    Run,
+    RunResult,
+    Series,
+    result_path,
 )  # fmt: skip
 from studies.output import Manifest, write_csv, write_text
 from studies.output.report import Report
@@ -128,7 +136,9 @@ def _cell(value: Any) -> str:
 def compose(folder: Path, study: Sequence[Series], results: dict[Run, RunResult], rows: list[list[Any]]) -> Path:
     """The HTML report."""
     words = Words("thickness")
-    report = Report("Convergence of the 3D model", "What the size of hexes, their layers and the bulk modulus are worth")
+    report = Report(
+        "Convergence of the 3D model", "What the size of hexes, their layers and the bulk modulus are worth"
+    )
     report.paragraph(words.convergence_method(displacement=DISPLACEMENT, increments=INCREMENTS))
     judged = targets(study, results)
     if judged:

@@ -20,8 +20,9 @@ from typing import Any, Self
 import numpy as np
 
 from forward import ArrudaBoyce, Loading
-from forward import plane_stress, solid_model
-from forward.linear import pardiso_installed
+from forward.sheet import plane_stress
+from forward.solid import solid_model
+from forward.solid.pardiso import pardiso_installed
 from forward.solution import SurfaceSolution
 from meshes import Cross, quads
 from meshes.extrusion import extrude

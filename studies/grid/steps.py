@@ -24,11 +24,12 @@ from typing import Any
 
 from calibrate.data.experiment import Experiment
 from calibrate.errors import ExperimentError, FitError
-from forward import plane_stress, solid_model
 from forward._dolfinx import MPI
 from forward.loading import Loading
 from forward.materials import ArrudaBoyce
-from forward.solid_solution import SolidSolution
+from forward.sheet import plane_stress
+from forward.solid import solid_model
+from forward.solid.solid_solution import SolidSolution
 from forward.solution import SurfaceSolution
 from meshes import Mesh, quads, triangles
 from meshes.extrusion import GRADING, extrude
@@ -59,7 +60,9 @@ def forward(folder: Path, settings: Settings, specimen: str, thickness: str) -> 
     else:
         hexes = extrude(plane, float(thickness), _layers(settings, thickness))
         loading = Loading.clamped(shape.loaded, pull, dimension=3)
-        solid = solid_model.solve(hexes, ArrudaBoyce(), loading, settings.increments, progress=shown, checkpoint=checkpoint)
+        solid = solid_model.solve(
+            hexes, ArrudaBoyce(), loading, settings.increments, progress=shown, checkpoint=checkpoint
+        )
         if MPI.COMM_WORLD.rank > 0:
             return
         if settings.keep_all:
@@ -132,7 +135,9 @@ def _fitted(
             one.experiment(folder).parent.mkdir(parents=True, exist_ok=True)
             experiment.save(one.experiment(folder))
         losses = settings.losses_of(one)
-        return case.CaseResult(*known, {loss: case.fit(experiment, settings, loss, limit, reference) for loss in losses})
+        return case.CaseResult(
+            *known, {loss: case.fit(experiment, settings, loss, limit, reference) for loss in losses}
+        )
     except (ExperimentError, FitError) as error:
         if not settings.record_failures:
             raise

@@ -80,15 +80,15 @@ def run(
     return report.write(results, preset.page(results))
 
 
-def compute(
-    folder: Path, settings: Settings, execution: Execution, config: list[str], words: list[str]
-) -> None:
+def compute(folder: Path, settings: Settings, execution: Execution, config: list[str], words: list[str]) -> None:
     """Make every missing file of an opened study."""
     name, targets = f"{settings.study} study", settings.targets(folder)
     workflow.run_workflow(name, SNAKEFILE, folder, targets, execution.jobs, execution.profile, config, words)
 
 
-def plan(settings: Settings, folder: Path, execution: Execution = Execution(), overwrite: bool = False) -> dict[str, int]:
+def plan(
+    settings: Settings, folder: Path, execution: Execution = Execution(), overwrite: bool = False
+) -> dict[str, int]:
     """Jobs of each kind that are missing in `folder`, which is left as it is: one to be begun is planned elsewhere."""
     config, words = execution.config(folder)
     begun = folder.exists() and (not folder.is_dir() or any(folder.iterdir())) and not overwrite

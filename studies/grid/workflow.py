@@ -198,6 +198,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     A terminal has sent its interruption to all of them already. Asked alone, Snakemake withdraws jobs from a cluster but
     waits for those that run here.
     """
+
     def to_all(method: str) -> None:
         with contextlib.suppress(psutil.NoSuchProcess):
             family = [*psutil.Process(process.pid).children(recursive=True), psutil.Process(process.pid)]

@@ -10,16 +10,16 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from calibrate.equations.basis import hencky_to_lode
+from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.kinematics import invariants_and_derivatives
 from calibrate.fitting.uncertainty import BAND
 from studies.output import style
-from studies.reports.calibration_review import MODES, Review, initial_shear_modulus, largest_stretch
+from studies.reports.calibration_review import Review, initial_shear_modulus
 from studies.reports.force_record import COMPONENTS
 
 Array = NDArray[np.float64]
 COLOURS = {"x": style.COLOURS["blue"], "y": style.COLOURS["vermilion"]}
 HELD_OUT = "#fbeed5"
-NEO_HOOKE = {"uniaxial": -2, "equibiaxial": -5, "pure_shear": -3}  # n of the neo-Hookean stress mu (x - x^n)
 NOISE_LIMIT = 4.0
 
 
@@ -173,8 +173,8 @@ def curves(view: Review) -> Figure:
 
 def _curve_column(view: Review, mode: str, modulus: float, top: Axes, bottom: Axes) -> tuple[Array, Array]:
     """Draw one mode; returns stress and reduced stress (k,) within the calibrated range."""
-    model, colour, exponent = view.model, style.MODES[mode]["color"], NEO_HOOKE[mode]
-    limit = max(largest_stretch(model, mode), 1.001)
+    model, colour, exponent = view.model, style.MODES[mode]["color"], MODES[mode].neo_hooke_exponent
+    limit = max(model.largest_stretch(mode), 1.001)
     end = 1 + 1.25 * (limit - 1)
     stretch = np.linspace(1.0, end, 501)[1:]
     stress = model.homogeneous(mode, stretch)
@@ -193,7 +193,7 @@ def _curve_column(view: Review, mode: str, modulus: float, top: Axes, bottom: Ax
     bottom.axhline(modulus, color="0.4", ls=":", lw=1)
     for ax in (top, bottom):
         style.mark_range(ax, 1.0, limit)
-    top.set(title=f"{MODES[mode]}, calibrated to a stretch of {limit:.2f}", xlim=(1.0, end))
+    top.set(title=f"{MODES[mode].title}, calibrated to a stretch of {limit:.2f}", xlim=(1.0, end))
     bottom.set_xlabel("stretch")
     return stress[inside], reduced[inside]
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment
 from calibrate.equations import noise_covariance, reduction
 from calibrate.equations.basis import Basis, PlaneStrainBasis, basis_for
+from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke, equilibrium
-from calibrate.equations.kinematics import invariants_and_derivatives, stretches_to_gradient
 from calibrate.fitting.calibration import Calibration, predict_forces, relative_force_error
 from calibrate.fitting.uncertainty import BAND
 from calibrate.models import pann
@@ -27,7 +27,6 @@ from calibrate.models.network_model import Model
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
-MODES = {"uniaxial": "uniaxial", "equibiaxial": "equi-biaxial", "pure_shear": "pure shear"}
 SAME_LOSS, SAME_CHI_SQUARE = 1e-3, 4.0  # relative, or where the loss is a chi-square: two standard deviations
 
 
@@ -189,7 +188,7 @@ def curve_points(model: Model, shares: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0
     """
     result = []
     for mode in MODES:
-        stretch = 1 + (largest_stretch(model, mode) - 1) * np.array(shares)
+        stretch = 1 + (model.largest_stretch(mode) - 1) * np.array(shares)
         stress, deviation = model.homogeneous(mode, stretch), model.homogeneous_deviation(mode, stretch)
         for k, share in enumerate(shares):
             size = None if deviation is None else float(deviation[k])
@@ -200,11 +199,3 @@ def curve_points(model: Model, shares: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0
                 "calibrated": share <= 1,
             })  # fmt: skip
     return result
-
-
-def largest_stretch(model: Model, mode: str) -> float:
-    """Largest stretch of a homogeneous mode within the calibrated range of the model."""
-    stretch = np.linspace(1.0, 12.0, 11001)
-    invariants = np.asarray(invariants_and_derivatives(stretches_to_gradient(mode, stretch))[0])
-    outside = np.flatnonzero(~model.in_range(np.maximum(invariants, 3.0)))
-    return float(stretch[max(outside[0] - 1, 0)] if outside.size else stretch[-1])

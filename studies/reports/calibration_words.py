@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.equations.deformation_modes import TITLES
 from calibrate.equations.kinematics import INVARIANTS
 from calibrate.models import pann
 from studies.reports.calibration_review import (
-    MODES,
     Review,
     curve_points,
     initial_shear_modulus,
-    largest_stretch,
     modulus_deviation,
 )
 from studies.reports.experiment_words import experiment_remarks
@@ -83,7 +82,7 @@ def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
     for i in pann.INPUT_SETS[model.architecture.inputs]:
         name = INVARIANTS[i]
         rows.append([f"calibrated to {name}", model.calibrated_range[name][1], ""])
-    rows += [[f"calibrated to stretch, {title}", largest_stretch(model, mode), ""] for mode, title in MODES.items()]
+    rows += [[f"calibrated to stretch, {title}", model.largest_stretch(mode), ""] for mode, title in TITLES.items()]
     return ["quantity", "value", "unit"], rows
 
 
@@ -122,7 +121,7 @@ def curve_table(view: Review) -> tuple[list[str], list[list[float | str | None]]
     columns = ["mode", "stretch", f"stress, {unit}", f"standard deviation, {unit}", "lower end, 95 %",
                "upper end, 95 %", "calibrated"]  # fmt: skip
     rows: list[list[float | str | None]] = [
-        [MODES[p["mode"]], p["stretch"], p["stress"], p["standard_deviation"], p["low_95"], p["high_95"],
+        [TITLES[p["mode"]], p["stretch"], p["stress"], p["standard_deviation"], p["low_95"], p["high_95"],
          "yes" if p["calibrated"] else "no"]
         for p in curve_points(view.model)
     ]  # fmt: skip

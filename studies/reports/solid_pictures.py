@@ -16,7 +16,7 @@ from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forward.solid_solution import CENTRE, SolidSolution
+from forward.solid.solid_solution import CENTRE, SolidSolution
 from studies.output import style
 
 Array = NDArray[np.float64]

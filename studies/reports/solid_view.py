@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from forward.solid_solution import SolidSolution
+from forward.solid.solid_solution import SolidSolution
 from studies.output.scene import Scene, joined
 from studies.reports.solid_pictures import WHOLE, Skin, colour_range, contraction_of, skin
 

@@ -1,7 +1,7 @@
 """Blind trials: a seed in, the Experiment of a test with one hidden effect (or none, or two) and its sealed label out.
 
 `draw` fixes every number of a trial, `make` solves and observes it, `write` puts the Experiment and, in a folder of its
-own, the label on disk. The effects are implemented in `forward.effects` and `studies.synthetic.disturbances`, as they are in the
+own, the label on disk. The effects are implemented in `forward.sheet.additions` and `studies.synthetic.disturbances`, as they are in the
 laboratory; what the diagnosis takes them for (`calibrate.effects`) is not used here. Amplitudes in a label follow the
 convention of that catalogue, so that fitted and true ones can be compared.
 
@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.data.experiment import Experiment, LoadedBoundary, Noise, signed_areas
+from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
+from calibrate.data.triangulation import signed_areas
 from forward.materials import ArrudaBoyce, Material, NeoHooke, Yeoh
 from meshes import Mesh
 from studies.output.writing import write_json

@@ -33,7 +33,7 @@ from studies.synthetic.disturbances import (
 from studies.trials.blind_effects import SOLID
 
 if TYPE_CHECKING:
-    from forward.effects import Sheet
+    from forward.sheet.additions import Sheet
     from forward.solution import SurfaceSolution
     from studies.trials.blind_data import Trial
 
@@ -88,7 +88,7 @@ def solve(trial: Trial, size_factor: float = 1.0) -> SurfaceSolution:
     lag = next((d for d in disturbances(trial) if isinstance(d, Lag)), None)
     if any(hidden.name == SOLID for hidden in trial.effects):
         return _solve_solid(trial, size_factor, lag)
-    from forward.inelastic import solve_history
+    from forward.sheet.inelastic import solve_history
 
     factors, times = (trial.factors, trial.times) if lag is None else lag.schedule(trial.factors, trial.times)
     described = sheet(trial)
@@ -105,8 +105,8 @@ def solve(trial: Trial, size_factor: float = 1.0) -> SurfaceSolution:
 
 def _solve_solid(trial: Trial, size_factor: float, lag: Lag | None) -> SurfaceSolution:
     """The surface of a thick specimen, an eighth of which is solved; forces at the readings by a spline."""
-    from forward.solid_model import Options
-    from forward.solid_model import solve as solve_in_3d
+    from forward.solid.solid_model import Options
+    from forward.solid.solid_model import solve as solve_in_3d
     from meshes.extrusion import extrude
 
     sides = SPECIMENS[trial.specimen].loaded
@@ -129,7 +129,7 @@ def _solve_solid(trial: Trial, size_factor: float, lag: Lag | None) -> SurfaceSo
 
 def sheet(trial: Trial) -> Sheet:
     """The sheet with the effects that are in the material."""
-    from forward import effects as laws
+    from forward.sheet import additions as laws
 
     additions: list[laws.Addition] = []
     changes: dict[str, Any] = {}

@@ -9,11 +9,11 @@ from scipy.special import erf
 
 from forward import ArrudaBoyce, Loading, MooneyRivlin, NeoHooke, Pann, Yeoh
 from forward._dolfinx import MPI
-from forward.effects import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, PermanentSet, Prony, Sheet
 from forward.errors import ConvergenceError, LoadingError, MaterialError
-from forward.inelastic import solve_history
-from forward.inelastic_problem import InelasticProblem
-from forward.plane_stress import Options, solve
+from forward.sheet.additions import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, PermanentSet, Prony, Sheet
+from forward.sheet.inelastic import solve_history
+from forward.sheet.inelastic_problem import InelasticProblem
+from forward.sheet.plane_stress import Options, solve
 from meshes import Cross, SquareSheet, Strip, quads, triangles
 
 L, W, H = 20.0, 10.0, 1.5  # half length and half width of the strip, thickness, mm

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from forward import ArrudaBoyce, Loading
-from forward.plane_stress import solve
+from forward.sheet.plane_stress import solve
 from meshes import Cross, quads
 
 

@@ -8,7 +8,7 @@ from forward_helpers import MATERIALS, MODEL, energy_derivatives, nominal_stress
 
 from forward import ArrudaBoyce, Loading, MooneyRivlin, NeoHooke, Pann, material_from_dict
 from forward.errors import MaterialError
-from forward.plane_stress import solve
+from forward.sheet.plane_stress import solve
 from meshes import SquareSheet, Strip, quads
 
 

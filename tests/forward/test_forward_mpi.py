@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from forward import ArrudaBoyce, Loading, SurfaceSolution
-from forward.plane_stress import solve
+from forward.sheet.plane_stress import solve
 from meshes import Cross, quads
 
 ROOT = Path(__file__).parents[2]

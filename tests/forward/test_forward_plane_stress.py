@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from forward import ArrudaBoyce, Loading, NeoHooke, SurfaceSolution
 from forward.errors import SolutionError
-from forward.plane_stress import default_experiment, solve
+from forward.sheet.plane_stress import default_experiment, solve
 from meshes import Cross, PureShearSheet, SquareSheet, Strip, quads
 
 THICKNESS = 1.7

@@ -11,12 +11,12 @@ import pytest
 
 from forward import ArrudaBoyce, Loading, NeoHooke, SurfaceSolution
 from forward._dolfinx import MPI
-from forward.effects import Sheet
 from forward.errors import ConvergenceError, LoadingError, SolutionError
-from forward.inelastic_problem import InelasticProblem
-from forward.plane_stress import Options, solve
-from forward.problem import PlaneStressProblem
 from forward.run import Record
+from forward.sheet.additions import Sheet
+from forward.sheet.inelastic_problem import InelasticProblem
+from forward.sheet.plane_stress import Options, solve
+from forward.sheet.plane_stress_problem import PlaneStressProblem
 from forward.stepping import State, predict, steps
 from meshes import Cross, SquareSheet, Strip, quads, triangles
 
@@ -173,7 +173,7 @@ def test_solve_refuses_what_it_cannot_do(mesh):
 def test_a_missing_compiler_is_named(tmp_path):
     """Forms that are not in the cache, and a compiler that fails."""
     command = (
-        "from forward.plane_stress import *\n"
+        "from forward.sheet.plane_stress import *\n"
         "mesh = quads(Cross(), quarter=True, size_factor=4.0)\n"
         "solve(mesh, ArrudaBoyce(), Loading.clamped(Cross.loaded, 1.0), 1)\n"
     )

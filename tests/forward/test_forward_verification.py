@@ -6,7 +6,14 @@ from forward_helpers import MATERIALS, annulus
 
 from forward import ArrudaBoyce, Loading
 from forward._dolfinx import JIT_OPTIONS, MPI, dolfinx, ufl
-from forward.problem import NOT_A_NUMBER, PETSC_OPTIONS, PlaneStressProblem, create_domain, invariants, stored_energy
+from forward.sheet.plane_stress_problem import (
+    NOT_A_NUMBER,
+    PETSC_OPTIONS,
+    PlaneStressProblem,
+    create_domain,
+    invariants,
+    stored_energy,
+)
 from meshes import Cross, quads
 
 COMM = MPI.COMM_SELF

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from solid_helpers import MATERIALS, block, on_face, problem_on
 
-from forward import NeoHooke, linear
+from forward import NeoHooke
 from forward._dolfinx import JIT_OPTIONS, dolfinx, ufl
-from forward.element import CENTRE, PRESSURES
-from forward.solid_forms import centre_function, potential, pressure_basis
-from forward.solid_problem import node_order
+from forward.solid import pardiso
+from forward.solid.element import CENTRE, PRESSURES
+from forward.solid.solid_forms import centre_function, potential, pressure_basis
+from forward.solid.solid_problem import node_order
 
 KAPPA = 50.0
 
@@ -120,13 +121,13 @@ def test_condensed_step_is_the_monolithic_one():
 )
 def test_iterated_step_is_the_monolithic_one(monkeypatch, fresh, tolerance):
     """PARDISO's factor in float32 with conjugate gradients, to their accuracy; without them its factor in float64."""
-    monkeypatch.setattr(linear, "FRESH", fresh)
+    monkeypatch.setattr(pardiso, "FRESH", fresh)
     check_condensed_step(*disturbed(WITH_BOTH_INVARIANTS, "pardiso"), tolerance)
 
 
 @pytest.mark.slow
 def test_condensed_step_is_the_monolithic_one_for_each_material(state, monkeypatch):
-    monkeypatch.setattr(linear, "FRESH", (1e-13, 100))
+    monkeypatch.setattr(pardiso, "FRESH", (1e-13, 100))
     check_condensed_step(*state)
 
 

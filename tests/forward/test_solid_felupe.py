@@ -5,7 +5,7 @@ import pytest
 import solid_felupe
 
 from forward import ArrudaBoyce, Loading
-from forward.solid_model import solve
+from forward.solid.solid_model import solve
 from meshes import Cross, extrude, quads
 
 MATERIAL = ArrudaBoyce()

@@ -22,8 +22,8 @@ from forward.errors import (
     SolutionError,
 )
 from forward.run import Record
-from forward.solid_model import Options, default_layers, solve
-from forward.solid_problem import Outcome, SolidProblem
+from forward.solid.solid_model import Options, default_layers, solve
+from forward.solid.solid_problem import Outcome, SolidProblem
 from forward.stepping import State, predict
 from meshes import PlateWithHole, extrude, quads
 

@@ -7,9 +7,9 @@ from scipy.optimize import root
 from solid_helpers import block, grid, pressure_jumps
 
 from forward import ArrudaBoyce, Loading, NeoHooke, SolidSolution
-from forward import plane_stress as sheet
 from forward.errors import SolutionError
-from forward.solid_model import Options, solve
+from forward.sheet import plane_stress as sheet
+from forward.solid.solid_model import Options, solve
 from meshes import Cross, PlateWithHole, extrude, quads
 
 SHARP = Options(tolerance=1e-10, volume_tolerance=1e-12)
@@ -280,7 +280,7 @@ def test_a_quarter_refuses_what_is_not_symmetric():
 
 def test_no_load_needs_no_solve():
     from forward import Loading, NeoHooke
-    from forward.solid_model import solve
+    from forward.solid.solid_model import solve
     from meshes import Strip, extrude, quads
 
     mesh = extrude(quads(Strip(far_size=20.0), quarter=True), 4.0, 1)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.equations.deformation_modes import MODES, TITLES
 from meshes import Mesh
-from studies.accuracy.metrics import MODES
 from studies.grid.axes import Loss, Settings
 from studies.grid.case import EXTRAPOLATION, Curve, Fit
 from studies.grid.claims import NOISES, Claim, ClaimVerdict, Statement
@@ -27,7 +27,6 @@ COLUMNS = ("loss", "nodes kept (%)", "nodes", "noise", "mode", "range", "fits", 
            "bias max (%)", "r2 median", "r2 min", "largest error median (%)")  # fmt: skip
 TARGET_COLUMNS = ("noise", "nodes kept (%)", "worst |median bias| (%)", "lowest median r2", "limits", "met")
 FIT_COLUMNS = ("nodes kept (%)", "seed", "reduced chi-square", "optimiser", "seconds")
-TITLES = {"uniaxial": "uniaxial", "equibiaxial": "equi-biaxial", "pure_shear": "pure shear"}
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ def rows_of(results: Results) -> list[Row]:
 
 
 def _row(fits: list[Fit], place: str, mode: str, keys: tuple[Loss, str, int, bool]) -> Row:
-    scores = [getattr(fit, place)[MODES.index(mode)] for fit in fits]
+    scores = [getattr(fit, place)[[*MODES].index(mode)] for fit in fits]
     bias, r2 = Spread.of(100 * s.bias for s in scores), Spread.of(s.r2 for s in scores)
     return Row(*keys, mode, place, bias, r2, Spread.of(100 * s.max_error for s in scores))
 
@@ -111,7 +110,9 @@ def claims(results: Results, rows: list[Row]) -> list[Claim]:
 
 def _inside(loss: Loss, rows: list[Row]) -> Claim:
     if not rows:
-        return Claim(Statement.RELIABLE_INSIDE, ClaimVerdict.NOT_STUDIED, limits=_inside_limits(), loss=loss, noisy=True)
+        return Claim(
+            Statement.RELIABLE_INSIDE, ClaimVerdict.NOT_STUDIED, limits=_inside_limits(), loss=loss, noisy=True
+        )
     bias, least = LIMITS.of(noisy=True)
     missed = {r.resolution for r in rows if abs(r.bias.median) > bias or r.r2.median < least}
     worst = max((r.bias.median for r in rows), key=abs)

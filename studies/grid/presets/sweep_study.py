@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.accuracy.metrics import MODES
+from calibrate.equations.deformation_modes import MODES
 from studies.grid.axes import PLANE, Settings
 from studies.grid.case import CaseResult
 from studies.grid.report import Page, Picture, Section, Table, Text
@@ -67,7 +67,7 @@ def _group(keys: Any, members: Sequence[CaseResult]) -> Group:
     bias = Spread.of(100 * fit.inside[worst].bias for fit in fits)
     chi = [fit.reduced_chi_square for fit in fits if fit.reduced_chi_square is not None]
     force = 100 * float(np.median([fit.force_error for fit in fits]))
-    return Group(keys, len(fits), failed, MODES[worst], bias, force, float(np.median(chi)) if chi else None)
+    return Group(keys, len(fits), failed, [*MODES][worst], bias, force, float(np.median(chi)) if chi else None)
 
 
 def case_row(result: CaseResult) -> list[Any]:

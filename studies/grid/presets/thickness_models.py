@@ -5,8 +5,6 @@ In: `ThicknessResults` and a loss. Out: matplotlib figures; no screen is needed.
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,15 +15,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import ConvexHull
 
+from calibrate.equations.deformation_modes import MODES, TITLES
 from calibrate.models.network_model import Model
 from studies.accuracy.epsilon import weighted_quantile
-from studies.accuracy.metrics import MODES, ArrudaBoyceTruth
+from studies.accuracy.metrics import ArrudaBoyceTruth
 from studies.accuracy.stress_error import COMPONENTS, energy_of, stress_errors
 from studies.grid.axes import Loss
 from studies.grid.case import Curve, Fit
 from studies.grid.claims import NOISES
 from studies.grid.presets.thickness_results import ThicknessResults, condition_name
-from studies.grid.presets.thickness_tables import LIMITS, MODE_NAMES
+from studies.grid.presets.thickness_tables import LIMITS
 from studies.grid.results import median_biases
 from studies.output import style
 
@@ -97,7 +96,9 @@ def _density_panel(ax: Axes, results: ThicknessResults, errors: dict[str, tuple[
         ax.axvspan(-LIMITS.stress, LIMITS.stress, color=style.COLOURS["sky"], alpha=0.12, linewidth=0)
 
 
-def pooled_errors(results: ThicknessResults, condition: str, loss: Loss, noisy: bool) -> dict[str, tuple[Array, Array]] | None:
+def pooled_errors(
+    results: ThicknessResults, condition: str, loss: Loss, noisy: bool
+) -> dict[str, tuple[Array, Array]] | None:
     """{component: (signed errors in %, weights)} at the states of the 2D reference, all seeds pooled."""
     fits = results.fitted(condition, loss, noisy)
     if not fits:
@@ -203,7 +204,7 @@ def _stress_panel(ax: Axes, results: ThicknessResults, loss: Loss, mode: str, no
     ax.plot(reference.stretch, reference.truth, "o", color="black", ms=2.5, markevery=8, label="truth")
     style.mark_range(ax, 1.0, reference.limit)
     top = 1.4 * max(reference.truth)
-    ax.set(title=MODE_NAMES[mode], ylim=(-0.03 * top, top))
+    ax.set(title=TITLES[mode], ylim=(-0.03 * top, top))
 
 
 def _deviation_panel(ax: Axes, results: ThicknessResults, loss: Loss, mode: str, noisy: bool) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forward.interpolation import Places, gradients_at, locate
-from forward.solid_solution import SolidSolution
+from forward.solid.solid_solution import SolidSolution
 from forward.solution import SurfaceSolution
 from meshes import Cross
 from studies.accuracy.epsilon import EpsilonField, difference

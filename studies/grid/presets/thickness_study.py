@@ -48,7 +48,9 @@ def method(results: ThicknessResults) -> Section:
 def answer(results: ThicknessResults) -> Section:
     """Up to which thickness a calibration can be trusted."""
     tables = thickness_tables
-    judged = [one.row() for loss in results.losses for noisy in (False, True) for one in tables.trusts(results, loss, noisy)]
+    judged = [
+        one.row() for loss in results.losses for noisy in (False, True) for one in tables.trusts(results, loss, noisy)
+    ]
     corrected = tables.correction_rows(results)
     return Section("Answer", [
         Text(WORDS.definition(limits=LIMITS)),
@@ -63,7 +65,9 @@ def answer(results: ThicknessResults) -> Section:
 def beside_the_paper(results: ThicknessResults) -> Section:
     """Claims, what the losses make of the same data, what was not tested."""
     section = claims_section(claims(results))
-    return Section(section.heading, [*section.parts, Table(CHANGE_COLUMNS, change_rows(results)), Text(WORDS.untested())])
+    return Section(
+        section.heading, [*section.parts, Table(CHANGE_COLUMNS, change_rows(results)), Text(WORDS.untested())]
+    )
 
 
 def deformation(results: ThicknessResults) -> Section:
@@ -106,7 +110,10 @@ def models(results: ThicknessResults, loss: Loss) -> Section:
     kinds: dict[str, dict[str, Any]] = {"densities": {"limit": LIMITS.stress}, "energies": {}, "predictions": {}}
     pictures = [Picture(f"{kind}_{loss}", lambda kind=kind: getattr(thickness_models, kind)(results, loss), getattr(WORDS, kind)(**values))
                 for kind, values in kinds.items()]  # fmt: skip
-    titles = {"Predictions inside the calibrated range": thickness_tables.AGREEMENT, "Stress errors": thickness_tables.STRESSES}
+    titles = {
+        "Predictions inside the calibrated range": thickness_tables.AGREEMENT,
+        "Stress errors": thickness_tables.STRESSES,
+    }
     tables = [Table(("condition", "noise", "fits", *quantities), thickness_tables.wide_rows(results, quantities, loss), WORDS.wide(title=title))
               for title, quantities in titles.items()]  # fmt: skip
     every = [] if loss is not results.losses[0] else [

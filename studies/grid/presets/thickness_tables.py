@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.equations.deformation_modes import MODES, TITLES
 from studies.accuracy.epsilon import EpsilonField, weighted_quantile
-from studies.accuracy.metrics import MODES
 from studies.accuracy.stress_error import COMPONENTS, Quantiles, StateErrors
 from studies.grid.axes import Loss
 from studies.grid.case import Fit
@@ -22,7 +22,6 @@ from studies.grid.presets.thickness_results import ThicknessResults, arm_forces,
 from studies.grid.results import Spread, median_biases
 
 SIDES = {"right": "arms along x", "top": "arms along y"}
-MODE_NAMES = {"uniaxial": "uniaxial", "equibiaxial": "equi-biaxial", "pure_shear": "pure shear"}
 Quantity = Callable[[Fit], float]
 
 
@@ -71,7 +70,7 @@ def largest_error(fit: Fit) -> float:
 
 
 AGREEMENT: dict[str, Quantity] = {
-    **{f"bias {MODE_NAMES[mode]} (%)": _bias(i) for i, mode in enumerate(MODES)},
+    **{f"bias {TITLES[mode]} (%)": _bias(i) for i, mode in enumerate(MODES)},
     "largest error (% of largest stress)": largest_error,
     "lowest r2": lambda fit: min(score.r2 for score in fit.inside),
     "energy error, median (%)": lambda fit: _states(fit).energy.median_abs,
@@ -137,10 +136,12 @@ def trust(results: ThicknessResults, condition: str, loss: Loss, noisy: bool) ->
         return None
     biases = 100 * median_biases(fits)
     mode = int(np.abs(biases).argmax())
-    stresses = {(c, q): Spread.of(map(STRESSES[f"{c} {q} (%)"], fits)).median for c in COMPONENTS for q in ("P5", "P95")}
+    stresses = {
+        (c, q): Spread.of(map(STRESSES[f"{c} {q} (%)"], fits)).median for c in COMPONENTS for q in ("P5", "P95")
+    }
     place = max(stresses, key=lambda key: abs(stresses[key]))
     largest = Spread.of(map(largest_error, fits)).median
-    return Trust(condition, loss, noisy, float(biases[mode]), MODE_NAMES[MODES[mode]], stresses[place], place[0], largest,
+    return Trust(condition, loss, noisy, float(biases[mode]), [*TITLES.values()][mode], stresses[place], place[0], largest,
                  len(fits))  # fmt: skip
 
 
@@ -192,7 +193,9 @@ def outside_rows(results: ThicknessResults) -> list[list[Any]]:
         for condition in results.conditions:
             fits = [*results.fitted(condition, Loss.WEIGHTED, noisy).values()]
             if fits:
-                rows.append([condition_name(condition), noise, 100 * float(max(median_biases(fits, outside=True), key=abs))])
+                rows.append(
+                    [condition_name(condition), noise, 100 * float(max(median_biases(fits, outside=True), key=abs))]
+                )
     return rows
 
 

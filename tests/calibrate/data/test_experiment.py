@@ -10,7 +10,8 @@ import pytest
 from small_sheet import stretched
 
 from calibrate import errors
-from calibrate.data.experiment import Experiment, LoadedBoundary, Noise, boundary_nodes, signed_areas
+from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
+from calibrate.data.triangulation import boundary_nodes, signed_areas
 from studies.reports.experiment_words import imbalance_remark
 
 

@@ -113,7 +113,7 @@ def test_the_mean_is_that_of_the_effect():
 def thick(request):
     """A thick plate with a hole of 5 mm radius, 33 % longer: its surface, and its mean over the thickness."""
     from forward import Loading, NeoHooke
-    from forward.solid_model import Options, solve
+    from forward.solid.solid_model import Options, solve
     from meshes import PlateWithHole, extrude, quads, triangles
     from studies.synthetic.camera import observe
 

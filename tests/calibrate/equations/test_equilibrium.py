@@ -9,7 +9,8 @@ import synthetic
 from synthetic import ArrudaBoyce, HartmannNeff, derivatives, moved, plate_experiment, renumbered, rotation
 
 from calibrate import errors
-from calibrate.data.experiment import LoadedBoundary, boundary_nodes
+from calibrate.data.experiment import LoadedBoundary
+from calibrate.data.triangulation import boundary_nodes
 from calibrate.equations import basis as bases
 from calibrate.equations import equilibrium as equations
 from calibrate.equations import kinematics

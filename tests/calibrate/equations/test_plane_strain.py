@@ -26,8 +26,8 @@ from calibrate.models.network_model import Model
 from forward.errors import MaterialError
 from forward.loading import Loading
 from forward.materials import ArrudaBoyce, MooneyRivlin
-from forward.plane_strain import PlaneStrainProblem
-from forward.plane_stress import solve
+from forward.sheet.plane_strain import PlaneStrainProblem
+from forward.sheet.plane_stress import solve
 from meshes import quads, triangles
 from meshes.specimens import PlateWithHole
 from studies.accuracy.metrics import ArrudaBoyceTruth, nominal_stress

@@ -295,9 +295,9 @@ def test_force_table_is_the_error_of_the_forces():
 
 def test_largest_stretch_ends_the_calibrated_range():
     model, top = view().model, view().model.calibrated_range["I1"][1]
-    stretch = reviews.largest_stretch(model, "uniaxial")
+    stretch = model.largest_stretch("uniaxial")
     assert stretch**2 + 2 / stretch == pytest.approx(top, rel=2e-3)
-    assert reviews.largest_stretch(model, "equibiaxial") < stretch
+    assert model.largest_stretch("equibiaxial") < stretch
 
 
 def test_initial_modulus_is_that_of_the_material():

@@ -163,7 +163,7 @@ class TestSteps:
         class Solid:
             surface = staticmethod(lambda: replace(plane, thickness=12.5, description={"bulk_modulus": 3e3}))
 
-        monkeypatch.setattr("forward.solid_solution.SolidSolution.load", staticmethod(lambda path: Solid()))
+        monkeypatch.setattr("forward.solid.solid_solution.SolidSolution.load", staticmethod(lambda path: Solid()))
         thickness_case.observe(folder, SMALL, "12.5", "clean", "1")
         thickness_case.observe(folder, SMALL, "plane", "1")
         clean, noisy, flat = (Experiment.load(folder / "experiments" / f"{name}.npz")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import thickness_stand_in as stand_in
 
-from forward.solid_solution import SolidSolution
+from forward.solid.solid_solution import SolidSolution
 from studies.grid import (
     thickness_convergence,
     thickness_convergence_report,

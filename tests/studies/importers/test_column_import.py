@@ -18,7 +18,8 @@ from sheets import (
 )
 
 from calibrate import errors
-from calibrate.data.experiment import Experiment, Noise, signed_areas
+from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.triangulation import signed_areas
 from studies.importers import column_import, column_map
 from studies.importers.column_map import EdgesTable
 from studies.importers.series import to_experiment

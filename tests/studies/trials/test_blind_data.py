@@ -11,7 +11,7 @@ from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Chain
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import equilibrium, neo_hooke
-from forward.effects import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, PermanentSet, Prony
+from forward.sheet.additions import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, PermanentSet, Prony
 from studies.errors import OptionError
 from studies.trials import blind_solution
 from studies.trials.blind_data import HISTORIES, RAMP, draw, label, make, write

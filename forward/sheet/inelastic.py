@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forward._dolfinx import MPI, compiler_needed, versions
-from forward.effects import Sheet
 from forward.errors import ConvergenceError, LoadingError, MaterialError
-from forward.inelastic_problem import InelasticProblem
 from forward.loading import SYMMETRY, Loading
-from forward.plane_stress import Options
+from forward.sheet.additions import Sheet
+from forward.sheet.inelastic_problem import InelasticProblem
+from forward.sheet.plane_stress import Options
 from forward.solution import SurfaceSolution
 from forward.stepping import HISTORY, State, predict
 from meshes import Mesh

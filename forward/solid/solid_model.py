@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from forward._dolfinx import MPI, compiler_needed, versions
-from forward.element import PRESSURES
 from forward.errors import LoadingError, MaterialError
 from forward.loading import Loading
 from forward.materials import Material
 from forward.run import Record, run
-from forward.solid_problem import SolidProblem
-from forward.solid_solution import SolidSolution
+from forward.solid.element import PRESSURES
+from forward.solid.solid_problem import SolidProblem
+from forward.solid.solid_solution import SolidSolution
 from meshes.extrusion import SolidMesh
 
 DEFAULT_INCREMENTS = 10

@@ -5,7 +5,7 @@ An addition acts at one of three places of the stored energy or stress of the ba
     P = (1 - D) d/dF { s(X) [psi + additions of energy] },
 
 an energy (fibres, a second invariant), a field s(X) over the sheet, or a factor 1 - D that depends on x = I1 - 3 and on
-its largest value so far. Viscosity, permanent set and compressibility change what is solved for and are read by `forward.inelastic`.
+its largest value so far. Viscosity, permanent set and compressibility change what is solved for and are read by `forward.sheet.inelastic`.
 Values reach the forms as constants, so that one compilation serves every value of them.
 """
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from forward._dolfinx import QUADRATURE_DEGREE, dolfinx, ufl
-from forward.element import CENTRE, isochoric_invariants
 from forward.materials import Material
+from forward.solid.element import CENTRE, isochoric_invariants
 
 
 def pressure_basis(domain: Any, centres: Any) -> Any:

@@ -1,6 +1,6 @@
 """One step of a sheet with a history: the committed state and a step of time in, equilibrium out.
 
-Plane stress as in `forward.problem`, with the additions of `forward.effects`. State variables live at the Gauss points:
+Plane stress as in `forward.sheet.plane_stress_problem`, with the additions of `forward.sheet.additions`. State variables live at the Gauss points:
 
 - the largest x = I1 - 3 so far;
 - S and Q of viscosity. Between two steps S is linear in time, so that with z = dt / tau
@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forward._dolfinx import JIT_OPTIONS, QUADRATURE_DEGREE, basix, dolfinx, ufl
-from forward.effects import Sheet
-from forward.problem import Outcome, PlaneStressProblem, weakly
+from forward.sheet.additions import Sheet
+from forward.sheet.plane_stress_problem import Outcome, PlaneStressProblem, weakly
 from meshes import Mesh
 
 Array = NDArray[np.float64]

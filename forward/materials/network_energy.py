@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from forward.errors import MaterialError
-from forward.materials import Material
+from forward.materials.strain_energy import Material
 
 INPUTS = {"I1": (0,), "I2": (1,), "I1I2": (0, 1)}
 AT_REST = (3.0, 3.0**1.5)

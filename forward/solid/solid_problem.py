@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forward._dolfinx import JIT_OPTIONS, MPI, basix, dolfinx, ufl
-from forward.element import PRESSURES, Solid
 from forward.errors import LinearSolverError
-from forward.linear import LinearSolver, Mumps, Pardiso, pardiso_installed
 from forward.materials import Material
-from forward.solid_forms import centre_function, potential, pressure_basis
+from forward.solid.element import PRESSURES, Solid
+from forward.solid.linear_solver import LinearSolver
+from forward.solid.mumps import Mumps
+from forward.solid.pardiso import Pardiso, pardiso_installed
+from forward.solid.solid_forms import centre_function, potential, pressure_basis
 from meshes.extrusion import HEX_NODES, SolidMesh
 from meshes.mesh import Array
 

@@ -1,8 +1,4 @@
-"""Linear solvers of the solid: a state and prescribed steps in, the Newton step of the displacement out.
-
-`Pardiso` (MKL, package pypardiso) serves one process and is several times faster; `Mumps` serves any number of
-ranks. Both factorise the symmetric condensed tangent, and both check the residual of their result in float64.
-"""
+"""The tangent of the solid in one process, factorised by PARDISO (MKL)."""
 
 from __future__ import annotations
 
@@ -11,39 +7,23 @@ import ctypes
 import functools
 import importlib.util
 import sys
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from forward._dolfinx import JIT_OPTIONS, PETSc, dolfinx, ufl
-from forward.element import Solid
 from forward.errors import LinearSolverError
+from forward.solid.block_sparsity import block_pattern, block_places, scalar_pattern
+from forward.solid.element import Solid
+from forward.solid.linear_solver import ACCURACY
 from meshes.mesh import Array
 
 SYMMETRIC = -2  # PARDISO's name; it counts the negative pivots, and takes no longer than the positive definite kind
 ANALYSE, FACTORISE, SOLVE, RELEASE = 11, 22, 33, -1
 OUT_OF_MEMORY = (-2, -9)
-MUMPS_OUT_OF_MEMORY = (-8, -9, -11, -13, -14, -15, -17, -20)
 # conjugate gradients: relative residual to be reached, and iterations allowed, with a new factor and with a kept one
 FRESH, KEPT = (1e-7, 30), (1e-6, 16)
-ACCURACY = 1e-6  # of a linear solve; the nonlinear iteration forgives more, a broken factor gives 1 and above
-CHUNK = 256
-
-
-class LinearSolver(Protocol):
-    """name; negative: negative pivots of the last factor, -1 if unknown."""
-
-    name: str
-    negative: int
-
-    def step(self, u: Array, q: Array, jump: Array, fresh: bool) -> Array | None:
-        """Step du (n, 3), mm, from u (n, 3), q (m, 4), where held components move by `jump` (n, 3).
-
-        fresh: whether the state has changed too much since the last step to use its factor again. None if it fails.
-        Raises `LinearSolverError` for want of memory.
-        """
 
 
 def pardiso_installed() -> bool:
@@ -53,7 +33,10 @@ def pardiso_installed() -> bool:
 
 @functools.cache
 def _pardiso() -> Any:
-    """PARDISO, to be copied for each factor: pypardiso searches folders for it, which takes half a second."""
+    """PARDISO, to be copied for each factor: pypardiso searches folders for it, which takes half a second.
+
+    Loaded here and not above: MKL is absent on some machines, and in the way of MUMPS on many ranks.
+    """
     from pypardiso import PyPardisoSolver
 
     return PyPardisoSolver(mtype=SYMMETRIC)
@@ -72,9 +55,9 @@ class Pardiso:
     def __init__(self, solid: Solid, n: int, held: NDArray[np.bool_]) -> None:
         self.solid, self.negative = solid, -1
         self._fixed = np.ascontiguousarray(held.ravel(), np.uint8)
-        blocks = _block_pattern(solid.dofs, n)
-        self._place = _places(blocks, solid.dofs)
-        self.matrix = _scalar_pattern(blocks)
+        blocks = block_pattern(solid.dofs, n)
+        self._place = block_places(blocks, solid.dofs)
+        self.matrix = scalar_pattern(blocks)
         self._rows = self.matrix.indptr.astype(np.int64)
         self._factor: _Factor | None = None
 
@@ -194,112 +177,3 @@ class _Factor:
     def __del__(self) -> None:
         if not sys.is_finalizing():
             self._call(RELEASE)
-
-
-class Mumps:
-    """PETSc's matrix over the ranks, factorised by MUMPS."""
-
-    name = "mumps"
-
-    def __init__(self, solid: Solid, V: Any, held: NDArray[np.bool_]) -> None:
-        self.solid, self.V, self.negative = solid, V, -1
-        dx = ufl.dx(metadata={"quadrature_degree": 0})
-        pattern = ufl.inner(ufl.TrialFunction(V), ufl.TestFunction(V)) * dx
-        self.A = dolfinx.fem.petsc.create_matrix(dolfinx.fem.form(pattern, jit_options=JIT_OPTIONS))
-        self.A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        owned = V.dofmap.index_map.size_local
-        self._held = np.flatnonzero(held.ravel()[: 3 * owned]).astype(np.int32)
-        self.b, self.x = self.A.createVecLeft(), self.A.createVecRight()
-        self._ghosted = dolfinx.la.vector(V.dofmap.index_map, 3)
-        self.ksp = self._factoriser()
-
-    def step(self, u: Array, q: Array, jump: Array, fresh: bool) -> Array | None:
-        """See `LinearSolver.step`. Raises `LinearSolverError` for want of memory."""
-        self.A.zeroEntries()
-        rhs = self._ghosted
-        rhs.array[:] = 0
-        blocks = rhs.array.reshape(-1, 3)
-        for first in range(0, self.solid.n_cells, CHUNK):
-            last = min(first + CHUNK, self.solid.n_cells)
-            matrices, forces = self.solid.matrices(first, last, u, q)
-            for dofs, matrix in zip(self.solid.dofs[first:last], matrices, strict=True):
-                self.A.setValuesBlockedLocal(dofs, dofs, matrix, PETSc.InsertMode.ADD_VALUES)
-            np.subtract.at(blocks, self.solid.dofs[first:last].ravel(), forces.reshape(-1, 3))
-        self.A.assemble()
-        rhs.scatter_reverse(dolfinx.la.InsertMode.add)
-        owned = self.b.getLocalSize()
-        self.b.setArray(rhs.array[:owned])
-        self.x.setArray(jump.ravel()[:owned])
-        start = self.A.getOwnershipRange()[0]
-        self.A.zeroRowsColumns(self._held + start, 1.0, self.x, self.b)
-        self.ksp.solve(self.b, self.x)
-        if self.ksp.getConvergedReason() < 0:  # type: ignore[operator]
-            code = self.ksp.getPC().getFactorMatrix().getMumpsInfog(1)
-            self.ksp.destroy()  # PETSc does not forget the failure, and would refuse the next factor as well
-            self.ksp = self._factoriser()
-            if code in MUMPS_OUT_OF_MEMORY:
-                raise LinearSolverError(f"MUMPS ran out of memory (its error {code}); use more ranks or a coarser mesh")
-            return None
-        residual = self.A.createVecLeft()
-        self.A.mult(self.x, residual)
-        residual.axpy(-1.0, self.b)
-        if not residual.norm() <= ACCURACY * self.b.norm():
-            return None
-        rhs.array[:owned] = self.x.getArray(readonly=True)
-        rhs.scatter_forward()
-        return rhs.array.reshape(-1, 3).copy()
-
-    def _factoriser(self) -> Any:
-        ksp = PETSc.KSP().create(self.V.mesh.comm)
-        ksp.setType("preonly")
-        ksp.setOperators(self.A)
-        pc = ksp.getPC()
-        pc.setType("cholesky")
-        pc.setFactorSolverType("mumps")
-        pc.setFactorSetUpSolverType()
-        pc.getFactorMatrix().setMumpsIcntl(14, 60)
-        return ksp
-
-
-def _block_pattern(dofs: NDArray[np.int32], n: int) -> sp.csr_matrix:
-    """Upper triangle (n, n) of which blocks share a hex; columns sorted, the diagonal always there."""
-    rows = np.repeat(np.arange(len(dofs)), dofs.shape[1])
-    touches = sp.csr_matrix((np.ones(dofs.size, np.int32), (rows, dofs.ravel())), (len(dofs), n))
-    pattern = sp.triu(touches.T @ touches, format="csr")
-    pattern.sort_indices()
-    return pattern
-
-
-def _places(blocks: sp.csr_matrix, dofs: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(m, 27, 27): place of the pair's block in the block row of the smaller one."""
-    n = blocks.shape[0]
-    keys = np.repeat(np.arange(n, dtype=np.int64), np.diff(blocks.indptr)) * n + blocks.indices
-    places = np.empty((len(dofs), dofs.shape[1], dofs.shape[1]), np.int32)
-    for first in range(0, len(dofs), CHUNK):
-        cells = dofs[first : first + CHUNK].astype(np.int64)
-        low = np.minimum(cells[:, :, None], cells[:, None, :])
-        high = np.maximum(cells[:, :, None], cells[:, None, :])
-        places[first : first + CHUNK] = np.searchsorted(keys, low * n + high) - blocks.indptr[low]
-    return places
-
-
-def _scalar_pattern(blocks: sp.csr_matrix) -> sp.csr_matrix:
-    """Upper triangle of the matrix with 3 x 3 blocks."""
-    n = blocks.shape[0]
-    lengths = np.diff(blocks.indptr)
-    row_lengths = (3 * lengths[:, None] - np.arange(3)).ravel()
-    indptr = np.concatenate([[0], np.cumsum(row_lengths)])
-    if indptr[-1] >= 2**31:
-        raise LinearSolverError(
-            f"{indptr[-1]} entries are more than PARDISO's 32-bit numbers hold; use MUMPS on more ranks"
-        )
-    columns = (3 * blocks.indices[:, None] + np.arange(3)).astype(np.int32)
-    indices = np.empty(indptr[-1], np.int32)
-    for i in range(3):
-        keep = np.ones(columns.shape, bool)
-        keep[blocks.indptr[:-1], :i] = False
-        owner = np.repeat(np.arange(n), 3 * lengths)[keep.ravel()]
-        starts = indptr[3 * owner + i]
-        within = np.arange(len(owner)) - np.repeat(np.cumsum(row_lengths[i::3]) - row_lengths[i::3], row_lengths[i::3])
-        indices[starts + within] = columns.ravel()[keep.ravel()]
-    return sp.csr_matrix((np.zeros(indptr[-1]), indices, indptr.astype(np.int32)), (3 * n, 3 * n))

@@ -18,9 +18,9 @@ from forward._dolfinx import MPI, compiler_needed, versions
 from forward.errors import LoadingError, MaterialError
 from forward.loading import Loading
 from forward.materials import ArrudaBoyce, Material
-from forward.plane_strain import PlaneStrainProblem, check_bulk_modulus
-from forward.problem import PlaneStressProblem
 from forward.run import Record, run
+from forward.sheet.plane_strain import PlaneStrainProblem, check_bulk_modulus
+from forward.sheet.plane_stress_problem import PlaneStressProblem
 from forward.solution import SurfaceSolution
 from meshes import Cross, Mesh, quads
 

@@ -1,4 +1,4 @@
-"""The plane-strain boundary value problem in DOLFINx: as `forward.problem`, of a compressible body held at its faces.
+"""The plane-strain boundary value problem in DOLFINx: as `forward.sheet.plane_stress_problem`, of a compressible body held at its faces.
 
 With F33 = 1, J = det F and C = diag(C2, 1): I1 = tr C2 + 1, I2 = tr C2 + J^2, and the stored energy is
 h int psi(J^(-2/3) I1, J^(-4/3) I2) + kappa (J - 1)^2 / 2 dA. Biquadratic quads without a pressure lock where the bulk modulus
@@ -14,7 +14,7 @@ import numpy as np
 from forward._dolfinx import QUADRATURE_DEGREE, dolfinx, ufl
 from forward.errors import MaterialError
 from forward.materials import Material
-from forward.problem import PlaneStressProblem
+from forward.sheet.plane_stress_problem import PlaneStressProblem
 
 LARGEST = 1000.0  # bulk modulus over shear modulus
 

@@ -1,0 +1,25 @@
+"""Which materials there are, by name: plain data in, material out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from forward.errors import MaterialError
+from forward.materials.arruda_boyce import ArrudaBoyce
+from forward.materials.mooney_rivlin import MooneyRivlin
+from forward.materials.neo_hooke import NeoHooke
+from forward.materials.network_energy import Pann
+from forward.materials.strain_energy import Material
+from forward.materials.yeoh import Yeoh
+
+MATERIALS: dict[str, type[Material]] = {kind.name: kind for kind in (ArrudaBoyce, NeoHooke, MooneyRivlin, Yeoh)}
+_ALL: dict[str, type[Material]] = {**MATERIALS, Pann.name: Pann}
+
+
+def material_from_dict(content: dict[str, Any]) -> Material:
+    """Material from `Material.to_dict()`. Raises `MaterialError` naming what is unknown."""
+    parameters = dict(content)
+    name = parameters.pop("material", None)
+    if name not in _ALL:
+        raise MaterialError(f"material '{name}' is unknown; choose one of {', '.join(_ALL)}")
+    return _ALL[name].from_dict(parameters)

@@ -1,0 +1,1 @@
+"""Thick, nearly incompressible specimens: triquadratic hexes with a linear pressure."""
