@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from studies.commands.options import add_output, count, nearest, output_folder, positive, seed, settings
 from studies.errors import OptionError
+from studies.grid.axes import EXTENT
 
 if TYPE_CHECKING:
     from calibrate.data.experiment import Experiment
@@ -24,8 +25,6 @@ DESCRIPTION = """\
 Solve a tension test of a thin rubber sheet (plane stress; with --bulk-modulus plane strain) and record it with a synthetic
 camera and load cell. Default: the cross, 60 mm at each arm in 10 increments, Arruda-Boyce rubber, noise of
 0.1 mm with a correlation length of 4 mm, force noise of 1e-4. Lengths in mm, forces in N, stresses in MPa."""
-# mm at each grip; the square, whose grips meet at its corners, cannot be held by rigid ones
-EXTENT = {"cross": 60.0, "strip": 60.0, "pure_shear": 10.0, "plate_with_hole": 40.0}
 QUICK = {"increments": 4, "nodes": 900, "size_factor": 2.5}
 FULL = {"increments": 10, "nodes": 5000, "size_factor": 1.0}
 

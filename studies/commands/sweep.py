@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from typing import Any
 
 from studies.commands import study_options
 from studies.grid.axes import PLANE, Settings
@@ -37,10 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def settings_from(arguments: argparse.Namespace) -> Settings:
     """Settings of the command line. Raises `OptionError`, `ConfigError`."""
     settings = study_options.settings_from(arguments, SWEEP)
+    given: dict[str, Any] = {}
     for name, (_, read) in AXES.items():
         text = getattr(arguments, name)
         if text is not None:
-            settings = replace(settings, **{name: study_options.axis(f"--{name}", text, read)})
+            given[name] = study_options.axis(f"--{name}", text, read)
+    settings = replace(settings, **given)
     return replace(settings, resolutions=tuple(sorted(settings.resolutions, key=float, reverse=True)))
 
 

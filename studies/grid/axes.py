@@ -112,7 +112,7 @@ class Settings:
     def cases(self) -> list[Case]:
         """Every combination; clean data (noise 0) have no seed, so they are one case instead of one a seed."""
         kinds = product(self.specimens, self.thicknesses, self.resolutions, self.records())
-        return [Case(*kind, *record) for *kind, record in kinds]
+        return [Case(s, h, r, noise, seed) for s, h, r, (noise, seed) in kinds]
 
     def records(self) -> list[tuple[str, str]]:
         """(noise, seed) of every record of a surface."""

@@ -109,8 +109,7 @@ class CaseResult:
         content = json.loads(path.read_text())
         case = Case(**{field.name: content[field.name] for field in fields(Case)})
         losses = {Loss(name): Fit.from_dict(fit) for name, fit in content["losses"].items()}
-        rest = (content[name] for name in ("nodes", "triangles", "calibrated_I1"))
-        return cls(case, *rest, losses, content["failed"])
+        return cls(case, content["nodes"], content["triangles"], content["calibrated_I1"], losses, content["failed"])
 
 
 def calibrated_limit(experiment: Experiment) -> float:

@@ -108,7 +108,7 @@ def plan(
         last = [line.strip() for line in said.splitlines() if line.strip()][-3:]
         raise WorkflowError(f"the workflow cannot be planned: {' '.join(last) or 'Snakemake failed'}")
     jobs_of: Counter[str] = Counter()
-    for rule, count in PLANNED.findall(said):
+    for rule, count in dict(PLANNED.findall(said)).items():  # said twice
         jobs_of[BATCH.sub("", rule)] += int(count)
     return {rule: count for rule, count in jobs_of.items() if rule not in ("all", "total")}
 

@@ -7,6 +7,7 @@ are over noise seeds.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -201,9 +202,7 @@ def page(results: Results) -> Page:
     limit = results.cases[0].calibrated_I1
     note = [Text(WORDS.one_invariant())] if settings.inputs == "I1" else []
     beside = claims_section(claims(results, rows))
-    pictures = [
-        Picture(f"resolution_{loss}", lambda loss=loss: draw(results, loss), WORDS.figure()) for loss in results.losses
-    ]
+    pictures = [Picture(f"resolution_{loss}", partial(draw, results, loss), WORDS.figure()) for loss in results.losses]
     return Page("Resolution study", WORDS.question(), [
         Section("", [Text(WORDS.method(settings=settings, limit=limit))]),
         Section("Targets", [Table(TARGET_COLUMNS, targets(rows), WORDS.targets())]),

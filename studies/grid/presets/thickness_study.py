@@ -7,6 +7,7 @@ figures of deformation and of the calibrated models, claims.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -77,7 +78,7 @@ def deformation(results: ThicknessResults) -> Section:
     name, (_, _, _, p95, _, top, at, rim, *_) = results.thicknesses[0], rows[0]
     return Section("Where 2D and 3D differ", [
         Text(WORDS.worst_place(name=name, at=at, rim=rim, top=top, p95=p95)),
-        *(Picture(kind, lambda kind=kind: getattr(thickness_figures, kind)(results), getattr(WORDS, kind)())
+        *(Picture(kind, partial(getattr(thickness_figures, kind), results), getattr(WORDS, kind)())
           for kind in ("maps", "lines", "growth")),
         Table(tables.FIELD_COLUMNS, rows, "ε at the last increment, by area", "fields.csv"),
         Table(tables.LINE_COLUMNS, tables.line_rows(results), "Decay of ε from the rims"),
@@ -108,7 +109,7 @@ def solid(results: ThicknessResults) -> Section:
 def models(results: ThicknessResults, loss: Loss) -> Section:
     """Figures and tables of the models that a loss has calibrated."""
     kinds: dict[str, dict[str, Any]] = {"densities": {"limit": LIMITS.stress}, "energies": {}, "predictions": {}}
-    pictures = [Picture(f"{kind}_{loss}", lambda kind=kind: getattr(thickness_models, kind)(results, loss), getattr(WORDS, kind)(**values))
+    pictures = [Picture(f"{kind}_{loss}", partial(getattr(thickness_models, kind), results, loss), getattr(WORDS, kind)(**values))
                 for kind, values in kinds.items()]  # fmt: skip
     titles = {
         "Predictions inside the calibrated range": thickness_tables.AGREEMENT,
