@@ -34,8 +34,9 @@ from calibrate.equations.deformation_modes import (
     mode_invariants,
     stretches_to_gradient,
 )
-from calibrate.fitting.uncertainty import Uncertainty
+from calibrate.equations.inputs import INPUT_SETS
 from calibrate.models import pann
+from calibrate.models.parameter_covariance import Uncertainty
 
 FORMAT, VERSION = "equigap-model", 1
 OTHERS = {
@@ -127,7 +128,7 @@ class Model:
     def in_range(self, invariants: Array) -> NDArray[np.bool_]:
         """Whether invariants (..., 2) lie within the calibrated range of the inputs the model uses."""
         inside = np.ones(invariants.shape[:-1], bool)
-        for i in pann.INPUT_SETS[self.architecture.inputs]:
+        for i in INPUT_SETS[self.architecture.inputs]:
             low, high = self.calibrated_range.get(kinematics.INVARIANTS[i], (-np.inf, np.inf))
             inside &= (invariants[..., i] >= low) & (invariants[..., i] <= high)
         return inside
@@ -138,7 +139,7 @@ class Model:
         if mode not in MODES:
             raise errors.ConfigError(f"mode '{mode}' unknown; choose one of {', '.join(MODES)}")
         found = [np.inf]
-        for i in pann.INPUT_SETS[self.architecture.inputs]:
+        for i in INPUT_SETS[self.architecture.inputs]:
             limit = self.calibrated_range.get(kinematics.INVARIANTS[i], (-np.inf, np.inf))[1]
             if limit < mode_invariants(mode, np.array([LARGEST_STRETCH]))[0, i]:
                 found.append(largest_stretch(mode, limit, i))

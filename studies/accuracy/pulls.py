@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment
 from calibrate.equations.deformation_modes import MODES, Derivatives, largest_stretch, nominal_stress
 from calibrate.fitting.calibration import Options, calibrate
-from calibrate.fitting.uncertainty import BAND
 from calibrate.models.network_model import Model
+from calibrate.models.parameter_covariance import BAND
 from studies.accuracy.metrics import ArrudaBoyceTruth
 from studies.synthetic import camera
 

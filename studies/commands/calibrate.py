@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from studies.commands.options import add_output, count, output_folder, positive, seed
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from calibrate.data.experiment import Experiment
     from calibrate.fitting.calibration import Options
-    from studies.reports.calibration_review import Review
 
 DESCRIPTION = """\
 Identify a neural-network hyperelastic model from an Experiment (.npz of `equigap import` or `simulate`).
@@ -59,7 +58,8 @@ def main(args: argparse.Namespace) -> int:
     from calibrate.data.experiment import Experiment
     from calibrate.fitting.calibration import calibrate
     from studies.output import Manifest, callback, open_output_folder, released_if_refused
-    from studies.reports.calibration_review import review
+    from studies.reports.calibration.fit_review import review
+    from studies.reports.calibration.report import summary_lines, write
 
     started = time.time()
     options = options_from(args)
@@ -76,7 +76,8 @@ def main(args: argparse.Namespace) -> int:
         calibration = calibrate(part, options, callback("assembling"))
     view = review(calibration, experiment, fitted, callback("judging residuals"))
     write(folder, view, manifest)
-    print_summary(view)
+    for line in summary_lines(view):
+        print(line)
     print(f"model: {folder / 'model.json'}\nreport: {folder / 'report.html'}")
     return 0
 
@@ -122,76 +123,9 @@ def held_in(experiment: Experiment, hold_out: str | None, seed: int) -> NDArray[
     return fitted
 
 
-def write(folder: Path, view: Review, manifest: Any) -> None:
-    """Write model, figures, table of forces, report and manifest into `folder`."""
-    from studies.output import write_csv, write_figure
-    from studies.output.report import Report
-    from studies.reports import calibration_figures, force_record
-    from studies.reports.calibration_words import curve_table, force_table, remarks, summary, summary_table
-
-    calibration, experiment = view.calibration, view.experiment
-    model = folder / "model.json"
-    calibration.model.save(model)
-    report = Report(f"Calibration on {experiment.name}", model_name(view))
-    report.heading("Result").table(*summary_table(view))
-    for remark in remarks(view):
-        report.paragraph(remark)
-    report.table(*force_table(view), "Forces on the loaded edges; the rms is over all increments.")
-    report.table(*curve_table(view), "Predicted nominal stress; 'no': beyond the calibrated range, extrapolated.")
-    report.heading("Evidence")
-    for name, (draw, caption) in calibration_figures.FIGURES.items():
-        path = folder / f"{name}.png"
-        write_figure(path, draw(view), dpi=160)
-        report.figure(path, caption)
-    columns, rows = force_record.rows(view.measured, view.forces, experiment.time, view.fitted)
-    write_csv(folder / "forces.csv", columns, rows, ["forces of the grip on the specimen, N; time in s"])
-    report.heading("How it was made")
-    report.details("Experiment", _flat({"name": experiment.name, **experiment.provenance}))
-    record = manifest.to_dict()
-    report.details("Settings", _flat(record["settings"]))
-    report.details("Versions", record["versions"])
-    report.save(folder / "report.html")
-    # the manifest is written last: where it is, everything is
-    manifest.beside(folder / "report.html", model, folder / "forces.csv", **summary(view))
-
-
-def model_name(view: Review) -> str:
-    """'PANN I1 (4, 4): 37 parameters; 2484 points, 10 increments'."""
-    architecture, experiment = view.model.architecture, view.experiment
-    layers = ", ".join(map(str, architecture.layers))
-    return (
-        f"PANN {architecture.inputs} ({layers}): {architecture.n_parameters} parameters; "
-        f"{len(experiment.points)} points, {len(experiment.triangles)} triangles, "
-        f"{experiment.n_increments} increments"
-    )
-
-
-def print_summary(view: Review) -> None:
-    """Print the numbers and what they mean."""
-    from studies.reports.calibration_words import remarks, summary_table
-
-    print(f"{view.experiment.name}: {model_name(view)}")
-    _, rows = summary_table(view)
-    width = max(len(str(row[0])) for row in rows)
-    for name, value, unit in rows:
-        text = f"{value:.4g}" if isinstance(value, float) else str(value)
-        print(f"  {name:{width}}  {text} {unit}".rstrip())
-    for remark in remarks(view):
-        print(f"- {remark}")
-
-
 def _spread(n: int, most: int) -> NDArray[np.int64]:
     """At most `most` of n increments, evenly spread, the last among them."""
     import numpy as np
 
     size = min(n, most)
     return np.unique(np.round(np.linspace(n / size - 1, n - 1, size)).astype(np.int64))
-
-
-def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested names as 'a / b'."""
-    flat: dict[str, Any] = {}
-    for key, value in content.items():
-        name = f"{prefix}{key}"
-        flat.update(_flat(value, f"{name} / ") if isinstance(value, dict) else {name: value})
-    return flat

@@ -10,12 +10,12 @@ from calibrate import errors
 from calibrate.equations import basis as bases
 from calibrate.equations import kinematics
 from calibrate.equations.deformation_modes import stretches_to_gradient
-from calibrate.models import pann
+from calibrate.equations.inputs import INPUT_SETS, REFERENCE
 
 
 def psi_of_inputs(energy, site_inputs):
     """d psi / d(J1, J2) (n, 2) of an energy at sampling points J - J(I) (n, 2)."""
-    J = np.nan_to_num(site_inputs) + pann.REFERENCE
+    J = np.nan_to_num(site_inputs) + REFERENCE
     invariants = np.stack([J[:, 0], J[:, 1] ** (2 / 3)], axis=1)
     return derivatives(energy, invariants) / np.stack([np.ones(len(J)), 1.5 * np.sqrt(invariants[:, 1])], axis=1)
 
@@ -69,7 +69,7 @@ def test_stress_of_the_functions_adds_up_to_the_stress_of_the_energy(inputs):
 def test_second_derivatives_against_finite_differences(inputs):
     F, h = random_gradients(40, seed=3, spread=0.3), 1e-6
     basis, c, _ = basis_and_coefficients(inputs, F)
-    k = pann.INPUT_SETS[inputs][0]
+    k = INPUT_SETS[inputs][0]
     J, _ = bases.polyconvex(F)
     far = J[:, k] > 0.01 * basis.top
     _, hessian = basis.second(F, c)

@@ -14,12 +14,12 @@ from discoveries import sheet
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
-from calibrate.fitting.uncertainty import Uncertainty
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.network_model import Model
 from calibrate.models.pann import Architecture
+from calibrate.models.parameter_covariance import Uncertainty
 from studies import cli
-from studies.commands import predict as prediction
+from studies.reports.prediction import predicted_curves as prediction
 
 MU = 0.3
 STRETCH = np.linspace(1.0, 2.5, 31)
