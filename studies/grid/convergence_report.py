@@ -6,15 +6,25 @@ In: the JSONs of the runs. Out: ``convergence.csv``, ``convergence.md`` (the sam
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from studies.grid.thickness_convergence import DISPLACEMENT, FINE, GRIP_ZONE, INCREMENTS, NEAR, Row, Series, result_path
+from studies.grid.convergence_runs import (
+    DISPLACEMENT,
+    FINE,
+    GRIP_ZONE,
+    INCREMENTS,
+    NEAR,
+    Run,
+    RunResult,
+    Series,
+    result_path,
+)  # fmt: skip
 from studies.output import Manifest, write_csv, write_text
 from studies.output.report import Report
+from studies.output.words import Words
 
 COLUMNS = ("series", "setting", "unknowns", "force x (N)", "force y (N)", "change of force (%)", "ε P95", "change of P95 (%)",
            "ε max", f"ε P95 beyond {GRIP_ZONE:g} mm from grips", f"ε mean within {NEAR:g} mm of a rim", f"ε P95 within {NEAR:g} mm of a rim",
@@ -26,7 +36,7 @@ TARGET_COLUMNS = ("target", "limit", "found", "met")
 
 def write(folder: Path, study: Sequence[Series]) -> Path:
     """Write everything; returns the path of the report."""
-    results = {run: json.loads(result_path(folder, run).read_text()) for part in study for run in part.runs}
+    results = {run: RunResult.load(result_path(folder, run)) for part in study for run in part.runs}
     rows = table(study, results)
     manifest = Manifest(settings={"displacement": DISPLACEMENT, "increments": INCREMENTS},
                         inputs=sorted((folder / "runs").glob("*.json")))  # fmt: skip
@@ -37,36 +47,33 @@ def write(folder: Path, study: Sequence[Series]) -> Path:
     return compose(folder, study, results, rows)
 
 
-def change(row: Row, finer: Row | None, key: str) -> float | None:
+def change(row: RunResult, finer: RunResult | None, key: str) -> float | None:
     """(row - finer) / finer, %; None for the finest."""
-    return None if finer is None else 100 * (row[key] / finer[key] - 1)
+    return None if finer is None else 100 * (getattr(row, key) / getattr(finer, key) - 1)
 
 
-def force_change(row: Row, finer: Row | None) -> float | None:
+def force_change(row: RunResult, finer: RunResult | None) -> float | None:
     """The larger change of the two forces, %."""
-    if finer is None:
-        return None
-    return max((100 * (row[key] / finer[key] - 1) for key in ("force_x", "force_y")), key=abs)
+    changes = [found for key in ("force_x", "force_y") if (found := change(row, finer, key)) is not None]
+    return max(changes, key=abs, default=None)
 
 
-def table(study: Sequence[Series], results: dict[Any, Row]) -> list[list[Any]]:
+def table(study: Sequence[Series], results: dict[Run, RunResult]) -> list[list[Any]]:
     """One row a run of a series; see `COLUMNS`."""
     rows = []
     for part in study:
-        found: list[Row | None] = [*(results[run] for run in part.runs), None]
-        for row, finer in pairwise(found):
-            assert row is not None
-            if finer is not None and finer["grips"] != row["grips"]:
-                finer = None
+        found = [results[run] for run in part.runs]
+        for row, finer in zip_longest(found, found[1:]):
+            same = finer if finer is not None and finer.run.grips == row.run.grips else None
             rows.append([
-                part.name, part.varied(row), row["unknowns"], row["force_x"], row["force_y"], force_change(row, finer),
-                row["p95"], change(row, finer, "p95"), row["max"], row["p95_inner"], row["mean_near"], row["p95_near"], row["max_near"],
-                100 * row["pressure_jump"], row["solves"], row["seconds"], row["memory"],
+                part.name, part.varied(row), row.unknowns, row.force_x, row.force_y, force_change(row, same), row.p95,
+                change(row, same, "p95"), row.max, row.p95_inner, row.mean_near, row.p95_near, row.max_near,
+                100 * row.pressure_jump, row.solves, row.seconds, row.memory,
             ])  # fmt: skip
     return rows
 
 
-def targets(study: Sequence[Series], results: dict[Any, Row]) -> list[list[Any]]:
+def targets(study: Sequence[Series], results: dict[Run, RunResult]) -> list[list[Any]]:
     """Rows of `TARGET_COLUMNS`: the last refinement that leads to --fine, and the floor there; empty without --fine."""
     rows: list[list[Any]] = []
     for part in study:
@@ -75,26 +82,29 @@ def targets(study: Sequence[Series], results: dict[Any, Row]) -> list[list[Any]]
             continue
         place = factors.index(FINE)
         before, fine = results[part.runs[place - 1]], results[part.runs[place]]
-        if part.runs[place].thickness == 1.0:
-            limit = TARGETS["floor"]
-            for key, words in (("mean_near", "mean"), ("p95_near", "95th percentile"), ("max_near", "maximum")):
-                found = fine[key]
-                rows.append([f"{part.name}: within {NEAR:g} mm of a rim, {words}", f"{limit:g}", found, found <= limit])
+        if fine.run.thickness == 1.0:
+            rows += floor_targets(part.name, fine)
         else:
-            steps = f"{before['edge']:.2f} to {fine['edge']:.2f} mm"
-            for key, words, found in (
-                ("force", "force", force_change(before, fine)),
-                ("p95", "ε P95", change(before, fine, "p95")),
-            ):
-                assert found is not None
-                rows.append(
-                    [
-                        f"{part.name}: change of {words}, {steps} (%)",
-                        f"{TARGETS[key]:g} %",
-                        found,
-                        abs(found) <= TARGETS[key],
-                    ]
-                )
+            rows += change_targets(part.name, before, fine)
+    return rows
+
+
+def floor_targets(name: str, fine: RunResult) -> list[list[Any]]:
+    """Whether epsilon of a sheet is as small as it should be."""
+    limit = TARGETS["floor"]
+    kinds = {"mean": fine.mean_near, "95th percentile": fine.p95_near, "maximum": fine.max_near}
+    return [[f"{name}: within {NEAR:g} mm of a rim, {kind}", f"{limit:g}", found, found <= limit]
+            for kind, found in kinds.items()]  # fmt: skip
+
+
+def change_targets(name: str, before: RunResult, fine: RunResult) -> list[list[Any]]:
+    """Whether a refinement changes force and epsilon little enough."""
+    rows: list[list[Any]] = []
+    kinds = {"force": ("force", force_change(before, fine)), "p95": ("ε P95", change(before, fine, "p95"))}
+    for key, (kind, found) in kinds.items():
+        assert found is not None
+        words = f"{name}: change of {kind}, {before.edge:.2f} to {fine.edge:.2f} mm (%)"
+        rows.append([words, f"{TARGETS[key]:g} %", found, abs(found) <= TARGETS[key]])
     return rows
 
 
@@ -123,30 +133,22 @@ def _cell(value: Any) -> str:
     return {None: "", True: "yes", False: "no"}[value] if value is None or isinstance(value, bool) else str(value)
 
 
-def compose(folder: Path, study: Sequence[Series], results: dict[Any, Row], rows: list[list[Any]]) -> Path:
+def compose(folder: Path, study: Sequence[Series], results: dict[Run, RunResult], rows: list[list[Any]]) -> Path:
     """The HTML report."""
+    words = Words("thickness")
     report = Report(
         "Convergence of the 3D model", "What the size of hexes, their layers and the bulk modulus are worth"
     )
-    report.paragraph(
-        f"The cross, {DISPLACEMENT:g} mm pulled at each arm in {INCREMENTS} increments; an eighth with Q2-P1 hexes, "
-        "0.7 times as high from layer to layer towards the surface. Where nothing else is said: size factor 1, two layers of "
-        "half the thickness, a bulk modulus of 10000 shear moduli. Grips 'held' hold all three components of a side; 'free' lets it contract through the thickness, as a sheet in plane stress does; where neither is said they are free. Each run is a process with one thread. Mesh sizes are "
-        "measured: edges are never longer than the radius of a hole's tip, and a mesh with a bad cell is made again "
-        "with sizes a little smaller. A change is against the next finer setting."
-    )
+    report.paragraph(words.convergence_method(displacement=DISPLACEMENT, increments=INCREMENTS))
     judged = targets(study, results)
     if judged:
         report.heading("Targets").table(TARGET_COLUMNS, judged)
     else:
-        report.paragraph("This is a quick run: it shows the path and proves nothing about convergence.")
+        report.paragraph(words.convergence_quick())
     for part in study:
         report.heading(part.name[0].upper() + part.name[1:])
         report.table(COLUMNS[1:], [row[1:] for row in rows if row[0] == part.name])
-    report.paragraph(
-        "The floor is what ε shows at a thickness where 2D and 3D should agree outside a rim's own thickness; "
-        "what is left is the error of the elements. A checkerboard in the pressure would keep its jumps under refinement."
-    )
-    solvers = sorted({str(row["solver"]) for row in results.values()})
+    report.paragraph(words.floor())
+    solvers = sorted({row.solver for row in results.values()})
     report.details("Settings", {"runs": len(results), "linear solver": ", ".join(solvers)})
     return report.save(folder / "report.html")

@@ -1,15 +1,11 @@
-"""What the thickness study has left in its folder, in the form that its tables, figures and words need.
+"""What the thickness study has left in its folder: cases, solutions, fields of epsilon and states.
 
-In: a folder as `studies.grid.thickness_case` writes it. Out: `Results` with cases, fields and states; nothing is computed
-here but selections, weighted quantiles and what one 3D solution says in a few numbers (`SolidNumbers`).
+In: a study's folder. Out: `ThicknessResults`; a condition is a thickness as in file names, or the 2D reference. Lengths in mm.
 """
 
 from __future__ import annotations
 
-import json
-import zipfile
-import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,23 +20,18 @@ from forward.solution import SurfaceSolution
 from meshes import Cross
 from studies.accuracy.epsilon import EpsilonField, difference
 from studies.accuracy.stress_error import Reference, States
-from studies.errors import DamagedFileError
-from studies.grid.thickness_case import CORRECTED, LOSSES, PLANE, Settings, case_path, format_thickness
+from studies.grid.axes import PLANE, Case, Loss
+from studies.grid.case import Fit
+from studies.grid.results import Results, read
 from studies.output import style
 
 Array = NDArray[np.float64]
+SPECIMEN = "cross"
 LINE_LENGTH = 25.0  # mm from a rim, at most half the way to the next hole
 LINE_POINTS = 400
+NEAR_HOLE = 5.0  # mm, in which the largest epsilon of a line is looked for
 SHADES = ("blue", "green", "orange", "vermilion", "purple", "sky")
 STROKES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)))
-
-
-def _read[T](path: Path, reader: Callable[[Path], T]) -> T:
-    """What `reader` makes of a file. Raises `DamagedFileError` if it is not what was written."""
-    try:
-        return reader(path)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-        raise DamagedFileError(f"{path}: damaged; delete it and run the same command again") from error
 
 
 @dataclass(frozen=True)
@@ -50,6 +41,13 @@ class Line:
     where: str
     distance: Array
     epsilon: Array
+
+    def half_length(self) -> float:
+        """Distance from the rim, mm, where epsilon is first half of its largest value within `NEAR_HOLE` of the rim."""
+        near = np.flatnonzero(self.distance <= NEAR_HOLE)
+        peak = int(near[self.epsilon[near].argmax()])
+        below = np.flatnonzero(self.epsilon[peak:] <= self.epsilon[peak] / 2)
+        return float(self.distance[peak + below[0]] if below.size else self.distance[-1])
 
 
 @dataclass(frozen=True)
@@ -61,66 +59,56 @@ class SolidNumbers:
 
 
 @dataclass(frozen=True)
-class Results:
-    """A finished study. settings: those of `studies.grid.thickness_case`."""
-
-    folder: Path
-    settings: Settings
+class ThicknessResults(Results):
+    """A finished thickness study."""
 
     @property
     def thicknesses(self) -> list[str]:
         """Thicknesses as in file names, thinnest first."""
-        return [format_thickness(h) for h in sorted(self.settings.thicknesses)]
+        return [h for h in self.settings.thicknesses if h != PLANE]
 
     @property
     def conditions(self) -> list[str]:
         """The 2D reference and every thickness."""
         return [PLANE, *self.thicknesses]
 
-    @cached_property
-    def cases(self) -> list[dict[str, Any]]:
-        """Every case, in the order of conditions and seeds."""
-        return [_read(case_path(self.folder, condition, seed), lambda path: json.loads(path.read_text()))
-                for condition in self.conditions for seed in self.settings.noise_seeds]  # fmt: skip
-
-    def fits(self, condition: str, loss: str, noisy: bool) -> list[dict[str, Any]]:
-        """Results of a loss, with its seed: of clean data (one), or of all noise seeds.
+    def fitted(self, condition: str, loss: Loss, noisy: bool) -> dict[Case, Fit]:
+        """Fits of a condition: of clean data (one), or of all noise seeds.
 
         A correction for the thickness leaves the 2D reference as it is.
         """
-        if condition == PLANE and loss == CORRECTED and any(CORRECTED in c["losses"] for c in self.cases):
-            loss = LOSSES[0]
-        chosen = [c for c in self.cases if c["condition"] == condition and (c["seed"] != "clean") == noisy]
-        return [{**c["losses"][loss], "seed": c["seed"]} for c in chosen if loss in c["losses"]]
+        if condition == PLANE and loss is Loss.CORRECTED and Loss.CORRECTED in self.losses:
+            loss = Loss.WEIGHTED
+        return self.fits(loss, noisy, thickness=condition)
 
     @cached_property
     def plane(self) -> SurfaceSolution:
         """The 2D plane-stress solution of the quarter, 1 mm thick."""
-        return _read(self.folder / "plane.npz", SurfaceSolution.load)
+        return read(self._file("forward", PLANE), SurfaceSolution.load)
 
     @cached_property
     def fields(self) -> dict[str, EpsilonField]:
         """epsilon by thickness."""
-        return {name: _read(self.folder / f"epsilon_{name}.npz", EpsilonField.load) for name in self.thicknesses}
+        return {h: read(self._file("epsilon", h), EpsilonField.load) for h in self.thicknesses}
 
     @cached_property
     def states(self) -> States:
         """Deformation states of the 2D reference, all increments."""
-        return _read(self.folder / "states.npz", States.load)
+        return read(self.folder / "states" / f"{SPECIMEN}.npz", States.load)
 
     @property
     def limit(self) -> float:
         """Upper end of the calibrated range of I1, the same for all conditions."""
-        return float(self.cases[0]["calibrated_I1"])
+        return self.cases[0].calibrated_I1
 
     @cached_property
     def reference(self) -> Reference:
         """The truth at the states within the calibrated range."""
         return Reference.at(self.states.within(self.limit))
 
-    def solid(self, name: str) -> SolidSolution:
+    def solid(self, thickness: str) -> SolidSolution:
         """The 3D solution of a thickness; large, so it is read anew each time."""
-        return _read(self.folder / f"solid_{name}.npz", SolidSolution.load)
+        return read(self._file("solids", thickness), SolidSolution.load)
 
     @cached_property
     def numbers(self) -> dict[str, SolidNumbers]:
@@ -130,9 +118,12 @@ class Results:
 
     def inputs(self) -> list[Path]:
         """Files that the report is made of."""
-        names = [*(f"solid_{h}.npz" for h in self.thicknesses), *(f"epsilon_{h}.npz" for h in self.thicknesses)]
-        return [*(self.folder / name for name in ("plane.npz", "states.npz", *names)),
-                *(case_path(self.folder, c, seed) for c in self.conditions for seed in self.settings.noise_seeds)]  # fmt: skip
+        solids = [self._file(kind, h) for kind in ("solids", "epsilon") for h in self.thicknesses]
+        plane = [self._file("forward", PLANE), self.folder / "states" / f"{SPECIMEN}.npz"]
+        return [*plane, *solids, *super().inputs()]
+
+    def _file(self, kind: str, condition: str) -> Path:
+        return self.folder / kind / f"{SPECIMEN}_{condition}.npz"
 
     def look(self, condition: str) -> dict[str, Any]:
         """Colour and line of a condition, the same in every figure."""
@@ -141,9 +132,10 @@ class Results:
         i = self.thicknesses.index(condition) % len(SHADES)
         return {"color": style.COLOURS[SHADES[i]], "linestyle": STROKES[i]}
 
-    def name(self, condition: str) -> str:
-        """A condition in words."""
-        return "2D reference" if condition == PLANE else f"{condition} mm"
+
+def condition_name(condition: str) -> str:
+    """A condition in words."""
+    return "2D reference" if condition == PLANE else f"{condition} mm"
 
 
 def lines() -> Iterator[tuple[str, Array, Array]]:
@@ -164,8 +156,7 @@ def solid_numbers(
     solid: SolidSolution, plane: SurfaceSolution, places: list[tuple[str, Array, Places]]
 ) -> SolidNumbers:
     """Lines and forces of a 3D solution; `places`: lines located in the plane mesh."""
-    n = len(plane.points)
-    surface = solid.displacements[-1, -n:]
+    surface = solid.displacements[-1, -len(plane.points) :]
     found = []
     for where, distance, place in places:
         F_plane = np.eye(2) + gradients_at(plane.mesh, place, plane.displacements[-1])

@@ -1,12 +1,11 @@
-"""`equigap thickness --convergence`: what the size of hexes, their layers and the bulk modulus are worth.
+"""One 3D solution of the convergence study: how fine in, forces, epsilon, pressure, time and memory out.
 
-In: command-line options. Out: a folder with one small JSON a run, ``convergence.csv``, ``convergence.md``, a report. Each
-run is a process of its own, so that its peak memory is its own; a killed study goes on with the runs that are missing.
+Each run is a process of its own (`python -m studies.grid.convergence_runs FOLDER RUN`), so that its peak memory is its own;
+it leaves one small JSON. Lengths in mm, forces in N.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -14,20 +13,29 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
+from forward import ArrudaBoyce, Loading
+from forward.sheet import plane_stress
+from forward.solid import solid_model
+from forward.solid.pardiso import pardiso_installed
+from forward.solution import SurfaceSolution
+from meshes import Cross, quads
+from meshes.extrusion import extrude
+from studies.accuracy.epsilon import epsilon_field
 from studies.errors import WorkflowError
-from studies.grid.thickness_results import arm_forces
+from studies.grid.presets.thickness_results import arm_forces
+from studies.output import write_json
+from studies.reports.solid_pictures import pressure_jumps
 
 DISPLACEMENT, INCREMENTS = 60.0, 10
 NEAR = 2.0  # mm from a rim, where the floor of epsilon is read
 GRIP_ZONE = 10.0  # mm from a grip, left out of the inner surface
 FINE = 0.5  # size factor of --fine
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -50,12 +58,51 @@ class Run:
 
 
 @dataclass(frozen=True)
+class RunResult:
+    """edge: of the quads at the holes, mm; cells, unknowns: numbers; force_x, force_y: of whole arms, N; p95 ... max_near: of
+    epsilon everywhere, away from grips (inner), near rims; pressure_jump: median over the range; solves: of linear
+    systems; seconds: CPU; memory: peak, MB.
+    """
+
+    run: Run
+    edge: float
+    cells: int
+    unknowns: int
+    force_x: float
+    force_y: float
+    p95: float
+    max: float
+    p95_inner: float
+    max_inner: float
+    mean_near: float
+    p95_near: float
+    max_near: float
+    pressure_jump: float
+    solves: int
+    seconds: float
+    memory: float
+    solver: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Flat, for a file."""
+        content = asdict(self)
+        return {**content.pop("run"), **content}
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Of a run's file."""
+        content = json.loads(path.read_text())
+        run = Run(**{field.name: content.pop(field.name) for field in fields(Run)})
+        return cls(run, **content)
+
+
+@dataclass(frozen=True)
 class Series:
     """Runs from coarse to fine in one setting. varied: what the table shows of a run as its setting."""
 
     name: str
     runs: list[Run]
-    varied: Callable[[Row], str]
+    varied: Callable[[RunResult], str]
 
 
 def series(quick: bool) -> list[Series]:
@@ -64,17 +111,17 @@ def series(quick: bool) -> list[Series]:
     layers = (1, 2) if quick else (1, 2, 3, 4, 5)
     ratios = (1e3, 1e4) if quick else (1e3, 1e4, 1e5)
 
-    def edge(row: Row) -> str:
-        return f"{row['edge']:.2f} mm at the holes"
+    def edge(row: RunResult) -> str:
+        return f"{row.edge:.2f} mm at the holes"
 
-    def count(row: Row) -> str:
-        return f"{row['layers']} layer{'s' * (row['layers'] > 1)} of the half"
+    def count(row: RunResult) -> str:
+        return f"{row.run.layers} layer{'s' * (row.run.layers > 1)} of the half"
 
-    def ratio(row: Row) -> str:
-        return f"{row['bulk']:g} shear moduli"
+    def ratio(row: RunResult) -> str:
+        return f"{row.run.bulk:g} shear moduli"
 
-    def grips(row: Row) -> str:
-        return f"{row['grips']}, {edge(row)}"
+    def grips(row: RunResult) -> str:
+        return f"{row.run.grips}, {edge(row)}"
 
     def held_and_free(h: float) -> list[Run]:
         return [Run(h, s, grips=kind) for kind in ("held", "free") for s in (sizes[:1] if quick else (1.0, FINE))]
@@ -88,32 +135,6 @@ def series(quick: bool) -> list[Series]:
     ]
 
 
-def loading(grips: str) -> Any:
-    """The arms of the cross pulled, u_z of the grips 'held' or 'free'."""
-    from forward import Loading
-    from meshes import Cross
-
-    return Loading.clamped(Cross.loaded, DISPLACEMENT, dimension=3, hold_thickness=grips == "held")
-
-
-def main(arguments: argparse.Namespace) -> int:
-    """Run what is missing, write tables and report. Raises `WorkflowError` where a run fails."""
-    from studies.commands.options import output_folder
-    from studies.grid.thickness_convergence_report import write
-    from studies.output import open_output_folder, track
-
-    study = series(arguments.quick)
-    runs = list(dict.fromkeys(run for part in study for run in part.runs))
-    settings = {"study": "thickness convergence", "runs": [asdict(run) for run in runs],
-                "displacement": DISPLACEMENT, "increments": INCREMENTS}  # fmt: skip
-    folder = open_output_folder(output_folder(arguments, "thickness-convergence"), arguments.overwrite, settings)
-    for run in track(runs, "convergence", unit="runs"):
-        if not result_path(folder, run).exists():
-            start(folder, run)
-    print(f"report: {write(folder, study)}")
-    return 0
-
-
 def result_path(folder: Path, run: Run) -> Path:
     """The JSON of a run."""
     return folder / "runs" / f"{run.name}.json"
@@ -124,7 +145,7 @@ def start(folder: Path, run: Run) -> None:
     command = [
         sys.executable,
         "-m",
-        "studies.grid.thickness_convergence",
+        "studies.grid.convergence_runs",
         str(folder.resolve()),
         json.dumps(asdict(run)),
     ]
@@ -137,43 +158,33 @@ def start(folder: Path, run: Run) -> None:
                             "mend it and run the same command again")  # fmt: skip
 
 
-def measure(folder: Path, run: Run) -> Row:
+def measure(folder: Path, run: Run) -> RunResult:
     """Solve in 2D (once a mesh) and in 3D; what the table needs."""
-    from forward import ArrudaBoyce
-    from forward.solid.pardiso import pardiso_installed
-    from forward.solid.solid_model import solve
-    from meshes import Cross, quads
-    from meshes.extrusion import extrude
-    from studies.reports.solid_pictures import pressure_jumps
-
     material = ArrudaBoyce()
     plane_mesh = quads(Cross(), quarter=True, size_factor=run.size_factor)
     plane = plane_solution(folder, run, plane_mesh)
     mesh = extrude(plane_mesh, run.thickness, run.layers)
+    pull = Loading.clamped(Cross.loaded, DISPLACEMENT, dimension=3, hold_thickness=run.grips == "held")
     begin = time.process_time()
-    solid = solve(mesh, material, loading(run.grips), INCREMENTS, bulk_modulus=run.bulk * material.shear_modulus)
+    solid = solid_model.solve(mesh, material, pull, INCREMENTS, bulk_modulus=run.bulk * material.shear_modulus)
     seconds = time.process_time() - begin
     forces = arm_forces(solid.reactions)
-    return {
-        **asdict(run), "edge": hole_edge(plane_mesh), "cells": len(mesh.cells), "unknowns": mesh.points.size,
-        "force_x": float(forces["right"][-1]), "force_y": float(forces["top"][-1]), **deviations(plane, solid),
-        "pressure_jump": float(np.median(pressure_jumps(solid))), "solves": int(solid.iterations.sum()),
-        "seconds": seconds, "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        "solver": "pardiso" if pardiso_installed() else "mumps",
-    }  # fmt: skip
+    return RunResult(
+        run, edge=hole_edge(plane_mesh), cells=len(mesh.cells), unknowns=mesh.points.size,
+        force_x=float(forces["right"][-1]), force_y=float(forces["top"][-1]), **deviations(plane, solid),
+        pressure_jump=float(np.median(pressure_jumps(solid))), solves=int(solid.iterations.sum()), seconds=seconds,
+        memory=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        solver="pardiso" if pardiso_installed() else "mumps",
+    )  # fmt: skip
 
 
-def plane_solution(folder: Path, run: Run, mesh: Any) -> Any:
+def plane_solution(folder: Path, run: Run, mesh: Any) -> SurfaceSolution:
     """The plane-stress solution on the quads of a run, kept for other runs."""
-    from forward import ArrudaBoyce, Loading
-    from forward.sheet.plane_stress import solve
-    from forward.solution import SurfaceSolution
-    from meshes import Cross
-
     path = folder / "plane" / f"s{run.size_factor:g}.npz"
     if not path.exists():
         path.parent.mkdir(exist_ok=True)
-        solve(mesh, ArrudaBoyce(), Loading.clamped(Cross().loaded, DISPLACEMENT), INCREMENTS).save(path)
+        pull = Loading.clamped(Cross.loaded, DISPLACEMENT)
+        plane_stress.solve(mesh, ArrudaBoyce(), pull, INCREMENTS).save(path)
     return SurfaceSolution.load(path)
 
 
@@ -183,10 +194,8 @@ def hole_edge(mesh: Any) -> float:
     return float(np.linalg.norm(mesh.points[rims[:, 1]] - mesh.points[rims[:, 0]], axis=1).mean())
 
 
-def deviations(plane: Any, solid: Any) -> Row:
+def deviations(plane: Any, solid: Any) -> dict[str, float]:
     """Statistics of epsilon at the last increment: everywhere, away from grips, near rims."""
-    from studies.accuracy.epsilon import epsilon_field
-
     field = epsilon_field(plane, solid)
     whole, near = field.statistics(), field.statistics(field.near_holes(NEAR))
     inner = field.statistics(field.away_from_grips(GRIP_ZONE))
@@ -197,7 +206,5 @@ def deviations(plane: Any, solid: Any) -> Row:
 
 
 if __name__ == "__main__":
-    from studies.output import write_json
-
     to_do = Run(**json.loads(sys.argv[2]))
-    write_json(result_path(Path(sys.argv[1]), to_do), measure(Path(sys.argv[1]), to_do))
+    write_json(result_path(Path(sys.argv[1]), to_do), measure(Path(sys.argv[1]), to_do).to_dict())

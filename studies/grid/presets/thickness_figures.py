@@ -1,6 +1,6 @@
 """Figures of the thickness study that show fields: where 2D and 3D deformation differ, how fast it grows, forces.
 
-In: `Results`. Out: matplotlib figures; no screen is needed.
+In: `ThicknessResults`. Out: matplotlib figures; no screen is needed.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from scipy.spatial import cKDTree
 
 from meshes import Cross
 from studies.accuracy.epsilon import EpsilonField
-from studies.grid.thickness_results import PLANE, Results, arm_forces
-from studies.grid.thickness_tables import SIDES
+from studies.grid.axes import PLANE
+from studies.grid.presets.thickness_results import ThicknessResults, arm_forces, condition_name
+from studies.grid.presets.thickness_tables import SIDES
 from studies.output import style
 
 Array = NDArray[np.float64]
@@ -27,7 +28,7 @@ CLOSE_UP = 64.0  # mm
 PIXELS = 640
 
 
-def maps(results: Results) -> Figure:
+def maps(results: ThicknessResults) -> Figure:
     """epsilon over the surface at the last increment: whole cross above, close-up below, one colour scale."""
     names = results.thicknesses
     extent = max(Cross().half_extent)
@@ -92,7 +93,7 @@ def _mark_maximum(ax: Axes, field: EpsilonField) -> None:
         ax.plot(x, y, "o", ms=8, mfc="none", mec=style.COLOURS["vermilion"], mew=1.2)
 
 
-def lines(results: Results) -> Figure:
+def lines(results: ThicknessResults) -> Figure:
     """epsilon from the rims outward: over the distance in mm above, over that in thicknesses below."""
     columns = results.numbers[results.thicknesses[0]].lines
     with style.figure(2.6 * len(columns), 5.4) as figure:
@@ -100,7 +101,7 @@ def lines(results: Results) -> Figure:
         for name, numbers in results.numbers.items():
             for column, line in zip(axes.T, numbers.lines, strict=True):
                 for ax, unit in zip(column, (1.0, float(name)), strict=True):
-                    ax.plot(line.distance / unit, line.epsilon, label=results.name(name), **results.look(name))
+                    ax.plot(line.distance / unit, line.epsilon, label=condition_name(name), **results.look(name))
         for column, line in zip(axes.T, columns, strict=True):
             column[0].set(title=line.where, xlabel="distance from the rim (mm)", xlim=(0, None))
             column[1].set(xlabel="distance / thickness (-)", xlim=(0, 2))
@@ -111,7 +112,7 @@ def lines(results: Results) -> Figure:
     return figure
 
 
-def growth(results: Results) -> Figure:
+def growth(results: ThicknessResults) -> Figure:
     """95th percentile, mean and maximum of epsilon over the displacement of the arms."""
     with style.figure(9.0, 3.2) as figure:
         axes = figure.subplots(1, 3)
@@ -124,7 +125,7 @@ def growth(results: Results) -> Figure:
                 field.epsilon.max(axis=1),
             )
             for ax, values in zip(axes, curves, strict=True):
-                ax.plot(np.append(0, pull), np.append(0, values), label=results.name(name), **results.look(name))
+                ax.plot(np.append(0, pull), np.append(0, values), label=condition_name(name), **results.look(name))
         for ax, title in zip(axes, ("95th percentile, by area", "mean, by area", "maximum"), strict=True):
             ax.set(title=title, xlabel="displacement of each arm (mm)", ylim=(0, None), xlim=(0, None))
         axes[0].set_ylabel("ε (-)")
@@ -132,7 +133,7 @@ def growth(results: Results) -> Figure:
     return figure
 
 
-def forces(results: Results) -> Figure:
+def forces(results: ThicknessResults) -> Figure:
     """Force of an arm over thickness against displacement, 2D and 3D, and the difference."""
     plane = arm_forces(results.plane.reactions)
     with style.figure(8.4, 5.0) as figure:
@@ -140,10 +141,10 @@ def forces(results: Results) -> Figure:
         pull = results.plane.time * results.settings.displacement
         for column, (side, words) in zip(axes.T, SIDES.items(), strict=True):
             top, bottom = column
-            top.plot([0, *pull], [0, *plane[side]], label=results.name(PLANE), **results.look(PLANE))
+            top.plot([0, *pull], [0, *plane[side]], label=condition_name(PLANE), **results.look(PLANE))
             for name, numbers in results.numbers.items():
                 force = numbers.forces[side] / float(name)
-                top.plot([0, *pull], [0, *force], label=results.name(name), **results.look(name))
+                top.plot([0, *pull], [0, *force], label=condition_name(name), **results.look(name))
                 bottom.plot(pull, 100 * (force / plane[side] - 1), **results.look(name))
             bottom.axhline(0, linewidth=0.8, color="black", linestyle="-")
             top.set_title(words)

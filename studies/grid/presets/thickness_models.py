@@ -1,11 +1,9 @@
 """Figures of the thickness study that show calibrated models: stress errors, energy errors, predictions.
 
-In: `Results` and a loss. Out: matplotlib figures; no screen is needed.
+In: `ThicknessResults` and a loss. Out: matplotlib figures; no screen is needed.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,13 +15,17 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import ConvexHull
 
-from calibrate.equations.deformation_modes import MODES
+from calibrate.equations.deformation_modes import MODES, TITLES
 from calibrate.models.network_model import Model
 from studies.accuracy.epsilon import weighted_quantile
 from studies.accuracy.metrics import ArrudaBoyceTruth
 from studies.accuracy.stress_error import COMPONENTS, energy_of, stress_errors
-from studies.grid.thickness_results import Results
-from studies.grid.thickness_tables import BIASES, NOISES, STRESS_LIMIT, spread
+from studies.grid.axes import Loss
+from studies.grid.case import Curve, Fit
+from studies.grid.claims import NOISES
+from studies.grid.presets.thickness_results import ThicknessResults, condition_name
+from studies.grid.presets.thickness_tables import LIMITS
+from studies.grid.results import median_biases
 from studies.output import style
 
 Array = NDArray[np.float64]
@@ -32,9 +34,9 @@ BINS = 2000
 MARGIN = 1.25  # the invariant plane is shown to this many times the calibrated range of I1 - 3
 
 
-def median_fit(fits: list[dict[str, Any]]) -> dict[str, Any]:
+def median_fit(fits: list[Fit]) -> Fit:
     """The fit whose mean bias over the modes is the median of all (the lower one of two)."""
-    means = [np.mean([score["bias"] for score in fit["inside"]]) for fit in fits]
+    means = [np.mean([score.bias for score in fit.inside]) for fit in fits]
     return fits[int(np.argsort(means)[(len(fits) - 1) // 2])]
 
 
@@ -55,7 +57,7 @@ def density(values: Array, weights: Array, grid: Array) -> Array:
     return gaussian_filter1d(histogram, max(width / step, 1.0), mode="constant") / (weights.sum() * step)
 
 
-def densities(results: Results, loss: str) -> Figure:
+def densities(results: ThicknessResults, loss: Loss) -> Figure:
     """The paper's two rows: densities of the signed stress error per component, with noise and without."""
     errors = {(noisy, condition): pooled_errors(results, condition, loss, noisy)
               for noisy in (True, False) for condition in results.conditions}  # fmt: skip
@@ -66,7 +68,7 @@ def densities(results: Results, loss: str) -> Figure:
             present = {c: errors[noisy, c] for c in results.conditions if errors[noisy, c] is not None}
             for ax, component in zip(row, COMPONENTS, strict=True):
                 _density_panel(ax, results, {c: e[component] for c, e in present.items() if e is not None})
-                count = len(results.fits(results.conditions[0], loss, noisy))
+                count = len(results.fitted(results.conditions[0], loss, noisy))
                 noise = f"with noise ({count} seeds pooled)" if noisy else "without noise"
                 ax.set_title(f"{component}, {noise}")
         for ax in axes[-1]:
@@ -77,7 +79,7 @@ def densities(results: Results, loss: str) -> Figure:
     return figure
 
 
-def _density_panel(ax: Axes, results: Results, errors: dict[str, tuple[Array, Array]]) -> None:
+def _density_panel(ax: Axes, results: ThicknessResults, errors: dict[str, tuple[Array, Array]]) -> None:
     """Densities {condition: (errors, weights)}; the x-axis holds 98 % of every condition."""
     ends = np.array([weighted_quantile(*pair, np.array([0.01, 0.99])) for pair in errors.values()])
     low, high = min(ends[:, 0].min(), -0.05), max(ends[:, 1].max(), 0.05)
@@ -86,20 +88,22 @@ def _density_panel(ax: Axes, results: Results, errors: dict[str, tuple[Array, Ar
     top = 0.0
     for condition, pair in errors.items():
         curve = density(*pair, grid)
-        ax.plot(grid, curve, label=results.name(condition), **results.look(condition))
+        ax.plot(grid, curve, label=condition_name(condition), **results.look(condition))
         top = max(top, float(curve.max()))
     ax.axvline(0, color="0.4", linewidth=0.7, linestyle="-")
     ax.set(xlim=(low, high), yscale="log", ylim=(1e-3 * top, 2 * top))
-    if low < -STRESS_LIMIT or high > STRESS_LIMIT:
-        ax.axvspan(-STRESS_LIMIT, STRESS_LIMIT, color=style.COLOURS["sky"], alpha=0.12, linewidth=0)
+    if low < -LIMITS.stress or high > LIMITS.stress:
+        ax.axvspan(-LIMITS.stress, LIMITS.stress, color=style.COLOURS["sky"], alpha=0.12, linewidth=0)
 
 
-def pooled_errors(results: Results, condition: str, loss: str, noisy: bool) -> dict[str, tuple[Array, Array]] | None:
+def pooled_errors(
+    results: ThicknessResults, condition: str, loss: Loss, noisy: bool
+) -> dict[str, tuple[Array, Array]] | None:
     """{component: (signed errors in %, weights)} at the states of the 2D reference, all seeds pooled."""
-    fits = results.fits(condition, loss, noisy)
+    fits = results.fitted(condition, loss, noisy)
     if not fits:
         return None
-    errors = np.concatenate([stress_errors(Model.from_dict(fit["model"]), results.reference) for fit in fits])
+    errors = np.concatenate([stress_errors(Model.from_dict(fit.model), results.reference) for fit in fits.values()])
     weights = np.tile(results.reference.states.weights, len(fits))
     return {name: (errors[:, i], weights) for i, name in enumerate(COMPONENTS)}
 
@@ -120,9 +124,9 @@ def admissible(I1: Array) -> tuple[Array, Array]:
     return uniaxial, biaxial
 
 
-def energies(results: Results, loss: str) -> Figure:
+def energies(results: ThicknessResults, loss: Loss) -> Figure:
     """Energy error over the invariant plane: a column a condition, with noise (median seed) and without."""
-    rows = [n for n in (True, False) if results.fits(results.conditions[0], loss, n)]
+    rows = [n for n in (True, False) if results.fitted(results.conditions[0], loss, n)]
     end = 3 + MARGIN * (results.limit - 3)
     I1 = np.linspace(3.02, end, 240)
     low, high = admissible(I1)
@@ -135,7 +139,7 @@ def energies(results: Results, loss: str) -> Figure:
         axes = figure.subplots(len(rows), len(results.conditions), squeeze=False, sharex=True, sharey=True)
         for row, noisy in zip(axes, rows, strict=True):
             for ax, condition in zip(row, results.conditions, strict=True):
-                model = Model.from_dict(median_fit(results.fits(condition, loss, noisy))["model"])
+                model = Model.from_dict(median_fit([*results.fitted(condition, loss, noisy).values()]).model)
                 values = energy_error(model, plane)
                 image = ax.pcolormesh(*np.moveaxis(plane, -1, 0), values, norm=norm, cmap=style.DIVERGING, rasterized=True)  # fmt: skip
                 _contours(ax, plane, np.where(plane[..., 0] <= results.limit, values, np.nan))
@@ -143,7 +147,7 @@ def energies(results: Results, loss: str) -> Figure:
                 ax.plot(*hull.T, color=style.COLOURS["vermilion"], linewidth=1.2, linestyle="--")
                 ax.axvline(results.limit, color=style.COLOURS["blue"], linewidth=1.0, linestyle=":")
                 ax.set(xlim=(3, end), ylim=(3, float(high[-1])))
-                ax.set_title(f"{results.name(condition)}, {NOISES[noisy]}")
+                ax.set_title(f"{condition_name(condition)}, {NOISES[noisy]}")
         for ax in axes[-1]:
             ax.set_xlabel("I1 (-)")
         for ax in axes[:, 0]:
@@ -167,9 +171,9 @@ def _hull(points: Array) -> Array:
     return points[np.append(corners, corners[0])]
 
 
-def predictions(results: Results, loss: str) -> Figure:
+def predictions(results: ThicknessResults, loss: Loss) -> Figure:
     """Nominal stress in the homogeneous modes above; its deviation from the truth, clean and noisy, below."""
-    rows = [n for n in (False, True) if results.fits(results.conditions[0], loss, n)]
+    rows = [n for n in (False, True) if results.fitted(results.conditions[0], loss, n)]
     with style.figure(9.6, 2.6 + 2.1 * len(rows)) as figure:
         axes = figure.subplots(1 + len(rows), 3, squeeze=False, sharex="col", height_ratios=(1.3, *([1] * len(rows))))
         for column, mode in zip(axes.T, MODES, strict=True):
@@ -185,34 +189,39 @@ def predictions(results: Results, loss: str) -> Figure:
     return figure
 
 
-def _stress_panel(ax: Axes, results: Results, loss: str, mode: str, noisy: bool) -> None:
+def curves_of(results: ThicknessResults, condition: str, loss: Loss, mode: str, noisy: bool) -> list[Curve]:
+    """Stress-stretch curves of every seed."""
+    return [fit.curves[mode] for fit in results.fitted(condition, loss, noisy).values() if fit.curves]
+
+
+def _stress_panel(ax: Axes, results: ThicknessResults, loss: Loss, mode: str, noisy: bool) -> None:
     for condition in results.conditions:
-        curves = [fit["curves"][mode] for fit in results.fits(condition, loss, noisy)]
+        curves = curves_of(results, condition, loss, mode, noisy)
         if curves:
-            stress = np.median([np.array(c["stress"], float) for c in curves], axis=0)
-            ax.plot(curves[0]["stretch"], stress, label=results.name(condition), **results.look(condition))
+            stress = np.median([np.array(c.stress) for c in curves], axis=0)
+            ax.plot(curves[0].stretch, stress, label=condition_name(condition), **results.look(condition))
             reference = curves[0]
-    ax.plot(reference["stretch"], reference["truth"], "o", color="black", ms=2.5, markevery=8, label="truth")
-    style.mark_range(ax, 1.0, reference["limit"])
-    top = 1.4 * max(reference["truth"])
-    ax.set(title=MODES[mode].title, ylim=(-0.03 * top, top))
+    ax.plot(reference.stretch, reference.truth, "o", color="black", ms=2.5, markevery=8, label="truth")
+    style.mark_range(ax, 1.0, reference.limit)
+    top = 1.4 * max(reference.truth)
+    ax.set(title=TITLES[mode], ylim=(-0.03 * top, top))
 
 
-def _deviation_panel(ax: Axes, results: Results, loss: str, mode: str, noisy: bool) -> None:
+def _deviation_panel(ax: Axes, results: ThicknessResults, loss: Loss, mode: str, noisy: bool) -> None:
     """Median (line) and full range over seeds (band) of the deviation, %."""
-    largest = max(abs(spread(results.fits(c, loss, noisy), name)[0])
-                  for c in results.conditions for name in BIASES if results.fits(c, loss, noisy))  # fmt: skip
+    fits = [[*results.fitted(c, loss, noisy).values()] for c in results.conditions]
+    largest = max(100 * float(np.abs(median_biases(some)).max()) for some in fits if some)
     for condition in results.conditions:
-        curves = [fit["curves"][mode] for fit in results.fits(condition, loss, noisy)]
+        curves = curves_of(results, condition, loss, mode, noisy)
         if not curves:
             continue
-        stretch, truth = np.array(curves[0]["stretch"])[1:], np.array(curves[0]["truth"], float)[1:]
-        off = 100 * (np.array([c["stress"] for c in curves], float)[:, 1:] / truth - 1)
+        stretch, truth = np.array(curves[0].stretch)[1:], np.array(curves[0].truth)[1:]
+        off = 100 * (np.array([c.stress for c in curves])[:, 1:] / truth - 1)
         look = results.look(condition)
         ax.plot(stretch, np.median(off, axis=0), **look)
         if len(curves) > 1:
             ax.fill_between(stretch, off.min(axis=0), off.max(axis=0), color=look["color"], alpha=0.12, linewidth=0)
     ax.axhline(0, color="black", linewidth=0.8, linestyle="-")
-    style.mark_range(ax, 1.0, curves[0]["limit"], None)
+    style.mark_range(ax, 1.0, curves[0].limit, None)
     bound = max(3.0, 1.5 * largest)
     ax.set_ylim(-bound, bound)
