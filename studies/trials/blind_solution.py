@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from calibrate.data.experiment import Experiment
 from forward.loading import Loading
-from meshes import Cross, Mesh, PlateWithHole, Specimen, specimen_from_dict
+from meshes import Mesh, specimen_from_dict
 from studies.synthetic.disturbances import (
     Disturbance,
     ForceGain,
@@ -31,19 +31,13 @@ from studies.synthetic.disturbances import (
     observe,
 )
 from studies.trials.blind_effects import SOLID
+from studies.trials.blind_trial import SPECIMENS, Trial
 
 if TYPE_CHECKING:
     from forward.sheet.additions import Sheet
     from forward.solution import SurfaceSolution
-    from studies.trials.blind_data import Trial
 
 Array = NDArray[np.float64]
-CROSS_SCALE = 0.25
-SPECIMENS: dict[str, Specimen] = {
-    "cross": Cross(**{name: CROSS_SCALE * value for name, value in Cross().dimensions().items()}),
-    "plate": PlateWithHole(half_length=30, half_width=15, far_size=3, hole_radius=5, hole_size=0.8),
-    "wide plate": PlateWithHole(half_length=25, half_width=20, far_size=3, hole_radius=8, hole_size=1.0),
-}
 SIZES = {  # of the quads at holes and far from them, mm: fine enough where grips and free edges meet
     "cross": {"hole_size": 0.36, "far_size": 1.8},
     "plate": {"hole_size": 0.7, "far_size": 1.1},
