@@ -20,8 +20,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate.effects.effect import STAGES, Data, Effect
-from calibrate.effects.nodal_derivatives import gradients
+from calibrate.effects.effect import STAGES, Effect
+from calibrate.effects.support.effect_data import Data
+from calibrate.effects.support.nodal_derivatives import gradients
 from calibrate.equations import isochoric as plane_strain
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.equilibrium import Equilibrium

@@ -102,6 +102,14 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert target.startswith("http") or (page.parent / target).exists(), target
 
 
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: str(page.relative_to(ROOT)))
+def test_source_files_that_are_named_exist(page: Path) -> None:
+    """Of the repository: `folder/file.py`, `folder/`."""
+    folders = "meshes|forward|calibrate|studies|tests|benchmarks"
+    for name in re.findall(rf"\b((?:{folders})/[\w./]*(?:\.py|\.c|/)(?![\w/.*{{]))", page.read_text()):
+        assert (ROOT / name).exists(), name
+
+
 def test_every_page_is_in_the_table_of_contents() -> None:
     listed = set(re.findall(r"[\w/-]+\.md", (ROOT / ".ci" / "mkdocs.yml").read_text()))
     assert {str(page.relative_to(DOCS)) for page in PAGES} == listed

@@ -8,7 +8,7 @@ should be.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,15 @@ from calibrate.models.parameter_covariance import BAND
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 SAME_LOSS, SAME_CHI_SQUARE = 1e-3, 4.0  # relative, or where the loss is a chi-square: two standard deviations
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Errors on increments that were held out. chi_square_per_equation: None where the noise is unknown."""
+
+    increments: int
+    relative_force_error: float
+    chi_square_per_equation: float | None
 
 
 @dataclass(frozen=True)
@@ -68,16 +77,13 @@ class Review:
         )
 
     @property
-    def held_out(self) -> dict[str, Any] | None:
+    def held_out(self) -> HeldOut | None:
         """Errors on the increments that were held out; None where none were."""
         held = ~self.fitted
         if not held.any():
             return None
-        return {
-            "increments": int(held.sum()),
-            "relative_force_error": self.force_error(held),
-            "chi_square_per_equation": None if self.chi_square is None else float(self.chi_square[held].mean()),
-        }
+        chi_square = None if self.chi_square is None else float(self.chi_square[held].mean())
+        return HeldOut(int(held.sum()), self.force_error(held), chi_square)
 
     @property
     def same_loss(self) -> float:
@@ -92,6 +98,19 @@ class Review:
         """Number of starts that ended as low as the best."""
         losses = self.calibration.losses
         return int((losses <= np.nanmin(losses) + self.same_loss).sum())
+
+    def summary(self) -> dict[str, Any]:
+        """Numbers for a manifest."""
+        return {
+            **self.calibration.summary(),
+            "initial_shear_modulus": initial_shear_modulus(self.model),
+            "initial_shear_modulus_deviation": modulus_deviation(self.model),
+            "curve_points": curve_points(self.model),
+            "unit": self.model.unit,
+            "neo_hooke_force_error": self.neo_hooke_error,
+            "starts_alike": self.starts_alike,
+            "held_out": None if self.held_out is None else asdict(self.held_out),
+        }
 
     def row(self, name: str, component: int) -> int:
         """Row of the equation of a loaded boundary and component (0: x, 1: y)."""

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.data.triangulation import boundary_edges
 from calibrate.equations.recovery import SMOOTH
 
 Array = NDArray[np.float64]
@@ -24,9 +25,7 @@ OTHER = 0.7  # cosine of normals below which the second line belongs to another 
 def nearest_lines(points: Array, triangles: NDArray[np.int64]) -> Array:
     """(n, 2, 4): distance, mm, outward normal (x, y) and curvature, 1/mm, of the nearest boundary edge of each node, and of
     the nearest one of another direction. Curvature is positive around holes."""
-    pairs = np.concatenate([triangles[:, [a, (a + 1) % 3]] for a in range(3)])
-    _, first, count = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True, return_counts=True)
-    start, end = pairs[first[count == 1]].T  # triangles turn anticlockwise, the specimen is on the left
+    start, end = boundary_edges(triangles)[0].T  # the specimen is on the left
     along = points[end] - points[start]
     length = np.linalg.norm(along, axis=1)
     tangent = along / length[:, None]

@@ -5,6 +5,7 @@ In: an Experiment and the Series it came from. Out: numbers for a manifest, a su
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -32,25 +33,25 @@ def summary(experiment: Experiment) -> dict[str, Any]:
     }
 
 
-def report(experiment: Experiment, target: Path) -> None:
-    """Print what was imported."""
+def report_lines(experiment: Experiment, target: Path) -> Iterator[str]:
+    """What a terminal shows of an import."""
     size, noise = np.ptp(experiment.points, axis=0), experiment.noise
     assert noise is not None
-    print(
+    yield (
         f"{experiment.name}: {len(experiment.points)} points, {size[0]:.1f} x {size[1]:.1f} mm, "
         f"{experiment.n_increments} increments"
     )
     for b in experiment.loaded:
-        print(f"  {b.name}: {len(b.nodes)} nodes, force up to {np.nanmax(np.abs(b.force)):.3g} N")
-    print(
+        yield f"  {b.name}: {len(b.nodes)} nodes, force up to {np.nanmax(np.abs(b.force)):.3g} N"
+    yield (
         f"  noise: {1e3 * noise.displacement_std:.2g} um over {noise.correlation_length:.2g} mm, "
         f"force {noise.force_std:.2g} N ({experiment.provenance['noise']['kind']})"
     )
     if experiment.thickness is None:
-        print("  thickness unknown: stiffness times thickness (N/mm) can be identified")
+        yield "  thickness unknown: stiffness times thickness (N/mm) can be identified"
     for note in experiment.provenance["notes"]:
-        print(f"  note: {note}")
-    print(f"wrote {target}")
+        yield f"  note: {note}"
+    yield f"wrote {target}"
 
 
 def picture(experiment: Experiment, series: Series, path: Path) -> None:

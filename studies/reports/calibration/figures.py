@@ -14,7 +14,7 @@ from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.kinematics import invariants_and_derivatives
 from calibrate.models.parameter_covariance import BAND
 from studies.output import style
-from studies.reports.calibration_review import Review, initial_shear_modulus
+from studies.reports.calibration.fit_review import Review, initial_shear_modulus
 from studies.reports.force_record import COMPONENTS
 
 Array = NDArray[np.float64]
@@ -222,19 +222,11 @@ def coverage(view: Review) -> Figure:
     return figure
 
 
+# by name of the file; the caption of NAME is the macro figure_NAME of templates/calibration.txt
 FIGURES = {
-    "forces": (forces, "Forces on each loaded edge: measured (circles), predicted from the measured displacements "
-               "(lines), and their difference. Shaded increments were held out."),
-    "residual_map": (residual_map, "Where equilibrium is not met: the unexplained force of each virtual field, "
-                     "averaged where fields overlap (arrows: its direction; in the last column the mean of all "
-                     "increments). Noise scatters over the specimen and stays near 1 in the lower row, where that is "
-                     "shown; a missing effect stands out, persists, and keeps its direction."),
-    "curves": (curves, "The calibrated model in homogeneous deformation. Dashed: beyond the calibrated range. Bands: "
-               "95 %, where the loss is weighted by the noise; beyond the range they do not cover an upturn that the "
-               "data have not seen. Reduced "
-               "stress is nominal stress over its neo-Hookean form: a horizontal line is a neo-Hookean material."),
-    "coverage": (coverage, "What the data have seen. Left: distribution of I1 and the calibrated range (99.9 % of "
-                 "the area). Right: kind of deformation (Lode angle) against its size."),
-    "starts": (starts, "Loss of all random starts. That many agree shows that the optimiser works, not that the model "
-               "is right."),
-}  # fmt: skip
+    "forces": forces,
+    "residual_map": residual_map,
+    "curves": curves,
+    "coverage": coverage,
+    "starts": starts,
+}

@@ -1,4 +1,4 @@
-"""Stiffness or thickness that varies over the sheet: a gradient, or a smooth field of cosines."""
+"""Stiffness or thickness that varies smoothly over the sheet: a field of cosines."""
 
 from __future__ import annotations
 
@@ -8,27 +8,7 @@ import jax.numpy as jnp
 
 from calibrate.effects.effect import Effect, Parameter
 
-ORDER = 3
-
-
-def places(data):
-    """Centroids (m, 2) in units of the extent, from the middle."""
-    low, high = data.points.min(axis=0), data.points.max(axis=0)
-    return (data.centroids - 0.5 * (low + high)) / data.size
-
-
-@dataclass(frozen=True)
-class StiffnessGradient(Effect):
-    """P times 1 + gx x + gy y, x and y in units of the extent."""
-
-    name = "stiffness gradient"
-    stage = "stiffness"
-    formula = "P (1 + gx x + gy y)"
-    amplitudes = (Parameter("gx", "1/extent", typical=0.2), Parameter("gy", "1/extent", typical=0.2))
-    decided_by = "strips cut from different places, or a thickness gauge"
-
-    def stress(self, data, F, P, a, shape, law):
-        return P * (1.0 + places(data) @ a)[:, None, None]
+ORDER = 3  # of the cosines along either side
 
 
 @dataclass(frozen=True)
