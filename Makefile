@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help setup study blind measured figures quick docs test test-all coverage browser-test docker-test lint format clean
+.PHONY: help setup study blind measured figures quick numbers docs test test-all coverage browser-test docker-test lint format clean
 
 help: ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -45,6 +45,11 @@ quick: setup ## everything at its smallest, a few minutes
 	$(EQUIGAP) supervised --quick --data arruda-boyce -o $(QUICK)/supervised
 	$(EQUIGAP) resolution --quick --jobs $(JOBS) --output $(QUICK)/resolution
 	$(EQUIGAP) thickness --quick --jobs $(JOBS) --output $(QUICK)/thickness
+
+numbers: setup ## put the numbers of docs/results into README and docs, the modules into the reference (a stale one fails a test)
+	$(PYTHON) docs/derive_numbers.py
+	$(PYTHON) docs/insert_numbers.py
+	$(PYTHON) docs/reference_pages.py
 
 docs: setup ## the documentation as pages in build/site; its examples are run, a warning is an error
 	rm -rf build/tutorial

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment
 from calibrate.equations.basis import Basis, basis_for
 from calibrate.equations.equilibrium import Equilibrium
+from calibrate.equations.inputs import REFERENCE
 from calibrate.equations.reduction import Quadratic
 from calibrate.fitting import network_fit, paper_loss
 from calibrate.fitting.calibration import Options, calibrate, calibrated_range
@@ -108,7 +109,7 @@ class Case:
     def reduced_loss(self, architecture: pann.Architecture) -> Callable[[jax.Array], tuple[jax.Array, jax.Array]]:
         """Value and gradient of the reduced loss: the same objective as the full one, to the spline's accuracy."""
         quadratic = self.reduction[0]
-        J = np.nan_to_num(self.basis.site_inputs) + pann.REFERENCE
+        J = np.nan_to_num(self.basis.site_inputs) + REFERENCE
         sites = jnp.asarray(np.stack([J[:, 0], J[:, 1] ** (2 / 3)], axis=1))
         chain = jnp.stack([jnp.ones(len(J)), 1 / (1.5 * jnp.sqrt(sites[:, 1]))], axis=1)
         interpolation = jnp.asarray(self.basis.interpolation)

@@ -1,12 +1,12 @@
-"""`equigap`: the command line in, one call of a study's `main(args)` out.
+"""`equigap`: the command line in, one call of a command's function out, whose typed result is printed.
 
-A subcommand's module is imported when it is chosen, so `equigap --help` answers at once. What a user can mend
-ends in one line 'equigap: error: what is wrong; what to do' and exit code 2; an interruption in exit code 130.
+A command's module is imported when it is chosen, and cyclopts with it, so `equigap --help` answers at once. What a user can
+mend ends in one line 'equigap: error: what is wrong; what to do' and exit code 2; an interruption in exit code 130.
 """
 
 from __future__ import annotations
 
-import argparse
+import difflib
 import errno
 import importlib
 import os
@@ -14,97 +14,98 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
-from typing import Any
+from typing import TYPE_CHECKING
 
-from studies.commands.arguments import Parser, check_options, config_files, read_config
-from studies.commands.options import nearest
 from studies.errors import OptionError, StudyError
+
+if TYPE_CHECKING:
+    from studies.commands.outcome import Outcome
 
 
 @dataclass(frozen=True)
 class Command:
-    """A subcommand: module with `add_arguments(parser)` and `main(args) -> int`, one line, examples."""
+    """A command. target: 'module:function', imported when it is chosen; summary: one line; examples: command lines."""
 
-    module: str
+    target: str
     summary: str
     examples: str
 
 
 COMMANDS = {
     "specimens": Command(
-        "studies.commands.draw_specimens",
+        "studies.commands.draw_specimens:specimens",
         "mesh and draw every specimen",
-        "equigap specimens\n  equigap specimens --only cross --set half_width=35",
+        "equigap specimens\nequigap specimens --only cross --set half_width=35",
     ),
     "simulate": Command(
-        "studies.commands.simulate",
+        "studies.commands.simulate:simulate",
         "solve a test by finite elements and record it with a noisy camera",
-        "equigap simulate --quick\n  equigap simulate --material neo_hooke --displacement 40 --seed 3",
+        "equigap simulate --quick\nequigap simulate --material neo_hooke --displacement 40 --seed 3",
     ),
     "import": Command(
-        "studies.commands.import_data",
+        "studies.commands.import_data:import_data",
         "read measured full-field data into an Experiment",
-        "equigap import Soft_Homo\n  equigap import columns.toml --output results/my-sheet",
+        "equigap import Soft_Homo\nequigap import columns.toml --output results/my-sheet",
     ),
     "homogeneous": Command(
-        "studies.commands.homogeneous",
+        "studies.commands.homogeneous:homogeneous",
         "read a stress-stretch curve into an Experiment",
-        "equigap homogeneous treloar-a-uniaxial\n  equigap homogeneous pull.csv --mode pure_shear -o results/pull",
+        "equigap homogeneous treloar-a-uniaxial\nequigap homogeneous pull.csv --mode pure_shear -o results/pull",
     ),
     "calibrate": Command(
-        "studies.commands.calibrate",
+        "studies.commands.calibrate:calibrate",
         "identify a network from an Experiment",
-        "equigap calibrate results/simulate/experiment.npz\n  equigap calibrate sheet.npz --inputs I1I2 --layers 4,4",
+        "equigap calibrate results/simulate/experiment.npz\nequigap calibrate sheet.npz --inputs I1I2 --layers 4,4",
     ),
     "predict": Command(
-        "studies.commands.predict",
+        "studies.commands.predict:predict",
         "uniaxial, equi-biaxial and pure-shear curves of a model",
-        "equigap predict results/calibrate/model.json\n  equigap predict model.json --stretch 2.5 --against arruda_boyce",
+        "equigap predict results/calibrate/model.json\nequigap predict model.json --stretch 2.5 --against arruda_boyce",
     ),
     "discover": Command(
         "studies.commands.discover",
         "find what a hyperelastic model leaves unexplained in a test",
-        "equigap discover results/simulate/experiment.npz\n  equigap discover pull_x.npz --hold-out pull_y.npz\n"
-        "  equigap discover sheet.npz --hold-out every:2 --without 'force offset' -o results/sheet",
+        "equigap discover results/simulate/experiment.npz\nequigap discover pull_x.npz --hold-out pull_y.npz\n"
+        "equigap discover sheet.npz --hold-out every:2 --without 'force offset' -o results/sheet",
     ),
     "resolution": Command(
         "studies.commands.resolution",
         "study: how camera resolution and noise limit what is identified",
-        "equigap resolution --quick\n  equigap resolution --jobs 8 --output results/resolution",
+        "equigap resolution --quick\nequigap resolution --jobs 8 --output results/resolution",
     ),
     "thickness": Command(
         "studies.commands.thickness",
         "study: how thick a specimen may be before a plane-stress calibration misleads",
-        "equigap thickness --quick\n  equigap thickness --thicknesses 5,30 --seeds 20\n  equigap thickness --fine --profile my-cluster",
+        "equigap thickness --quick\nequigap thickness --thicknesses 5,30 --seeds 20\nequigap thickness --fine --profile my-cluster",
     ),
     "sweep": Command(
         "studies.commands.sweep",
         "study: a thousand calibrations over specimen, thickness, resolution, noise and seed",
-        "equigap sweep --quick\n  equigap sweep --dry-run\n  equigap sweep --thicknesses 2D,5,30 --noises 0.1 --seeds 20 --jobs 8\n"
-        "  equigap sweep --profile my-cluster --container equigap.sif",
+        "equigap sweep --quick\nequigap sweep --dry-run\nequigap sweep --thicknesses 2D,5,30 --noises 0.1 --seeds 20 --jobs 8\n"
+        "equigap sweep --profile my-cluster --container equigap.sif",
     ),
     "blind": Command(
         "studies.commands.blind",
         "study: does the diagnosis find hidden effects, and nothing where nothing is?",
-        "equigap blind --quick\n  equigap blind --trials 5 --nulls 20 --jobs 8",
+        "equigap blind --quick\nequigap blind --trials 5 --nulls 20 --jobs 8",
     ),
     "measured": Command(
         "studies.commands.measured",
         "study: what measured sheets and homogeneous tests do beyond hyperelasticity",
-        "equigap measured --quick\n  equigap measured --until 15 --frames 24 -o results/measured",
+        "equigap measured --quick\nequigap measured --until 15 --frames 24 -o results/measured",
     ),
     "figures": Command(
-        "studies.commands.figures",
+        "studies.commands.figures:figures",
         "every figure and table of all studies, in one folder",
-        "equigap figures --scale quick\n  equigap figures --scale default --only resolution,thickness -o results/all",
+        "equigap figures --scale quick\nequigap figures --scale default --only resolution,thickness -o results/all",
     ),
     "verify": Command(
-        "studies.commands.verify",
+        "studies.commands.verify:verify",
         "compare the numbers of a run of `figures` with reference values",
-        "equigap verify results/figures-quick\n  equigap verify results/figures-quick --same-as results/again",
+        "equigap verify results/figures-quick\nequigap verify results/figures-quick --same-as results/again",
     ),
     "supervised": Command(
-        "studies.commands.supervised",
+        "studies.commands.supervised:supervised",
         "fit networks directly to stress-stretch data",
         "equigap supervised --quick",
     ),
@@ -122,57 +123,29 @@ An output folder is never overwritten silently: the same command resumes there, 
 --overwrite is given. `equigap COMMAND --help` lists the options of a command."""
 
 
-def overview() -> Parser:
-    """The parser of `equigap` itself: lists the commands, imports none."""
-    parser = Parser(
-        prog="equigap", description=INTRODUCTION, formatter_class=argparse.RawDescriptionHelpFormatter,
-        usage="equigap COMMAND [options]", epilog=_commands() + "\n\n" + CLOSING, allow_abbrev=False,
-    )  # fmt: skip
-    parser.add_argument("--version", action="version", version=f"equigap {_version()}")
-    return parser
+def overview() -> str:
+    """What `equigap --help` prints: the commands, none of which is imported."""
+    width = max(map(len, COMMANDS))
+    commands = "\n".join(f"  {name:{width}}  {command.summary}" for name, command in COMMANDS.items())
+    return f"Usage: equigap COMMAND [options]\n\n{INTRODUCTION}\n\ncommands:\n{commands}\n\n{CLOSING}"
 
 
-def command_parser(name: str) -> tuple[Parser, Any]:
-    """The parser of a command and its module, imported now. Raises `OptionError` where the module is not there."""
-    command = COMMANDS[name]
-    try:
-        module = importlib.import_module(command.module)
-    except ModuleNotFoundError as error:
-        if error.name == command.module:
-            raise OptionError(f"`equigap {name}` is not part of this version; choose another command") from None
-        raise
-    parser = Parser(
-        prog=f"equigap {name}", description=getattr(module, "DESCRIPTION", command.summary.capitalize() + "."),
-        formatter_class=argparse.RawDescriptionHelpFormatter, epilog=f"examples:\n  {command.examples}",
-        allow_abbrev=False,
-    )  # fmt: skip
-    module.add_arguments(parser)
-    if parser.action("--config") is None:
-        parser.reads_config = True
-        parser.add_argument(
-            "--config", metavar="FILE.toml", help="read options from a TOML file; the command line wins"
-        )
-    return parser, module
-
-
-def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, Any]:
-    """Options of a command line that starts with a command, and the module that runs it. Raises `OptionError`."""
-    name, *rest = arguments
+def run(words: Sequence[str]) -> Outcome | None:
+    """Run a command line that starts with a command; None where it asked for help. Raises `OptionError`."""
+    name = words[0]
     if name not in COMMANDS:
-        raise OptionError(f"unknown command '{name}'{nearest(name, COMMANDS)}; choose from {', '.join(COMMANDS)}")
-    parser, module = command_parser(name)
-    check_options(rest, parser)
-    if parser.reads_config:
-        for path in config_files(rest):
-            # an option in between ends lists of values, before the command line's own words
-            rest = [*read_config(path, parser), f"--config={path}", *rest]
-    args, unknown = parser.parse_known_args(rest)
-    if unknown:
-        raise OptionError(f"unexpected '{unknown[0]}'; see `{parser.prog} --help`")
-    args.command = name
-    if parser.reads_config:
-        del args.config
-    return args, module
+        close = difflib.get_close_matches(name, COMMANDS, 1, 0.5)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        raise OptionError(f"unknown command '{name}'{hint}; choose from {', '.join(COMMANDS)}")
+    if ":" not in COMMANDS[name].target:
+        return importlib.import_module("studies.commands.arguments").run(name, COMMANDS[name], words[1:])
+    application = importlib.import_module("studies.commands.application")  # cyclopts alone takes 0.3 s
+    return application.run(targets(name), words)
+
+
+def targets(name: str) -> dict[str, tuple[str, str]]:
+    """What `studies.commands.application` takes to run a command."""
+    return {name: (COMMANDS[name].target, COMMANDS[name].examples)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -181,16 +154,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Named errors, `OptionError` among them, and those of the operating system become one line and exit code 2; with
     EQUIGAP_DEBUG in the environment they are raised.
     """
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    words = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        if not arguments or arguments[0].startswith("-"):
-            _, unknown = overview().parse_known_args(arguments)
-            if unknown:
-                raise OptionError(f"the first word must be a command: {', '.join(COMMANDS)}")
-            overview().print_help()
-            return 0 if arguments else 2
-        args, module = parse(arguments)
-        return int(module.main(args) or 0)
+        if not words or words[0] in ("-h", "--help"):
+            print(overview())
+            return 0 if words else 2
+        if words[0] == "--version":
+            print(f"equigap {_version()}")
+            return 0
+        if words[0].startswith("-"):
+            raise OptionError(f"the first word must be a command: {', '.join(COMMANDS)}")
+        return _show(run(words))
     except KeyboardInterrupt:
         return _say("interrupted; the same command goes on from the last finished step", 130)
     except BrokenPipeError:
@@ -200,6 +174,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if os.environ.get("EQUIGAP_DEBUG") or not _can_be_mended(error):
             raise
         return _say(f"error: {_message(error)}", 2)
+
+
+def _show(outcome: Outcome | None) -> int:
+    """Print what a command returned. Raises its failure."""
+    if outcome is None:
+        return 0
+    for line in outcome.lines():
+        print(line)
+    failure = outcome.failure()
+    if failure is not None:
+        raise failure
+    return 0
 
 
 def _can_be_mended(error: Exception) -> bool:
@@ -227,11 +213,6 @@ def _message(error: Exception) -> str:
 def _say(message: str, code: int) -> int:
     print(f"equigap: {message}", file=sys.stderr)
     return code
-
-
-def _commands() -> str:
-    width = max(map(len, COMMANDS))
-    return "commands:\n" + "\n".join(f"  {name:{width}}  {c.summary}" for name, c in COMMANDS.items())
 
 
 def _version() -> str:

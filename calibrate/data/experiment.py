@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data.files import write_atomically
+from calibrate.data.triangulation import boundary_nodes, signed_areas
 
 FORMAT, VERSION, WITH_PLANE = "equigap-experiment", 1, 2
 PLANES = ("stress", "strain")
@@ -219,19 +220,6 @@ class Experiment:
             raise type(error)(f"{path}: {error}") from error
         except (ValueError, TypeError) as error:
             raise errors.FileFormatError(f"{path}: an array is garbled ({error}); write the file again") from error
-
-
-def signed_areas(points: Array, triangles: NDArray[np.int64]) -> Array:
-    """Signed areas (n_triangles,) of `points` (n, 2), `triangles` (m, 3); positive counter-clockwise, mm^2."""
-    a, b, c = (points[triangles[:, i]] for i in range(3))
-    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
-
-
-def boundary_nodes(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Sorted nodes (k,) on edges that belong to one of `triangles` (m, 3) only (all rims: outline and holes)."""
-    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    unique, count = np.unique(edges, axis=0, return_counts=True)
-    return np.unique(unique[count == 1])
 
 
 def check(experiment: Experiment) -> None:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from calibrate import errors
-from calibrate.data.experiment import LoadedBoundary, boundary_nodes, signed_areas
+from calibrate.data.experiment import LoadedBoundary
+from calibrate.data.triangulation import boundary_nodes, signed_areas
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -1,21 +1,32 @@
-"""The catalogue: one module an effect, or a family of them; `CATALOGUE` lists all that are tested, `KNOWN` also those that a model file may hold.
+"""The catalogue: one effect a module; `CATALOGUE` lists all that are tested, `KNOWN` also those that a model file may hold.
 
-Adding an effect: write a subclass of `Effect` in a module of its own in this folder. It is the last of the catalogue from then on; named here,
-it has a place.
+Adding an effect: write a subclass of `Effect` in a module of its own in this folder. It is the last of the catalogue from
+then on; named here, it has a place. `chain` applies the effects; `support` holds what several of them need.
 """
 
 import pkgutil
 from importlib import import_module
 
-from calibrate.effects.camera_errors import LensDistortion, OutOfPlane, Scale, SubsetSmoothing, UnmeasuredStrip
 from calibrate.effects.compressibility import Compressibility
-from calibrate.effects.effect import Data, Effect, Parameter
+from calibrate.effects.dic_scale import Scale
+from calibrate.effects.effect import Effect, Parameter
 from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
-from calibrate.effects.field import StiffnessField, StiffnessGradient
 from calibrate.effects.finite_thickness import Thickness
-from calibrate.effects.history import Mullins, Payne, PermanentSet
-from calibrate.effects.load import ForceGain, ForceOffset, Lag, Rotation
+from calibrate.effects.force_gain import ForceGain
+from calibrate.effects.force_offset import ForceOffset
+from calibrate.effects.image_rotation import Rotation
+from calibrate.effects.lag import Lag
+from calibrate.effects.lens_distortion import LensDistortion
+from calibrate.effects.mullins import Mullins
+from calibrate.effects.out_of_plane import OutOfPlane
+from calibrate.effects.payne import Payne
+from calibrate.effects.permanent_set import PermanentSet
 from calibrate.effects.second_invariant import SecondInvariant
+from calibrate.effects.stiffness_field import StiffnessField
+from calibrate.effects.stiffness_gradient import StiffnessGradient
+from calibrate.effects.subset_smoothing import SubsetSmoothing
+from calibrate.effects.support.effect_data import Data
+from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import SecondViscosity, Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
@@ -52,7 +63,8 @@ def _further() -> tuple[Effect, ...]:
     """Effects in the modules of this folder that are not named here."""
     named = {type(effect) for effect in (*LISTED, *BESIDE)}
     found = []
-    for one in pkgutil.iter_modules(__path__):
+    modules = (one for one in pkgutil.iter_modules(__path__) if not one.ispkg)
+    for one in modules:
         for value in vars(import_module(f"{__name__}.{one.name}")).values():
             if isinstance(value, type) and issubclass(value, Effect) and "name" in vars(value) and value not in named:
                 named.add(value)

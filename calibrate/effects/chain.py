@@ -20,12 +20,14 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate.effects.effect import STAGES, Data, Effect
-from calibrate.effects.nodal_derivatives import gradients
+from calibrate.effects.effect import STAGES, Effect
+from calibrate.effects.support.effect_data import Data
+from calibrate.effects.support.nodal_derivatives import gradients
 from calibrate.equations import isochoric as plane_strain
-from calibrate.equations.basis import DEGREE, PlaneStrainBasis, SingleBasis, _pieces, energy_basis
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.kinematics import invariants
+from calibrate.equations.splines import DEGREE, polynomial_pieces
 
 Array = NDArray[np.float64]
 
@@ -555,7 +557,7 @@ def _pushed_on(kind, effect, arrays, c, F, P, a, shape, changes, stresses):
 
 def base_law(k: int, n: int, top: Any, c: Any, f: Any) -> Any:
     """In-plane P (2, 2), MPa, at f (2, 2) of psi_k(J_k) with spline coefficients c (n,), as `SingleBasis` has it."""
-    pieces = jnp.asarray(_pieces(n)[0])
+    pieces = jnp.asarray(polynomial_pieces(n)[0])
 
     def energy_input(f):
         values = invariants(f)

@@ -37,8 +37,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.data.experiment import Experiment
-from calibrate.effects.effect import Data, Effect, Parameter, lacks_plane_stress
-from calibrate.effects.nodal_derivatives import gradient, slopes, to_nodes
+from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
+from calibrate.effects.support.effect_data import Data
+from calibrate.effects.support.nodal_derivatives import gradient, slopes, to_nodes
 from calibrate.equations.tensors import det, inverse
 from calibrate.errors import ConfigError
 

@@ -16,86 +16,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
 from calibrate import errors
 from calibrate.equations import isochoric as plane_strain
-from calibrate.equations import kinematics
-from calibrate.models import pann
+from calibrate.equations.inputs import INPUT_SETS, REFERENCE, hencky_to_lode, lode_to_hencky, polyconvex
+from calibrate.equations.splines import DEGREE, Spline
 
 Array = NDArray[np.float64]
-DEGREE = 3
-
-
-@dataclass(frozen=True)
-class Spline:
-    """Uniform clamped cubic B-splines on [low, high] with n functions; arguments outside are clipped."""
-
-    n: int
-    low: float = 0.0
-    high: float = 1.0
-
-    @cached_property
-    def knots(self) -> Array:
-        """Clamped knots (n + 4,)."""
-        inner = np.linspace(self.low, self.high, self.n - DEGREE + 1)
-        return np.concatenate([[self.low] * DEGREE, inner, [self.high] * DEGREE])
-
-    @cached_property
-    def sites(self) -> Array:
-        """Greville abscissae (n,), where interpolation is well posed."""
-        return np.array([self.knots[i + 1 : i + DEGREE + 1].mean() for i in range(self.n)])
-
-    def local(self, x: Array, derivative: int = 0) -> tuple[Array, NDArray[np.int64]]:
-        """The 4 non-zero functions at x (m,): values (m, 4) and the index (m,) of the first of them."""
-        x = np.clip(x, self.low, self.high)
-        width = (self.high - self.low) / (self.n - DEGREE)
-        first = np.clip(((x - self.low) / width).astype(np.int64), 0, self.n - DEGREE - 1)
-        values = np.empty((x.size, DEGREE + 1))
-        matrix = _pieces(self.n)[derivative]
-        t = (x - self.low) / width - first
-        powers = np.stack([np.ones_like(t), t, t * t, t * t * t], axis=1)
-        values = np.einsum("mp,mpk->mk", powers, matrix[first])
-        return values / width**derivative, first
-
-    def matrix(self, x: Array, derivative: int = 0) -> Array:
-        """Dense values (m, n) at x (m,)."""
-        values, first = self.local(x, derivative)
-        dense = np.zeros((x.size, self.n))
-        np.put_along_axis(dense, first[:, None] + np.arange(DEGREE + 1), values, axis=1)
-        return dense
-
-
-_PIECES: dict[int, tuple[Array, Array, Array]] = {}
-
-
-def _pieces(n: int) -> tuple[Array, Array, Array]:
-    """Polynomial coefficients (interval, power, function) of n unit-width clamped B-splines and two derivatives."""
-    if n not in _PIECES:
-        intervals = n - DEGREE
-        knots = np.concatenate([[0.0] * DEGREE, np.arange(intervals + 1.0), [float(intervals)] * DEGREE])
-        t = np.array([0.05, 0.35, 0.65, 0.95])
-        vandermonde = np.linalg.inv(np.vander(t, increasing=True))
-        pieces = np.zeros((intervals, 4, 4))
-        for i in range(intervals):
-            dense = BSpline.design_matrix(i + t, knots, DEGREE).toarray()[:, i : i + DEGREE + 1]
-            pieces[i] = vandermonde @ dense
-        first, second = np.zeros_like(pieces), np.zeros_like(pieces)
-        first[:, :3] = pieces[:, 1:] * np.array([1.0, 2.0, 3.0])[:, None]
-        second[:, :2] = first[:, 1:3] * np.array([1.0, 2.0])[:, None]
-        _PIECES[n] = (pieces, first, second)
-    return _PIECES[n]
-
-
-def polyconvex(F: Array) -> tuple[Array, Array]:
-    """(J1, J2) - their rest values (..., 2) and dJ/dF (..., 2, 2, 2) of in-plane gradients F (..., 2, 2)."""
-    values, derivatives = map(np.array, kinematics.invariants_and_derivatives(jnp.asarray(F)))
-    derivatives[..., 1, :, :] *= (1.5 * np.sqrt(values[..., 1]))[..., None, None]
-    values[..., 1] = values[..., 1] ** 1.5
-    return values - pann.REFERENCE, derivatives
 
 
 @dataclass(frozen=True)
@@ -187,7 +116,7 @@ class TensorBasis:
         stretch = np.exp(lode_to_hencky(norm.ravel(), angle.ravel()))
         I1 = (stretch**2).sum(axis=1)
         I2 = (stretch**-2.0).sum(axis=1)
-        return np.stack([I1, I2**1.5], axis=1) - pann.REFERENCE
+        return np.stack([I1, I2**1.5], axis=1) - REFERENCE
 
     @cached_property
     def interpolation(self) -> Array:
@@ -267,34 +196,13 @@ def energy_basis(basis: Basis) -> SingleBasis | TensorBasis:
     return basis.energy if isinstance(basis, PlaneStrainBasis) else basis
 
 
-def hencky_to_lode(F: Array) -> tuple[Array, Array]:
-    """Norm (m,) and Lode angle (m,) in [-pi/6, pi/6] of the incompressible Hencky strain of F (m, 2, 2).
-
-    sin(3 angle) = -3 sqrt(6) det(e): -pi/6 in uniaxial tension, 0 in pure shear, pi/6 in equi-biaxial tension.
-    """
-    C = np.einsum("mki,mkj->mij", F, F)
-    mean, half = 0.5 * (C[:, 0, 0] + C[:, 1, 1]), 0.5 * (C[:, 0, 0] - C[:, 1, 1])
-    radius = np.hypot(half, C[:, 0, 1])
-    e1, e2 = 0.5 * np.log(mean + radius), 0.5 * np.log(np.maximum(mean - radius, 1e-300))
-    e3 = -e1 - e2
-    norm = np.sqrt(e1**2 + e2**2 + e3**2)
-    ratio = -3 * np.sqrt(6) * e1 * e2 * e3 / np.maximum(norm, 1e-12) ** 3
-    return norm, np.arcsin(np.clip(ratio, -1.0, 1.0)) / 3
-
-
-def lode_to_hencky(norm: Array, angle: Array) -> Array:
-    """Principal Hencky strains (m, 3), largest first, of norm (m,) and Lode angle (m,): inverse of the above."""
-    shift = np.array([2 * np.pi / 3, 0.0, -2 * np.pi / 3])
-    return np.sqrt(2.0 / 3.0) * norm[:, None] * np.sin(angle[:, None] + shift)
-
-
 def basis_for(inputs: str, F: Array, n: int = 32, plane: str = "stress") -> Basis:
     """The basis that covers the deformation gradients F (m, 2, 2) for a PANN with `inputs`.
 
     n: functions of a single input. plane: 'stress' or 'strain'. Raises `ConfigError` for unknown inputs.
     """
-    if inputs not in pann.INPUT_SETS:
-        raise errors.ConfigError(f"inputs '{inputs}' unknown; choose one of {', '.join(pann.INPUT_SETS)}")
+    if inputs not in INPUT_SETS:
+        raise errors.ConfigError(f"inputs '{inputs}' unknown; choose one of {', '.join(INPUT_SETS)}")
     if plane == "strain":
         basis = basis_for(inputs, np.asarray(plane_strain.isochoric(F)), n)
         assert not isinstance(basis, PlaneStrainBasis)
@@ -302,5 +210,5 @@ def basis_for(inputs: str, F: Array, n: int = 32, plane: str = "stress") -> Basi
     if inputs == "I1I2":
         tops = 1.02 * polyconvex(F)[0].max(axis=0)
         return TensorBasis(1.02 * float(hencky_to_lode(F)[0].max()), input_tops=(float(tops[0]), float(tops[1])))
-    k = pann.INPUT_SETS[inputs][0]
+    k = INPUT_SETS[inputs][0]
     return SingleBasis(k, 1.05 * float(polyconvex(F)[0][:, k].max()), n)

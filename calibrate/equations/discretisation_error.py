@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from calibrate.data.triangulation import unique_edges
 from calibrate.equations import kinematics, recovery
 from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
@@ -27,15 +28,14 @@ KEPT = 0.99  # share of the squared corrections; the smallest are left out
 def edge_operators(system: Equilibrium) -> tuple[sp.csr_array, sp.csr_array]:
     """Nodal values to the correction in the middle of each edge (e, n), and that to gradients at centroids (2 m, e)."""
     points, triangles = system.experiment.points, system.experiment.triangles
-    pairs = np.concatenate([triangles[:, [a, (a + 1) % 3]] for a in range(3)])
-    edges, index = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
+    edges, number = unique_edges(triangles)
     slopes, m = kinematics.shape_gradients(points, triangles)[0], len(triangles)
     recovered = recovery.nodal_gradients(points, triangles)
     i, j = edges.T
     length = (points[j] - points[i]) / 8
     middle = sum(sp.diags_array(length[:, k]) @ (recovered[k][i] - recovered[k][j]) for k in range(2))
     rows = np.concatenate([2 * np.arange(m) + k for _ in range(3) for k in range(2)])
-    columns = np.concatenate([index.ravel()[a * m : (a + 1) * m] for a in range(3) for _ in range(2)])
+    columns = np.concatenate([number[a] for a in range(3) for _ in range(2)])
     values = np.concatenate([-4 / 3 * slopes[:, (a + 2) % 3, k] for a in range(3) for k in range(2)])
     return sp.csr_array(middle), sp.csr_array((values, (rows, columns)), shape=(2 * m, len(edges)))
 
@@ -86,5 +86,4 @@ def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
 def edge_middles(system: Equilibrium) -> Array:
     """(e, 2) mm, in the order of `edge_operators`."""
     points, triangles = system.experiment.points, system.experiment.triangles
-    pairs = np.concatenate([triangles[:, [a, (a + 1) % 3]] for a in range(3)])
-    return points[np.unique(np.sort(pairs, axis=1), axis=0)].mean(axis=1)
+    return points[unique_edges(triangles)[0]].mean(axis=1)

@@ -20,8 +20,6 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate.errors import ConfigError
-
 Array = NDArray[np.float64]
 INVARIANTS = ("I1", "I2")
 
@@ -88,17 +86,3 @@ def nominal_stress(energy, F: jax.Array) -> jax.Array:
     unit."""
     psi = lambda f: energy(invariants(f))  # noqa: E731
     return jax.vmap(jax.grad(psi))(F.reshape(-1, 2, 2)).reshape(F.shape)
-
-
-def stretches_to_gradient(mode: str, stretch: Array) -> Array:
-    """In-plane F (k, 2, 2) of a homogeneous `mode` ('uniaxial', 'equibiaxial', 'pure_shear') at stretches (k,).
-
-    Raises `ConfigError` for another mode.
-    """
-    stretch = np.asarray(stretch, dtype=np.float64)
-    lateral = {"uniaxial": stretch**-0.5, "equibiaxial": stretch, "pure_shear": np.ones_like(stretch)}
-    if mode not in lateral:
-        raise ConfigError(f"mode '{mode}' unknown; choose one of {', '.join(lateral)}")
-    F = np.zeros((stretch.size, 2, 2))
-    F[:, 0, 0], F[:, 1, 1] = stretch, lateral[mode]
-    return F

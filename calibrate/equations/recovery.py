@@ -19,6 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from calibrate.data.triangulation import boundary_edges
 from calibrate.equations.kinematics import gradient_operator, shape_gradients
 
 Array = NDArray[np.float64]
@@ -101,28 +102,25 @@ def _least_squares(columns: Array) -> Array:
 def areas(points: Array, triangles: Indices, free_nodes: Indices) -> Array:
     """Areas (m,), mm^2, of triangles whose free edges (both nodes free) follow the circle through their neighbours."""
     plain = shape_gradients(points, triangles)[1]
-    pairs = np.concatenate([triangles[:, [a, (a + 1) % 3]] for a in range(3)])
-    _, first, count = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True, return_counts=True)
-    single = first[count == 1]
-    single = single[np.isin(pairs[single], free_nodes).all(axis=1)]
-    start, end = pairs[single].T
+    edges, owner = boundary_edges(triangles)
+    free = np.isin(edges, free_nodes).all(axis=1)
+    (start, end), owner = edges[free].T, owner[free]
     edge = points[end] - points[start]
     # the edge after each one; none where edges of two holes meet in a node
     follower = np.full(len(points), -1)
-    follower[start] = np.arange(len(single))
+    follower[start] = np.arange(len(start))
     follower[np.bincount(start, minlength=len(points)) > 1] = -1
-    edges = np.flatnonzero(follower[end] >= 0)
-    after = follower[end[edges]]
-    cross = edge[edges, 0] * edge[after, 1] - edge[edges, 1] * edge[after, 0]
-    turn = np.arctan2(cross, (edge[edges] * edge[after]).sum(axis=1))
-    chord = np.linalg.norm(points[end[after]] - points[start[edges]], axis=1)
+    turning = np.flatnonzero(follower[end] >= 0)
+    after = follower[end[turning]]
+    cross = edge[turning, 0] * edge[after, 1] - edge[turning, 1] * edge[after, 0]
+    turn = np.arctan2(cross, (edge[turning] * edge[after]).sum(axis=1))
+    chord = np.linalg.norm(points[end[after]] - points[start[turning]], axis=1)
     smooth = np.abs(turn) < SMOOTH
     curvature = np.full(len(points), np.nan)
-    curvature[end[edges[smooth]]] = 2 * np.sin(turn[smooth]) / chord[smooth]
+    curvature[end[turning[smooth]]] = 2 * np.sin(turn[smooth]) / chord[smooth]
     at_ends = np.stack([curvature[start], curvature[end]])
     known = np.isfinite(at_ends)
     mean = np.where(known, at_ends, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    owner = single % len(triangles)
     limit = SEGMENT * plain[owner]
     segment = np.clip(mean * np.linalg.norm(edge, axis=1) ** 3 / 12, -limit, limit)
     return plain + np.bincount(owner, segment, len(triangles))

@@ -21,7 +21,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from calibrate.data.experiment import Experiment, boundary_nodes
+from calibrate.data.experiment import Experiment
+from calibrate.data.triangulation import boundary_nodes
 from calibrate.errors import ConfigError
 
 Array = NDArray[np.float64]

@@ -22,6 +22,7 @@ from scipy.optimize import nnls
 
 from calibrate import errors
 from calibrate.equations.basis import PlaneStrainBasis, Spline
+from calibrate.equations.inputs import INPUT_SETS
 from calibrate.equations.reduction import Quadratic
 from calibrate.models import pann
 
@@ -54,7 +55,7 @@ def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24) -> Array:
     In plane strain with the best bulk modulus, not negative. Raises `FitError` when the loss has no information at all.
     """
     basis = quadratic.basis
-    columns = np.concatenate([monotone_functions(basis, k, n) for k in pann.INPUT_SETS[inputs]])
+    columns = np.concatenate([monotone_functions(basis, k, n) for k in INPUT_SETS[inputs]])
     E = basis.interpolation @ columns.reshape(len(columns), -1).T
     if isinstance(basis, PlaneStrainBasis):
         E = np.column_stack([E, np.eye(basis.n_functions)[:, -1]])
@@ -151,7 +152,7 @@ class _Residual:
 
     def _derivatives(self, theta, sites, scales):
         """psi_k at the sites (n, 2): derivative by J_k, zero for an input that is not used."""
-        index = list(pann.INPUT_SETS[self.architecture.inputs])
+        index = list(INPUT_SETS[self.architecture.inputs])
         x = (sites * scales)[:, jnp.array(index)]
         gradient = jax.vmap(jax.grad(lambda y: pann._network(self.architecture, theta, y)))(x)
         result = jnp.zeros(sites.shape)
@@ -182,7 +183,7 @@ def fit_network(
     scales = 1.0 / np.maximum(np.abs(sites).max(axis=0), 1e-300)
     inverse = np.linalg.pinv(basis.interpolation)
     target = (inverse @ spline).reshape(len(sites), 2)
-    index = list(pann.INPUT_SETS[inputs])
+    index = list(INPUT_SETS[inputs])
     level = max(float(np.abs(target[:, k]).max() / scales[k]) for k in index)
     if not level > 0:
         raise errors.FitError("the convex spline fit is zero: forces do not grow with deformation")

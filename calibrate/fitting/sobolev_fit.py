@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.equations.basis import basis_for, polyconvex
-from calibrate.equations.kinematics import INVARIANTS, invariants_and_derivatives, stretches_to_gradient
+from calibrate.equations.deformation_modes import MODES, stretches_to_gradient
+from calibrate.equations.inputs import INPUT_SETS
+from calibrate.equations.kinematics import INVARIANTS, invariants_and_derivatives
 from calibrate.equations.reduction import Quadratic
 from calibrate.fitting import network_fit
 from calibrate.models import pann
@@ -30,7 +32,6 @@ from calibrate.models.network_model import Model
 Array = NDArray[np.float64]
 Curves = Mapping[str, tuple[Array, Array]]
 RIDGE = 1e-6
-MODES = ("uniaxial", "equibiaxial", "pure_shear")
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ def fit_supervised(
     data = tuple(map(jnp.asarray, (sites, slopes, stress, weight, np.array(architecture.scales))))
     keys = jax.random.split(jax.random.key(seed), n_starts)
     starts = [jnp.asarray(first.parameters), *(architecture.random_start(key) for key in keys)]
-    if len(pann.INPUT_SETS[inputs]) > 1:
+    if len(INPUT_SETS[inputs]) > 1:
         # a network of one input is one of both: without this start the fit may end worse than that
         single = fit_supervised(curves, "I1", layers, n_starts, seed, limit, ridge).model
         embedded = _embedded(single, architecture)

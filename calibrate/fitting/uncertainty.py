@@ -17,96 +17,18 @@ for the fitted one, because noise in G adds to it; both cancel relative to the s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
-
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.equations.basis import Basis
+from calibrate.equations.inputs import REFERENCE
 from calibrate.equations.reduction import Quadratic
 from calibrate.fitting import network_fit
 from calibrate.fitting.bounded_normal import bounded_factor
 from calibrate.models import pann
+from calibrate.models.parameter_covariance import Uncertainty, values_and_slopes
 
 Array = NDArray[np.float64]
-BAND = 1.959963984540054  # standard deviations on either side: 95 % of a normal distribution
-MISFIT = 1.5  # reduced chi-square above which the residuals are no longer taken for noise
-
-
-@dataclass(frozen=True, eq=False)
-class Uncertainty:
-    """factor (n_parameters, k): covariance of the parameters = factor factor^T.
-
-    effective_parameters: how many directions of the parameters the data fix.
-    reduced_chi_square: loss / (equations - effective parameters); of arbitrary level where the noise is unknown.
-    """
-
-    factor: Array
-    effective_parameters: float
-    reduced_chi_square: float
-    noise_is_known: bool
-
-    @property
-    def covariance(self) -> Array:
-        """(n_parameters, n_parameters)."""
-        return self.factor @ self.factor.T
-
-    @property
-    def scale(self) -> float:
-        """What the covariance was multiplied by."""
-        return max(1.0, self.reduced_chi_square) if self.noise_is_known else self.reduced_chi_square
-
-    @property
-    def is_lower_bound(self) -> bool:
-        """Whether noise does not explain the residuals, or may not: then part of them is an error of the model."""
-        return not self.noise_is_known or self.reduced_chi_square > MISFIT
-
-    def meaning(self) -> str:
-        """What a band of this uncertainty holds, in one or two sentences."""
-        if not self.noise_is_known:
-            text = (
-                "The noise is unknown, so the residuals themselves set the size of the 95 % bands; what the model "
-                "leaves out is among them as if it were noise. Take the bands as a lower bound."
-            )
-        elif self.is_lower_bound:
-            text = (
-                f"The 95 % bands are widened by the square root of the reduced chi-square ({self.reduced_chi_square:.3g}):"
-                " noise does not explain the residuals, and an error of the model is not noise. Take the bands as a "
-                "lower bound."
-            )
-        else:
-            text = "The 95 % bands hold the measurement noise and what it leaves undetermined, not errors of the model."
-        return text + f" The data fix {self.effective_parameters:.2g} directions of the network's parameters."
-
-    def deviation(self, architecture: pann.Architecture, parameters: Array, invariants: Array, weights: Array) -> Array:
-        """Standard deviation (...) of sum_k weights_k d psi / dI_k at invariants, weights (..., 2), to first order;
-        in the unit of the energy where the weights have none."""
-        slopes = values_and_slopes(architecture, parameters, invariants)[1]
-        return np.linalg.norm(np.einsum("...kp,...k->...p", slopes, weights) @ self.factor, axis=-1)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Content for a model file; `from_dict` reads it."""
-        return {
-            "factor": self.factor.tolist(),
-            "effective_parameters": self.effective_parameters,
-            "reduced_chi_square": self.reduced_chi_square,
-            "noise_is_known": self.noise_is_known,
-        }
-
-    @classmethod
-    def from_dict(cls, content: dict[str, Any], n_parameters: int) -> Uncertainty:
-        """From the content of a model file. Raises KeyError, TypeError or ValueError."""
-        factor = np.asarray(content["factor"], float)
-        numbers = float(content["effective_parameters"]), float(content["reduced_chi_square"])
-        if factor.ndim != 2 or len(factor) != n_parameters or not np.isfinite(factor).all():
-            raise ValueError(f"uncertainty: factor must be {n_parameters} rows of finite numbers")
-        if not all(0 <= number < np.inf for number in numbers):
-            raise ValueError("uncertainty: effective_parameters and reduced_chi_square must be finite, not negative")
-        return cls(factor, *numbers, bool(content["noise_is_known"]))
 
 
 def parameter_uncertainty(
@@ -151,25 +73,9 @@ def prior_precision(quadratic: Quadratic, d: Array) -> float:
     return floor / max(quadratic.n_rows, 1) / network_fit.PRIOR_STD**2 + 1e-14 * explained
 
 
-def values_and_slopes(architecture: pann.Architecture, parameters: Array, invariants: Array) -> tuple[Array, Array]:
-    """d psi / d(I1, I2) (..., 2) at invariants (..., 2), and its derivative (..., 2, n_parameters) by the parameters."""
-    a, shape = architecture, np.shape(invariants)
-    flat, theta = jnp.asarray(invariants).reshape(-1, 2), jnp.asarray(parameters)
-    found = _values_and_slopes(a.inputs, tuple(a.layers), jnp.asarray(a.scales), a.energy_scale, theta, flat)
-    return np.asarray(found[0]).reshape(shape), np.asarray(found[1]).reshape(*shape, -1)
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _values_and_slopes(inputs, layers, scales, energy_scale, parameters, invariants):
-    """Compiled once for each size of network, whatever its scales."""
-    architecture = pann.Architecture(inputs, layers, (scales[0], scales[1]), energy_scale)
-    value = lambda p: pann.energy_derivatives(architecture, p, invariants)  # noqa: E731
-    return value(parameters), jax.jacfwd(value)(parameters)
-
-
 def _coefficients_and_slopes(architecture: pann.Architecture, basis: Basis, parameters: Array) -> tuple[Array, Array]:
     """Spline coefficients (n_functions,) of a network and their derivative (n_functions, n_parameters)."""
-    inputs = np.nan_to_num(basis.site_inputs) + pann.REFERENCE
+    inputs = np.nan_to_num(basis.site_inputs) + REFERENCE
     invariants = np.stack([inputs[:, 0], inputs[:, 1] ** (2 / 3)], axis=1)
     values, slopes = values_and_slopes(architecture, parameters, invariants)
     to_inputs = np.stack([np.ones(len(inputs)), 1.5 * np.sqrt(invariants[:, 1])], axis=1)  # dI2 to d I2^(3/2)

@@ -27,8 +27,16 @@ from calibrate import errors
 from calibrate.data.files import read_model, write_atomically
 from calibrate.equations import isochoric as plane_strain
 from calibrate.equations import kinematics
-from calibrate.fitting.uncertainty import Uncertainty
+from calibrate.equations.deformation_modes import (
+    LARGEST_STRETCH,
+    MODES,
+    largest_stretch,
+    mode_invariants,
+    stretches_to_gradient,
+)
+from calibrate.equations.inputs import INPUT_SETS
 from calibrate.models import pann
+from calibrate.models.parameter_covariance import Uncertainty
 
 FORMAT, VERSION = "equigap-model", 1
 OTHERS = {
@@ -37,6 +45,7 @@ OTHERS = {
     "'network' (the base alone) as a file of its own"
 }
 UNITS = ("MPa", "N/mm")
+STRETCH_STEP = 1e-3
 Array = NDArray[np.float64]
 
 
@@ -101,14 +110,13 @@ class Model:
 
         mode: 'uniaxial', 'equibiaxial' or 'pure_shear'; raises `ConfigError` for another.
         """
-        F = kinematics.stretches_to_gradient(mode, stretch)
+        F = stretches_to_gradient(mode, stretch)
         return self.nominal_stress(F)[:, 0, 0]
 
     def homogeneous_deviation(self, mode: str, stretch: Array) -> Array | None:
         """Standard deviation (k,), MPa (or N/mm), of `homogeneous`; None where no uncertainty is known."""
-        values, first = map(
-            np.asarray, kinematics.invariants_and_derivatives(kinematics.stretches_to_gradient(mode, stretch))
-        )
+        F = jnp.asarray(stretches_to_gradient(mode, stretch))
+        values, first = map(np.asarray, kinematics.invariants_and_derivatives(F))
         return self.deviation(values, first[:, :, 0, 0])
 
     def deviation(self, invariants: Array, weights: Array) -> Array | None:
@@ -120,10 +128,24 @@ class Model:
     def in_range(self, invariants: Array) -> NDArray[np.bool_]:
         """Whether invariants (..., 2) lie within the calibrated range of the inputs the model uses."""
         inside = np.ones(invariants.shape[:-1], bool)
-        for i in pann.INPUT_SETS[self.architecture.inputs]:
+        for i in INPUT_SETS[self.architecture.inputs]:
             low, high = self.calibrated_range.get(kinematics.INVARIANTS[i], (-np.inf, np.inf))
             inside &= (invariants[..., i] >= low) & (invariants[..., i] <= high)
         return inside
+
+    def largest_stretch(self, mode: str) -> float:
+        """Largest stretch of a mode in the calibrated range of the inputs the model uses, rounded down to `STRETCH_STEP`;
+        infinite where the model states no range. Raises `ConfigError` for an unknown mode."""
+        if mode not in MODES:
+            raise errors.ConfigError(f"mode '{mode}' unknown; choose one of {', '.join(MODES)}")
+        found = [np.inf]
+        for i in INPUT_SETS[self.architecture.inputs]:
+            limit = self.calibrated_range.get(kinematics.INVARIANTS[i], (-np.inf, np.inf))[1]
+            if limit < mode_invariants(mode, np.array([LARGEST_STRETCH]))[0, i]:
+                found.append(largest_stretch(mode, limit, i))
+        # a hundredth of a millionth of a step: rounding of the root must not cost a whole step
+        steps = np.floor((min(found) - 1) / STRETCH_STEP + 1e-8)
+        return float(1 + steps * STRETCH_STEP)
 
     def to_dict(self) -> dict[str, Any]:
         """Content of a model file, see the module; `from_dict` reads it."""

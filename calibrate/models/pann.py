@@ -25,10 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
+from calibrate.equations.inputs import INPUT_SETS, REFERENCE
 
 Array = NDArray[np.float64]
-INPUT_SETS = {"I1": (0,), "I2": (1,), "I1I2": (0, 1)}
-REFERENCE = np.array([3.0, 3.0**1.5])
 
 
 @dataclass(frozen=True)

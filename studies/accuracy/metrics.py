@@ -6,19 +6,15 @@ uniaxial, equi-biaxial and pure-shear tension, up to the stretch where I1 reache
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
-from calibrate.equations.kinematics import invariants_and_derivatives, stretches_to_gradient
+from calibrate.equations.deformation_modes import MODES, Derivatives, largest_stretch, nominal_stress
 from calibrate.models.network_model import Model
 
 Array = NDArray[np.float64]
-MODES = ("uniaxial", "equibiaxial", "pure_shear")
-Derivatives = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -33,24 +29,6 @@ class ArrudaBoyceTruth:
         I1 = invariants[..., 0]
         slope = self.mu * sum((k + 1) * c[k] / self.N**k * I1**k for k in range(5))
         return np.stack([slope, np.zeros_like(slope)], axis=-1)
-
-
-def first_invariant(mode: str, stretch: Array) -> Array:
-    """I1 (k,) in a homogeneous mode at stretches (k,)."""
-    return np.asarray(invariants_and_derivatives(stretches_to_gradient(mode, np.atleast_1d(stretch)))[0])[:, 0]
-
-
-def largest_stretch(mode: str, I1: float) -> float:
-    """Stretch > 1 at which a homogeneous mode reaches the first invariant `I1`."""
-    if I1 <= 3.0:
-        return 1.0
-    return float(brentq(lambda x: float(first_invariant(mode, x)[0]) - I1, 1.0, 20.0))
-
-
-def nominal_stress(derivatives: Derivatives, mode: str, stretch: Array) -> Array:
-    """Nominal stress (k,) along the pull from d psi / d(I1, I2), MPa."""
-    values, first = map(np.asarray, invariants_and_derivatives(stretches_to_gradient(mode, stretch)))
-    return np.einsum("mk,mk->m", derivatives(values), first[:, :, 0, 0])
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
+from calibrate.equations.deformation_modes import MODES, Derivatives, largest_stretch, nominal_stress
 from calibrate.fitting.calibration import Options, calibrate
-from calibrate.fitting.uncertainty import BAND
 from calibrate.models.network_model import Model
-from studies.accuracy.metrics import MODES, ArrudaBoyceTruth, Derivatives, largest_stretch, nominal_stress
+from calibrate.models.parameter_covariance import BAND
+from studies.accuracy.metrics import ArrudaBoyceTruth
 from studies.synthetic import camera
 
 Array = NDArray[np.float64]

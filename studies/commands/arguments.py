@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -85,3 +86,25 @@ def _words(path: str | Path, option: str, action: argparse.Action, value: Any) -
             return [f"{option}={','.join(map(str, value))}"]
         return [option, *map(str, value)]
     return [f"{option}={value}"]
+
+
+def run(name: str, command: Any, words: Sequence[str]) -> None:
+    """Run a command that has `add_arguments(parser)` and `main(args)`. Raises `OptionError`."""
+    module = importlib.import_module(command.target)
+    parser = Parser(
+        prog=f"equigap {name}", description=getattr(module, "DESCRIPTION", command.summary.capitalize() + "."),
+        formatter_class=argparse.RawDescriptionHelpFormatter, epilog=f"examples:\n  {command.examples}",
+        allow_abbrev=False,
+    )  # fmt: skip
+    module.add_arguments(parser)
+    parser.add_argument("--config", metavar="FILE.toml", help="read options from a TOML file; the command line wins")
+    rest = list(words)
+    check_options(rest, parser)
+    for path in config_files(rest):
+        rest = [*read_config(path, parser), f"--config={path}", *rest]
+    args, unknown = parser.parse_known_args(rest)
+    if unknown:
+        raise OptionError(f"unexpected '{unknown[0]}'; see `{parser.prog} --help`")
+    args.command = name
+    del args.config
+    module.main(args)

@@ -6,7 +6,6 @@ record beside it. Each study runs as a command of its own; those that are finish
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -15,15 +14,19 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from studies.commands.options import count
-from studies.errors import StudyError
+from cyclopts import Parameter
 
-DESCRIPTION = """\
-Makes every figure and table of all studies in one folder, with a page that shows them all. `--scale quick` takes some minutes,
-`default` some hours, `full` a day. A run that was stopped goes on where it was; studies that need data which are not there
-are named and left out."""
+from calibrate.errors import DataNotFoundError
+from studies.commands.option_types import Count, Names, OutputFolder, Overwrite, default_folder, nearest
+from studies.commands.outcome import Outcome
+from studies.errors import OptionError, StudyError
+from studies.importers import measured_data
+from studies.output import open_output_folder, write_json, write_text
+from studies.output.manifest import revision, versions
+from studies.output.report import page, thumbnail
+
 SCALES = ("quick", "default", "full")
 RECORDS = "finished"  # folder of what is finished
 PATIENCE = 10  # s for a command to end by itself when all is interrupted
@@ -84,62 +87,76 @@ STEPS = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `equigap figures`."""
-    parser.add_argument("--scale", choices=SCALES, default="default", help="how much (default: %(default)s)")
-    parser.add_argument("--only", metavar="STUDY,STUDY,...", help="of " + ", ".join(step.name for step in STEPS))
-    parser.add_argument("--jobs", type=count, default=os.cpu_count() or 1, help="cases side by side (%(default)s)")
-    group = parser.add_argument_group("output")
-    group.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="(default: results/figures-SCALE)")
-    group.add_argument("--overwrite", action="store_true", help="make everything anew")
+@dataclass(frozen=True)
+class AllFigures(Outcome):
+    """A run. absent: {study: why it was left out}; failed: {study: its log}; page: that shows everything."""
+
+    steps: tuple[Step, ...]
+    folder: Path
+    absent: dict[str, str]
+    failed: dict[str, Path]
+    page: Path
+
+    def lines(self) -> Iterable[str]:
+        """Times, what was left out, and the page."""
+        yield from costs(self.folder, self.steps)
+        for name, why in self.absent.items():
+            yield f"- {name}: left out, {why}"
+        yield f"figures: {self.page}"
+
+    def failure(self) -> StudyError | None:
+        """Studies that failed."""
+        if not self.failed:
+            return None
+        logs = ", ".join(map(str, self.failed.values()))
+        return StudyError(f"{', '.join(self.failed)} failed, see {logs}; the same command goes on with what is missing")
 
 
-def main(args: argparse.Namespace) -> int:
-    """Run what is not finished, write the page. Raises `StudyError` where a study failed, `OptionError`."""
-    from studies.output import open_output_folder
+def figures(
+    *,
+    scale: Literal["quick", "default", "full"] = "default",
+    only: Annotated[Names, Parameter(help="of " + ", ".join(step.name for step in STEPS))] = (),
+    jobs: Count = os.cpu_count() or 1,
+    output: Annotated[OutputFolder, Parameter(help="folder (default: results/figures-SCALE)")] = None,
+    overwrite: Overwrite = False,
+) -> AllFigures:
+    """Make every figure and table of all studies in one folder, with a page that shows them all.
 
-    steps = chosen(args.only)
-    folder = (args.output or Path("results") / f"figures-{args.scale}").resolve()
-    open_output_folder(folder, args.overwrite, {"study": "figures", "scale": args.scale})
+    Scale quick takes some minutes, default some hours, full a day. A run that was stopped goes on where it was; studies that need
+    data which are not there are named and left out.
+
+    Args:
+        scale: how much
+        jobs: cases side by side
+
+    Raises:
+        OptionError: unknown study.
+    """
+    steps = chosen(only)
+    folder = (output or default_folder(f"figures-{scale}")).resolve()
+    open_output_folder(folder, overwrite, {"study": "figures", "scale": scale})
     absent = missing_data(steps)
-    failed = run_all([s for s in steps if s.name not in absent], args.scale, folder, args.jobs)
-    page = write_page(folder, args.scale, absent, failed)
-    print("\n".join(costs(folder, steps)))
-    for name, why in absent.items():
-        print(f"- {name}: left out, {why}")
-    print(f"figures: {page}")
-    if failed:
-        logs = ", ".join(str(folder / RECORDS / f"{name}.log") for name in failed)
-        raise StudyError(f"{', '.join(failed)} failed, see {logs}; the same command goes on with what is missing")
-    return 0
+    names = run_all([s for s in steps if s.name not in absent], scale, folder, jobs)
+    failed = {name: folder / RECORDS / f"{name}.log" for name in names}
+    return AllFigures(tuple(steps), folder, absent, failed, write_page(folder, scale, absent, names))
 
 
-def chosen(only: str | None) -> list[Step]:
-    """Steps of --only, or all. Raises `OptionError`."""
-    from studies.commands.options import nearest
-    from studies.errors import OptionError
-
+def chosen(only: Sequence[str]) -> list[Step]:
+    """Steps by name, or all. Raises `OptionError`."""
     names = [step.name for step in STEPS]
-    if only is None:
-        return list(STEPS)
-    wanted = [name.strip() for name in only.split(",") if name.strip()]
-    for name in wanted:
+    for name in only:
         if name not in names:
             raise OptionError(f"--only {name}: no such study{nearest(name, names)}; choose from {', '.join(names)}")
-    return [step for step in STEPS if step.name in wanted]
+    return [step for step in STEPS if step.name in (only or names)]
 
 
 def missing_data(steps: Iterable[Step]) -> dict[str, str]:
     """Studies whose data are neither there nor to be fetched, and why."""
-    from calibrate.errors import DataNotFoundError
-    from studies.commands.measured import SHEETS
-    from studies.importers import measured_data
-
     absent = {}
     for step in steps:
         if step.data:
             try:
-                for name in SHEETS:
+                for name in measured_data.SHEETS:
                     measured_data.sheet(name)
             except DataNotFoundError as error:
                 absent[step.name] = str(error)
@@ -154,9 +171,6 @@ def run_all(
     run: Callable[[list[str], Path], tuple[int, float]] | None = None,
 ) -> list[str]:
     """Run the steps that are not finished, in order; the names of those that failed."""
-    from studies.output.manifest import revision
-    from studies.output.writing import write_json
-
     failed = []
     for i, step in enumerate(steps, start=1):
         line, record = step.line(scale, folder, jobs), folder / RECORDS / f"{step.name}.json"
@@ -246,10 +260,6 @@ def collected(folder: Path) -> list[dict[str, Any]]:
 
 def write_page(folder: Path, scale: str, absent: dict[str, str], failed: Sequence[str]) -> Path:
     """``figures.json`` and ``index.html``: reports to open, and every picture."""
-    from studies.output.manifest import revision, versions
-    from studies.output.report import page
-    from studies.output.writing import write_json, write_text
-
     files = collected(folder)
     content = {
         "format": "equigap-figures",
@@ -274,8 +284,6 @@ def write_page(folder: Path, scale: str, absent: dict[str, str], failed: Sequenc
 
 def _small(folder: Path, path: Path) -> dict[str, str]:
     """A picture as the page shows it: its path, a small copy and words for who cannot see it."""
-    from studies.output.report import thumbnail
-
     place = path.relative_to(folder)
     alt = f"{place.parts[0]}: {path.stem.replace('_', ' ')}"
     return {"path": str(place), "source": thumbnail(path, THUMBNAIL), "alt": alt}

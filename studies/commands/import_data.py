@@ -6,100 +6,136 @@ In: a published sheet by name, a packed ``.npz``, a folder of DIC frames with a 
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
+from studies.commands.option_types import CountOrList, OutputFolder, Overwrite, default_folder
+from studies.commands.outcome import Outcome
 from studies.importers import column_import, column_map, measured_data, printed_sheets
 from studies.importers.missing_frames import with_missing_frames
+from studies.importers.printed_sheets import SheetOptions
 from studies.importers.series import Series, to_experiment
 from studies.importers.synchronise import Selection
-from studies.output.folder import open_output_folder
-from studies.output.manifest import Manifest
+from studies.output import Manifest, open_output_folder
 from studies.output.viewer import write_viewer_file
-from studies.reports.import_report import picture, report, summary, write_report
+from studies.reports.experiments.import_report import picture, report_lines, summary, write_report
 
 SHEETS_ONLY = "not for column maps, which say this in the TOML"
-OF_ANY_SOURCE = {"source", "output", "overwrite", "command"}
-DESCRIPTION = "Read measured full-field data into an Experiment (docs/import.md)."
+SOURCE = (
+    f"a published sheet ({', '.join(measured_data.SHEETS)}), a packed .npz, a folder of frames, or a column map .toml"
+)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `equigap import`."""
-    parser.add_argument(
-        "source",
-        help=f"a published sheet ({', '.join(measured_data.SHEETS)}), a packed .npz, a folder of frames, or a column map .toml",
-    )
-    parser.add_argument("-o", "--output", type=Path, help="output folder (default: results/import-NAME)")
-    parser.add_argument("--overwrite", action="store_true", help="replace an earlier import in that folder")
-    parser.add_argument("--name", help="name of the experiment (default: from the source; not for column maps)")
-    parser.add_argument("--record", type=Path, help="machine record (CSV: Time, Displacement, Force) of a folder")
-    _add_frames(parser.add_argument_group(f"which frames ({SHEETS_ONLY})"))
-    _add_sheet(parser.add_argument_group(f"sheets in pixels ({SHEETS_ONLY})"))
-    _add_noise(parser.add_argument_group(f"noise, default: estimated from all frames ({SHEETS_ONLY})"))
+@Parameter(name="*", group=f"Which frames ({SHEETS_ONLY})")
+@dataclass(frozen=True)
+class Frames:
+    """Which frames become increments."""
+
+    frames: CountOrList = 12
+    """how many, spread evenly over the loading, or frame numbers with commas between"""
+    until: float | None = None
+    """last time used, s on the clock of the machine"""
+    tare: float | None = None
+    """force that counts as zero, N (default: that of frame 0)"""
+
+    @property
+    def selection(self) -> Selection:
+        """The same as the importers take it. Raises `ConfigError`."""
+        if isinstance(self.frames, int):
+            return Selection(count=self.frames, until=self.until, tare=self.tare)
+        return Selection(frames=tuple(self.frames), until=self.until, tare=self.tare)
 
 
-def _add_frames(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--frames", default="12", metavar="N|I,J,...",
-        help="how many, spread evenly over the loading, or a list of frame numbers (default: 12)",
-    )  # fmt: skip
-    group.add_argument("--until", type=float, metavar="S", help="last time used, s on the clock of the machine")
-    group.add_argument("--tare", type=float, metavar="N", help="force that counts as zero (default: that of frame 0)")
+@Parameter(name="*", group=f"Noise, default: estimated from all frames ({SHEETS_ONLY})")
+@dataclass(frozen=True)
+class NoiseChoice:
+    """Noise, estimated or stated."""
+
+    noise: Literal["total", "temporal"] = "total"
+    """estimate all errors of a frame, or only those that change from frame to frame"""
+    displacement_std: float | None = None
+    """state the noise instead of estimating it, mm"""
+    correlation_length: float = 0.0
+    """of the stated noise, mm"""
+    force_std: float = 0.0
+    """of the stated noise, N"""
+
+    @property
+    def stated(self) -> Noise | None:
+        """The noise that is stated, None where it is to be estimated."""
+        if self.displacement_std is None:
+            return None
+        return Noise(self.displacement_std, self.correlation_length, 0.0, self.force_std)
 
 
-def _add_sheet(group: argparse._ArgumentGroup) -> None:
-    default = printed_sheets.SheetOptions()
-    group.add_argument("--scale", type=float, default=default.scale, metavar="MM", help="mm per pixel (%(default)s)")
-    group.add_argument("--frame-rate", type=float, metavar="HZ", help="frames per second (default: file's own, else 5)")
-    group.add_argument(
-        "--offset",
-        type=float,
-        default=0.0,
-        metavar="S",
-        help="time of frame 0 on the clock of the machine (0)",
-    )
-    group.add_argument("--drop-rows", type=int, default=default.drop_rows, help="unreliable rows a side (%(default)s)")
-    group.add_argument(
-        "--drop-columns",
-        type=int,
-        default=default.drop_columns,
-        help="unreliable columns a side (%(default)s)",
-    )
-    group.add_argument(
-        "--edge-columns", choices=printed_sheets.EDGE_COLUMNS, default=default.edge_columns,
-        help="unreliable columns are replaced from their neighbours, left out, or trusted (%(default)s)",
-    )  # fmt: skip
-    group.add_argument(
-        "--free-edges", choices=printed_sheets.FREE_EDGES, default=default.free_edges,
-        help="whether the left and right rim carry no traction (auto: yes)",
-    )  # fmt: skip
-    group.add_argument("--thickness", type=float, metavar="MM", help="thickness (default: unknown)")
+@dataclass(frozen=True)
+class Request:
+    """All options of an import beside its source."""
+
+    name: str | None = None
+    record: Path | None = None
+    frames: Frames = field(default_factory=Frames)
+    sheet: SheetOptions = field(default_factory=SheetOptions)
+    noise: NoiseChoice = field(default_factory=NoiseChoice)
+
+    def given(self) -> list[str]:
+        """Names of the options that differ from their default."""
+        usual = Request()
+        names = [name for name in ("name", "record") if getattr(self, name) != getattr(usual, name)]
+        for part in ("frames", "sheet", "noise"):
+            mine, default = getattr(self, part), getattr(usual, part)
+            names += [f.name for f in fields(mine) if getattr(mine, f.name) != getattr(default, f.name)]
+        return names
 
 
-def _add_noise(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
-        "--noise", choices=("total", "temporal"), default="total",
-        help="estimate all errors of a frame, or only those that change from frame to frame (%(default)s)",
-    )  # fmt: skip
-    group.add_argument("--displacement-std", type=float, metavar="MM", help="state the noise instead of estimating it")
-    group.add_argument("--correlation-length", type=float, metavar="MM", default=0.0, help="of the stated noise (0)")
-    group.add_argument("--force-std", type=float, metavar="N", default=0.0, help="of the stated noise (0)")
+@dataclass(frozen=True)
+class Imported(Outcome):
+    """An Experiment that was read. path: of its file."""
+
+    experiment: Experiment
+    path: Path
+    report: Path
+
+    def lines(self) -> Iterable[str]:
+        """What was read, and the files."""
+        yield from report_lines(self.experiment, self.path)
+        yield f"report: {self.report}"
 
 
-def main(args: argparse.Namespace) -> int:
-    """Import, write, and print a summary. Raises named errors of `calibrate.errors` and `studies.errors`."""
-    series, selection, noise, kind, inputs = _read(args)
-    experiment = to_experiment(series, selection, noise, kind)
-    settings = {key: value for key, value in vars(args).items() if not callable(value) and key not in _NOT_SETTINGS}
+def import_data(
+    source: Annotated[str, Parameter(help=SOURCE)],
+    /,
+    *,
+    name: str | None = None,
+    record: Path | None = None,
+    frames: Frames = Frames(),
+    sheet: Annotated[SheetOptions, Parameter(name="*", group=f"Sheets in pixels ({SHEETS_ONLY})")] = SheetOptions(),
+    noise: NoiseChoice = NoiseChoice(),
+    output: OutputFolder = None,
+    overwrite: Overwrite = False,
+) -> Imported:
+    """Read measured full-field data into an Experiment (docs/import.md).
+
+    The folder is results/import-NAME unless told.
+
+    Args:
+        name: of the experiment (default: from the source; not for column maps)
+        record: machine record (CSV: Time, Displacement, Force) of a folder
+
+    Raises:
+        EquigapError: whatever the reader of the source and `series.to_experiment` find.
+    """
+    series, selection, stated, kind, inputs = read(str(source), Request(name, record, frames, sheet, noise))
+    experiment = to_experiment(series, selection, stated, kind)
+    settings = {"source": source, "name": name, "record": record, **asdict(frames), **asdict(sheet), **asdict(noise)}
     folder = open_output_folder(
-        args.output or Path("results") / f"import-{experiment.name}",
-        args.overwrite,
-        {"study": "import", **settings},
+        output or default_folder(f"import-{experiment.name}"), overwrite, {"study": "import", **settings}
     )
     manifest = Manifest(settings=settings, inputs=inputs)
     target = folder / "experiment.npz"
@@ -107,59 +143,45 @@ def main(args: argparse.Namespace) -> int:
     write_viewer_file(experiment, target.with_suffix(".vtu"))
     picture(experiment, series, folder / "experiment.png")
     manifest.beside(target, folder / "experiment.png", **summary(experiment))
-    report(experiment, target)
-    print(f"report: {write_report(experiment, folder, manifest)}")
-    return 0
-
-
-_NOT_SETTINGS = {"output", "overwrite", "command"}
+    return Imported(experiment, target, write_report(experiment, folder, manifest))
 
 
 def import_experiment(source: str | Path, **options: Any) -> Experiment:
-    """The Experiment that `equigap import SOURCE` makes; options as on the command line, '_' for '-'.
+    """The Experiment that `equigap import SOURCE` makes. options: fields of `Request`.
 
-    Raises `ConfigError` for an unknown option, and whatever the reader of the source and `series.to_experiment` find.
+    Raises whatever the reader of the source and `series.to_experiment` find.
     """
-    parser = argparse.ArgumentParser()
-    add_arguments(parser)
-    args = parser.parse_args([str(source)])
-    for key, value in options.items():
-        if not hasattr(args, key):
-            raise errors.ConfigError(f"option '{key}' unknown; see `equigap import --help`")
-        setattr(args, key, value)
-    series, selection, noise, kind, _ = _read(args)
+    series, selection, noise, kind, _ = read(str(source), Request(**options))
     return to_experiment(series, selection, noise, kind)
 
 
 Read = tuple[Series, Selection, Noise | None, str, list[Path]]
 
 
-def _read(args: argparse.Namespace) -> Read:
-    source = Path(args.source)
+def read(text: str, request: Request) -> Read:
+    """Whatever a source names, as a Series, with what is to be made of it and the files that were read.
+
+    Raises `FileFormatError`, `DataNotFoundError`, `MissingForceError`, `ConfigError`.
+    """
+    source = Path(text)
     if source.suffix == ".toml":
-        return _read_map(args, source)
+        return _read_map(request, source)
     if source.is_file() and source.suffix != ".npz":
         raise errors.FileFormatError(f"{source}: give a packed .npz, a folder of frames, or a column map .toml")
-    if str(args.source) in measured_data.SHEETS and not source.exists():
-        reader: Callable[..., Any] = _read_packed
-        source = measured_data.sheet(str(args.source))
-    elif source.suffix == ".npz":
-        reader = _read_packed
+    reader = _read_packed
+    if text in measured_data.SHEETS and not source.exists():
+        source = measured_data.sheet(text)
     elif source.is_dir():
         reader = _read_folder
-    else:
+    elif source.suffix != ".npz":
         raise errors.DataNotFoundError(
             f"{source}: neither a published sheet ({', '.join(measured_data.SHEETS)}) nor a file or folder that exists"
         )
-    frames, record, inputs = reader(source, args.record)
-    options = printed_sheets.SheetOptions(
-        args.scale, args.frame_rate, args.offset, args.drop_rows, args.drop_columns, args.edge_columns,
-        args.free_edges, args.thickness,
-    )  # fmt: skip
-    series = printed_sheets.sheet_series(frames, record, options, args.name or source.stem)
+    frames, record, inputs = reader(source, request.record)
+    series = printed_sheets.sheet_series(frames, record, request.sheet, request.name or source.stem)
     series.provenance["source"] = source.name
     series = with_missing_frames(series)
-    return series, _selection(args), _stated(args), args.noise, inputs
+    return series, request.frames.selection, request.noise.stated, request.noise.noise, inputs
 
 
 def _read_packed(source: Path, record_file: Path | None) -> tuple[Any, Any, list[Path]]:
@@ -182,36 +204,14 @@ def _read_folder(source: Path, record_file: Path | None) -> tuple[Any, Any, list
     return printed_sheets.read_frames(source), record, [*printed_sheets.frame_files(source), record_file]
 
 
-def _read_map(args: argparse.Namespace, source: Path) -> Read:
-    usual = argparse.ArgumentParser()
-    add_arguments(usual)
-    for key, value in vars(usual.parse_args([str(source)])).items():
-        if key not in OF_ANY_SOURCE and getattr(args, key, value) != value:
-            raise errors.ConfigError(
-                f"--{key.replace('_', '-')} is not for a column map; say it in {source.name} (docs/import.md)"
-            )
+def _read_map(request: Request, source: Path) -> Read:
+    for name in request.given():
+        raise errors.ConfigError(
+            f"--{name.replace('_', '-')} is not for a column map; say it in {source.name} (docs/import.md)"
+        )
     columns = column_map.read_map(source)
     series = column_import.column_series(columns, source.parent)
-    series.provenance.update(source=source.name, map=asdict(columns))
+    series.provenance.update(source=source.name, map=columns.model_dump())
     if columns.frames.rate_hz is not None:
         series = with_missing_frames(series)
     return series, columns.selection, columns.stated_noise, columns.noise.kind, [source]
-
-
-def _selection(args: argparse.Namespace) -> Selection:
-    text = str(args.frames)
-    try:
-        numbers = tuple(int(part) for part in text.split(",") if part.strip())
-    except ValueError:
-        raise errors.ConfigError(f"--frames {text}: give a number, or frame numbers separated by commas") from None
-    if not numbers:
-        raise errors.ConfigError("--frames is empty; give a number, or frame numbers separated by commas")
-    if "," in text:
-        return Selection(frames=numbers, until=args.until, tare=args.tare)
-    return Selection(count=numbers[0], until=args.until, tare=args.tare)
-
-
-def _stated(args: argparse.Namespace) -> Noise | None:
-    if args.displacement_std is None:
-        return None
-    return Noise(args.displacement_std, args.correlation_length, 0.0, args.force_std)

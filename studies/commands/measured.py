@@ -115,10 +115,10 @@ class Steps:
 
     def sheet(self, name: str) -> Experiment:
         """The sheet with its increments."""
-        from studies.commands.import_data import import_experiment
+        from studies.commands.import_data import Frames, import_experiment
 
         if name not in self._sheets:
-            self._sheets[name] = import_experiment(name, frames=str(self.frames))
+            self._sheets[name] = import_experiment(name, frames=Frames(self.frames))
         return self._sheets[name]
 
     def record(self, name: str) -> dict[str, Any]:
@@ -147,11 +147,11 @@ class Steps:
 
     def locate(self, carried: dict[str, Any]) -> dict[str, Any]:
         """Where the heterogeneous sheet differs from what was carried to it, see `measured_map.stiffness_map`."""
-        from studies.commands.import_data import import_experiment
+        from studies.commands.import_data import Frames, import_experiment
         from studies.sheets.measured_account import members
         from studies.sheets.measured_map import stiffness_map
 
-        e = import_experiment(HETERO, frames=str(LOCAL_FRAMES))
+        e = import_experiment(HETERO, frames=Frames(LOCAL_FRAMES))
         return stiffness_map(e, members(carried["models"][-1]), self.args.until, FINE, CELL)
 
     def control(self, name: str) -> dict[str, Any]:

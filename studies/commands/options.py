@@ -7,6 +7,8 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
+from studies.errors import OptionError
+
 
 def add_output(parser: argparse.ArgumentParser, default: str) -> None:
     """`--output` (None stands for results/`default`, or results/`default`-quick) and `--overwrite`."""
@@ -55,3 +57,11 @@ def nearest(word: str, words: Iterable[str]) -> str:
     """'; did you mean X?', or nothing when no word is near."""
     found = difflib.get_close_matches(word, list(words), n=1, cutoff=0.5)
     return f"; did you mean {found[0]}?" if found else ""
+
+
+def assignments(words: Iterable[str]) -> dict[str, float]:
+    """{'mu': 0.3} of ('mu=0.3',). Raises `OptionError`."""
+    try:
+        return {name: float(value) for name, _, value in (word.partition("=") for word in words)}
+    except ValueError:
+        raise OptionError(f"{', '.join(words)}: write NAME=VALUE, such as mu=0.3") from None

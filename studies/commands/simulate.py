@@ -5,107 +5,160 @@ Also leaves the exact solution, pictures of both, the force curve and a report.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
 
-from studies.commands.options import add_output, count, nearest, output_folder, positive, seed, settings
+from cyclopts import Parameter
+
+from calibrate.data.experiment import Experiment
+from forward.loading import Loading
+from forward.materials import MATERIALS, Material, material_from_dict
+from forward.materials.network_energy import Pann
+from forward.sheet.plane_stress import solve as solve_plane_stress
+from forward.solution import SurfaceSolution
+from meshes import Mesh, quads, triangles
+from meshes.specimens import SPECIMENS
+from studies.commands.option_types import (
+    Assignments,
+    Count,
+    OutputFolder,
+    Overwrite,
+    Positive,
+    Seed,
+    default_folder,
+    nearest,
+)
+from studies.commands.outcome import Outcome
 from studies.errors import OptionError
+from studies.output import Manifest, open_output_folder
+from studies.output.viewer import write_viewer_file
+from studies.reports.experiments.simulation_report import write_report
+from studies.synthetic.camera import Camera, GaussianField
+from studies.synthetic.camera import observe as record
 
-if TYPE_CHECKING:
-    from calibrate.data.experiment import Experiment
-    from forward.materials import Material
-    from forward.solution import SurfaceSolution
-    from meshes import Mesh
-    from studies.synthetic.camera import Camera
-
-DESCRIPTION = """\
-Solve a tension test of a thin rubber sheet (plane stress; with --bulk-modulus plane strain) and record it with a synthetic
-camera and load cell. Default: the cross, 60 mm at each arm in 10 increments, Arruda-Boyce rubber, noise of
-0.1 mm with a correlation length of 4 mm, force noise of 1e-4. Lengths in mm, forces in N, stresses in MPa."""
 # mm at each grip; the square, whose grips meet at its corners, cannot be held by rigid ones
 EXTENT = {"cross": 60.0, "strip": 60.0, "pure_shear": 10.0, "plate_with_hole": 40.0}
 QUICK = {"increments": 4, "nodes": 900, "size_factor": 2.5}
 FULL = {"increments": 10, "nodes": 5000, "size_factor": 1.0}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `equigap simulate`."""
-    group = parser.add_argument_group("test")
-    group.add_argument("--specimen", default="cross", help=f"{', '.join(EXTENT)} (%(default)s)")
-    group.add_argument(
-        "--material", default="arruda_boyce", metavar="NAME|MODEL.json",
-        help="arruda_boyce, neo_hooke, mooney_rivlin, yeoh, or a calibrated model (%(default)s)",
-    )  # fmt: skip
-    group.add_argument(
-        "--parameter", action="append", default=[], metavar="NAME=VALUE",
-        help="material parameter such as mu=0.3 (MPa) or N=25; may be repeated",
-    )  # fmt: skip
-    group.add_argument("--displacement", type=positive, metavar="MM", help="of each grip (cross: 60)")
-    group.add_argument("--increments", type=count, metavar="N", help="load steps (10; quick: 4)")
-    group.add_argument("--thickness", type=positive, default=1.0, metavar="MM", help="(%(default)s)")
-    group.add_argument(
-        "--bulk-modulus", type=positive, metavar="MPA",
-        help="plane strain of a compressible body with this bulk modulus, instead of plane stress of an incompressible sheet",
-    )  # fmt: skip
-    group.add_argument("--size-factor", type=positive, metavar="X", help="of the element sizes (1; quick: 2.5)")
-    group = parser.add_argument_group("camera and load cell")
-    group.add_argument("--nodes", type=count, metavar="N", help="measured points (5000; quick: 900)")
-    group.add_argument("--seed", type=seed, default=0, help="of the noise (%(default)s)")
-    group.add_argument("--no-noise", action="store_true", help="record the exact fields")
-    group.add_argument("--relative-noise", type=float, default=5e-4, metavar="X", help="of 200 mm (%(default)s)")
-    group.add_argument("--correlation-length", type=positive, default=4.0, metavar="MM", help="(%(default)s)")
-    group.add_argument("--force-noise", type=float, default=1e-4, metavar="X", help="relative (%(default)s)")
-    parser.add_argument("--quick", action="store_true", help="coarse, a few seconds")
-    add_output(parser, "simulate")
+@Parameter(name="*", group="Test")
+@dataclass(frozen=True)
+class TensionTest:
+    """What is solved. None: depends on the specimen or on --quick, see `completed`."""
+
+    specimen: str = "cross"
+    """cross, strip, pure_shear, plate_with_hole"""
+    material: str = "arruda_boyce"
+    """arruda_boyce, neo_hooke, mooney_rivlin, yeoh, or a calibrated model .json"""
+    parameter: Assignments = ()
+    """material parameter such as mu=0.3 (MPa) or N=25; may be repeated"""
+    displacement: Positive | None = None
+    """of each grip, mm (cross: 60)"""
+    increments: Count | None = None
+    """load steps (10; quick: 4)"""
+    thickness: Positive = 1.0
+    """mm"""
+    bulk_modulus: Positive | None = None
+    """plane strain of a compressible body with this bulk modulus, MPa, instead of plane stress of an incompressible sheet"""
+    size_factor: Positive | None = None
+    """of the element sizes (1; quick: 2.5)"""
 
 
-def main(args: argparse.Namespace) -> int:
-    """Solve, record, draw, report. Raises `OptionError` and the named errors of meshes, forward and calibrate."""
-    from meshes import triangles
-    from meshes.specimens import SPECIMENS
-    from studies.output import Manifest, open_output_folder
-    from studies.output.viewer import write_viewer_file
-    from studies.reports.simulation_report import write_report
+@Parameter(name="*", group="Camera and load cell")
+@dataclass(frozen=True)
+class Recording:
+    """What the camera and the load cell make of it."""
 
-    _complete(args)
-    material, camera = read_material(args.material, args.parameter), camera_from(args)
-    points = triangles(SPECIMENS[args.specimen](), n_nodes=args.nodes)
-    key = settings(args) | {"material": material.to_dict()}
-    folder = open_output_folder(output_folder(args, "simulate"), args.overwrite, key)
-    manifest = Manifest(seed=None if args.no_noise else args.seed, settings=key)
-    solution = solve(args, material, folder / "checkpoint.npz")
+    nodes: Count | None = None
+    """measured points (5000; quick: 900)"""
+    seed: Seed = 0
+    """of the noise"""
+    no_noise: bool = False
+    """record the exact fields"""
+    relative_noise: float = 5e-4
+    """standard deviation of the displacements, of 200 mm"""
+    correlation_length: Positive = 4.0
+    """of the displacement noise, mm"""
+    force_noise: float = 1e-4
+    """relative"""
+
+
+@dataclass(frozen=True)
+class Simulated(Outcome):
+    """A simulated test. folder: with ``experiment.npz`` and ``solution.npz``."""
+
+    folder: Path
+    solution: SurfaceSolution
+    experiment: Experiment
+    report: Path
+
+    def lines(self) -> Iterable[str]:
+        """Files."""
+        yield f"experiment: {self.folder / 'experiment.npz'}"
+        yield f"report: {self.report}"
+
+
+def simulate(
+    *,
+    test: TensionTest = TensionTest(),
+    recording: Recording = Recording(),
+    quick: bool = False,
+    output: OutputFolder = None,
+    overwrite: Overwrite = False,
+) -> Simulated:
+    """Solve a tension test of a thin rubber sheet and record it with a synthetic camera and load cell.
+
+    Plane stress; with --bulk-modulus plane strain. Default: the cross, 60 mm at each arm in 10 increments, Arruda-Boyce rubber,
+    noise of 0.1 mm with a correlation length of 4 mm, force noise of 1e-4. Lengths in mm, forces in N, stresses in MPa.
+
+    Args:
+        quick: coarse, a few seconds
+
+    Raises:
+        OptionError: unknown specimen, material or parameter.
+        ForwardError, MeshError, EquigapError: what cannot be solved, meshed or recorded.
+    """
+    test, recording = completed(test, recording, quick)
+    material, camera = read_material(test.material, dict(test.parameter)), camera_of(recording, quick)
+    points = triangles(SPECIMENS[test.specimen](), n_nodes=recording.nodes)
+    key = {"command": "simulate", "quick": quick, **asdict(test), **asdict(recording), "material": material.to_dict()}
+    folder = open_output_folder(output or default_folder("simulate", quick), overwrite, key)
+    seed = None if recording.no_noise else recording.seed
+    manifest = Manifest(seed=seed, settings=key)
+    solution = solve(test, material, folder / "checkpoint.npz")
     solution.save(folder / "solution.npz")
     (folder / "checkpoint.npz").unlink(missing_ok=True)
-    experiment = observe(args, solution, points, camera)
+    experiment = observe(test, solution, points, camera, seed)
     experiment.save(folder / "experiment.npz")
     write_viewer_file(experiment, folder / "experiment.vtu")
     manifest.beside(folder / "experiment.npz", folder / "solution.npz", **numbers(solution, experiment))
-    print(f"experiment: {folder / 'experiment.npz'}")
-    print(f"report: {write_report(folder, solution, experiment, manifest)}")
-    return 0
+    return Simulated(folder, solution, experiment, write_report(folder, solution, experiment, manifest))
 
 
-def _complete(args: argparse.Namespace) -> None:
-    """Fill in what depends on other options. Raises `OptionError`."""
-    if args.specimen not in EXTENT:
+def completed(test: TensionTest, recording: Recording, quick: bool) -> tuple[TensionTest, Recording]:
+    """Options with what depends on others filled in. Raises `OptionError`."""
+    if test.specimen not in EXTENT:
         raise OptionError(
-            f"specimen '{args.specimen}' is none that rigid grips can pull{nearest(args.specimen, EXTENT)}; those are "
+            f"specimen '{test.specimen}' is none that rigid grips can pull{nearest(test.specimen, EXTENT)}; those are "
             + ", ".join(EXTENT)
         )
-    for name, value in (QUICK if args.quick else FULL).items():
-        if getattr(args, name) is None:
-            setattr(args, name, value)
-    if args.displacement is None:
-        args.displacement = EXTENT[args.specimen]
+    usual = QUICK if quick else FULL
+    test = replace(
+        test,
+        displacement=test.displacement or EXTENT[test.specimen],
+        increments=test.increments or int(usual["increments"]),
+        size_factor=test.size_factor or usual["size_factor"],
+    )
+    return test, replace(recording, nodes=recording.nodes or int(usual["nodes"]))
 
 
-def read_material(name: str, parameters: list[str]) -> Material:
-    """A material by name and parameters ('mu=0.3'), or from a model file. Raises `OptionError`, `MaterialError`."""
-    from forward.materials import MATERIALS, material_from_dict
-    from forward.materials.network_energy import Pann
-
+def read_material(name: str, parameters: Mapping[str, float]) -> Material:
+    """A material by name and parameters, or from a model file. Raises `OptionError`, `MaterialError`."""
     if name.endswith(".json"):
         if parameters:
             raise OptionError(f"--parameter does not apply to the model file {name}; leave it out")
@@ -114,51 +167,36 @@ def read_material(name: str, parameters: list[str]) -> Material:
         raise OptionError(
             f"material '{name}' is unknown{nearest(name, MATERIALS)}; choose from {', '.join(MATERIALS)} or a model .json"
         )
-    known, values = MATERIALS[name]().to_dict(), {}
-    for parameter in parameters:
-        key, _, value = parameter.partition("=")
-        if key not in known or key == "material":
-            names = [k for k in known if k != "material"]
-            raise OptionError(f"--parameter {parameter}: {name} has {', '.join(names)}{nearest(key, names)}")
-        try:
-            values[key] = float(value)
-        except ValueError:
-            raise OptionError(f"--parameter {parameter}: write NAME=VALUE, such as mu=0.3") from None
-    return material_from_dict({"material": name, **values})
+    known = [key for key in MATERIALS[name]().to_dict() if key != "material"]
+    for key in parameters:
+        if key not in known:
+            raise OptionError(f"--parameter {key}: {name} has {', '.join(known)}{nearest(key, known)}")
+    return material_from_dict({"material": name, **parameters})
 
 
-def solve(args: argparse.Namespace, material: Material, checkpoint: Any) -> SurfaceSolution:
-    """Solve a quarter of the specimen and mirror it."""
-    from forward.loading import Loading
-    from forward.sheet.plane_stress import solve as solve_plane_stress
-    from meshes import quads
-    from meshes.specimens import SPECIMENS
-
-    specimen = SPECIMENS[args.specimen]()
+def solve(test: TensionTest, material: Material, checkpoint: Path) -> SurfaceSolution:
+    """Solve a quarter of the specimen of a completed test and mirror it."""
+    specimen = SPECIMENS[test.specimen]()
+    assert test.displacement is not None and test.increments is not None and test.size_factor is not None
     return solve_plane_stress(
-        quads(specimen, quarter=True, size_factor=args.size_factor), material,
-        Loading.clamped(specimen.loaded, args.displacement), args.increments, args.thickness,
-        progress=sys.stderr.isatty(), checkpoint=checkpoint, bulk_modulus=args.bulk_modulus,
+        quads(specimen, quarter=True, size_factor=test.size_factor), material,
+        Loading.clamped(specimen.loaded, test.displacement), test.increments, test.thickness,
+        progress=sys.stderr.isatty(), checkpoint=checkpoint, bulk_modulus=test.bulk_modulus,
     ).mirrored()  # fmt: skip
 
 
-def camera_from(args: argparse.Namespace) -> Camera:
+def camera_of(recording: Recording, quick: bool = False) -> Camera:
     """The camera and load cell asked for. Raises `ConfigError`."""
-    from studies.synthetic.camera import Camera, GaussianField
-
-    field = GaussianField(args.correlation_length, resolution=512 if args.quick else 2048)
-    return Camera(field, relative_noise=args.relative_noise, force_noise=args.force_noise)
+    field = GaussianField(recording.correlation_length, resolution=512 if quick else 2048)
+    return Camera(field, relative_noise=recording.relative_noise, force_noise=recording.force_noise)
 
 
-def observe(args: argparse.Namespace, solution: SurfaceSolution, mesh: Mesh, camera: Camera) -> Experiment:
-    """The Experiment that the camera records of a solution at the nodes of `mesh`."""
-    from meshes.specimens import SPECIMENS
-    from studies.synthetic.camera import observe as record
-
-    provenance = {"specimen": SPECIMENS[args.specimen]().to_dict(), "solution": solution.description}
+def observe(test: TensionTest, solution: SurfaceSolution, mesh: Mesh, camera: Camera, seed: int | None) -> Experiment:
+    """The Experiment that the camera records of a solution at the nodes of `mesh`. seed: None for no noise."""
+    provenance = {"specimen": SPECIMENS[test.specimen]().to_dict(), "solution": solution.description}
     return record(
-        solution, mesh, camera, None if args.no_noise else args.seed,
-        name=f"{args.specimen}, {args.displacement:g} mm", provenance=json.loads(json.dumps(provenance)),
+        solution, mesh, camera, seed, name=f"{test.specimen}, {test.displacement:g} mm",
+        provenance=json.loads(json.dumps(provenance)),
     )  # fmt: skip
 
 

@@ -1,42 +1,43 @@
 """`equigap verify`: are the numbers of a run of `equigap figures` those that are known?
 
-In: the folder of a run. Out: a table of key numbers beside their reference (``reference.json``), with tolerances from the spread
-that was observed over machines and seeds; what differs is named. With --same-as: the data files of two runs, byte by byte.
+In: the folder of a run. Out: a table of key numbers beside their reference (``reference.json``: value, tolerance and its reason);
+what differs is named. With --same-as: the data files of two runs, byte by byte.
 """
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import statistics
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from cyclopts import Parameter
+
+from studies.commands.option_types import Overwrite
+from studies.commands.outcome import Outcome
 from studies.errors import OutputFolderError, StudyError
+from studies.output import write_json
 
-DESCRIPTION = """\
-Compares key numbers of a run of `equigap figures` with reference values, and names what differs. Tolerances come from the
-spread observed over machines and seeds. With --same-as OTHER: compares the data files of two runs byte by byte."""
 FORMAT = "equigap-verification"
 DATA = (".csv", ".npz", ".msh")
-LEAST = 1e-5  # relative: no tolerance is smaller; two systems on one machine differ by 5e-9
-SPREADS = 3.0  # observed ranges that a number may be away
+SMALLEST_TOLERANCE = 1e-5  # relative; two systems on one machine differ by 5e-9
+RANGES = 3.0  # a tolerance is so many times the range observed over runs
 
 
 @dataclass(frozen=True)
 class Key:
-    """A number: file in the folder of all results, keys to it in the JSON, reference and tolerance (None: unknown)."""
+    """A number: file in the folder of all results, keys to it in the JSON, reference, tolerance and why it is so large."""
 
     name: str
     file: str
     path: tuple[str | int, ...]
-    value: float | None = None
-    tolerance: float = 0.0
-    observed: tuple[float, ...] = ()
+    value: float
+    tolerance: float
+    reason: str = ""
 
     @property
     def study(self) -> str:
@@ -54,66 +55,106 @@ class Finding:
     @property
     def agrees(self) -> bool:
         """Whether it is there and within its tolerance."""
-        return (
-            self.found is not None
-            and self.key.value is not None
-            and abs(self.found - self.key.value) <= self.key.tolerance
+        return self.found is not None and abs(self.found - self.key.value) <= self.key.tolerance
+
+    def to_dict(self) -> dict[str, Any]:
+        """As it is written to ``verify.json``."""
+        key = self.key
+        return {
+            "name": key.name, "found": self.found, "reference": key.value, "tolerance": key.tolerance,
+            "reason": key.reason, "agrees": self.agrees,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Verification(Outcome):
+    """Key numbers of a run beside their reference."""
+
+    findings: tuple[Finding, ...]
+
+    def lines(self) -> Iterable[str]:
+        """A line a number."""
+        width = max((len(f.key.name) for f in self.findings), default=0)
+        for f in self.findings:
+            found = "missing" if f.found is None else f"{f.found:.6g}"
+            mark = " " if f.agrees else "!"
+            yield f"{mark} {f.key.name:{width}}  {found:>12}  reference {f.key.value:.6g} +- {f.key.tolerance:.2g}"
+        if self.failure() is None:
+            yield f"all {len(self.findings)} numbers agree with their reference"
+
+    def failure(self) -> StudyError | None:
+        """Numbers that differ."""
+        wrong = [f.key.name for f in self.findings if not f.agrees]
+        if not wrong:
+            return None
+        return StudyError(
+            f"{len(wrong)} of {len(self.findings)} numbers differ from their reference: {', '.join(wrong)}"
         )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `equigap verify`."""
-    parser.add_argument("folder", type=Path, metavar="RESULTS", help="output folder of `equigap figures`")
-    parser.add_argument("--same-as", type=Path, metavar="OTHER", help="compare the data files of two runs instead")
-    parser.add_argument(
-        "--collect", type=Path, nargs="+", metavar="RESULTS",
-        help="print reference values from RESULTS and these further runs (other machines, other seeds)",
-    )  # fmt: skip
-    group = parser.add_argument_group("output")
-    group.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="of the table, as JSON (default: RESULTS/verify.json)"
-    )
-    group.add_argument(
-        "--overwrite", action="store_true", help="replace FILE even if it is not a table of this command"
-    )
+@dataclass(frozen=True)
+class Comparison(Outcome):
+    """Data files of two runs. differing: names of those that are not the same."""
+
+    differing: tuple[str, ...]
+
+    def lines(self) -> Iterable[str]:
+        """That they are the same, if so."""
+        if not self.differing:
+            yield "every data file is the same"
+
+    def failure(self) -> StudyError | None:
+        """Files that differ."""
+        if not self.differing:
+            return None
+        return StudyError(f"{len(self.differing)} data files differ: {', '.join(self.differing[:10])}")
 
 
-def main(args: argparse.Namespace) -> int:
-    """Compare and print. Raises `StudyError` naming what differs, `OutputFolderError` for a file of another origin."""
-    from studies.output import write_json
+@dataclass(frozen=True)
+class Collected(Outcome):
+    """Reference values from several runs. scales: {scale: {name: {"value", "tolerance"}}}."""
 
-    if args.collect:
-        print(json.dumps(collect([args.folder, *args.collect], stored()["keys"]), indent=1))
-        return 0
-    if args.same_as is not None:
-        differing = different_files(args.folder, args.same_as)
-        if differing:
-            raise StudyError(f"{len(differing)} data files differ: {', '.join(differing[:10])}")
-        print("every data file is the same")
-        return 0
-    content = run_record(args.folder)
-    findings = verify(args.folder, reference(content["scale"]), content.get("left_out", {}))
-    for line in table(findings):
-        print(line)
-    rows = [
-        {
-            "name": f.key.name,
-            "found": f.found,
-            "reference": f.key.value,
-            "tolerance": f.key.tolerance,
-            "agrees": f.agrees,
-        }
-        for f in findings
-    ]
-    output = args.output or args.folder / "verify.json"
-    if not (args.overwrite or is_own(output)):
+    scales: dict[str, dict[str, dict[str, float]]]
+
+    def lines(self) -> Iterable[str]:
+        """The values as JSON."""
+        yield json.dumps(self.scales, indent=1)
+
+
+def verify(
+    folder: Annotated[Path, Parameter(name="RESULTS")],
+    /,
+    *,
+    same_as: Path | None = None,
+    collect: Annotated[tuple[Path, ...], Parameter(consume_multiple=True)] = (),
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    overwrite: Overwrite = False,
+) -> Outcome:
+    """Compare key numbers of a run of `equigap figures` with reference values, and name what differs.
+
+    Each reference value has a tolerance and the reason for it, from the spread observed over machines and seeds.
+
+    Args:
+        folder: output folder of `equigap figures`
+        same_as: compare the data files of two runs instead, byte by byte
+        collect: print reference values from RESULTS and these further runs (other machines, other seeds)
+        output: file of the table, JSON (default: RESULTS/verify.json)
+
+    Raises:
+        StudyError: a folder without a run, a scale without reference.
+        OutputFolderError: the file of the table was not written by this command.
+    """
+    if collect:
+        return Collected(reference_from([folder, *collect]))
+    if same_as is not None:
+        return Comparison(tuple(different_files(folder, same_as)))
+    run = run_record(folder)
+    findings = compared(folder, reference(run["scale"]), run.get("left_out", {}))
+    output = output or folder / "verify.json"
+    if not (overwrite or is_own(output)):
         raise OutputFolderError(f"{output}: was not written by `equigap verify`; give --overwrite or another --output")
-    write_json(output, {"format": FORMAT, "scale": content["scale"], "numbers": rows})
-    wrong = [f.key.name for f in findings if not f.agrees]
-    if wrong:
-        raise StudyError(f"{len(wrong)} of {len(findings)} numbers differ from their reference: {', '.join(wrong)}")
-    print(f"all {len(findings)} numbers agree with their reference")
-    return 0
+    write_json(output, {"format": FORMAT, "scale": run["scale"], "numbers": [f.to_dict() for f in findings]})
+    return Verification(tuple(findings))
 
 
 def is_own(path: Path) -> bool:
@@ -137,72 +178,55 @@ def run_record(folder: Path) -> dict[str, Any]:
     return content
 
 
-def stored() -> dict[str, Any]:
-    """``reference.json``: keys {"name", "file", "path"}, and of every scale the same with value, tolerance, observed.
-
-    observed: of runs on other systems, or, of networks fitted to clean data, with displacements changed by 1e-8 mm (docs/limits.md).
-    """
-    return json.loads(resources.files("studies.commands").joinpath("reference.json").read_text())
+def stored() -> list[dict[str, Any]]:
+    """Keys of ``reference.json``: name, file, path, reason, and of every scale value and tolerance."""
+    return json.loads(resources.files("studies.commands").joinpath("reference.json").read_text())["keys"]
 
 
 def reference(scale: str) -> list[Key]:
-    """Reference values of a scale, which may lack values. Raises `StudyError` where there are none."""
-    content = stored()
-    if not content["scales"].get(scale):
-        known = ", ".join(name for name, keys in content["scales"].items() if keys)
-        raise StudyError(f"no reference values of scale {scale} are known; known: {known or 'none'}")
-    return [
-        Key(k["name"], k["file"], tuple(k["path"]), k["value"], k["tolerance"], tuple(k["observed"]))
-        for k in content["scales"][scale]
+    """Reference values of a scale. Raises `StudyError` where there are none."""
+    keys = [
+        Key(k["name"], k["file"], tuple(k["path"]), **k["scales"][scale], reason=k["reason"])
+        for k in stored()
+        if scale in k["scales"]
     ]
+    if not keys:
+        known = ", ".join(sorted({name for k in stored() for name in k["scales"]}))
+        raise StudyError(f"no reference values of scale {scale} are known; known: {known}")
+    return keys
 
 
-def verify(folder: Path, keys: Sequence[Key], left_out: Sequence[str] | dict[str, str] = ()) -> list[Finding]:
+def compared(folder: Path, keys: Sequence[Key], left_out: Collection[str] = ()) -> list[Finding]:
     """Every key number of the studies that were not left out."""
-    return [Finding(key, number(folder, key)) for key in keys if key.study not in left_out]
+    return [Finding(key, number(folder, key.file, key.path)) for key in keys if key.study not in left_out]
 
 
-def number(folder: Path, key: Key) -> float | None:
-    """The number of a key, None where its file or its keys are not there."""
+def number(folder: Path, file: str, path: Sequence[str | int]) -> float | None:
+    """The number at a place, None where its file or its keys are not there."""
     try:
-        value = json.loads((folder / key.file).read_text())
-        for name in key.path:
+        value = json.loads((folder / file).read_text())
+        for name in path:
             value = value[name]
         return float(value)
     except (OSError, ValueError, KeyError, IndexError, TypeError):
         return None
 
 
-def table(findings: Sequence[Finding]) -> list[str]:
-    """A line a number."""
-    width = max((len(f.key.name) for f in findings), default=0)
-    lines = []
-    for f in findings:
-        found = "missing" if f.found is None else f"{f.found:.6g}"
-        mark = "  " if f.agrees else "! "
-        expected = "none" if f.key.value is None else f"{f.key.value:.6g} +- {f.key.tolerance:.2g}"
-        lines.append(f"{mark}{f.key.name:{width}}  {found:>12}  reference {expected}")
-    return lines
-
-
-def collect(folders: Sequence[Path], keys: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Reference values from several runs of one scale: median, and a tolerance of `SPREADS` times the range observed.
+def reference_from(folders: Sequence[Path]) -> dict[str, dict[str, dict[str, float]]]:
+    """{scale: {name: value and tolerance}} of several runs of one scale: the median, and `RANGES` times the range.
 
     Raises `StudyError` for runs of different scales, or a folder without a run.
     """
     scales = {run_record(folder)["scale"] for folder in folders}
     if len(scales) != 1:
         raise StudyError(f"runs of different scales: {', '.join(sorted(scales))}; collect one scale at a time")
-    scale = scales.pop()
-    result = []
-    for k in keys:
-        key = Key(k["name"], k["file"], tuple(k["path"]))
-        values = [value for folder in folders if (value := number(folder, key)) is not None]
+    found = {}
+    for key in stored():
+        values = [v for folder in folders if (v := number(folder, key["file"], key["path"])) is not None]
         if values:
-            middle = statistics.median(values)
-            spread = SPREADS * (max(values) - min(values))
-            result.append({**k, "value": middle, "tolerance": max(spread, LEAST * abs(middle)), "observed": values})
-    return {scale: result}
+            middle, spread = statistics.median(values), RANGES * (max(values) - min(values))
+            found[key["name"]] = {"value": middle, "tolerance": max(spread, SMALLEST_TOLERANCE * abs(middle))}
+    return {scales.pop(): found}
 
 
 def different_files(here: Path, there: Path) -> list[str]:

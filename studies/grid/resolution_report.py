@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.equations.deformation_modes import MODES
 from meshes import Mesh
-from studies.accuracy.metrics import MODES
 from studies.grid.resolution_case import EXTRAPOLATION, LOSSES, Settings, format_level
 from studies.output import Manifest, style, write_csv, write_figure
 from studies.output.report import Report
@@ -105,7 +105,7 @@ def draw(folder: Path, cases: list[dict[str, Any]], settings: Settings, loss: st
                 style.mark_range(axes, 1.0, reference["limit"])
                 top_stress = 1.6 * max(reference["truth"])
                 axes.set_ylim(-0.05 * top_stress, top_stress)
-                title = {"uniaxial": "uniaxial", "equibiaxial": "equi-biaxial", "pure_shear": "pure shear"}[mode]
+                title = MODES[mode].title
                 count = len(select(cases, loss, levels[0], noisy))
                 axes.set_title(f"{title}, " + (f"with noise ({count} seeds)" if noisy else "without noise"))
                 if row == 1:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.accuracy.metrics import MODES
+from calibrate.equations.deformation_modes import MODES
 from studies.errors import DamagedFileError
 from studies.grid.sweep_case import PLANE, Settings
 from studies.output import Manifest, style, write_csv, write_figure
@@ -93,7 +93,7 @@ def _summary(group: Sequence[dict[str, Any]]) -> list[Any]:
     worst = int(np.abs(np.median(bias, axis=0)).argmax())
     chi = [case["reduced_chi_square"] for case in fits if case["reduced_chi_square"] is not None]
     return [
-        len(fits), failed, MODES[worst], float(np.median(bias[:, worst])), float(bias[:, worst].min()),
+        len(fits), failed, tuple(MODES)[worst], float(np.median(bias[:, worst])), float(bias[:, worst].min()),
         float(bias[:, worst].max()), 100 * float(np.median([case["relative_force_error"] for case in fits])),
         float(np.median(chi)) if chi else None,
     ]  # fmt: skip

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import ConvexHull
 
+from calibrate.equations.deformation_modes import MODES
 from calibrate.models.network_model import Model
 from studies.accuracy.epsilon import weighted_quantile
-from studies.accuracy.metrics import MODES, ArrudaBoyceTruth
+from studies.accuracy.metrics import ArrudaBoyceTruth
 from studies.accuracy.stress_error import COMPONENTS, energy_of, stress_errors
 from studies.grid.thickness_results import Results
-from studies.grid.thickness_tables import BIASES, MODE_NAMES, NOISES, STRESS_LIMIT, spread
+from studies.grid.thickness_tables import BIASES, NOISES, STRESS_LIMIT, spread
 from studies.output import style
 
 Array = NDArray[np.float64]
@@ -194,7 +195,7 @@ def _stress_panel(ax: Axes, results: Results, loss: str, mode: str, noisy: bool)
     ax.plot(reference["stretch"], reference["truth"], "o", color="black", ms=2.5, markevery=8, label="truth")
     style.mark_range(ax, 1.0, reference["limit"])
     top = 1.4 * max(reference["truth"])
-    ax.set(title=MODE_NAMES[mode], ylim=(-0.03 * top, top))
+    ax.set(title=MODES[mode].title, ylim=(-0.03 * top, top))
 
 
 def _deviation_panel(ax: Axes, results: Results, loss: str, mode: str, noisy: bool) -> None:

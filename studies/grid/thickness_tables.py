@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.equations.deformation_modes import MODES
 from studies.accuracy.epsilon import EpsilonField, weighted_quantile
-from studies.accuracy.metrics import MODES
 from studies.accuracy.stress_error import COMPONENTS
 from studies.grid.thickness_case import LOSSES
 from studies.grid.thickness_results import Results, arm_forces
@@ -27,7 +27,6 @@ LARGEST_LIMIT = 5.0  # % of the largest stress, of the median over seeds of the 
 NEAR_RIM = 5.0  # mm
 SIDES = {"right": "arms along x", "top": "arms along y"}
 NOISES = {False: "clean", True: "noisy"}
-MODE_NAMES = {"uniaxial": "uniaxial", "equibiaxial": "equi-biaxial", "pure_shear": "pure shear"}
 
 
 def _bias(mode: int) -> Callable[[Fit], float]:
@@ -43,7 +42,7 @@ def _stress(component: str, key: str) -> Callable[[Fit], float]:
 
 
 LARGEST = "largest error (% of largest stress)"
-BIASES = {f"bias {MODE_NAMES[mode]} (%)": _bias(i) for i, mode in enumerate(MODES)}
+BIASES = {f"bias {MODES[mode].title} (%)": _bias(i) for i, mode in enumerate(MODES)}
 AGREEMENT = {
     **BIASES,
     LARGEST: lambda fit: 100 * max(score["max_error"] for score in fit["inside"]),
@@ -135,7 +134,7 @@ def verdict(results: Results, condition: str, loss: str, noisy: bool) -> Verdict
     mode = max(biases, key=lambda m: abs(biases[m]))
     stresses = {(c, q): spread(fits, f"{c} {q} (%)")[0] for c in COMPONENTS for q in ("P5", "P95")}
     place = max(stresses, key=lambda key: abs(stresses[key]))
-    return Verdict(condition, loss, noisy, biases[mode], MODE_NAMES[mode], stresses[place], place[0],
+    return Verdict(condition, loss, noisy, biases[mode], MODES[mode].title, stresses[place], place[0],
                    spread(fits, LARGEST)[0])  # fmt: skip
 
 

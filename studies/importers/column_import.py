@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from calibrate import errors
-from calibrate.data.experiment import boundary_nodes, signed_areas
+from calibrate.data.triangulation import boundary_nodes, signed_areas
 from studies.importers.column_map import (
     FORCE_UNITS,
     LENGTH_UNITS,

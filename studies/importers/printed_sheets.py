@@ -13,10 +13,10 @@ about a tenth of the force without being measured; `edge_columns` says what is d
 
 from __future__ import annotations
 
-import hashlib
 import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,33 +30,41 @@ Array = NDArray[np.float64]
 SCALE_MM_PER_PIXEL, FRAME_RATE_HZ = 0.0432, 5.0
 FRAME_COLUMNS = ("x [pixel]", "y [pixel]", "x-displacement [pixel]", "y-displacement [pixel]")
 RECORD_COLUMNS = ("Time", "Displacement", "Force")
-EDGE_COLUMNS, FREE_EDGES = ("extrapolate", "drop", "keep"), ("auto", "yes", "no")
+type EdgeColumns = Literal["extrapolate", "drop", "keep"]
+type FreeEdges = Literal["auto", "yes", "no"]
 
 
 @dataclass(frozen=True)
 class SheetOptions:
-    """How pixels become a specimen.
+    """How pixels become a specimen. Raises `ConfigError` for what cannot be.
 
-    scale: mm per pixel. frame_rate: Hz (None: the one in the npz, else 5). offset: time of frame 0 on the clock of
-    the machine, s. drop_rows, drop_columns: unreliable rows and columns at each edge.
-    edge_columns: 'extrapolate' replaces the displacements of the unreliable columns by a quadratic through the
-    next seven of the same row, so that the sheet keeps its width; 'drop' leaves a strip unmeasured; 'keep' trusts
-    them. free_edges: whether the left and right rim carry no traction; 'auto' = yes (the true edge is there, or at
-    most two pitches away); 'no' makes them the rim of the measured region. thickness: mm, None = unknown.
-    Raises `ConfigError` for what cannot be.
+    edge_columns: 'extrapolate' replaces the displacements of the unreliable columns by a quadratic through the next seven of the
+    same row, so that the sheet keeps its width; 'drop' leaves a strip unmeasured; 'keep' trusts them. free_edges: 'auto' = yes
+    (the true edge is there, or at most two pitches away); 'no' makes them the rim of the measured region.
     """
 
     scale: float = SCALE_MM_PER_PIXEL
+    """mm per pixel"""
     frame_rate: float | None = None
+    """frames per second (default: file's own, else 5)"""
     offset: float = 0.0
+    """time of frame 0 on the clock of the machine, s"""
     drop_rows: int = 2
+    """unreliable rows a side"""
     drop_columns: int = 2
-    edge_columns: str = "extrapolate"
-    free_edges: str = "auto"
+    """unreliable columns a side"""
+    edge_columns: EdgeColumns = "extrapolate"
+    """unreliable columns are replaced from their neighbours, left out, or trusted"""
+    free_edges: FreeEdges = "auto"
+    """whether the left and right rim carry no traction (auto: yes)"""
     thickness: float | None = None
+    """mm (default: unknown)"""
 
     def __post_init__(self) -> None:
-        for name, choices in (("edge_columns", EDGE_COLUMNS), ("free_edges", FREE_EDGES)):
+        for name, choices in (
+            ("edge_columns", get_args(EdgeColumns.__value__)),
+            ("free_edges", get_args(FreeEdges.__value__)),
+        ):
             if getattr(self, name) not in choices:
                 raise errors.ConfigError(f"{name} '{getattr(self, name)}' unknown; choose one of {', '.join(choices)}")
         if not self.scale > 0 or (self.frame_rate is not None and not self.frame_rate > 0):
@@ -252,8 +260,3 @@ def _extrapolated(u: Array, count: int) -> Array:
 def _quadratic(known: NDArray[np.int64], count: int) -> Array:
     """Weights (count, k): values at columns 0 to count - 1 of the quadratic through values at columns `known` (k,)."""
     return np.vander(np.arange(count), 3, increasing=True) @ np.linalg.pinv(np.vander(known, 3, increasing=True))
-
-
-def sha256(path: str | Path) -> str:
-    """Hex digest of a file."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()

@@ -24,7 +24,7 @@ from studies.reports.discovery_review import (
     p_text,
     shape,
 )
-from studies.reports.experiment_words import experiment_remarks
+from studies.reports.experiments.experiment_findings import experiment_findings
 
 OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
 LISTED = 3  # amplitudes that a cell of the table can hold
@@ -221,7 +221,7 @@ def remarks(view: View) -> list[str]:
     if view.unit != "MPa":
         result.append("The thickness is unknown: stresses are stress times thickness, in N/mm.")
     for part in found.problem.parts:
-        result += experiment_remarks(part.experiment, part.assembled.noise_is_known)
+        result += [f.text for f in experiment_findings(part.experiment, part.assembled.noise_is_known)]
     bulk = bulk_modulus(found.problem, found.final)
     if bulk is not None:
         result.append(

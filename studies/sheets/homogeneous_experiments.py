@@ -27,14 +27,14 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
-from calibrate.equations import kinematics
+from calibrate.equations.deformation_modes import MODES, stretches_to_gradient
 from studies.importers import homogeneous_curves, measured_data
 from studies.importers.text_tables import Layout, read_table
 from studies.sheets import homogeneous_sheet
 from studies.sheets.homogeneous_sheet import CROSS_SECTION, WIDTH
 
 Array = NDArray[np.float64]
-MODES = {"uniaxial": "x", "equibiaxial": "xy", "pure_shear": "xy"}
+AXES = dict(zip(MODES, ("x", "xy", "xy"), strict=True))  # pulled
 ROUNDING = 1 / np.sqrt(12)
 WINDOW, DEGREE = 7, 3
 HNBR50_FOLDER = "miehe_goktepe_hnbr50"
@@ -84,7 +84,7 @@ def curve(
     stretch, stress = np.asarray(stretch, float), np.asarray(stress, float)
     if not (stretch > 0).all():
         raise errors.InvalidDeformationError(f"stretch {stretch.min()} is not positive; give lengths over first length")
-    F = kinematics.stretches_to_gradient(mode, stretch)
+    F = stretches_to_gradient(mode, stretch)
     other = stress if mode == "equibiaxial" else np.full_like(stress, np.nan)
     both, P = np.stack([F[:, 0, 0], F[:, 1, 1]], axis=1), np.stack([stress, other], axis=1)
     if uncertainty is None:
@@ -95,7 +95,7 @@ def curve(
     if mode == "equibiaxial":
         # one reading stands for both forces: two equations of twice the variance
         uncertainty = Noise(*(np.sqrt(2) * v for v in asdict(uncertainty).values()))
-    axes = MODES[mode]
+    axes = AXES[mode]
     if axis == "y" and axes == "x":
         both, P, axes = both[:, ::-1], P[:, ::-1], "y"
     record = {"mode": mode, **provenance}

@@ -99,10 +99,12 @@ def _with_noise(problem: Problem, c: Array, e: Experiment) -> Problem:
 
 def imported(name: str, count: int) -> Experiment:
     """A published sheet as groups of frames, with the noise from picture to picture."""
-    from studies.commands.import_data import import_experiment
+    from studies.commands.import_data import Frames, NoiseChoice, import_experiment
 
-    everything = import_experiment(name, frames="1000000", noise="temporal")  # every frame under load
+    everything = import_experiment(
+        name, frames=Frames(1000000), noise=NoiseChoice("temporal")
+    )  # every frame under load
     frames = np.array(everything.provenance["frames"])
     assert everything.time is not None
     chosen = [int(frames[i]) for i in groups(everything.time, count)]
-    return import_experiment(name, frames=",".join(map(str, chosen)), noise="temporal")
+    return import_experiment(name, frames=Frames(tuple(chosen)), noise=NoiseChoice("temporal"))

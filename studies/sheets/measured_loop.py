@@ -20,8 +20,8 @@ from calibrate.diagnosis.joint_fit import Joint
 from calibrate.diagnosis.selection import CLOSE, GLOBAL
 from calibrate.diagnosis.whitened import Problem
 from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
-from calibrate.effects.camera_errors import OutOfPlane
 from calibrate.effects.chain import Addition
+from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
 from calibrate.models.extended_model import ExtendedModel, amplitude_unit, fingerprint

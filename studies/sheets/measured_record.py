@@ -20,9 +20,9 @@ BANDS = 12
 
 def record(name: str, e: Experiment) -> dict[str, Any]:
     """Forces, missing frames, exponent of the force, ratio of contraction, and strain profiles of a sheet."""
-    from studies.commands.import_data import import_experiment
+    from studies.commands.import_data import Frames, import_experiment
 
-    many = import_experiment(name, frames="40")
+    many = import_experiment(name, frames=Frames(40))
     assert many.time is not None
     pull = np.abs(many.loaded[-1].force[:, 1])
     long = many.displacements[:, many.loaded[-1].nodes, 1].mean(axis=1)

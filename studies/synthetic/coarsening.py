@@ -22,7 +22,8 @@ from scipy.optimize import curve_fit
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from calibrate.data.experiment import Experiment, Noise, signed_areas
+from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.triangulation import boundary_edges, signed_areas
 from calibrate.equations import noise_covariance
 from calibrate.errors import MeshMismatchError
 from meshes import Mesh
@@ -126,16 +127,14 @@ def interpolation(points: Array, triangles: Indices, where: Array) -> sp.csr_arr
 
 def _nearest_triangle(points: Array, triangles: Indices, where: Array) -> Indices:
     """Triangle (k,) with the boundary edge nearest to places (k, 2) outside of the mesh."""
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    _, first, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
-    rim = first[count == 1]
-    start, along = points[edges[rim, 0]], points[edges[rim, 1]] - points[edges[rim, 0]]
+    edges, owner = boundary_edges(triangles)
+    start, along = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
     nearest = np.empty(len(where), np.int64)
     for k in range(0, len(where), 1000):
         offset = where[k : k + 1000, None] - start
         share = np.clip((offset * along).sum(-1) / (along**2).sum(-1), 0, 1)
         distance = ((offset - share[..., None] * along) ** 2).sum(-1)
-        nearest[k : k + 1000] = rim[distance.argmin(axis=1)] % len(triangles)
+        nearest[k : k + 1000] = owner[distance.argmin(axis=1)]
     return nearest
 
 

@@ -186,7 +186,8 @@ def _field(hidden: dict[str, Any], additions: list[dict[str, Any]], home: Path) 
     """Correlation of fitted and hidden stiffness over the specimen, by area; a patch has no coefficients of cosines."""
     import numpy as np
 
-    from calibrate.data.experiment import Experiment, signed_areas
+    from calibrate.data.experiment import Experiment
+    from calibrate.data.triangulation import signed_areas
 
     fitted = next((a["amplitudes"] for a in additions if a["effect"] == hidden["name"]), None)
     if fitted is None or "height" not in hidden["more"]:

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.data.experiment import Experiment, LoadedBoundary, Noise, signed_areas
+from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
+from calibrate.data.triangulation import signed_areas
 from forward.materials import ArrudaBoyce, Material, NeoHooke, Yeoh
 from meshes import Mesh
 from studies.output.writing import write_json

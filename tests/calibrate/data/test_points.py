@@ -7,8 +7,9 @@ import pytest
 from small_sheet import grid, stretched
 
 from calibrate import errors
-from calibrate.data.experiment import LoadedBoundary, boundary_nodes, signed_areas
+from calibrate.data.experiment import LoadedBoundary
 from calibrate.data.points import drop_points, failed_points
+from calibrate.data.triangulation import boundary_nodes, signed_areas
 
 
 def big():

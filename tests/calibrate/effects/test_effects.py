@@ -14,16 +14,19 @@ from made_up import made_up_chain
 
 from calibrate.data.experiment import Experiment, LoadedBoundary
 from calibrate.effects import CATALOGUE, KNOWN, Data
-from calibrate.effects.borders import nearest_lines, subset_moments
-from calibrate.effects.branches import motion
-from calibrate.effects.camera_errors import LensDistortion, OutOfPlane, UnmeasuredStrip, undistorted
 from calibrate.effects.chain import Addition, gradients
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.fibres import reinforcement
 from calibrate.effects.finite_thickness import Thickness
-from calibrate.effects.history import PermanentSet
-from calibrate.effects.load import ForceOffset, Lag
-from calibrate.effects.nodal_derivatives import second_derivatives
+from calibrate.effects.force_offset import ForceOffset
+from calibrate.effects.lag import Lag
+from calibrate.effects.lens_distortion import LensDistortion, undistorted
+from calibrate.effects.out_of_plane import OutOfPlane
+from calibrate.effects.permanent_set import PermanentSet
+from calibrate.effects.support.borders import nearest_lines, subset_moments
+from calibrate.effects.support.branches import motion
+from calibrate.effects.support.nodal_derivatives import second_derivatives
+from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import Viscosity
 
@@ -404,9 +407,3 @@ def test_a_strip_widens_the_sheet(chain):
 
 def test_gradients(chain):
     np.testing.assert_allclose(gradients(chain.data, chain.data.u), chain.system.deformation_gradients, atol=1e-14)
-
-
-def test_the_documentation_lists_the_catalogue():
-    text = (Path(__file__).parents[3] / "docs" / "discover.md").read_text()
-    for effect in CATALOGUE:
-        assert f"| {effect.name} | {effect.stage} |" in text and effect.formula.replace("|", "\\|") in text

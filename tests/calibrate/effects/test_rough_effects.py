@@ -16,7 +16,7 @@ from calibrate.data.experiment import Noise
 from calibrate.diagnosis import effect_fit, signature_noise, whitened
 from calibrate.effects import Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
 from calibrate.effects.chain import Addition, Chain
-from calibrate.effects.effect import Data
+from calibrate.effects.support.effect_data import Data
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import equilibrium, neo_hooke

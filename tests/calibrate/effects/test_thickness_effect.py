@@ -11,7 +11,7 @@ from calibrate.data.experiment import Experiment, LoadedBoundary
 from calibrate.effects import Data
 from calibrate.effects.finite_thickness import Thickness, bend, of_the_mean
 from calibrate.effects.finite_thickness import stress_of_bend as eager
-from calibrate.effects.nodal_derivatives import gradient, gradients
+from calibrate.effects.support.nodal_derivatives import gradient, gradients
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.errors import ConfigError
 

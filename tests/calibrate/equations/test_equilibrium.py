@@ -9,13 +9,14 @@ import synthetic
 from synthetic import ArrudaBoyce, HartmannNeff, derivatives, moved, plate_experiment, renumbered, rotation
 
 from calibrate import errors
-from calibrate.data.experiment import LoadedBoundary, boundary_nodes
+from calibrate.data.experiment import LoadedBoundary
+from calibrate.data.triangulation import boundary_nodes
 from calibrate.equations import basis as bases
 from calibrate.equations import equilibrium as equations
 from calibrate.equations import kinematics
+from calibrate.equations.inputs import REFERENCE
 from calibrate.equations.virtual_fields import default_spacing, nodal_fields, virtual_fields
 from calibrate.fitting import paper_loss
-from calibrate.models import pann
 
 SPACING = 12.0
 
@@ -35,7 +36,7 @@ def stresses(system, energy=ArrudaBoyce()):
 
 
 def coefficients(basis, energy):
-    J = np.nan_to_num(basis.site_inputs) + pann.REFERENCE
+    J = np.nan_to_num(basis.site_inputs) + REFERENCE
     invariants = np.stack([J[:, 0], J[:, 1] ** (2 / 3)], axis=1)
     psi = derivatives(energy, invariants) / np.stack([np.ones(len(J)), 1.5 * np.sqrt(invariants[:, 1])], axis=1)
     return basis.interpolation @ psi.ravel()

@@ -8,7 +8,7 @@ from calibrate.data.experiment import Noise
 from calibrate.equations import basis as bases
 from calibrate.equations import equilibrium as equations
 from calibrate.equations import noise_covariance, reduction
-from calibrate.models import pann
+from calibrate.equations.inputs import REFERENCE
 
 NOISE = Noise(displacement_std=0.02, correlation_length=2.5, force_std=0.01)
 SPACING = 12.0
@@ -20,7 +20,7 @@ def stated_covariance(points, noise):
 
 
 def true_coefficients(basis):
-    J1 = basis.site_inputs[:, 0] + pann.REFERENCE[0]
+    J1 = basis.site_inputs[:, 0] + REFERENCE[0]
     psi = derivatives(ArrudaBoyce(), np.stack([J1, np.full_like(J1, 3.0)], axis=1))
     return basis.interpolation @ psi.ravel()
 

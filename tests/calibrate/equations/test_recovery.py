@@ -7,7 +7,8 @@ import pytest
 from scipy.sparse.linalg import norm
 from synthetic import ArrudaBoyce, derivatives, plate, rotation
 
-from calibrate.data.experiment import Noise, boundary_nodes
+from calibrate.data.experiment import Noise
+from calibrate.data.triangulation import boundary_nodes
 from calibrate.equations import recovery, reduction
 from calibrate.equations.basis import basis_for
 from calibrate.equations.equilibrium import Equilibrium

@@ -11,6 +11,7 @@ from synthetic import ArrudaBoyce, moved, plate_experiment, renumbered, with_noi
 from calibrate import errors
 from calibrate.data.experiment import Noise
 from calibrate.equations import kinematics
+from calibrate.equations.deformation_modes import stretches_to_gradient
 from calibrate.fitting.calibration import Options, calibrate, calibrated_range, predict_forces, relative_force_error
 
 # an absolute force noise and an isotropic displacement noise: the same in every frame
@@ -34,7 +35,7 @@ def homogeneous_error(calibration, energy, factor=1.0):
     found = []
     for mode in ("uniaxial", "equibiaxial", "pure_shear"):
         stretch = np.linspace(1.0, 3.0, 400)
-        F = kinematics.stretches_to_gradient(mode, stretch)
+        F = stretches_to_gradient(mode, stretch)
         F = F[(np.asarray(kinematics.invariants_and_derivatives(F)[0])[:, 0] <= top)]
         expected = factor * np.asarray(kinematics.nominal_stress(energy, F))[:, 0, 0]
         found.append(abs(calibration.model.nominal_stress(F)[:, 0, 0].sum() / expected.sum() - 1))

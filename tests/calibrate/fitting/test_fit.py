@@ -11,6 +11,7 @@ from calibrate.data.experiment import Noise
 from calibrate.equations import basis as bases
 from calibrate.equations import equilibrium as equations
 from calibrate.equations import kinematics, reduction
+from calibrate.equations.inputs import REFERENCE
 from calibrate.fitting import network_fit
 from calibrate.models import pann
 
@@ -203,7 +204,7 @@ def test_network_recovers_the_material(inputs, layers):
 def test_network_loss_is_the_loss_of_its_spline_interpolant(arruda_boyce):
     c, quadratic, _ = arruda_boyce
     architecture, result = network_fit.fit_network(quadratic, "I1", (2, 2), c, n_starts=6)
-    J1 = quadratic.basis.site_inputs[:, 0] + pann.REFERENCE[0]
+    J1 = quadratic.basis.site_inputs[:, 0] + REFERENCE[0]
     psi = jax.jit(pann.energy_derivatives, static_argnums=0)(
         architecture, jnp.asarray(result.parameters), jnp.stack([J1, jnp.full(J1.shape, 3.0)], axis=1)
     )

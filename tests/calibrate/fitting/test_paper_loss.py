@@ -11,6 +11,7 @@ from synthetic import ArrudaBoyce, moved, plate_experiment, renumbered
 
 from calibrate import errors
 from calibrate.equations import basis as bases
+from calibrate.equations.inputs import REFERENCE
 from calibrate.equations.kinematics import invariants_and_derivatives, shape_gradients
 from calibrate.fitting import paper_loss
 from calibrate.models import pann
@@ -73,7 +74,7 @@ def test_reduced_loss_is_the_full_loss(system, architecture):
     basis = bases.basis_for(architecture.inputs, F)
     quadratic = paper_loss.reduced(system, basis)
     loss = loss_of(system, architecture, "frozen")
-    J = np.nan_to_num(basis.site_inputs) + pann.REFERENCE
+    J = np.nan_to_num(basis.site_inputs) + REFERENCE
     sites = jnp.asarray(np.stack([J[:, 0], J[:, 1] ** (2 / 3)], axis=1))
     derivative = jax.jit(pann.energy_derivatives, static_argnums=0)
     for seed in range(3):

@@ -12,13 +12,14 @@ import pytest
 from discoveries import sheet
 
 from calibrate.equations.basis import SingleBasis
+from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
-from calibrate.fitting.uncertainty import Uncertainty
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.network_model import Model
 from calibrate.models.pann import Architecture
+from calibrate.models.parameter_covariance import Uncertainty
 from studies import cli
-from studies.commands import predict as prediction
+from studies.reports.prediction import predicted_curves as prediction
 
 MU = 0.3
 STRETCH = np.linspace(1.0, 2.5, 31)
@@ -38,7 +39,7 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "model.json"
 
 
-@pytest.mark.parametrize("mode", prediction.MODES)
+@pytest.mark.parametrize("mode", MODES)
 def test_curves_are_those_of_the_closed_form(mode: str) -> None:
     curve = {c.mode: c for c in prediction.predict(neo_hooke(), 2.5, 31)}[mode]
     power = {"uniaxial": -2, "equibiaxial": -5, "pure_shear": -3}[mode]

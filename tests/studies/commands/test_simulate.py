@@ -58,7 +58,7 @@ def test_the_noise_can_be_left_out(simulated: Path, tmp_path: Path) -> None:
         (["--material", "absent.json"], "absent.json"),
         (["--material", "absent.json", "--parameter", "mu=1"], "does not apply"),
         (["--parameter", "mu=-1"], "mu"),
-        (["--thickness", "0"], "above 0"),
+        (["--thickness", "0"], "Must be a number above 0"),
         (["--increments", "1.5"], "whole number"),
         (["--nodes", "-5"], "whole number"),
         (["--nodes", "15"], "n_nodes = 15"),
@@ -89,7 +89,7 @@ def test_specimens_are_drawn_with_changed_dimensions(tmp_path: Path) -> None:
     [
         (["--only", "cros"], "did you mean cross?"),
         (["--set", "half_widht=3"], "did you mean half_width?"),
-        (["--set", "half_width"], "DIMENSION=MM"),
+        (["--set", "half_width"], "NAME=VALUE"),
         (["--only", "strip", "--set", "half_width=-3"], "half_width = -3"),
         (["--only", "cross", "--set", "half_width=120"], "half_width must be smaller"),
     ],

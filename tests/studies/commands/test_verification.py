@@ -9,6 +9,7 @@ import pytest
 
 from studies import cli
 from studies.commands import verify as verification
+from studies.commands.figures import STEPS
 from studies.commands.verify import Key
 
 
@@ -31,7 +32,7 @@ def known(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("force", "agrees"), [(10.0, True), (10.0999, True), (10.2, False), (float("nan"), False)])
 def test_a_number_agrees_within_its_tolerance(tmp_path: Path, force: float, agrees: bool) -> None:
-    (finding,) = verification.verify(run(tmp_path / "a", force), [KEY])
+    (finding,) = verification.compared(run(tmp_path / "a", force), [KEY])
     assert finding.agrees is agrees
 
 
@@ -48,17 +49,15 @@ def test_what_differs_is_named(tmp_path: Path, known: None, capsys: pytest.Captu
 def test_an_absent_number_does_not_agree_unless_its_study_was_left_out(tmp_path: Path) -> None:
     folder = run(tmp_path / "a")
     (folder / "simulate" / "forces.json").unlink()
-    assert [f.agrees for f in verification.verify(folder, [KEY])] == [False]
-    assert verification.verify(folder, [KEY], {"simulate": "no data"}) == []
+    assert [f.agrees for f in verification.compared(folder, [KEY])] == [False]
+    assert verification.compared(folder, [KEY], {"simulate": "no data"}) == []
 
 
-def test_tolerances_come_from_the_spread(tmp_path: Path) -> None:
+def test_tolerances_come_from_the_spread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folders = [run(tmp_path / name, force) for name, force in (("a", 10.0), ("b", 10.1), ("c", 10.3))]
-    keys = [{"name": "largest force", "file": KEY.file, "path": list(KEY.path)}]
-    (line,) = verification.collect(folders, keys)["quick"]
-    assert line["value"] == 10.1
-    assert line["tolerance"] == pytest.approx(3 * 0.3)
-    assert line["observed"] == [10.0, 10.1, 10.3]
+    monkeypatch.setattr(verification, "stored", lambda: [{"name": KEY.name, "file": KEY.file, "path": KEY.path}])
+    found = verification.reference_from(folders)["quick"][KEY.name]
+    assert found == {"value": 10.1, "tolerance": pytest.approx(3 * 0.3)}
 
 
 def test_data_files_are_compared_byte_by_byte(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -76,14 +75,13 @@ def test_what_is_no_run_is_refused(tmp_path: Path, content: str, capsys: pytest.
     assert "equigap figures" in capsys.readouterr().err
 
 
-def test_every_reference_names_a_step_of_figures() -> None:
-    from studies.commands.figures import STEPS
-
-    content = verification.stored()
+def test_every_reference_names_a_step_of_figures_and_has_a_reason() -> None:
     names = {step.name for step in STEPS}
-    assert {k["file"].split("/")[0] for k in content["keys"]} <= names
-    for keys in content["scales"].values():
-        assert all(k["tolerance"] > 0 for k in keys)
+    for scale in ("quick", "default"):
+        for key in verification.reference(scale):
+            assert key.study in names
+            assert key.tolerance > 0
+            assert key.reason
 
 
 def test_a_file_of_somebody_else_is_not_replaced(

@@ -21,7 +21,7 @@ from sheets import (
 )
 
 from calibrate import errors
-from calibrate.data.experiment import signed_areas
+from calibrate.data.triangulation import signed_areas
 from studies.importers import printed_sheets, series
 from studies.importers.series import to_experiment
 from studies.importers.synchronise import ForceRecord, Selection

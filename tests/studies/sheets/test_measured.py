@@ -13,9 +13,9 @@ from scipy.optimize import brentq
 from calibrate import errors
 from calibrate.data.experiment import Experiment, LoadedBoundary
 from calibrate.diagnosis import effect_fit, effect_score, whitened
-from calibrate.effects.camera_errors import OutOfPlane
 from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.compressibility import Compressibility
+from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import ORDER, InitialWarp, polynomials
 from calibrate.equations.basis import SingleBasis

@@ -10,7 +10,7 @@ import pytest
 
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import effect_fit, effect_score, selection
-from calibrate.effects.load import ForceOffset
+from calibrate.effects.force_offset import ForceOffset
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.errors import ConfigError
 from studies.cli import main

@@ -1,0 +1,42 @@
+"""Edges, boundary and areas of a triangulation.
+
+In: triangles (m, 3), counter-clockwise, of points (n, 2) mm. Out: edges as pairs of nodes, with the triangles that own them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def signed_areas(points: Array, triangles: Indices) -> Array:
+    """Signed areas (n_triangles,) of `points` (n, 2), `triangles` (m, 3); positive counter-clockwise, mm^2."""
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
+
+
+def half_edges(triangles: Indices) -> Indices:
+    """(3 m, 2): edge a m + e runs from corner a to the next corner of triangle e, so that the triangle is on its left."""
+    return np.concatenate([triangles[:, [a, (a + 1) % 3]] for a in range(3)])
+
+
+def unique_edges(triangles: Indices) -> tuple[Indices, Indices]:
+    """Every edge once, (e, 2) with the smaller node first, and the number (3, m) of the edge behind each corner."""
+    edges, number = np.unique(np.sort(half_edges(triangles), axis=1), axis=0, return_inverse=True)
+    return edges, number.reshape(3, len(triangles))
+
+
+def boundary_edges(triangles: Indices) -> tuple[Indices, Indices]:
+    """Edges (k, 2) of one triangle only, outline and holes, and their triangles (k,); the specimen is on the left of each."""
+    edges = half_edges(triangles)
+    _, first, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
+    single = first[count == 1]
+    return edges[single], single % len(triangles)
+
+
+def boundary_nodes(triangles: Indices) -> Indices:
+    """Sorted nodes (k,) on the boundary: outline and holes."""
+    return np.unique(boundary_edges(triangles)[0])

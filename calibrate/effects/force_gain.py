@@ -1,0 +1,21 @@
+"""A load cell with a wrong factor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calibrate.effects.effect import Effect, Parameter
+
+
+@dataclass(frozen=True)
+class ForceGain(Effect):
+    """Every force is wrong by one factor."""
+
+    name = "force gain"
+    stage = "load"
+    formula = "f (1 + g)"
+    amplitudes = (Parameter("g", "1", typical=0.02),)
+    gauge = "a common factor of modulus, force, thickness and DIC scale"
+
+    def loads(self, data, loads, a, shape):
+        return loads * (1.0 + a[0])

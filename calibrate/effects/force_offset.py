@@ -1,0 +1,29 @@
+"""A load cell that was not zeroed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+
+from calibrate.effects.effect import Effect, Parameter
+
+
+@dataclass(frozen=True)
+class ForceOffset(Effect):
+    """Every measured force is too large by f0 in the direction that it has where it is largest."""
+
+    name = "force offset"
+    stage = "load"
+    formula = "f - f0 e, e: direction of the largest force"
+    amplitudes = (Parameter("f0", "N", typical=0.1),)
+    decided_by = "a record that starts before the loading"
+
+    def missing(self, data):
+        return None if len(data.u) > 2 else "more increments"  # with one it could be the whole force
+
+    def loads(self, data, loads, a, shape):
+        size = jnp.sqrt(jnp.sum(loads * loads, axis=1))
+        largest = jnp.take_along_axis(loads, jnp.argmax(size, axis=0)[None, None, :], axis=0)[0]
+        direction = largest / jnp.where(size.max(axis=0) > 0, size.max(axis=0), 1.0)
+        return loads - a[0] * direction

@@ -1,0 +1,27 @@
+"""Motion of the specimen towards the camera, which magnifies the picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+
+from calibrate.effects.effect import Effect, Parameter
+
+
+@dataclass(frozen=True)
+class OutOfPlane(Effect):
+    """The specimen comes nearer to the camera as it is loaded, so that the picture grows by m at the end."""
+
+    name = "out-of-plane motion"
+    stage = "measurement"
+    formula = "x (1 + m s), s: share of the loading"
+    source = "Sutton, Yan, Tiwari, Schreier and Orteu 2008"
+    amplitudes = (Parameter("m", "1", typical=0.003),)
+    decided_by = "a second camera, or a telecentric lens"
+
+    def displacements(self, data, u, a, shape):
+        size = jnp.sqrt((data.u**2).mean(axis=(1, 2)))
+        share = (size / size.max())[:, None, None]
+        X = data.points - data.centre
+        return u - a[0] * share / (1.0 + a[0] * share) * (X + u)

@@ -1,0 +1,21 @@
+"""Stiffness or thickness that varies linearly over the sheet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calibrate.effects.effect import Effect, Parameter
+
+
+@dataclass(frozen=True)
+class StiffnessGradient(Effect):
+    """P times 1 + gx x + gy y, x and y in units of the extent."""
+
+    name = "stiffness gradient"
+    stage = "stiffness"
+    formula = "P (1 + gx x + gy y)"
+    amplitudes = (Parameter("gx", "1/extent", typical=0.2), Parameter("gy", "1/extent", typical=0.2))
+    decided_by = "strips cut from different places, or a thickness gauge"
+
+    def stress(self, data, F, P, a, shape, law):
+        return P * (1.0 + (data.centroids - data.centre) / data.size @ a)[:, None, None]

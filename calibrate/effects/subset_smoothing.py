@@ -1,0 +1,46 @@
+"""Smoothing by the subsets of the correlation, inside the specimen and at its edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+
+from calibrate.effects.effect import Effect, Parameter
+from calibrate.effects.support.borders import subset_moments
+from calibrate.effects.support.nodal_derivatives import second_derivatives
+
+
+@dataclass(frozen=True)
+class SubsetSmoothing(Effect):
+    """A displacement is read at the middle of a plane fitted over a subset; s2 is the variance of the subset's weights.
+
+    Inside, measured = u + s2 lap(u) / 2. At an edge, which cuts off part of a square of `side`, the plane misreads a
+    quadratic field by another tensor of moments, even of the other sign (`calibrate.effects.support.borders`). The square is that
+    of variance s2 = side^2 / 12; `side` stands for it where s2 is not known yet. Second order in s2.
+    """
+
+    name = "subset smoothing"
+    stage = "measurement"
+    truncated = True
+    formula = "u + s2 M : grad grad u / 2, M: moments of a square cut by edges"
+    source = "Schreier and Sutton 2002"
+    amplitudes = (Parameter("s2", "mm^2", lower=0.0, typical=1.0),)
+    shapes = (Parameter("side", "mm", lower=0.0),)
+    shapes_vary = False
+    decided_by = "the same pictures correlated with smaller subsets"
+    rough = True
+
+    def shape_values(self, data):
+        pitch = float(jnp.sqrt(2.0 * jnp.median(data.areas)))
+        return [(4 * pitch,), (2 * pitch,), (pitch,), (0.5 * pitch,)]
+
+    def displacements(self, data, u, a, shape):
+        known = a[0] > 0
+        side = jnp.where(known, jnp.sqrt(12.0 * jnp.where(known, a[0], 1.0)), shape[0])
+        moments = subset_moments(data.lines, side)
+
+        def change(u):
+            return 0.5 * a[0] * jnp.einsum("nij,tncij->tnc", moments, second_derivatives(data, u))
+
+        return u - change(u - change(u))

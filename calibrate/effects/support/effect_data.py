@@ -1,0 +1,126 @@
+"""An Experiment as arrays: what effects and the chain read, in a form that compiled code serves for every test of a size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from calibrate.data.experiment import Experiment
+from calibrate.data.triangulation import boundary_edges
+from calibrate.effects.support.borders import nearest_lines
+from calibrate.effects.support.branches import motion
+from calibrate.effects.support.membrane import Membrane
+from calibrate.equations import recovery
+
+Array = NDArray[np.float64]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Data:
+    """An Experiment prepared for the chain: arrays only, so that compiled code serves every experiment of its size.
+
+    points (n, 2), triangles (m, 3), stencil (m, k) and slopes (m, k, 2): gradient at the centroids = sum over the
+    stencil of nodal values times slopes, 1/mm; areas (m,) mm^2, centroids (m, 2), u (t, n, 2) mm, time (t,) s or None,
+    thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm, edge_nodes (m, 2): of
+    a free edge, motion: see `calibrate.effects.support.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.support.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
+    the stencil and slopes above, membrane: see `calibrate.effects.support.membrane`; plane: 'stress' or 'strain'.
+    """
+
+    points: Any
+    triangles: Any
+    stencil: Any
+    slopes: Any
+    areas: Any
+    centroids: Any
+    u: Any
+    time: Any
+    thickness: Any
+    size: Any
+    edges: Any
+    edge_nodes: Any
+    motion: Any
+    membrane: Membrane
+    lines: Any
+    rings: Any
+    ring_slopes: Any
+    plane: str = field(default="stress", metadata={"static": True})
+
+    @classmethod
+    def of(cls, experiment: Experiment) -> Data:
+        """Prepare an Experiment."""
+        points, triangles = experiment.points, experiment.triangles
+        areas = recovery.areas(points, triangles, experiment.free_nodes)
+        stencil, slopes = padded(recovery.centroid_gradients(points, triangles))
+        x, y = recovery.nodal_gradients(points, triangles)
+        length, edge_nodes = free_edges(experiment)
+        order = np.arange(2 * len(points)).reshape(2, -1).T.ravel()
+        rings, ring_slopes = padded(sp.csr_array(sp.csr_array(sp.vstack([x, y]))[order]))
+        return cls(
+            jnp.asarray(points),
+            jnp.asarray(triangles),
+            jnp.asarray(stencil),
+            jnp.asarray(slopes),
+            jnp.asarray(areas),
+            jnp.asarray(points[triangles].mean(axis=1)),
+            jnp.asarray(experiment.displacements),
+            None if experiment.time is None else jnp.asarray(experiment.time),
+            jnp.asarray(experiment.thickness or 1.0),
+            jnp.asarray(np.ptp(experiment.points, axis=0).max()),
+            jnp.asarray(length / areas),
+            jnp.asarray(edge_nodes),
+            None if experiment.time is None else jnp.asarray(motion(experiment.time, experiment.displacements)),
+            Membrane.of(experiment),
+            jnp.asarray(nearest_lines(points, triangles)),
+            jnp.asarray(rings),
+            jnp.asarray(ring_slopes),
+            experiment.plane,
+        )
+
+    @property
+    def centre(self) -> Any:
+        """Middle (2,) of the specimen's extent, mm."""
+        return 0.5 * (self.points.min(axis=0) + self.points.max(axis=0))
+
+
+STENCIL = 8  # stencils are padded to a multiple of it, so that meshes of one size share compiled code
+
+
+def padded(operator: sp.csr_array) -> tuple[NDArray[np.int64], Array]:
+    """Nodes (m, k) and weights (m, k, 2) of a gradient operator (2 m, n)."""
+    x, y = sp.csr_array(operator[0::2]), sp.csr_array(operator[1::2])
+    pattern = sp.csr_array(abs(x) + abs(y))
+    pattern.sort_indices()
+    counts = np.diff(pattern.indptr)
+    width = STENCIL * int(np.ceil(counts.max() / STENCIL))
+    row = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(pattern.nnz) - np.repeat(pattern.indptr[:-1], counts)
+    nodes, weights = np.zeros((len(counts), width), np.int64), np.zeros((len(counts), width, 2))
+    nodes[row, place] = pattern.indices
+    for k, part in enumerate((x, y)):
+        entries = sp.coo_array(part)
+        key = row * operator.shape[1] + pattern.indices
+        found = np.searchsorted(key, entries.row.astype(np.int64) * operator.shape[1] + entries.col)
+        weights[entries.row, place[found], k] = entries.data
+    return nodes, weights
+
+
+def free_edges(experiment: Experiment) -> tuple[Array, NDArray[np.int64]]:
+    """Length (m,), mm, of the free edges of each triangle, and the nodes (m, 2) of one of them (0 where there is none)."""
+    points, n_triangles = experiment.points, len(experiment.triangles)
+    ends, owners = boundary_edges(experiment.triangles)
+    free, gripped = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    free[experiment.free_nodes] = True
+    for boundary in experiment.loaded:
+        gripped[boundary.nodes] = True
+    edge = (free | gripped)[ends].all(axis=1) & free[ends].any(axis=1)
+    length = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
+    nodes = np.zeros((n_triangles, 2), np.int64)
+    nodes[owners[edge]] = ends[edge]
+    return np.bincount(owners[edge], length[edge], n_triangles), nodes

@@ -1,0 +1,20 @@
+"""What every command returns: typed results, with the lines that a terminal shows of them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+
+from studies.errors import StudyError
+
+
+class Outcome(ABC):
+    """Result of a command. The command line prints `lines` and ends with exit code 2 where there is a `failure`."""
+
+    @abstractmethod
+    def lines(self) -> Iterable[str]:
+        """What a terminal shows."""
+
+    def failure(self) -> StudyError | None:
+        """Why a command that came to its end did not succeed."""
+        return None
