@@ -23,7 +23,7 @@ from calibrate.models.extended_model import ExtendedModel, amplitude_unit
 from calibrate.models.model_file import load_model
 from calibrate.models.network_model import Model
 from studies.commands.discover import extended
-from studies.reports.discovery_review import forces, residual
+from studies.reports.discovery.view import forces, residual
 
 RECORD = {"command": [], "settings": {}, "inputs": {}, "versions": {}, "revision": None}
 BY_NAME = {effect.name: effect for effect in CATALOGUE}
