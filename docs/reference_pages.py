@@ -68,7 +68,11 @@ def page(package: str) -> str:
     if package != "studies":
         lines += [f"::: {name}" for name in modules(ROOT / package)]
     for folder in folders(package):
-        lines += [f"## Folder `{folder.relative_to(ROOT / package)}`", sentence(folder), *(f"::: {name}" for name in modules(folder))]
+        lines += [
+            f"## Folder `{folder.relative_to(ROOT / package)}`",
+            sentence(folder),
+            *(f"::: {name}" for name in modules(folder)),
+        ]
     return "\n\n".join(line for line in lines if line) + "\n"
 
 
