@@ -24,7 +24,7 @@ from calibrate.effects.chain import Addition
 from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
-from calibrate.models.extended_model import ExtendedModel, amplitude_unit, fingerprint
+from calibrate.models.extended_model import ExtendedModel, amplitude_unit
 from studies.reports.discovery.candidate_outcome import untested_words
 from studies.sheets.measured_account import Split, account, force_and_field, members
 from studies.sheets.measured_searches import NESTED, prepared, price, what_pays, with_splines, without_each
@@ -271,7 +271,7 @@ class _Models:
 
     def _model(self, c: Array, additions: Sequence[Addition], deviations: Sequence[tuple[float, ...]]) -> ExtendedModel:
         e = self.whole
-        training = ({"name": e.name, "fingerprint": fingerprint(e)},)
+        training = ({"name": e.name, "fingerprint": e.fingerprint},)
         held = f"increments after {self.until:g} s"
         basis = self.problem.basis
         return ExtendedModel(basis, c, tuple(additions), tuple(deviations), e.stress_unit, training, held)

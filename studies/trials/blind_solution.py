@@ -16,8 +16,8 @@ from scipy.interpolate import CubicSpline
 from calibrate.data.experiment import Experiment
 from forward.loading import Loading
 from forward.sheet import additions as laws
-from forward.sheet.additions import Sheet
 from forward.sheet.inelastic import solve_history
+from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 from forward.solid.solid_model import Options
 from forward.solid.solid_model import solve as solve_in_3d
 from forward.solution import SurfaceSolution
@@ -135,14 +135,14 @@ def sheet(trial: Trial) -> Sheet:
             case "stiffness field":
                 additions.append(laws.Patch(more["height"], more["x"], more["y"], more["width"]))
             case "viscoelasticity":
-                changes["prony"] = laws.Prony(a["g"], s["tau"])
+                changes["prony"] = Prony(a["g"], s["tau"])
             case "Mullins softening":
                 additions.append(laws.Mullins(a["r"]))
             case "Payne softening":
                 additions.append(laws.Payne(a["r"], s["x0"]))
             case "permanent set":
-                changes["permanent_set"] = laws.PermanentSet(a["a"])
-    return laws.Sheet(trial.material, trial.thickness, tuple(additions), **changes)
+                changes["permanent_set"] = PermanentSet(a["a"])
+    return Sheet(trial.material, trial.thickness, tuple(additions), **changes)
 
 
 def warp(more: dict[str, float]) -> Warp:

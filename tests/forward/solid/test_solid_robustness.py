@@ -24,10 +24,10 @@ from forward.errors import (
 from forward.run import Record
 from forward.solid.solid_model import Options, default_layers, solve
 from forward.solid.solid_problem import Outcome, SolidProblem
-from forward.stepping import State, predict
+from forward.stepping import REST, State, predict, proportional
 from meshes import PlateWithHole, extrude, quads
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PLATE = PlateWithHole()
 LOADING = Loading.clamped(PLATE.loaded, 20.0, dimension=3)
 SOLVERS = ["pardiso", "mumps"]
@@ -94,7 +94,7 @@ def test_resume_after_the_process_died(mesh, references, tmp_path):
     path = tmp_path / "run.npz"
     command = f"""
 import os, signal, sys
-sys.path[:0] = ["tests/forward", "tests/fixtures"]
+sys.path[:0] = ["tests/forward/solid", "tests/fixtures"]
 import test_solid_robustness as case
 add, added = case.Record.add, []
 def killed(record, *arguments):
@@ -136,8 +136,8 @@ def test_a_failed_step_is_rolled_back_and_halved(mesh, references, monkeypatch):
     check_same(found, expected, 1e-7)
     assert [start[0] for start in starts] == [0.25, 0.5, 0.75, 0.625, 0.75, 1.0]
     assert found.iterations[2] >= expected.iterations[2] + 3
-    at_rest = State(0.0, (np.zeros_like(mesh.points), np.zeros((len(mesh.cells), 4))))
-    known = [at_rest, *(State(0.25 * (i + 1), (found.displacements[i], found.pressure[i])) for i in range(2))]
+    at_rest = State(REST, (np.zeros_like(mesh.points), np.zeros((len(mesh.cells), 4))))
+    known = [at_rest, *(State(proportional(4)[i], (found.displacements[i], found.pressure[i])) for i in range(2))]
     for at, field, predicted in zip(starts[3][1:], ("u", "q"), predict(known, 0.625), strict=True):
         np.testing.assert_allclose(at, predicted, atol=1e-12 * np.abs(predicted).max(), err_msg=field)
 

@@ -254,7 +254,7 @@ def test_the_example_of_the_documentation_runs(tmp_path, monkeypatch, capsys):
     """The Python block of docs/forward.md, as it stands."""
     from pathlib import Path
 
-    text = (Path(__file__).parents[2] / "docs" / "forward.md").read_text()
+    text = (Path(__file__).parents[3] / "docs" / "forward.md").read_text()
     code = text.split("```python\n")[1].split("```")[0]
     monkeypatch.chdir(tmp_path)
     names: dict = {}

@@ -13,14 +13,14 @@ from forward import ArrudaBoyce, Loading, NeoHooke, SurfaceSolution
 from forward._dolfinx import MPI
 from forward.errors import ConvergenceError, LoadingError, SolutionError
 from forward.run import Record
-from forward.sheet.additions import Sheet
 from forward.sheet.inelastic_problem import InelasticProblem
 from forward.sheet.plane_stress import Options, solve
 from forward.sheet.plane_stress_problem import PlaneStressProblem
-from forward.stepping import State, predict, steps
+from forward.sheet.thin_sheet import Sheet
+from forward.stepping import REST, Elastic, Moment, State, predict, steps
 from meshes import Cross, SquareSheet, Strip, quads, triangles
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
@@ -36,11 +36,21 @@ def reference(mesh):
 AT_REST = (np.zeros((1, 2)), np.zeros(1))
 
 
-class FailsAbove:
+def at(*load_factors):
+    return [Moment(t, t) for t in load_factors]
+
+
+class FailsAbove(Elastic):
     """A problem u = t, p = -t whose solver only manages steps up to a limit."""
 
     def __init__(self, limit, wall=np.inf):
         self.unknowns, self.at, self.limit, self.wall, self.tried = AT_REST, 0.0, limit, wall, []
+
+    def nodal_forces(self):
+        return np.full((1, 2), 3 * self.at)
+
+    def energy(self):
+        return self.at**2
 
     def solve(self, load_factor):
         self.tried.append(load_factor)
@@ -55,9 +65,9 @@ class FailsAbove:
 
 def test_failed_steps_are_rolled_back_and_halved():
     problem = FailsAbove(0.3)
-    states = list(steps(problem, [0.5, 1.0], [State(0.0, AT_REST)], 4))
+    states = [i.state for i in steps(problem, at(0.5, 1.0), [State(REST, AT_REST)], 4)]
     assert problem.tried == [0.5, 0.25, 0.5, 1.0, 0.75, 1.0]
-    assert [s.load_factor for s in states] == [0.5, 1.0]
+    assert [s.moment.load_factor for s in states] == [0.5, 1.0]
     assert [s.iterations for s in states] == [6, 6]
     np.testing.assert_array_equal(states[-1].unknowns[0], 1.0)
     np.testing.assert_array_equal(states[-1].unknowns[1], -1.0)
@@ -65,7 +75,7 @@ def test_failed_steps_are_rolled_back_and_halved():
 
 def test_bisection_ends_with_a_named_error():
     problem = FailsAbove(1.0, wall=0.6)
-    walk = steps(problem, [0.5, 1.0], [State(0.0, AT_REST)], 3)
+    walk = steps(problem, at(0.5, 1.0), [State(REST, AT_REST)], 3)
     next(walk)
     with pytest.raises(ConvergenceError, match=r"beyond 0\.5625 of the load: too far"):
         next(walk)
@@ -77,7 +87,7 @@ def test_bisection_ends_with_a_named_error():
 def test_the_prediction_continues_polynomials(degree):
     """With as many states as the degree asks for, at uneven steps, it is exact in every unknown."""
     times = [0.1, 0.2, 0.45][2 - degree :]
-    known = [State(t, (np.array([1 + t**degree]), np.array([3 * t**degree]))) for t in times]
+    known = [State(Moment(t, t), (np.array([1 + t**degree]), np.array([3 * t**degree]))) for t in times]
     first, second = predict(known, 0.5)
     assert first[0] == pytest.approx(1 + 0.5**degree, rel=1e-14)
     assert second[0] == pytest.approx(3 * 0.5**degree, rel=1e-14)
@@ -86,13 +96,13 @@ def test_the_prediction_continues_polynomials(degree):
 def test_a_step_starts_from_reported_states_alone():
     """So a run resumed from the reported states predicts what an uninterrupted one does."""
     cut, whole = FailsAbove(0.3), FailsAbove(0.3)
-    start = [State(0.0, AT_REST)]
-    all_states = list(steps(whole, [0.5, 1.0], start, 4))
-    (first,) = steps(cut, [0.5], start, 4)
-    cut.at = first.load_factor
-    (second,) = steps(cut, [1.0], [*start, first], 4)
+    start = [State(REST, AT_REST)]
+    all_states = list(steps(whole, at(0.5, 1.0), start, 4))
+    (first,) = steps(cut, at(0.5), start, 4)
+    cut.at = 0.5
+    (second,) = steps(cut, at(1.0), [*start, first.state], 4)
     assert cut.tried == whole.tried
-    np.testing.assert_array_equal(second.unknowns[0], all_states[-1].unknowns[0])
+    np.testing.assert_array_equal(second.state.unknowns[0], all_states[-1].state.unknowns[0])
 
 
 def test_bisection_reaches_the_same_state(mesh, reference):
