@@ -16,7 +16,7 @@ from scipy import stats
 from calibrate.diagnosis.problem import Part, Problem
 from calibrate.effects.chain import Additions
 from calibrate.equations.whitening import Whitening
-from calibrate.fitting.least_squares import beyond
+from calibrate.fitting.least_squares import residual_outside
 
 Array = NDArray[np.float64]
 PLACE_COSINES, TIME_COSINES = 3, 4  # over each side of a specimen, over its increments
@@ -110,9 +110,9 @@ def prediction_test(problem: Problem, c: Array, additions: Additions) -> ChiSqua
     ]
     held = [(part.held, values, r) for part, values, r in zip(parts, columns, residuals, strict=True) if part.held.size]
     (A, r, doubt), (B, s, doubt_held) = _stacked(train), _stacked(held)
-    before, n_before = beyond(r, np.concatenate([A, doubt], axis=1))
+    before, n_before = residual_outside(r, np.concatenate([A, doubt], axis=1))
     both = np.concatenate([np.concatenate([A, B]), scipy.linalg.block_diag(doubt, doubt_held)], axis=1)
-    after, n_after = beyond(np.concatenate([r, s]), both)
+    after, n_after = residual_outside(np.concatenate([r, s]), both)
     return ChiSquare(max(after - before, 0.0), max(n_after - n_before, 0))
 
 

@@ -101,7 +101,7 @@ def test_what_lies_beyond_columns_has_its_degrees_of_freedom():
     columns = rng.standard_normal((30, 4))
     columns = np.column_stack([columns, columns @ [1.0, 2.0, 0.0, -1.0]])
     r = rng.standard_normal(30)
-    loss, degrees = least_squares.beyond(r + columns @ rng.standard_normal(5), columns)
+    loss, degrees = least_squares.residual_outside(r + columns @ rng.standard_normal(5), columns)
     assert degrees == 26
     assert loss == pytest.approx(np.sum((r - columns @ np.linalg.lstsq(columns, r, rcond=None)[0]) ** 2), rel=1e-9)
 

@@ -11,7 +11,7 @@ import pytest
 from discoveries import C01, sheet
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import base_fit, effect_fit, elimination, joint_fit, score_tests
+from calibrate.diagnosis import base_fit, effect_fit, elimination, joint_equations, joint_fit, score_tests
 from calibrate.diagnosis.parameters import n_parameters
 from calibrate.diagnosis.problem import Problem, all_rows
 from calibrate.effects import CATALOGUE
@@ -155,12 +155,12 @@ def test_a_fit_that_cannot_move_has_converged_only_at_a_minimum(
     """Every step raises the misfit, as with slopes that are wrong: what they promise decides."""
     problem, _ = turned_plate()
     final = found(NAMES)[-1]
-    start = final.additions if at_minimum else tuple(joint_fit.at_null(a) for a in final.additions)
-    right, calls = joint_fit._Equations.residual, iter([1.0, 1.0])
+    start = final.additions if at_minimum else tuple(joint_equations.at_null(a) for a in final.additions)
+    right, calls = joint_equations.Equations.residual, iter([1.0, 1.0])
 
-    def raised(self: joint_fit._Equations, *where: Any) -> Any:
+    def raised(self: joint_equations.Equations, *where: Any) -> Any:
         r, s, g = right(self, *where)
         return next(calls, 1e3) * r, s, g
 
-    monkeypatch.setattr(joint_fit._Equations, "residual", raised)
+    monkeypatch.setattr(joint_equations.Equations, "residual", raised)
     assert joint_fit.fit(problem, final.c, start, final.active).converged is at_minimum

@@ -1,0 +1,140 @@
+"""The equations of a joint fit: work scaled to the loads, with exact derivatives, and the prior on effects and base.
+
+In: a `Problem` and the effects that are active. Out: residuals and derivatives at any base and amplitudes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis import problem as equations_of
+from calibrate.diagnosis.parameters import Variables
+from calibrate.diagnosis.problem import Problem
+from calibrate.effects.chain import Addition, Additions
+
+Array = NDArray[np.float64]
+PRIOR = 3.0  # typical amplitudes: standard deviation of the prior
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Weights w (n,) of the cone's columns and effects with stresses scaled to the loads; r = s g - f (N,), see `Equations.residual`.
+
+    objective: by the prior of the point that the step began at.
+    """
+
+    w: Array
+    additions: Additions
+    r: Array
+    s: float
+    g: Array
+    objective: float = np.inf
+
+
+class Equations:
+    """Whitened equations with the stress scaled to the loads; effects that are not active, at their null values, take no part."""
+
+    def __init__(self, problem: Problem, active: frozenset[str]) -> None:
+        self.problem, self.active = problem, active
+        self.chains = [part.chain for part in problem.trained]
+        self.loads = equations_of.loads(problem)
+        self.columns = equations_of.base_columns(problem, self.chains) @ problem.cone
+
+    def residual(self, w: Array, additions: Additions) -> tuple[Array, float, Array]:
+        """s g - f (N,), s and g (N,)."""
+        g = equations_of.residual(self.problem, self.problem.cone @ w, self.present(additions)) + self.loads
+        product = float(g @ self.loads)
+        if not product > 0:
+            return np.full(len(g), np.inf), np.inf, g
+        s = float(self.loads @ self.loads) / product
+        return s * g - self.loads, s, g
+
+    def present(self, additions: Additions) -> Additions:
+        """Those that are active."""
+        return tuple(a for a in additions if a.effect.name in self.active)
+
+    def scaled(self, w: Array, additions: Additions) -> Point:
+        """Both with stresses scaled to the loads, and the residual there; an effect on the loads makes it another one."""
+        r, s, g = self.residual(w, additions)
+        if not np.isfinite(s):
+            return Point(w, additions, r, s, g)
+        w, additions = s * w, _stiffer(additions, s)
+        return Point(w, additions, *self.residual(w, additions))
+
+    def projected(self, columns: Array, s: float, g: Array) -> Array:
+        """Derivatives (N, k) of s g from those of g."""
+        return s * (columns - np.outer(g, self.shares(columns, g)))
+
+    def shares(self, columns: Array, g: Array) -> Array:
+        """By what share (k,) all stresses are scaled down for a unit of what has the derivatives (N, k) of g."""
+        return (self.loads @ columns) / float(g @ self.loads)
+
+    def compensated(self, columns: Array, w: Array) -> Array:
+        """Derivatives (N, k) of g where the base follows as a whole, so that the work still agrees with that of the loads."""
+        base = self.columns @ w
+        return columns - np.outer(base, self.shares(columns, base))
+
+    def slopes(self, w: Array, additions: Additions, used: NDArray[np.bool_]) -> Array:
+        """d g / d amplitudes and shapes (N, k), zero where not `used`."""
+        c, present = self.problem.cone @ w, self.present(additions)
+        S = np.zeros((len(self.loads), len(used)))
+        if present:
+            S[:, used] = self.problem.whiten([chain.jacobian(c, present) for chain in self.chains]).T
+        return S
+
+
+class Prior:
+    """Normal prior on the amplitudes of active effects, in units of typical ones (shapes have none), and on the base: smooth (r, n),
+    1 / MPa, as `Problem.prior`."""
+
+    def __init__(self, variables: Variables, active: frozenset[str], dispersion: float, smooth: Array) -> None:
+        self.dispersion = max(1.0, dispersion)
+        self.smooth = smooth * np.sqrt(self.dispersion)
+        self.used = np.concatenate(
+            [np.full(n, a.effect.name in active) for a, n in zip(variables.additions, variables.sizes, strict=True)]
+        )
+        self.null = np.concatenate(
+            [np.concatenate([[p.null for p in a.effect.amplitudes], a.shape]) for a in variables.additions]
+        )
+        self.weights = np.where(variables.is_shape | ~self.used, 0.0, np.sqrt(self.dispersion) / PRIOR)
+
+    def judged(self, point: Point) -> Point:
+        """The point with its objective."""
+        value = float(point.r @ point.r) + self.of(point.w, Variables(point.additions))
+        return replace(point, objective=value)
+
+    def of(self, w: Array, variables: Variables) -> float:
+        """Squared distance from the null values and from a base w (n,) without stiffening, weighted."""
+        bend = self.smooth @ w
+        return self.of_effects(variables) + float(bend @ bend)
+
+    def of_effects(self, variables: Variables) -> float:
+        """Squared distance from the null values, weighted."""
+        z = self.weights * np.where(variables.is_shape, 0.0, (variables.values - self.null) / variables.scale)
+        return float(z @ z)
+
+    def bend(self, w: Array, base: Array, effects: Array) -> Array:
+        """Derivatives (r, n + k) of `smooth` w to w and effects, where base (n,) and effects (k,) scale all stresses down."""
+        bend = self.smooth @ w
+        return np.concatenate([self.smooth - np.outer(bend, base), -np.outer(bend, effects)], axis=1)
+
+
+def _stiffer(additions: Additions, factor: float) -> Additions:
+    """Amplitudes in MPa times a factor, those in 1/MPa over it: every stress is as many times larger."""
+    return tuple(
+        replace(
+            a,
+            amplitudes=tuple(
+                v * factor**p.stiffness_power for p, v in zip(a.effect.amplitudes, a.amplitudes, strict=True)
+            ),
+        )
+        for a in additions
+    )
+
+
+def at_null(addition: Addition) -> Addition:
+    """The effect with amplitudes at which it does nothing."""
+    return replace(addition, amplitudes=tuple(p.null for p in addition.effect.amplitudes))
