@@ -211,7 +211,7 @@ def _read_map(request: Request, source: Path) -> Read:
         )
     columns = column_map.read_map(source)
     series = column_import.column_series(columns, source.parent)
-    series.provenance.update(source=source.name, map=asdict(columns))
+    series.provenance.update(source=source.name, map=columns.model_dump())
     if columns.frames.rate_hz is not None:
         series = with_missing_frames(series)
     return series, columns.selection, columns.stated_noise, columns.noise.kind, [source]

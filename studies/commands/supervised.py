@@ -6,73 +6,88 @@ by mode, a figure of every data set, the models, a manifest beside each, ``repor
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import asdict
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from calibrate import errors
-from studies.commands.options import count, seed
+from studies.commands.option_types import Count, Integers, OutputFolder, Overwrite, Seed, Several, default_folder
+from studies.commands.outcome import Outcome
 from studies.importers import homogeneous_curves
 from studies.output import Manifest, open_output_folder, track
 from studies.reports.supervised.report import write
-from studies.reports.supervised.supervised_fits import TRUTH, Case, default_cases, run, short_r2
+from studies.reports.supervised.supervised_fits import TRUTH, Case, Result, default_cases, run, short_r2
 
-DESCRIPTION = "Fit PANNs to stress-stretch curves of homogeneous tests."
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `equigap supervised`."""
-    parser.add_argument(
-        "--data", nargs="+", metavar="NAME", help=f"data sets: {TRUTH}, {', '.join(homogeneous_curves.COLLECTIONS)}"
-    )
-    parser.add_argument("--inputs", choices=("I1", "I2", "I1I2"), help="one set of inputs instead of the default cases")
-    parser.add_argument("--layers", type=_layers, metavar="N,N", help="one network size instead of the default cases")
-    parser.add_argument("--starts", type=count, default=10, help="random starts (%(default)s)")
-    parser.add_argument("--seed", type=seed, default=0, help="seed of the starts (%(default)s)")
-    parser.add_argument("--quick", action="store_true", help="fewer cases and starts")
-    parser.add_argument("-o", "--output", type=Path, default=Path("results/supervised"), help="folder (%(default)s)")
-    parser.add_argument("--overwrite", action="store_true", help="replace an earlier run in that folder")
+QUICK_STARTS = 4
+DATA = f"data sets: {TRUTH}, {', '.join(homogeneous_curves.COLLECTIONS)}"
 
 
-def _layers(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(count(part) for part in text.split(","))
-    except (argparse.ArgumentTypeError, ValueError):
-        raise argparse.ArgumentTypeError(
-            f"'{text}': give whole numbers above 0 separated by commas, as in 8,8"
-        ) from None
+@dataclass(frozen=True)
+class Supervised(Outcome):
+    """Fitted networks."""
+
+    results: tuple[Result, ...]
+    table: Path
+    report: Path
+
+    def lines(self) -> Iterable[str]:
+        """r2 of every fit, and the files."""
+        for r in self.results:
+            yield f"{r.case.name:28s} " + "  ".join(f"{mode} r2 {short_r2(value)}" for mode, value in r.r2.items())
+        yield f"wrote {self.table}"
+        yield f"report: {self.report}"
 
 
-def cases_of(args: argparse.Namespace) -> list[Case]:
-    """Cases asked for on the command line. Raises `ConfigError` for an unknown data set."""
-    cases = default_cases(args.quick)
-    if args.data:
-        known = {TRUTH, *homogeneous_curves.COLLECTIONS}
-        for name in args.data:
-            if name not in known:
-                raise errors.ConfigError(f"data set '{name}' unknown; choose one of {', '.join(sorted(known))}")
-        networks = list(dict.fromkeys((c.inputs, c.layers) for c in cases))
-        cases = [Case(name, *network) for name in args.data for network in networks]
-    if args.inputs or args.layers:
-        cases = [Case(c.data, args.inputs or c.inputs, args.layers or c.layers) for c in cases]
-    return list(dict.fromkeys(cases))
+def supervised(
+    *,
+    data: Annotated[Several, Parameter(help=DATA)] = (),
+    inputs: Literal["I1", "I2", "I1I2"] | None = None,
+    layers: Integers = (),
+    starts: Count = 10,
+    seed: Seed = 0,
+    quick: bool = False,
+    output: Annotated[OutputFolder, Parameter(help="folder (default: results/supervised)")] = None,
+    overwrite: Overwrite = False,
+) -> Supervised:
+    """Fit PANNs to stress-stretch curves of homogeneous tests.
 
+    Args:
+        inputs: one set of inputs instead of the default cases
+        layers: one network size, such as 8,8, instead of the default cases
+        starts: random starts
+        seed: of the starts
+        quick: fewer cases and starts
 
-def main(args: argparse.Namespace) -> int:
-    """Fit every case, write table, figures, models and manifests; raises named errors."""
-    cases = cases_of(args)
-    starts = min(args.starts, 4) if args.quick else args.starts
-    settings = {
-        "study": "supervised",
-        "cases": [asdict(c) for c in cases],
-        "starts": starts,
-        "seed": args.seed,
-    }
-    folder = open_output_folder(args.output, args.overwrite, settings)
-    manifest = Manifest(seed=args.seed, settings=settings)
-    results = [run(case, starts, args.seed) for case in track(cases, "supervised fits", unit="fits")]
+    Raises:
+        ConfigError: unknown data set.
+    """
+    cases = cases_of(data, inputs, tuple(layers), quick)
+    starts = min(starts, QUICK_STARTS) if quick else starts
+    settings = {"study": "supervised", "cases": [asdict(c) for c in cases], "starts": starts, "seed": seed}
+    folder = open_output_folder(output or default_folder("supervised"), overwrite, settings)
+    manifest = Manifest(seed=seed, settings=settings)
+    results = [run(case, starts, seed) for case in track(cases, "supervised fits", unit="fits")]
     report = write(folder, results, manifest)
-    for r in results:
-        print(f"{r.case.name:28s} " + "  ".join(f"{mode} r2 {short_r2(value)}" for mode, value in r.r2.items()))
-    print(f"wrote {folder / 'supervised.csv'}\nreport: {report}")
-    return 0
+    return Supervised(tuple(results), folder / "supervised.csv", report)
+
+
+def cases_of(
+    data: Sequence[str] = (), inputs: str | None = None, layers: tuple[int, ...] = (), quick: bool = False
+) -> list[Case]:
+    """Cases asked for. Raises `ConfigError` for an unknown data set and for layers without neurons."""
+    known = {TRUTH, *homogeneous_curves.COLLECTIONS}
+    for name in data:
+        if name not in known:
+            raise errors.ConfigError(f"data set '{name}' unknown; choose one of {', '.join(sorted(known))}")
+    if any(n < 1 for n in layers):
+        raise errors.ConfigError(f"--layers {','.join(map(str, layers))}: give whole numbers above 0")
+    cases = default_cases(quick)
+    if data:
+        networks = list(dict.fromkeys((c.inputs, c.layers) for c in cases))
+        cases = [Case(name, *network) for name in data for network in networks]
+    if inputs or layers:
+        cases = [Case(c.data, inputs or c.inputs, layers or c.layers) for c in cases]
+    return list(dict.fromkeys(cases))

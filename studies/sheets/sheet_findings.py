@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Any
 
-from calibrate.diagnosis.selection import ALPHA
+from calibrate.diagnosis.selection import DEFAULT
 from studies.output.findings import Finding
 from studies.sheets.measured_record import SHEETS
 from studies.sheets.model_errors import BASE, MEAN, RETAINED, entry
@@ -40,7 +40,7 @@ def findings(results: dict[str, Any]) -> list[Finding]:
     second, located = results["second"]["models"], results["map"]["errors"]["scored"]
     before, after = (m["errors"]["scored"]["force"] for m in (second[0], second[-1]))
     controls = [results[f"control_{name}"] for name in SHEETS]
-    significant = [c["name"] for c in controls if c["smallest_adjusted_p"] < ALPHA]
+    significant = [c["name"] for c in controls if c["smallest_adjusted_p"] < DEFAULT.significance]
     transferred = {"name": results["second"]["name"], "factor": second[-1]["factor"], "before": before, "after": after}
     lines: list[tuple[SheetCode, dict[str, Any]]] = [
         (SheetCode.ALONE, {"text": sheet(results["own"]).text}),

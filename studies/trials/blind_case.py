@@ -59,7 +59,8 @@ def beside(home: Path) -> dict[str, float]:
     Tested against the base alone, an effect may get its score from another that it resembles.
     """
     from calibrate.data.experiment import Experiment
-    from calibrate.diagnosis import effect_fit, effect_score, selection
+    from calibrate.diagnosis import base_fit, model_weights, score_tests, weighted_fit
+    from calibrate.diagnosis.hold_out import HoldOut
     from calibrate.effects import CATALOGUE
     from calibrate.effects.chain import Addition
 
@@ -69,25 +70,28 @@ def beside(home: Path) -> dict[str, float]:
         effect = known[one["name"]]
         amplitudes = tuple(one["amplitudes"][p.name] for p in effect.amplitudes)
         hidden.append(Addition(effect, amplitudes, tuple(one["shape"][p.name] for p in effect.shapes)))
-    problem, base = effect_fit.prepare([Experiment.load(home / "experiment.npz")], [selection.HoldOut().training])
+    problem, base = base_fit.prepare([Experiment.load(home / "experiment.npz")], [HoldOut().training])
     result = {}
     for one in hidden:
         others = tuple(other for other in hidden if other is not one)
-        _, fit = effect_fit.settled(problem, base.c, others)
-        weighted, fit = effect_fit.settled(effect_fit.reweighted(problem, fit), fit.c, fit.additions)
-        result[one.effect.name] = effect_score.score(weighted, fit, (one.effect,))[0].score
+        _, fit = weighted_fit.fit_with_weights(problem, base.c, others)
+        weighted, fit = weighted_fit.fit_with_weights(
+            model_weights.reweighted(problem, fit.c, fit.additions), fit.c, fit.additions
+        )
+        result[one.effect.name] = score_tests.score(weighted, fit, (one.effect,))[0].score
     return result
 
 
 def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     """What the diagnosis says of an Experiment; `without`: once more with these effects taken out of the catalogue."""
     from calibrate.data.experiment import Experiment
-    from calibrate.diagnosis import effect_fit, selection
+    from calibrate.diagnosis import base_fit, selection
+    from calibrate.diagnosis.hold_out import HoldOut
     from calibrate.effects import CATALOGUE
 
     start = time.process_time()
     experiment = Experiment.load(path)
-    problem, base = effect_fit.prepare([experiment], [selection.HoldOut().training])
+    problem, base = base_fit.prepare([experiment], [HoldOut().training])
     found = selection.close_loop(problem, base, whole_table=False)
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
@@ -99,13 +103,15 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
 
 def described(found: Any) -> dict[str, Any]:
     """A `Discovery` as plain data."""
+    from studies.reports.discovery.candidate_outcome import round_remarks
+
     rounds = []
     for r in found.rounds:
         rounds.append(
             {
                 "added": r.added,
                 "group": list(r.group),
-                "remarks": list(r.remarks),
+                "remarks": round_remarks(r),
                 "chi_square": r.fit.reduced_chi_square,
                 "p_value": r.fit.p_value,
                 "misfits": [list(one) for one in r.fit.misfits],
@@ -119,8 +125,8 @@ def described(found: Any) -> dict[str, Any]:
                         "amplitudes": list(row.score.amplitudes),
                         "like": dict(row.like),
                     }
-                    for row in r.rows
-                    if row.score.status == "tested"
+                    for row in r.candidates
+                    if row.score.is_tested
                 },
             }
         )

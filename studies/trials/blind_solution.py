@@ -33,7 +33,7 @@ from studies.synthetic.disturbances import (
 from studies.trials.blind_effects import SOLID
 
 if TYPE_CHECKING:
-    from forward.sheet.additions import Sheet
+    from forward.sheet.thin_sheet import Sheet
     from forward.solution import SurfaceSolution
     from studies.trials.blind_data import Trial
 
@@ -130,6 +130,7 @@ def _solve_solid(trial: Trial, size_factor: float, lag: Lag | None) -> SurfaceSo
 def sheet(trial: Trial) -> Sheet:
     """The sheet with the effects that are in the material."""
     from forward.sheet import additions as laws
+    from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 
     additions: list[laws.Addition] = []
     changes: dict[str, Any] = {}
@@ -150,14 +151,14 @@ def sheet(trial: Trial) -> Sheet:
             case "stiffness field":
                 additions.append(laws.Patch(more["height"], more["x"], more["y"], more["width"]))
             case "viscoelasticity":
-                changes["prony"] = laws.Prony(a["g"], s["tau"])
+                changes["prony"] = Prony(a["g"], s["tau"])
             case "Mullins softening":
                 additions.append(laws.Mullins(a["r"]))
             case "Payne softening":
                 additions.append(laws.Payne(a["r"], s["x0"]))
             case "permanent set":
-                changes["permanent_set"] = laws.PermanentSet(a["a"])
-    return laws.Sheet(trial.material, trial.thickness, tuple(additions), **changes)
+                changes["permanent_set"] = PermanentSet(a["a"])
+    return Sheet(trial.material, trial.thickness, tuple(additions), **changes)
 
 
 def warp(more: dict[str, float]) -> Warp:

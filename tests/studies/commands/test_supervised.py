@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import os
@@ -14,6 +13,7 @@ import pytest
 from calibrate import errors
 from calibrate.fitting.sobolev_fit import fit_supervised
 from calibrate.models.network_model import Model
+from studies import cli
 from studies.accuracy import metrics
 from studies.commands import supervised
 from studies.importers import homogeneous_curves
@@ -120,15 +120,12 @@ def test_treloar_is_described_in_all_modes(name):
 
 
 def run(*words) -> int:
-    parser = argparse.ArgumentParser()
-    supervised.add_arguments(parser)
-    return supervised.main(parser.parse_args([str(w) for w in words]))
+    return cli.main(["supervised", *map(str, words)])
 
 
 @pytest.mark.parametrize("words", [("--starts", 0), ("--layers", "x"), ("--layers", "4,0")])
-def test_what_is_no_number_of_starts_or_neurons_is_refused(words, capsys):
-    with pytest.raises(SystemExit):
-        run(*words)
+def test_what_is_no_number_of_starts_or_neurons_is_refused(words, capsys, tmp_path):
+    assert run(*words, "-o", tmp_path / "out") == 2
     assert "whole number" in capsys.readouterr().err
 
 
@@ -147,4 +144,4 @@ def test_command_writes_table_figure_model_and_manifest(tmp_path, capsys):
 
 def test_command_refuses_unknown_data(tmp_path):
     with pytest.raises(errors.ConfigError, match="data set 'gent' unknown"):
-        run("--data", "gent", "-o", tmp_path)
+        supervised.supervised(data=("gent",), output=tmp_path)

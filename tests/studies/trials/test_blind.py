@@ -9,7 +9,8 @@ from itertools import batched, pairwise
 import pytest
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import effect_fit, effect_score, selection
+from calibrate.diagnosis import base_fit, score_tests
+from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.effects.force_offset import ForceOffset
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.errors import ConfigError
@@ -155,8 +156,8 @@ def test_an_effect_may_get_its_score_from_another(tmp_path):
     """A force offset stands in for a second invariant that is not in the model yet; beside it nothing is left."""
     blind_data.write(draw(9015, "second invariant", "force offset"), tmp_path)
     experiment = Experiment.load(tmp_path / "experiment.npz")
-    problem, base = effect_fit.prepare([experiment], [selection.HoldOut().training])
-    scores = effect_score.score(problem, base, (SecondInvariant(), ForceOffset()))
+    problem, base = base_fit.prepare([experiment], [HoldOut().training])
+    scores = score_tests.score(problem, base, (SecondInvariant(), ForceOffset()))
     alone = next(s.score for s in scores if s.effect == ForceOffset())
     beside = blind_case.beside(tmp_path)
     assert alone > 1000 and beside["second invariant"] > 1000
