@@ -48,17 +48,17 @@ COMMANDS = {
         "equigap import Soft_Homo\nequigap import columns.toml --output results/my-sheet",
     ),
     "homogeneous": Command(
-        "studies.commands.homogeneous",
+        "studies.commands.homogeneous:homogeneous",
         "read a stress-stretch curve into an Experiment",
         "equigap homogeneous treloar-a-uniaxial\nequigap homogeneous pull.csv --mode pure_shear -o results/pull",
     ),
     "calibrate": Command(
-        "studies.commands.calibrate",
+        "studies.commands.calibrate:calibrate",
         "identify a network from an Experiment",
         "equigap calibrate results/simulate/experiment.npz\nequigap calibrate sheet.npz --inputs I1I2 --layers 4,4",
     ),
     "predict": Command(
-        "studies.commands.predict",
+        "studies.commands.predict:predict",
         "uniaxial, equi-biaxial and pure-shear curves of a model",
         "equigap predict results/calibrate/model.json\nequigap predict model.json --stretch 2.5 --against arruda_boyce",
     ),
@@ -105,7 +105,7 @@ COMMANDS = {
         "equigap verify results/figures-quick\nequigap verify results/figures-quick --same-as results/again",
     ),
     "supervised": Command(
-        "studies.commands.supervised",
+        "studies.commands.supervised:supervised",
         "fit networks directly to stress-stretch data",
         "equigap supervised --quick",
     ),

@@ -50,23 +50,6 @@ class Uncertainty:
         """Whether noise does not explain the residuals, or may not: then part of them is an error of the model."""
         return not self.noise_is_known or self.reduced_chi_square > MISFIT
 
-    def meaning(self) -> str:
-        """What a band of this uncertainty holds, in one or two sentences."""
-        if not self.noise_is_known:
-            text = (
-                "The noise is unknown, so the residuals themselves set the size of the 95 % bands; what the model "
-                "leaves out is among them as if it were noise. Take the bands as a lower bound."
-            )
-        elif self.is_lower_bound:
-            text = (
-                f"The 95 % bands are widened by the square root of the reduced chi-square ({self.reduced_chi_square:.3g}):"
-                " noise does not explain the residuals, and an error of the model is not noise. Take the bands as a "
-                "lower bound."
-            )
-        else:
-            text = "The 95 % bands hold the measurement noise and what it leaves undetermined, not errors of the model."
-        return text + f" The data fix {self.effective_parameters:.2g} directions of the network's parameters."
-
     def deviation(self, architecture: pann.Architecture, parameters: Array, invariants: Array, weights: Array) -> Array:
         """Standard deviation (...) of sum_k weights_k d psi / dI_k at invariants, weights (..., 2), to first order;
         in the unit of the energy where the weights have none."""

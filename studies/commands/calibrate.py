@@ -6,192 +6,122 @@ table of forces ``forces.csv``, and a manifest with every setting and result.
 
 from __future__ import annotations
 
-import argparse
 import time
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Literal
 
-from studies.commands.options import add_output, count, output_folder, positive, seed
+import numpy as np
+from cyclopts import Parameter
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.fitting.calibration import Options
+from calibrate.fitting.calibration import calibrate as fit_network
+from studies.commands.option_types import Count, Integers, OutputFolder, Overwrite, Positive, Seed, default_folder
+from studies.commands.outcome import Outcome
+from studies.output import Manifest, callback, open_output_folder, released_if_refused
+from studies.reports.calibration.fit_review import Review, review
+from studies.reports.calibration.report import summary_lines, write
 
-    from calibrate.data.experiment import Experiment
-    from calibrate.fitting.calibration import Options
-    from studies.reports.calibration_review import Review
-
-DESCRIPTION = """\
-Identify a neural-network hyperelastic model from an Experiment (.npz of `equigap import` or `simulate`).
-Stresses come out in MPa, or in N/mm (stress times thickness) where the thickness is unknown."""
 HOLD_OUT = 0.3
 QUICK_STARTS, QUICK_INCREMENTS = 4, 6
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `equigap calibrate`."""
-    parser.add_argument("experiment", type=Path, metavar="EXPERIMENT.npz", help="what was measured or simulated")
-    model = parser.add_argument_group("model")
-    model.add_argument("--inputs", choices=("I1", "I2", "I1I2"), default="I1", help="invariants (default: I1)")
-    model.add_argument("--layers", default="4,4", metavar="N,N", help="neurons of each layer (default: 4,4)")
-    fit = parser.add_argument_group("fit")
-    fit.add_argument(
-        "--loss", choices=("weighted", "paper"), default="weighted",
-        help="weighted by the noise on coarse virtual fields (default), or the plain equilibrium gap",
-    )  # fmt: skip
-    fit.add_argument(
-        "--scaling", choices=("frozen", "dependent"), default="frozen",
-        help="of the paper's loss: scale of the nodal forces held, or following the model (default: frozen)",
-    )  # fmt: skip
-    fit.add_argument("--spacing", type=positive, metavar="MM", help="of the virtual fields (default: from the noise)")
-    fit.add_argument("--starts", type=count, default=20, metavar="N", help="random starts (default: 20)")
-    fit.add_argument("--seed", type=seed, default=0, help="of the random starts (default: 0)")
-    fit.add_argument(
-        "--hold-out", metavar="last|random[:SHARE]",
-        help=f"leave increments out of the fit and score the model on them (share: {HOLD_OUT})",
-    )  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="4 starts, at most 6 increments: shows the path")
-    add_output(parser, "calibrate")
+@Parameter(name="*", group="Model and fit")
+@dataclass(frozen=True)
+class Fit:
+    """The network, and how it is fitted."""
+
+    inputs: Literal["I1", "I2", "I1I2"] = "I1"
+    """invariants"""
+    layers: Integers = (4, 4)
+    """neurons of each layer"""
+    loss: Literal["weighted", "paper"] = "weighted"
+    """weighted by the noise on coarse virtual fields, or the plain equilibrium gap"""
+    scaling: Literal["frozen", "dependent"] = "frozen"
+    """of the paper's loss: scale of the nodal forces held, or following the model"""
+    spacing: Positive | None = None
+    """of the virtual fields, mm (default: from the noise)"""
+    starts: Count = 20
+    """random starts"""
+    seed: Seed = 0
+    """of the random starts"""
+    hold_out: str | None = None
+    """last or random, with a share such as last:0.3: leave increments out of the fit and score the model on them"""
+
+    def options(self, quick: bool) -> Options:
+        """As `calibrate` takes them. Raises `ConfigError`."""
+        starts = min(self.starts, QUICK_STARTS) if quick else self.starts
+        return Options(self.inputs, tuple(self.layers), self.loss, self.scaling, self.spacing, starts, self.seed)
 
 
-def main(args: argparse.Namespace) -> int:
-    """Calibrate, write everything, print a summary. Raises the named errors of `calibrate` and `studies`."""
-    from calibrate.data.experiment import Experiment
-    from calibrate.fitting.calibration import calibrate
-    from studies.output import Manifest, callback, open_output_folder, released_if_refused
-    from studies.reports.calibration_review import review
+@dataclass(frozen=True)
+class Calibrated(Outcome):
+    """A calibration with its evidence. folder: with ``model.json`` and ``report.html``."""
 
+    folder: Path
+    review: Review
+
+    def lines(self) -> Iterable[str]:
+        """The numbers, what they mean, and the files."""
+        yield from summary_lines(self.review)
+        yield f"model: {self.folder / 'model.json'}"
+        yield f"report: {self.folder / 'report.html'}"
+
+
+def calibrate(
+    experiment: Path,
+    /,
+    *,
+    fit: Fit = Fit(),
+    quick: bool = False,
+    output: OutputFolder = None,
+    overwrite: Overwrite = False,
+) -> Calibrated:
+    """Identify a neural-network hyperelastic model from an Experiment (.npz of `equigap import` or `simulate`).
+
+    Stresses come out in MPa, or in N/mm (stress times thickness) where the thickness is unknown.
+
+    Args:
+        experiment: what was measured or simulated
+        quick: 4 starts, at most 6 increments: shows the path
+
+    Raises:
+        EquigapError: an Experiment or options that cannot be.
+        OutputFolderError: the folder holds another run.
+    """
     started = time.time()
-    options = options_from(args)
-    experiment = Experiment.load(args.experiment)
-    if args.quick:
-        experiment = experiment.select(_spread(experiment.n_increments, QUICK_INCREMENTS))
-    fitted = held_in(experiment, args.hold_out, args.seed)
-    settings = {k: v for k, v in vars(args).items() if k not in ("output", "overwrite", "experiment")}
-    manifest = Manifest(args.seed, settings, [args.experiment], started)
+    options = fit.options(quick)
+    everything = Experiment.load(experiment)
+    if quick:
+        everything = everything.select(_spread(everything.n_increments, QUICK_INCREMENTS))
+    fitted = held_in(everything, fit.hold_out, fit.seed)
+    settings = {"command": "calibrate", "quick": quick, **asdict(fit)}
+    manifest = Manifest(fit.seed, settings, [experiment], started)
     key = {**settings, "experiment": manifest.to_dict()["inputs"]}
-    folder = open_output_folder(output_folder(args, "calibrate"), args.overwrite, key)
-    part = experiment if fitted.all() else experiment.select(fitted.nonzero()[0])
+    folder = open_output_folder(output or default_folder("calibrate", quick), overwrite, key)
+    part = everything if fitted.all() else everything.select(fitted.nonzero()[0])
     with released_if_refused(folder):
-        calibration = calibrate(part, options, callback("assembling"))
-    view = review(calibration, experiment, fitted, callback("judging residuals"))
+        calibration = fit_network(part, options, callback("assembling"))
+    view = review(calibration, everything, fitted, callback("judging residuals"))
     write(folder, view, manifest)
-    print_summary(view)
-    print(f"model: {folder / 'model.json'}\nreport: {folder / 'report.html'}")
-    return 0
-
-
-def options_from(args: argparse.Namespace) -> Options:
-    """Options of the calibration. Raises `ConfigError`."""
-    from calibrate.errors import ConfigError
-    from calibrate.fitting.calibration import Options
-
-    try:
-        layers = tuple(int(n) for n in str(args.layers).split(","))
-    except ValueError:
-        raise ConfigError(f"--layers {args.layers}: give whole numbers with commas between, such as 4,4") from None
-    starts = min(args.starts, QUICK_STARTS) if args.quick else args.starts
-    return Options(args.inputs, layers, args.loss, args.scaling, args.spacing, starts, args.seed)
+    return Calibrated(folder, view)
 
 
 def held_in(experiment: Experiment, hold_out: str | None, seed: int) -> NDArray[np.bool_]:
-    """Which increments (n_increments,) are used for the fit, of 'last', 'random', 'last:0.3' ... or None.
+    """Which increments (n_increments,) are used for the fit, of 'last', 'random:0.3', 'every:3' ... or None.
 
     At least one increment is left on either side. Raises `ConfigError`.
     """
-    import numpy as np
-
-    from calibrate.errors import ConfigError
-
-    n = experiment.n_increments
-    fitted = np.ones(n, bool)
     if hold_out is None:
-        return fitted
-    kind, _, text = hold_out.partition(":")
-    try:
-        share = float(text) if text else HOLD_OUT
-    except ValueError:
-        share = -1.0
-    if kind not in ("last", "random") or not 0 < share < 1:
-        raise ConfigError(f"--hold-out {hold_out}: give 'last' or 'random', with a share such as last:{HOLD_OUT}")
-    if n < 2:
-        raise ConfigError("--hold-out needs at least 2 increments; this experiment has 1")
-    size = min(max(round(share * n), 1), n - 1)
-    chosen = np.arange(n - size, n) if kind == "last" else np.random.default_rng(seed).permutation(n)[:size]
-    fitted[chosen] = False
-    return fitted
-
-
-def write(folder: Path, view: Review, manifest: Any) -> None:
-    """Write model, figures, table of forces, report and manifest into `folder`."""
-    from studies.output import write_csv, write_figure
-    from studies.output.report import Report
-    from studies.reports import calibration_figures, force_record
-    from studies.reports.calibration_words import curve_table, force_table, remarks, summary, summary_table
-
-    calibration, experiment = view.calibration, view.experiment
-    model = folder / "model.json"
-    calibration.model.save(model)
-    report = Report(f"Calibration on {experiment.name}", model_name(view))
-    report.heading("Result").table(*summary_table(view))
-    for remark in remarks(view):
-        report.paragraph(remark)
-    report.table(*force_table(view), "Forces on the loaded edges; the rms is over all increments.")
-    report.table(*curve_table(view), "Predicted nominal stress; 'no': beyond the calibrated range, extrapolated.")
-    report.heading("Evidence")
-    for name, (draw, caption) in calibration_figures.FIGURES.items():
-        path = folder / f"{name}.png"
-        write_figure(path, draw(view), dpi=160)
-        report.figure(path, caption)
-    columns, rows = force_record.rows(view.measured, view.forces, experiment.time, view.fitted)
-    write_csv(folder / "forces.csv", columns, rows, ["forces of the grip on the specimen, N; time in s"])
-    report.heading("How it was made")
-    report.details("Experiment", _flat({"name": experiment.name, **experiment.provenance}))
-    record = manifest.to_dict()
-    report.details("Settings", _flat(record["settings"]))
-    report.details("Versions", record["versions"])
-    report.save(folder / "report.html")
-    # the manifest is written last: where it is, everything is
-    manifest.beside(folder / "report.html", model, folder / "forces.csv", **summary(view))
-
-
-def model_name(view: Review) -> str:
-    """'PANN I1 (4, 4): 37 parameters; 2484 points, 10 increments'."""
-    architecture, experiment = view.model.architecture, view.experiment
-    layers = ", ".join(map(str, architecture.layers))
-    return (
-        f"PANN {architecture.inputs} ({layers}): {architecture.n_parameters} parameters; "
-        f"{len(experiment.points)} points, {len(experiment.triangles)} triangles, "
-        f"{experiment.n_increments} increments"
-    )
-
-
-def print_summary(view: Review) -> None:
-    """Print the numbers and what they mean."""
-    from studies.reports.calibration_words import remarks, summary_table
-
-    print(f"{view.experiment.name}: {model_name(view)}")
-    _, rows = summary_table(view)
-    width = max(len(str(row[0])) for row in rows)
-    for name, value, unit in rows:
-        text = f"{value:.4g}" if isinstance(value, float) else str(value)
-        print(f"  {name:{width}}  {text} {unit}".rstrip())
-    for remark in remarks(view):
-        print(f"- {remark}")
+        return np.ones(experiment.n_increments, bool)
+    return HoldOut.parse(hold_out, seed).increments(experiment)
 
 
 def _spread(n: int, most: int) -> NDArray[np.int64]:
     """At most `most` of n increments, evenly spread, the last among them."""
-    import numpy as np
-
     size = min(n, most)
     return np.unique(np.round(np.linspace(n / size - 1, n - 1, size)).astype(np.int64))
-
-
-def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested names as 'a / b'."""
-    flat: dict[str, Any] = {}
-    for key, value in content.items():
-        name = f"{prefix}{key}"
-        flat.update(_flat(value, f"{name} / ") if isinstance(value, dict) else {name: value})
-    return flat

@@ -2,98 +2,77 @@
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Literal
 
+from cyclopts import Parameter
+
+from calibrate.data.experiment import Experiment
 from calibrate.errors import ConfigError
-from studies.commands.options import add_output, nearest, settings
+from studies.commands.option_types import OutputFolder, Overwrite, default_folder, nearest
+from studies.commands.outcome import Outcome
+from studies.output import Manifest, open_output_folder
+from studies.sheets.homogeneous_experiments import EXPERIMENTS, from_file
+from studies.sheets.homogeneous_report import write_report
 
-if TYPE_CHECKING:
-    from calibrate.data.experiment import Experiment
-    from studies.output.manifest import Manifest
-
-DESCRIPTION = """\
-Write homogeneous tests (stress and stretch) as Experiments, for `equigap calibrate`. The sheet is 10 mm x 1 mm in
-cross-section. Noise is estimated from the scatter of the curve."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `equigap homogeneous`."""
-    from studies.sheets.homogeneous_experiments import EXPERIMENTS, MODES
-
-    parser.add_argument(
-        "source",
-        help=f"a .csv with the columns stretch, stress (time) or lambda1, lambda2, P1_MPa, P2_MPa, or one of: {', '.join(EXPERIMENTS)}",
-    )
-    parser.add_argument("--mode", default="uniaxial", choices=tuple(MODES), help="of a .csv (%(default)s)")
-    add_output(parser, "homogeneous-NAME")
+SOURCE = "a .csv with the columns stretch, stress (time) or lambda1, lambda2, P1_MPa, P2_MPa, or one of: " + ", ".join(
+    EXPERIMENTS
+)
 
 
-def main(args: argparse.Namespace) -> int:
-    """Write experiment.npz. Raises `ConfigError`, `DataNotFoundError` and the errors of an Experiment."""
-    from studies.output import Manifest, open_output_folder, write_figure
-    from studies.sheets.homogeneous_experiments import EXPERIMENTS, from_file
+@dataclass(frozen=True)
+class HomogeneousTest(Outcome):
+    """A homogeneous test that was read. path: of the Experiment."""
 
-    if args.source in EXPERIMENTS:
-        experiment = EXPERIMENTS[args.source]()
-    elif args.source.endswith(".csv"):
-        experiment = from_file(args.source, args.mode)
-    else:
-        raise ConfigError(
-            f"test '{args.source}' unknown{nearest(args.source, EXPERIMENTS)}; give a .csv or one of "
-            + ", ".join(EXPERIMENTS)
-        )
-    output = args.output or Path("results") / f"homogeneous-{Path(args.source).stem}"
-    key = settings(args)
-    folder = open_output_folder(output, args.overwrite, key)
+    experiment: Experiment
+    path: Path
+    report: Path
+
+    def lines(self) -> Iterable[str]:
+        """Files, and how many increments there are."""
+        yield f"experiment: {self.path} ({self.experiment.n_increments} increments)"
+        yield f"report: {self.report}"
+
+
+def homogeneous(
+    source: Annotated[str, Parameter(help=SOURCE)],
+    /,
+    *,
+    mode: Literal["uniaxial", "equibiaxial", "pure_shear"] = "uniaxial",
+    output: OutputFolder = None,
+    overwrite: Overwrite = False,
+) -> HomogeneousTest:
+    """Write homogeneous tests (stress and stretch) as Experiments, for `equigap calibrate`.
+
+    The sheet is 10 mm x 1 mm in cross-section. Noise is estimated from the scatter of the curve. The folder is
+    results/homogeneous-NAME unless told.
+
+    Args:
+        mode: of a .csv
+
+    Raises:
+        ConfigError: unknown test.
+        DataNotFoundError: its data are not there.
+    """
+    experiment = read(source, mode)
+    key = {"command": "homogeneous", "source": source, "mode": mode}
+    folder = open_output_folder(output or default_folder(f"homogeneous-{Path(source).stem}"), overwrite, key)
     manifest = Manifest(settings=key)
     path = folder / "experiment.npz"
     experiment.save(path)
-    write_figure(folder / "curve.png", curve(experiment))
+    report = write_report(experiment, folder, manifest)
     manifest.beside(path, folder / "curve.png", increments=experiment.n_increments, **experiment.provenance)
-    print(f"experiment: {path} ({experiment.n_increments} increments)")
-    print(f"report: {write_report(experiment, folder, manifest)}")
-    return 0
+    return HomogeneousTest(experiment, path, report)
 
 
-def curve(experiment: Experiment) -> Any:
-    """Nominal stress over stretch along each axis that has a measured stress."""
-    import numpy as np
-
-    from studies.output import style
-    from studies.sheets.homogeneous_sheet import stresses, stretches
-
-    x, y = stretches(experiment), stresses(experiment)
-    with style.figure(5.2, 3.6) as figure:
-        axes = figure.subplots()
-        for i, marker in enumerate("ox"):
-            if np.isfinite(y[:, i]).any():
-                axes.plot(x[:, i], y[:, i], marker, mfc="none", linestyle="", label=f"along {'xy'[i]}")
-        axes.set(xlabel="stretch", ylabel="nominal stress, MPa", title=experiment.name)
-        axes.legend()
-        return figure
-
-
-def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Path:
-    """``report.html``: the curve and every reading."""
-    from studies.output.report import Report
-    from studies.sheets.homogeneous_sheet import CROSS_SECTION, WIDTH, stresses, stretches
-
-    page = Report(experiment.name, "A homogeneous test as an Experiment")
-    page.figure(folder / "curve.png", "Nominal stress over stretch, as it will be fitted.")
-    noise = experiment.noise
-    if noise is not None:
-        page.paragraph(
-            f"Noise: {noise.displacement_std / WIDTH:.2g} in stretch, {noise.force_std_relative:.2g} of the stress, "
-            f"and {noise.force_std / CROSS_SECTION:.2g} MPa."
-        )
-    x, y, time = stretches(experiment), stresses(experiment), experiment.time
-    rows = [
-        [i + 1, None if time is None else float(time[i]), *map(float, (*x[i], *y[i]))]
-        for i in range(experiment.n_increments)
-    ]
-    columns = ["increment", "time, s", "stretch x", "stretch y", "stress x, MPa", "stress y, MPa"]
-    page.table(columns, rows, "Empty: not measured")
-    page.details("Source", experiment.provenance).details("Versions", manifest.to_dict()["versions"])
-    return page.save(folder / "report.html")
+def read(source: str, mode: str = "uniaxial") -> Experiment:
+    """The Experiment of a named test or a .csv of `mode`. Raises `ConfigError`, `DataNotFoundError`."""
+    if source in EXPERIMENTS:
+        return EXPERIMENTS[source]()
+    if source.endswith(".csv"):
+        return from_file(source, mode)
+    raise ConfigError(
+        f"test '{source}' unknown{nearest(source, EXPERIMENTS)}; give a .csv or one of {', '.join(EXPERIMENTS)}"
+    )

@@ -24,7 +24,7 @@ from studies.importers.series import Series, to_experiment
 from studies.importers.synchronise import Selection
 from studies.output import Manifest, open_output_folder
 from studies.output.viewer import write_viewer_file
-from studies.reports.import_report import picture, report_lines, summary, write_report
+from studies.reports.experiments.import_report import picture, report_lines, summary, write_report
 
 SHEETS_ONLY = "not for column maps, which say this in the TOML"
 SOURCE = (
@@ -211,7 +211,7 @@ def _read_map(request: Request, source: Path) -> Read:
         )
     columns = column_map.read_map(source)
     series = column_import.column_series(columns, source.parent)
-    series.provenance.update(source=source.name, map=asdict(columns))
+    series.provenance.update(source=source.name, map=columns.model_dump())
     if columns.frames.rate_hz is not None:
         series = with_missing_frames(series)
     return series, columns.selection, columns.stated_noise, columns.noise.kind, [source]

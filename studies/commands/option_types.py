@@ -26,7 +26,9 @@ def default_folder(command: str, quick: bool = False) -> Path:
     return Path("results") / (f"{command}-quick" if quick else command)
 
 
-def _must(requirement: str, holds: Callable[[Any], bool]) -> Callable[[type, Any], None]:
+def within(requirement: str, holds: Callable[[Any], bool]) -> Callable[[type, Any], None]:
+    """A validator of cyclopts that refuses a value that does not hold."""
+
     def validate(_: type, value: Any) -> None:
         if value is not None and not holds(value):
             raise ValueError(f"Must be {requirement}.")
@@ -76,9 +78,9 @@ def _list_parameter(read: Callable[[str], Any], form: str) -> Parameter:
 
 
 CountOrList = Annotated[int | tuple[int, ...], Parameter(converter=_count_or_list, n_tokens=1, consume_multiple=False)]
-Count = Annotated[int, Parameter(converter=_whole, validator=_must("a whole number of at least 1", lambda n: n >= 1))]
-Seed = Annotated[int, Parameter(converter=_whole, validator=_must("a whole number of at least 0", lambda n: n >= 0))]
-Positive = Annotated[float, Parameter(validator=_must("a number above 0", lambda x: 0 < x < math.inf))]
+Count = Annotated[int, Parameter(converter=_whole, validator=within("a whole number of at least 1", lambda n: n >= 1))]
+Seed = Annotated[int, Parameter(converter=_whole, validator=within("a whole number of at least 0", lambda n: n >= 0))]
+Positive = Annotated[float, Parameter(validator=within("a number above 0", lambda x: 0 < x < math.inf))]
 Integers = Annotated[tuple[int, ...], _list_parameter(int, "whole numbers with commas between, such as 4,4")]
 Numbers = Annotated[tuple[float, ...], _list_parameter(float, "numbers with commas between, such as 10,20")]
 Names = Annotated[tuple[str, ...], _list_parameter(str, "names with commas between")]

@@ -7,23 +7,29 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, get_args, get_type_hints
+from typing import Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibrate import errors
-from calibrate.data.experiment import PLANES, Noise
+from calibrate.data.experiment import Noise
 from studies.importers.synchronise import Selection
 
 LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}
 FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0}
-SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1)}
+type Side = Literal["left", "right", "bottom", "top"]
+SIDES: dict[str, tuple[int, int]] = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1)}
 
 
-@dataclass(frozen=True)
-class PointsTable:
+class Table(BaseModel):
+    """A table of the TOML file: no other keys, and no value is converted but a whole number to a float."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class PointsTable(Table):
     """[points]: one table a frame. files: glob; the frames are sorted by the last number in their names and the
     first is the reference. x, y, u, v: columns of position and displacement. unit: 'px' with scale_mm_per_px, or
     a length. y_axis: 'up' or 'down' (image coordinates). coordinates: 'reference' or 'current' (position after
@@ -34,10 +40,10 @@ class PointsTable:
     y: str
     u: str
     v: str
-    unit: str = "mm"
+    unit: Literal["px", "mm", "cm", "m", "um"] = "mm"
     scale_mm_per_px: float | None = None
-    y_axis: str = "up"
-    coordinates: str = "reference"
+    y_axis: Literal["up", "down"] = "up"
+    coordinates: Literal["reference", "current"] = "reference"
     delimiter: str = ","
     header_line: int = 1
     units_row: bool = False
@@ -48,30 +54,28 @@ class PointsTable:
     max_edge_mm: float | None = None
 
 
-@dataclass(frozen=True)
-class FramesTable:
+class FramesTable(Table):
     """[frames]: rate_hz and offset_s (time of the reference frame on the clock of the machine), or one force a
     frame ([force] per_frame). count, list, until_s, onset, tare_N: which frames are kept (see `Selection`)."""
 
     rate_hz: float | None = None
     offset_s: float = 0.0
     count: int = 12
-    list: tuple[int, ...] | None = None
+    list: tuple[int, ...] | None = Field(default=None, strict=False)
     until_s: float | None = None
     onset: float = 0.01
     tare_N: float | None = None
 
 
-@dataclass(frozen=True)
-class ForceTable:
+class ForceTable(Table):
     """[force]: file and columns of the machine record; sign = -1 where tension is recorded as negative.
     per_frame: one row a frame, in their order; then no time is needed."""
 
     file: str
     force: str
     time: str | None = None
-    unit: str = "N"
-    time_unit: str = "s"
+    unit: Literal["N", "kN", "mN"] = "N"
+    time_unit: Literal["s", "ms", "min"] = "s"
     sign: float = 1.0
     per_frame: bool = False
     delimiter: str = ","
@@ -80,40 +84,48 @@ class ForceTable:
     comment: str = ""
 
 
-@dataclass(frozen=True)
-class EdgesTable:
+class EdgesTable(Table):
     """[edges]: loaded: sides ('left', 'right', 'bottom', 'top') that are gripped, each with the force of the record
     pulling outwards; free: sides and 'holes' that are truly traction-free. tolerance_mm: nodes this close to the
     extreme coordinate belong to the side (default: 0.4 of the spacing of the points)."""
 
-    loaded: tuple[str, ...]
-    free: tuple[str, ...] = ()
+    loaded: tuple[Side, ...] = Field(strict=False)
+    free: tuple[Side | Literal["holes"], ...] = Field(default=(), strict=False)
     tolerance_mm: float | None = None
 
 
-@dataclass(frozen=True)
-class NoiseTable:
+class NoiseTable(Table):
     """[noise]: stated noise; without this table it is estimated. kind: 'total' or 'temporal' of the estimate."""
 
     displacement_std_mm: float | None = None
     correlation_length_mm: float = 0.0
     force_std_relative: float = 0.0
     force_std_N: float = 0.0
-    kind: str = "total"
+    kind: Literal["total", "temporal"] = "total"
 
 
-@dataclass(frozen=True)
-class ColumnMap:
+class ColumnMap(Table):
     """The whole TOML file."""
 
     name: str
     points: PointsTable
     force: ForceTable
     edges: EdgesTable
-    frames: FramesTable = field(default_factory=FramesTable)
-    noise: NoiseTable = field(default_factory=NoiseTable)
+    frames: FramesTable = FramesTable()
+    noise: NoiseTable = NoiseTable()
     thickness_mm: float | None = None
-    plane: str = "stress"
+    plane: Literal["stress", "strain"] = "stress"
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        p, edges = self.points, self.edges
+        if (p.unit == "px") != (p.scale_mm_per_px is not None):
+            raise ValueError("points.scale_mm_per_px belongs to unit 'px', and only to it")
+        if not edges.loaded or set(edges.loaded) & set(edges.free):
+            raise ValueError("edges.loaded must name a side, and a loaded side is not free")
+        if not self.force.per_frame and (self.frames.rate_hz is None or self.force.time is None):
+            raise ValueError("give frames.rate_hz and force.time, or force.per_frame = true")
+        return self
 
     @property
     def selection(self) -> Selection:
@@ -139,65 +151,35 @@ def read_map(path: str | Path) -> ColumnMap:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise errors.ConfigError(f"{path}: not valid TOML ({error})") from error
-    found = parse_table(ColumnMap, content, str(path))
-    _check_map(found, str(path))
-    return found
+    try:
+        return ColumnMap.model_validate(content)
+    except ValidationError as error:
+        raise errors.ConfigError(f"{path}: {_reason(error)}") from None
 
 
-def parse_table[Table](kind: type[Table], content: dict[str, Any], where: str) -> Table:
-    """A dataclass from a TOML table: unknown, missing and wrongly typed keys raise `ConfigError`."""
-    hints = get_type_hints(kind)
-    for key in content:
-        if key not in hints:
-            close = difflib.get_close_matches(key, hints, 1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(hints)}"
-            raise errors.ConfigError(f"{where}: unknown key '{key}'; {hint}")
-    required = [f.name for f in fields(kind) if _required(f) and f.name not in content]  # type: ignore[arg-type]
-    if required:
-        raise errors.ConfigError(f"{where}: key '{required[0]}' is missing")
-    return kind(**{key: _value(hints[key], value, f"{where}: {key}") for key, value in content.items()})
+def _reason(error: ValidationError) -> str:
+    """What is wrong with the first key that is, and what to write instead."""
+    first = min(error.errors(), key=lambda found: found["type"] != "extra_forbidden")
+    place = ".".join(map(str, first["loc"]))
+    match first["type"]:
+        case "extra_forbidden":
+            known = _keys(first["loc"][:-1])
+            close = difflib.get_close_matches(str(first["loc"][-1]), known, 1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+            return f"unknown key '{place}'; {hint}"
+        case "missing":
+            return f"key '{place}' is missing"
+        case "literal_error":
+            return f"{place} = '{first['input']}' unknown; choose one of {first['ctx']['expected']}"
+        case "value_error":
+            return str(first["ctx"]["error"])
+        case _:
+            return f"{place} = {first['input']!r}: {first['msg'].replace('tuple', 'list')}"
 
 
-def _required(f: Any) -> bool:
-    return f.default is MISSING and f.default_factory is MISSING
-
-
-def _value(hint: Any, value: Any, where: str) -> Any:
-    options = get_args(hint) if isinstance(hint, UnionType) else (hint,)
-    option = next(o for o in options if o is not NoneType)
-    if hasattr(option, "__dataclass_fields__"):
-        if not isinstance(value, dict):
-            raise errors.ConfigError(f"{where} must be a table")
-        return parse_table(option, value, where)
-    if get_args(option):  # tuple[x, ...]
-        if not isinstance(value, list):
-            raise errors.ConfigError(f"{where} must be a list, not {value!r}")
-        return tuple(_value(get_args(option)[0], v, where) for v in value)
-    if option is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if type(value) is not option:
-        raise errors.ConfigError(f"{where} must be of type {option.__name__}, not {value!r}")
-    return value
-
-
-def _check_map(m: ColumnMap, where: str) -> None:
-    p = m.points
-    choices = [
-        ("plane", m.plane, list(PLANES)),
-        ("points.unit", p.unit, ["px", *LENGTH_UNITS]),
-        ("points.y_axis", p.y_axis, ["up", "down"]),
-        ("points.coordinates", p.coordinates, ["reference", "current"]),
-        ("force.unit", m.force.unit, list(FORCE_UNITS)),
-        ("force.time_unit", m.force.time_unit, list(TIME_UNITS)),
-        *(("edges.loaded", side, list(SIDES)) for side in m.edges.loaded),
-        *(("edges.free", side, [*SIDES, "holes"]) for side in m.edges.free),
-    ]
-    for key, value, known in choices:
-        if value not in known:
-            raise errors.ConfigError(f"{where}: {key} = '{value}' unknown; choose one of {', '.join(known)}")
-    if (p.unit == "px") != (p.scale_mm_per_px is not None):
-        raise errors.ConfigError(f"{where}: points.scale_mm_per_px belongs to unit 'px', and only to it")
-    if not m.edges.loaded or set(m.edges.loaded) & set(m.edges.free):
-        raise errors.ConfigError(f"{where}: edges.loaded must name a side, and a loaded side is not free")
-    if not m.force.per_frame and (m.frames.rate_hz is None or m.force.time is None):
-        raise errors.ConfigError(f"{where}: give frames.rate_hz and force.time, or force.per_frame = true")
+def _keys(place: tuple[int | str, ...]) -> list[str]:
+    """Keys of the table at a place."""
+    table: Any = ColumnMap
+    for name in place:
+        table = table.model_fields[name].annotation
+    return list(table.model_fields)

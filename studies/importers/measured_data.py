@@ -14,20 +14,18 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import tempfile
-import urllib.error
-import urllib.request
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pooch
 
 from calibrate import errors
 from studies.importers import printed_sheets
-from studies.output.progress import track
+from studies.output import track, write_npz
 
 VARIABLE = "EQUIGAP_DATA"
 TIMEOUT_S, PARALLEL = 30.0, 8
@@ -116,7 +114,7 @@ FILES = {
     ),
 }
 
-Fetch = Callable[[str], bytes]
+Fetch = Callable[[str, str | None, Path], None]  # address, sha256, where to
 
 
 def folder() -> Path | None:
@@ -135,13 +133,17 @@ def cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "equigap"
 
 
-def fetch(address: str) -> bytes:
-    """Bytes at an address. Raises `OSError`."""
-    with urllib.request.urlopen(address, timeout=TIMEOUT_S) as answer:
-        return answer.read()
+def download(address: str, digest: str | None, path: Path) -> None:
+    """Fetch an address to `path`, whole or not at all. digest: sha256 of the bytes, None: not known.
+
+    Raises `OSError`, `ValueError` for bytes with another digest.
+    """
+    pooch.get_logger().setLevel("WARNING")
+    downloader = pooch.HTTPDownloader(timeout=TIMEOUT_S)
+    pooch.retrieve(address, digest and f"sha256:{digest}", path.name, path.parent, downloader=downloader)
 
 
-def find(relative: str, fetch: Fetch = fetch) -> Path:
+def find(relative: str, fetch: Fetch = download) -> Path:
     """Path of a data file named relative to the data folder, such as 'kawabata_jl/kawabata1981_biaxial.csv'.
 
     Raises `DataNotFoundError`.
@@ -153,15 +155,15 @@ def find(relative: str, fetch: Fetch = fetch) -> Path:
         raise _not_found(relative, "it has no public source in this form")
     address, digest = FILES[relative]
     try:
-        content = fetch(address)
-    except (OSError, urllib.error.URLError) as error:
+        fetch(address, digest, cache() / relative)
+    except ValueError as error:
+        raise _not_found(relative, f"{address} has changed: its checksum is not the expected one") from error
+    except OSError as error:
         raise _not_found(relative, f"fetching {address} failed: {error}") from error
-    if hashlib.sha256(content).hexdigest() != digest:
-        raise _not_found(relative, f"{address} has changed: its checksum is not the expected one")
-    return _store(relative, lambda path: path.write_bytes(content))
+    return cache() / relative
 
 
-def sheet(name: str, fetch: Fetch = fetch) -> Path:
+def sheet(name: str, fetch: Fetch = download) -> Path:
     """Path of the packed ``.npz`` of a printed elastomer sheet; see `SHEETS` for the names.
 
     Fetching reads the original frames (one CSV each) and packs them. Raises `ConfigError` for an unknown name,
@@ -175,28 +177,28 @@ def sheet(name: str, fetch: Fetch = fetch) -> Path:
             return root / relative
     try:
         content = _fetch_sheet(name, fetch)
-    except (OSError, urllib.error.URLError) as error:
+    except (OSError, ValueError) as error:
         raise _not_found(relative, f"fetching its frames from {SHEETS_SOURCE} failed: {error}") from error
-    return _store(relative, lambda path: np.savez_compressed(path, allow_pickle=False, **content))
+    write_npz(cache() / relative, **content)
+    return cache() / relative
 
 
 def _fetch_sheet(name: str, fetch: Fetch) -> dict[str, np.ndarray]:
     expected, base = SHEETS[name], f"{SHEETS_SOURCE}/{name}_Final_42x41"
     addresses = [f"{base}/{name}_Final{k:04d}.csv" for k in range(1, expected.frames + 1)]
     with tempfile.TemporaryDirectory() as temporary, ThreadPoolExecutor(PARALLEL) as pool:
-        contents = track(pool.map(fetch, addresses), f"fetching {name}", len(addresses), "frames")
-        for address, content in zip(addresses, contents, strict=True):
-            (Path(temporary) / address.rsplit("/", 1)[1]).write_bytes(content)
+        jobs = [pool.submit(fetch, a, None, Path(temporary) / a.rsplit("/", 1)[1]) for a in addresses]
+        for job in track(jobs, f"fetching {name}", unit="frames"):
+            job.result()
         frames = printed_sheets.read_frames(temporary)
         record_file = Path(temporary) / "force_disp"
-        record_file.write_bytes(fetch(f"{base}/force_disp.csv"))
-        digest = printed_sheets.sha256(record_file)
+        fetch(f"{base}/force_disp.csv", expected.record, record_file)
         table = printed_sheets.read_table(
             record_file, printed_sheets.RECORD_COLUMNS, printed_sheets.Layout(units_row=True)
         )
     u = frames.displacements.astype(np.float32)
-    if displacement_digest(u) != expected.displacements or digest != expected.record:
-        raise OSError("the published files have changed: checksums differ")
+    if displacement_digest(u) != expected.displacements:
+        raise ValueError("the published files have changed: checksums differ")
     return {
         "x_px": frames.points[:, 0].astype(np.float32),
         "y_px": frames.points[:, 1].astype(np.float32),
@@ -213,19 +215,6 @@ def displacement_digest(u: np.ndarray) -> str:
     """sha256 of displacements (n_frames, n, 2) as little-endian float32."""
     # adding zero turns -0.0 into 0.0: equal numbers, equal digest
     return hashlib.sha256((np.ascontiguousarray(u, dtype="<f4") + np.float32(0)).tobytes()).hexdigest()
-
-
-def _store(relative: str, write: Callable[[Path], object]) -> Path:
-    """Write a file of the cache whole or not at all."""
-    target = cache() / relative
-    target.parent.mkdir(parents=True, exist_ok=True)
-    scratch = Path(tempfile.mkdtemp(dir=target.parent))
-    try:
-        write(scratch / target.name)
-        os.replace(scratch / target.name, target)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-    return target
 
 
 def _not_found(relative: str, why: str) -> errors.DataNotFoundError:

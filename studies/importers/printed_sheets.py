@@ -13,7 +13,6 @@ about a tenth of the force without being measured; `edge_columns` says what is d
 
 from __future__ import annotations
 
-import hashlib
 import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -261,8 +260,3 @@ def _extrapolated(u: Array, count: int) -> Array:
 def _quadratic(known: NDArray[np.int64], count: int) -> Array:
     """Weights (count, k): values at columns 0 to count - 1 of the quadratic through values at columns `known` (k,)."""
     return np.vander(np.arange(count), 3, increasing=True) @ np.linalg.pinv(np.vander(known, 3, increasing=True))
-
-
-def sha256(path: str | Path) -> str:
-    """Hex digest of a file."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()

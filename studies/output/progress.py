@@ -8,13 +8,15 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from types import TracebackType
 from typing import Self, TextIO
 
-from tqdm import tqdm
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
 
 INTERVAL = 20.0
 
 
 class Progress:
-    """Progress of `total` steps on stderr: tqdm on a terminal, else a line at most every 20 s and at the end.
+    """Progress of `total` steps on stderr: a bar on a terminal, else a line at most every 20 s and at the end.
 
     A task that ends within the first 20 s writes no line to a log.
     """
@@ -24,15 +26,20 @@ class Progress:
         self.stream = stream or sys.stderr
         self.done = 0
         self._start = self._last = time.monotonic()
-        self._bar = None
+        self._bar: Bar | None = None
         if self.stream.isatty():
-            self._bar = tqdm(desc=description, total=total, unit=unit, file=self.stream, dynamic_ncols=True)
+            self._bar = Bar(
+                TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(unit),
+                TimeElapsedColumn(), TimeRemainingColumn(), console=Console(file=self.stream),
+            )  # fmt: skip
+            self._task = self._bar.add_task(description, total=total)
+            self._bar.start()
 
     def update(self, steps: int = 1) -> None:
         """Count `steps` more."""
         self.done += steps
         if self._bar is not None:
-            self._bar.update(steps)
+            self._bar.advance(self._task, steps)
         elif time.monotonic() - self._last >= INTERVAL:
             self._line()
 
@@ -41,13 +48,13 @@ class Progress:
         if total is not None and total != self.total:
             self.total = total
             if self._bar is not None:
-                self._bar.total = total
+                self._bar.update(self._task, total=total)
         self.update(done - self.done)
 
     def close(self) -> None:
         """End the bar, or write the last line."""
         if self._bar is not None:
-            self._bar.close()
+            self._bar.stop()
         elif self._last > self._start:
             self._line()
 

@@ -98,8 +98,17 @@ def test_every_trial_is_counted_once() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_links_lead_somewhere(page: Path) -> None:
+    assert not re.search("^(<{7}|>{7}) ", page.read_text(), re.MULTILINE), "conflict of a merge"
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
         assert target.startswith("http") or (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: str(page.relative_to(ROOT)))
+def test_source_files_that_are_named_exist(page: Path) -> None:
+    """Of the repository: `folder/file.py`, `folder/`."""
+    folders = "meshes|forward|calibrate|studies|tests|benchmarks"
+    for name in re.findall(rf"\b((?:{folders})/[\w./]*(?:\.py|\.c|/)(?![\w/.*{{]))", page.read_text()):
+        assert (ROOT / name).exists(), name
 
 
 def test_every_page_is_in_the_table_of_contents() -> None:

@@ -12,7 +12,7 @@ from small_sheet import stretched
 from calibrate import errors
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
 from calibrate.data.triangulation import boundary_nodes, signed_areas
-from studies.reports.experiment_words import imbalance_remark
+from studies.reports.experiments.experiment_findings import imbalance
 
 
 def test_good_data_pass_and_know_their_unit():
@@ -60,8 +60,8 @@ def test_forces_that_do_not_balance_are_seen():
     assert noise == pytest.approx(1e-3 * np.hypot(1, 1.1) / 1.1)
     assert stretched().force_imbalance is None  # one component was not measured
     assert pulled(1.1, free_nodes=np.array([], int)).force_imbalance is None  # the rim may carry the rest
-    assert imbalance_remark(pulled(1.0)) is None
-    assert "9.1 % of the largest force" in imbalance_remark(pulled(1.1))
+    assert imbalance(pulled(1.0)) is None
+    assert imbalance(pulled(1.1)).data["share"] == pytest.approx(0.1 / 1.1)
 
 
 def test_no_such_file(tmp_path):

@@ -19,7 +19,7 @@ from calibrate.models.network_model import Model
 from calibrate.models.pann import Architecture
 from calibrate.models.parameter_covariance import Uncertainty
 from studies import cli
-from studies.commands import predict as prediction
+from studies.reports.prediction import predicted_curves as prediction
 
 MU = 0.3
 STRETCH = np.linspace(1.0, 2.5, 31)

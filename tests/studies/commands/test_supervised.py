@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import os
@@ -14,9 +13,11 @@ import pytest
 from calibrate import errors
 from calibrate.fitting.sobolev_fit import fit_supervised
 from calibrate.models.network_model import Model
+from studies import cli
 from studies.accuracy import metrics
 from studies.commands import supervised
 from studies.importers import homogeneous_curves
+from studies.reports.supervised import supervised_fits as fits
 
 DATA = os.environ.get("EQUIGAP_DATA")
 needs_data = pytest.mark.skipif(
@@ -26,7 +27,7 @@ needs_data = pytest.mark.skipif(
 
 
 def test_one_neuron_with_skip_connection_is_arruda_boyce():
-    result = supervised.run(supervised.Case("arruda-boyce", "I1", (1,)), starts=2)
+    result = fits.run(fits.Case("arruda-boyce", "I1", (1,)), starts=2)
     assert min(result.r2.values()) > 0.9999
     assert set(result.r2) == set(metrics.MODES)
     # also away from the points it was fitted to
@@ -37,7 +38,7 @@ def test_one_neuron_with_skip_connection_is_arruda_boyce():
 
 def linear_energy(c1, c2):
     """{mode: (stretch, stress)} of psi = c1 I1 + c2 I2^(3/2), which a PANN contains through its skip connection."""
-    stretch = np.linspace(1.0, 2.5, supervised.TRUTH_POINTS)
+    stretch = np.linspace(1.0, 2.5, fits.TRUTH_POINTS)
     slopes = lambda i: np.stack([np.full(i.shape[:-1], c1), 1.5 * c2 * np.sqrt(i[..., 1])], axis=-1)  # noqa: E731
     return {mode: (stretch, metrics.nominal_stress(slopes, mode, stretch)) for mode in metrics.MODES}
 
@@ -114,20 +115,17 @@ def test_kawabata_biaxial_contains_its_uniaxial_rows():
 @needs_data
 @pytest.mark.parametrize("name", ["treloar-a", "treloar-b"])
 def test_treloar_is_described_in_all_modes(name):
-    result = supervised.run(supervised.Case(name, "I1", (1,)), starts=2)
+    result = fits.run(fits.Case(name, "I1", (1,)), starts=2)
     assert min(result.r2.values()) > 0.95
 
 
 def run(*words) -> int:
-    parser = argparse.ArgumentParser()
-    supervised.add_arguments(parser)
-    return supervised.main(parser.parse_args([str(w) for w in words]))
+    return cli.main(["supervised", *map(str, words)])
 
 
 @pytest.mark.parametrize("words", [("--starts", 0), ("--layers", "x"), ("--layers", "4,0")])
-def test_what_is_no_number_of_starts_or_neurons_is_refused(words, capsys):
-    with pytest.raises(SystemExit):
-        run(*words)
+def test_what_is_no_number_of_starts_or_neurons_is_refused(words, capsys, tmp_path):
+    assert run(*words, "-o", tmp_path / "out") == 2
     assert "whole number" in capsys.readouterr().err
 
 
@@ -146,4 +144,4 @@ def test_command_writes_table_figure_model_and_manifest(tmp_path, capsys):
 
 def test_command_refuses_unknown_data(tmp_path):
     with pytest.raises(errors.ConfigError, match="data set 'gent' unknown"):
-        run("--data", "gent", "-o", tmp_path)
+        supervised.supervised(data=("gent",), output=tmp_path)

@@ -87,20 +87,20 @@ def test_force_per_frame(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('x = "X"', 'x = "X"\nxx = 1', "points: unknown key 'xx'; did you mean 'x'"),
-        ("rate_hz", "rate_Hz", "frames: unknown key 'rate_Hz'; did you mean 'rate_hz'"),
+        ('x = "X"', 'x = "X"\nxx = 1', "unknown key 'points.xx'; did you mean 'x'"),
+        ("rate_hz", "rate_Hz", "unknown key 'frames.rate_Hz'; did you mean 'rate_hz'"),
         ("[edges]", "[edge]", "unknown key 'edge'; did you mean 'edges'"),
-        ('y = "Y"\n', "", "points: key 'y' is missing"),
-        ("count = 4", "count = 4.5", "frames: count must be of type int"),
-        ("count = 4", "count = true", "frames: count must be of type int"),
-        ('free = ["left", "right", "holes"]', 'free = "left"', "edges: free must be a list"),
+        ('y = "Y"\n', "", "key 'points.y' is missing"),
+        ("count = 4", "count = 4.5", "frames.count = .*valid integer"),
+        ("count = 4", "count = true", "frames.count = .*valid integer"),
+        ('free = ["left", "right", "holes"]', 'free = "left"', "edges.free = 'left': .* valid list"),
         ('unit = "kN"', 'unit = "kp"', "force.unit = 'kp' unknown"),
-        ('loaded = ["bottom", "top"]', 'loaded = ["bottom", "up"]', "edges.loaded = 'up' unknown"),
+        ('loaded = ["bottom", "top"]', 'loaded = ["bottom", "up"]', "edges.loaded.1 = 'up' unknown"),
         ("scale_mm_per_px = 0.05\n", "", "scale_mm_per_px belongs to unit 'px'"),
         ('loaded = ["bottom", "top"]', 'loaded = ["bottom", "left"]', "a loaded side is not free"),
         ('time = "t"\n', "", "give frames.rate_hz and force.time"),
         ("[noise]", "[noise", "not valid TOML"),
-        ("[noise]\ndisplacement_std_mm = 0.001", "noise = 3", "unknown key 'noise'"),
+        ("[noise]\ndisplacement_std_mm = 0.001", "noise = 3", "unknown key 'edges.noise'"),
     ],
 )
 def test_bad_column_maps(tmp_path, old, new, message):
@@ -141,8 +141,8 @@ def test_one_force_for_sides_of_two_directions():
     triangles = Delaunay(points).simplices
     triangles = triangles[(np.abs(points[triangles].mean(axis=1)) <= 2.1).any(axis=1)].astype(np.int64)
     with pytest.raises(errors.ConfigError, match="names one force"):
-        column_import._edges(EdgesTable(("left", "right", "bottom", "top"), (), 0.1), points, triangles)
-    assert len(column_import._edges(EdgesTable(("left", "right"), (), 0.1), points, triangles)[0]) == 2
+        column_import._edges(EdgesTable(loaded=("left", "right", "bottom", "top"), tolerance_mm=0.1), points, triangles)
+    assert len(column_import._edges(EdgesTable(loaded=("left", "right"), tolerance_mm=0.1), points, triangles)[0]) == 2
 
 
 def test_sides_that_share_a_corner(tmp_path):

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pooch
 import pytest
 from sheets import DATA, needs_data, write, write_frames
 
 from calibrate import errors
 from studies.commands import import_data
 from studies.importers import measured_data, printed_sheets
+from studies.output.manifest import file_hash
 
 
 @pytest.fixture
@@ -28,8 +31,20 @@ def nowhere(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def offline(address: str) -> bytes:
+def offline(address: str, digest: str | None, path: Path) -> None:
     raise OSError("no network")
+
+
+def serving(content: Callable[[str], bytes]) -> measured_data.Fetch:
+    """Stands for the network: pooch copies the bytes of an address and checks them."""
+
+    def fetch(address: str, digest: str | None, path: Path) -> None:
+        def copy(url: str, file: str, mover: object) -> None:
+            Path(file).write_bytes(content(url))
+
+        pooch.retrieve(address, digest and f"sha256:{digest}", path.name, path.parent, downloader=copy)
+
+    return fetch
 
 
 def test_data_folder_wins(nowhere, monkeypatch):
@@ -58,9 +73,9 @@ def test_fetched_file_is_checked_and_kept(nowhere, monkeypatch):
     address = ("https://example.org/file.csv", hashlib.sha256(content).hexdigest())
     monkeypatch.setitem(measured_data.FILES, relative, address)
     with pytest.raises(errors.DataNotFoundError, match="has changed"):
-        measured_data.find(relative, lambda a: b"something else")
+        measured_data.find(relative, serving(lambda a: b"something else"))
     assert not list((nowhere / "cache").rglob("*.csv"))
-    assert measured_data.find(relative, lambda a: content).read_bytes() == content
+    assert measured_data.find(relative, serving(lambda a: content)).read_bytes() == content
     assert measured_data.find(relative, offline) == nowhere / "cache" / "equigap" / relative
 
 
@@ -76,13 +91,14 @@ def test_fetched_sheet_is_packed_and_checked(nowhere, folder, monkeypatch):
         name = address.rsplit("/", 1)[1].replace("Sheet_Final", "Sheet")
         return record if name == "force_disp.csv" else (folder / name).read_bytes()
 
-    again, kept = printed_sheets.read_packed(measured_data.sheet("Sheet", served))
+    again, kept = printed_sheets.read_packed(measured_data.sheet("Sheet", serving(served)))
     np.testing.assert_allclose(again.displacements, frames.displacements, atol=1e-5)
     assert kept.force[0] == pytest.approx(0.1)
     assert measured_data.sheet("Sheet", offline).is_file()
-    monkeypatch.setitem(measured_data.SHEETS, "Sheet2", measured_data.Sheet(12, "0", "0"))
-    with pytest.raises(errors.DataNotFoundError, match="checksums differ"):
-        measured_data.sheet("Sheet2", lambda a: served(a.replace("Sheet2", "Sheet")))
+    for displacements, force in (("0", hashlib.sha256(record).hexdigest()), (digest, "0" * 64)):
+        monkeypatch.setitem(measured_data.SHEETS, "Sheet2", measured_data.Sheet(12, displacements, force))
+        with pytest.raises(errors.DataNotFoundError, match=r"checksums differ|does not match"):
+            measured_data.sheet("Sheet2", serving(lambda a: served(a.replace("Sheet2", "Sheet"))))
 
 
 @needs_data
@@ -108,7 +124,7 @@ def test_published_sheets(name):
         measured_data.SHEETS[name].displacements,
     )
     again = printed_sheets.read_record(root / f"{name}_force_disp.csv")
-    assert printed_sheets.sha256(root / f"{name}_force_disp.csv") == measured_data.SHEETS[name].record
+    assert file_hash(root / f"{name}_force_disp.csv") == measured_data.SHEETS[name].record
     np.testing.assert_array_equal(again.force, record.force)
     e = import_data.import_experiment(name)
     assert e.n_increments == 12

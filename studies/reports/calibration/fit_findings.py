@@ -1,0 +1,118 @@
+"""What the numbers of a calibration mean: a `Review` in, typed findings out, worded by ``templates/calibration.txt``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from studies.output.findings import Finding
+from studies.reports.calibration.fit_review import Review
+from studies.reports.experiments.experiment_findings import experiment_findings
+from studies.reports.prediction.predicted_curves import band_finding
+
+
+class FitCode(StrEnum):
+    """Macros of ``templates/calibration.txt``."""
+
+    NOISE_UNKNOWN = "noise_unknown"
+    ABOVE_NOISE = "residuals_above_noise"
+    FAR_ABOVE_NOISE = "residuals_far_above_noise"
+    BELOW_NOISE = "residuals_below_noise"
+    AS_NOISE = "residuals_as_noise"
+    STARTS = "starts"
+    FORCES = "forces"
+    HELD_OUT = "held_out"
+    NOTHING_HELD_OUT = "nothing_held_out"
+    THICKNESS_UNKNOWN = "thickness_unknown"
+    PLANE_STRAIN = "plane_strain"
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Where a number is remarked upon. Reduced chi-square: below `overestimated`, above `misfit`, above `far`.
+
+    few_starts: share of the starts that should agree, and their least number. Forces: worse than neo-Hooke by `factor` and
+    more than `negligible`; held-out ones worse than `held_factor` times the fitted and more than `held_least`, or with
+    `held_chi_square` times the chi-square.
+    """
+
+    overestimated: float = 0.6
+    misfit: float = 1.5
+    far: float = 10.0
+    few_starts: tuple[int, int] = (5, 2)
+    factor: float = 1.3
+    negligible: float = 0.02
+    held_factor: float = 3.0
+    held_least: float = 0.05
+    held_chi_square: float = 2.0
+
+
+LIMITS = Thresholds()
+
+
+def findings(view: Review) -> list[Finding]:
+    """What a reader of the numbers should know, the most important first."""
+    found = [residuals(view), starts(view), forces(view), held_out(view)]
+    if view.model.uncertainty is not None:
+        found.append(band_finding(view.model))
+    if view.experiment.thickness is None:
+        found.append(_finding(FitCode.THICKNESS_UNKNOWN))
+    found += experiment_findings(view.experiment, view.chi_square is not None)
+    if view.experiment.plane == "strain":
+        found.append(_finding(FitCode.PLANE_STRAIN))
+    return found
+
+
+def residuals(view: Review) -> Finding:
+    """Whether the residuals are as large as the stated noise."""
+    if view.chi_square is None:
+        return _finding(FitCode.NOISE_UNKNOWN)
+    value = view.calibration.reduced_chi_square
+    weighted = bool(np.isfinite(value))
+    value = value if weighted else float(view.chi_square[view.fitted].mean())
+    code = FitCode.AS_NOISE
+    if value > LIMITS.misfit:
+        code = FitCode.FAR_ABOVE_NOISE if value > LIMITS.far else FitCode.ABOVE_NOISE
+    elif value < LIMITS.overestimated:
+        code = FitCode.BELOW_NOISE
+    return _finding(code, reduced_chi_square=value, loss_is_weighted=weighted)
+
+
+def starts(view: Review) -> Finding:
+    """How many random starts agree."""
+    n, alike = len(view.calibration.losses), view.starts_alike
+    share, least = LIMITS.few_starts
+    few = n > 1 and alike < max(least, n // share)
+    return _finding(FitCode.STARTS, alike=alike, starts=n, stopped=str(view.calibration.reason), few=few)
+
+
+def forces(view: Review) -> Finding:
+    """How well forces are met, beside the best neo-Hookean modulus."""
+    error, simple = view.force_error(view.fitted), view.neo_hooke_error
+    worse = error > max(LIMITS.factor * simple, LIMITS.negligible)
+    return _finding(FitCode.FORCES, error=error, neo_hooke_error=simple, worse_than_neo_hooke=bool(worse))
+
+
+def held_out(view: Review) -> Finding:
+    """How well increments that were held out are predicted."""
+    held = view.held_out
+    if held is None:
+        return _finding(FitCode.NOTHING_HELD_OUT)
+    numbers = np.flatnonzero(~view.fitted) + 1
+    n, fitted_error = view.experiment.n_increments, view.force_error(view.fitted)
+    last = numbers.size == numbers[-1] - numbers[0] + 1 and numbers[-1] == n
+    worse = held.relative_force_error > max(LIMITS.held_least, LIMITS.held_factor * fitted_error)
+    if view.chi_square is not None and held.chi_square_per_equation is not None:
+        usual = float(view.chi_square[view.fitted].mean())
+        worse |= held.chi_square_per_equation > LIMITS.held_chi_square * usual
+    return _finding(
+        FitCode.HELD_OUT, increments=held.increments, of=n, last=bool(last), error=held.relative_force_error,
+        fitted_error=fitted_error, chi_square=held.chi_square_per_equation, worse=bool(worse),
+    )  # fmt: skip
+
+
+def _finding(code: FitCode, **data: Any) -> Finding:
+    return Finding("calibration", code, data)

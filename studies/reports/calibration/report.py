@@ -1,0 +1,77 @@
+"""Files and report of a calibration; add a table, a figure or a paragraph to the report here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from studies.output import Manifest, write_csv, write_figure
+from studies.output.report import Report
+from studies.output.words import Words
+from studies.reports import force_record
+from studies.reports.calibration.figures import FIGURES
+from studies.reports.calibration.fit_findings import findings
+from studies.reports.calibration.fit_review import Review
+from studies.reports.calibration.tables import curve_table, force_table, summary_table
+
+WORDS = Words("calibration")
+
+
+def write(folder: Path, view: Review, manifest: Manifest) -> None:
+    """Write model, figures, table of forces, report and manifest into `folder`."""
+    model, experiment = folder / "model.json", view.experiment
+    view.calibration.model.save(model)
+    report = Report(f"Calibration on {experiment.name}", model_name(view))
+    report.heading("Result").table(*summary_table(view))
+    found = findings(view)
+    for finding in found:
+        report.paragraph(finding.text)
+    report.table(*force_table(view), WORDS.force_table()).table(*curve_table(view), WORDS.curve_table())
+    report.heading("Evidence")
+    for name, draw in FIGURES.items():
+        path = folder / f"{name}.png"
+        write_figure(path, draw(view), dpi=160)
+        report.figure(path, getattr(WORDS, f"figure_{name}")())
+    columns, rows = force_record.rows(view.measured, view.forces, experiment.time, view.fitted)
+    write_csv(folder / "forces.csv", columns, rows, [WORDS.forces_csv()])
+    record = manifest.to_dict()
+    report.heading("How it was made")
+    report.details("Experiment", _flat({"name": experiment.name, **experiment.provenance}))
+    report.details("Settings", _flat(record["settings"])).details("Versions", record["versions"])
+    report.save(folder / "report.html")
+    # the manifest is written last: where it is, everything is
+    outputs = folder / "report.html", model, folder / "forces.csv"
+    manifest.beside(*outputs, **view.summary(), findings=[f.to_dict() for f in found])
+
+
+def model_name(view: Review) -> str:
+    """'PANN I1 (4, 4): 37 parameters; 2484 points, 10 increments'."""
+    architecture, experiment = view.model.architecture, view.experiment
+    layers = ", ".join(map(str, architecture.layers))
+    return (
+        f"PANN {architecture.inputs} ({layers}): {architecture.n_parameters} parameters; "
+        f"{len(experiment.points)} points, {len(experiment.triangles)} triangles, "
+        f"{experiment.n_increments} increments"
+    )
+
+
+def summary_lines(view: Review) -> Iterator[str]:
+    """The numbers and what they mean, for a terminal."""
+    yield f"{view.experiment.name}: {model_name(view)}"
+    _, rows = summary_table(view)
+    width = max(len(str(row[0])) for row in rows)
+    for name, value, unit in rows:
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        yield f"  {name:{width}}  {text} {unit}".rstrip()
+    for finding in findings(view):
+        yield f"- {finding.text}"
+
+
+def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested names as 'a / b'."""
+    flat: dict[str, Any] = {}
+    for key, value in content.items():
+        name = f"{prefix}{key}"
+        flat.update(_flat(value, f"{name} / ") if isinstance(value, dict) else {name: value})
+    return flat

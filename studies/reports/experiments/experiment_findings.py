@@ -1,0 +1,34 @@
+"""What a reader of any report should know of an Experiment: forces that do not balance, a bulk modulus that noise may lower."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from calibrate.data.experiment import Experiment
+from studies.output.findings import Finding
+
+LEAST = 0.005  # of the largest force, by which forces that were measured need not balance
+
+
+class ExperimentCode(StrEnum):
+    """Macros of ``templates/experiment.txt``."""
+
+    IMBALANCE = "forces_do_not_balance"
+    BULK_MODULUS = "bulk_modulus_with_unknown_noise"
+
+
+def experiment_findings(experiment: Experiment, noise_is_known: bool) -> list[Finding]:
+    """Forces that do not balance; a bulk modulus that unknown noise may have lowered."""
+    unbalanced = imbalance(experiment)
+    found = [] if unbalanced is None else [unbalanced]
+    if experiment.plane == "strain" and not noise_is_known:
+        found.append(Finding("experiment", ExperimentCode.BULK_MODULUS))
+    return found
+
+
+def imbalance(experiment: Experiment) -> Finding | None:
+    """Where measured forces do not add up to zero by more than noise, and nothing else can carry the rest."""
+    found = experiment.force_imbalance
+    if found is None or found[0] <= max(LEAST, 4 * found[1]):
+        return None
+    return Finding("experiment", ExperimentCode.IMBALANCE, {"name": experiment.name, "share": float(found[0])})

@@ -1,0 +1,118 @@
+"""What `equigap import` says and shows about the Experiment it made.
+
+In: an Experiment and the Series it came from. Out: numbers for a manifest, a summary in words, a picture, a report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibrate.data.experiment import Experiment
+from studies.importers.series import Series
+from studies.output import Manifest, style, write_figure
+from studies.output.report import Report
+from studies.output.words import Words
+
+WORDS = Words("experiment")
+
+
+def summary(experiment: Experiment) -> dict[str, Any]:
+    """Numbers of an Experiment for a manifest."""
+    assert experiment.noise is not None
+    return {
+        "points": len(experiment.points),
+        "triangles": len(experiment.triangles),
+        "increments": experiment.n_increments,
+        "size_mm": np.ptp(experiment.points, axis=0).tolist(),
+        "largest_force_N": {b.name: float(np.nanmax(np.abs(b.force))) for b in experiment.loaded},
+        "largest_displacement_mm": float(np.abs(experiment.displacements).max()),
+        "stress_unit": experiment.stress_unit,
+        "noise": asdict(experiment.noise),
+        "provenance": experiment.provenance,
+    }
+
+
+def report_lines(experiment: Experiment, target: Path) -> Iterator[str]:
+    """What a terminal shows of an import."""
+    size, noise = np.ptp(experiment.points, axis=0), experiment.noise
+    assert noise is not None
+    yield (
+        f"{experiment.name}: {len(experiment.points)} points, {size[0]:.1f} x {size[1]:.1f} mm, "
+        f"{experiment.n_increments} increments"
+    )
+    for b in experiment.loaded:
+        yield f"  {b.name}: {len(b.nodes)} nodes, force up to {np.nanmax(np.abs(b.force)):.3g} N"
+    yield (
+        f"  noise: {1e3 * noise.displacement_std:.2g} um over {noise.correlation_length:.2g} mm, "
+        f"force {noise.force_std:.2g} N ({experiment.provenance['noise']['kind']})"
+    )
+    if experiment.thickness is None:
+        yield "  thickness unknown: stiffness times thickness (N/mm) can be identified"
+    for note in experiment.provenance["notes"]:
+        yield f"  note: {note}"
+    yield f"wrote {target}"
+
+
+def picture(experiment: Experiment, series: Series, path: Path) -> None:
+    """Deformed mesh of the last increment over the reference, and the force record with the chosen frames."""
+    with style.figure(9.5, 4.5) as figure:
+        left, right = figure.subplots(1, 2)
+        moved = experiment.points + experiment.displacements[-1]
+        size = np.linalg.norm(experiment.displacements[-1], axis=1)
+        left.triplot(*experiment.points.T, experiment.triangles, color="0.8", linewidth=0.3, linestyle="-")
+        mapped = left.tripcolor(*moved.T, experiment.triangles, size, shading="gouraud", cmap=style.SEQUENTIAL)
+        for b in experiment.loaded:
+            left.plot(*moved[b.nodes].T, "s", markersize=3, color=style.COLOURS["vermilion"])
+        left.plot(*moved[experiment.free_nodes].T, ".", markersize=2, color="black")
+        figure.colorbar(mapped, ax=left, label="displacement, mm", shrink=0.7)
+        left.set(aspect="equal", xlabel="x, mm", ylabel="y, mm", title="last increment; squares: loaded, dots: free")
+        left.grid(False)
+        right.plot(series.record.time, series.record.force, color="0.6", linestyle="-", label="load cell")
+        if experiment.time is not None:
+            for marker, b in zip("ox+^", experiment.loaded, strict=False):
+                known = np.isfinite(b.force).all(axis=0)
+                for k in np.flatnonzero(known & (np.abs(b.force).max(axis=0) > 0)):
+                    right.plot(
+                        experiment.time, np.abs(b.force[:, k]), marker, mfc="none", ls="", label=f"{b.name}, {'xy'[k]}"
+                    )
+        right.set(xlabel="time, s", ylabel="force, N", title=experiment.name)
+        right.legend()
+        write_figure(path, figure, dpi=150)
+
+
+def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Path:
+    """``report.html``: the picture, what was read, and what to look at before going on."""
+    numbers = summary(experiment)
+    noise, provenance = experiment.noise, experiment.provenance
+    assert noise is not None
+    page = Report(experiment.name, "What was read from the measurement")
+    page.paragraph(WORDS.imported_boundaries())
+    page.figure(folder / "experiment.png", WORDS.imported_figure())
+    width, height = numbers["size_mm"]
+    unit = experiment.stress_unit
+    rows: list[list[Any]] = [
+        ["points", numbers["points"], ""],
+        ["triangles", numbers["triangles"], ""],
+        ["increments", numbers["increments"], ""],
+        ["width", width, "mm"],
+        ["height", height, "mm"],
+        *([f"largest force, {name}", force, "N"] for name, force in numbers["largest_force_N"].items()),
+        ["largest displacement", numbers["largest_displacement_mm"], "mm"],
+        [f"noise of the displacements ({provenance['noise']['kind']})", noise.displacement_std, "mm"],
+        ["its correlation length", noise.correlation_length, "mm"],
+        ["noise of the force", noise.force_std, "N"],
+        ["plane", experiment.plane, ""],
+        ["stresses will be in", unit if unit == "MPa" else "N/mm, as the thickness is unknown", ""],
+    ]
+    page.table(["quantity", "value", "unit"], rows)
+    for note in provenance["notes"]:
+        page.paragraph(f"Note: {note}.")
+    record = manifest.to_dict()
+    page.details("Decisions", {k: v for k, v in provenance.items() if k not in ("noise", "notes")})
+    page.details("Settings", record["settings"]).details("Versions", record["versions"])
+    return page.save(folder / "report.html")

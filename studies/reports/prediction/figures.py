@@ -1,0 +1,57 @@
+"""Figures of a prediction: curves of homogeneous tests, forces of another test."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from studies.output import style
+from studies.reports import force_record
+from studies.reports.prediction.predicted_curves import Curve
+from studies.reports.prediction.predicted_forces import Forecast
+
+
+def draw_curves(curves: list[Curve], unit: str, against: str | None = None) -> Figure:
+    """One panel a mode: solid where calibrated, thin beyond; the known material `against` as a dotted line."""
+    with style.figure(9.0, 3.3) as figure:
+        for axes, curve in zip(figure.subplots(1, 3), curves, strict=True):
+            _draw_curve(axes, curve, against)
+        figure.axes[0].set_ylabel(f"nominal stress, {unit}")
+    return figure
+
+
+def _draw_curve(axes: Axes, curve: Curve, against: str | None) -> None:
+    colour, title = style.MODES[curve.mode]["color"], style.MODES[curve.mode]["label"]
+    x, stress, inside = curve.stretch, curve.stress, curve.calibrated
+    style.mark_range(axes, 1.0, min(curve.limit, float(x[-1])))
+    if curve.band is not None:
+        axes.fill_between(x, *curve.band, color=colour, alpha=0.25, linewidth=0, label="95 % band")
+    label = None if inside.all() else "extrapolated"
+    axes.plot(x, stress, linestyle="--", linewidth=0.9, color=colour, label=label)
+    axes.plot(x[inside], stress[inside], linestyle="-", linewidth=2, color=colour, label="model")
+    if curve.truth is not None:
+        axes.plot(x, curve.truth, linestyle=":", color="black", label=str(against).replace("_", "-"))
+    axes.set(title=title, xlabel="stretch", xlim=(1.0, x[-1]), ylim=(0, None))
+    axes.legend(loc="upper left")
+
+
+def draw_forces(found: Forecast) -> Figure:
+    """Forces over time or increments, differences below; components that carry next to nothing are left out."""
+    panels = force_record.worth_drawing(found.measured)
+    time = found.experiment.time
+    x = np.arange(1.0, found.experiment.n_increments + 1) if time is None else time
+    with style.figure(max(4.8, 3.0 * len(panels)), 4.4) as figure:
+        axes = figure.subplots(2, len(panels), squeeze=False, sharex=True, height_ratios=(2, 1.2))
+        for (top, bottom), (name, k) in zip(axes.T, panels, strict=True):
+            measured, predicted = found.measured[name][:, k], found.forces[name][:, k]
+            top.plot(x, measured, "o", color="black", mfc="none", label="measured")
+            top.plot(x, predicted, color=style.COLOURS["blue"], label="predicted")
+            bottom.plot(x, predicted - measured, ".-", color=style.COLOURS["blue"])
+            bottom.axhline(0, color="0.4", lw=0.6)
+            top.set_title(f"{name} edge, {force_record.COMPONENTS[k]}")
+            bottom.set_xlabel("increment" if time is None else "time, s")
+        axes[0, 0].set_ylabel("force on the specimen, N")
+        axes[1, 0].set_ylabel("predicted - measured, N")
+        axes[0, 0].legend()
+    return figure

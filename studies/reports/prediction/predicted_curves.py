@@ -1,0 +1,126 @@
+"""Curves of the three homogeneous tests that a calibrated model predicts.
+
+In: a `Model`. Out: a `Curve` for each mode, with 95 % bands where the model file holds an uncertainty, and findings on
+where the model extrapolates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.equations.deformation_modes import MODES, mode_invariants, nominal_stress
+from calibrate.models.network_model import Model
+from calibrate.models.parameter_covariance import BAND
+from studies.output.findings import Finding
+
+Array = NDArray[np.float64]
+MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
+
+
+class Extent(StrEnum):
+    """How far a curve is calibrated, and what its bands hold; macros of ``templates/prediction.txt``."""
+
+    NO_RANGE = "no_calibrated_range"
+    WITHIN = "within_calibrated_range"
+    EXTRAPOLATES = "leaves_calibrated_range"
+    BANDS = "bands"
+    NO_BANDS = "no_bands"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A homogeneous test: stretch (k,), nominal stress (k,), invariants (k, 2), calibrated (k,), truth (k,) or None.
+
+    Stresses in MPa, or N/mm where the thickness was unknown. limit: largest stretch within the calibrated range.
+    deviation (k,): standard deviation of the stress, None where the model file holds no uncertainty.
+    """
+
+    mode: str
+    stretch: Array
+    stress: Array
+    invariants: Array
+    calibrated: NDArray[np.bool_]
+    limit: float
+    truth: Array | None = None
+    deviation: Array | None = None
+
+    @property
+    def band(self) -> tuple[Array, Array] | None:
+        """Lower and upper end (k,) of the 95 % band of the stress, or None."""
+        if self.deviation is None:
+            return None
+        return self.stress - BAND * self.deviation, self.stress + BAND * self.deviation
+
+    @property
+    def extrapolates(self) -> bool:
+        """Whether the curve leaves the calibrated range."""
+        return not self.calibrated.all()
+
+    @property
+    def finding(self) -> Finding:
+        """Where the curve leaves the calibrated range."""
+        data: dict[str, Any] = {"mode": self.mode.replace("_", " ")}
+        if self.limit >= LARGEST:
+            return Finding("prediction", Extent.NO_RANGE, data)
+        data["end"] = float(self.stretch[-1])
+        if not self.extrapolates:
+            return Finding("prediction", Extent.WITHIN, data)
+        return Finding("prediction", Extent.EXTRAPOLATES, {**data, "limit": self.limit})
+
+    def stress_at(self, stretch: float) -> float | None:
+        """Stress at a stretch, by interpolation; None beyond the curve."""
+        return float(np.interp(stretch, self.stretch, self.stress)) if stretch <= self.stretch[-1] else None
+
+    def deviation_at(self, stretch: float) -> float | None:
+        """Standard deviation of the stress at a stretch; None beyond the curve or where it is unknown."""
+        if self.deviation is None or stretch > self.stretch[-1]:
+            return None
+        return float(np.interp(stretch, self.stretch, self.deviation))
+
+
+def predict(
+    model: Model, stretch: float | None = None, points: int = 101, truth: Callable[[Array], Any] | None = None
+) -> list[Curve]:
+    """Curves of the three modes up to `stretch`, or a quarter beyond what was calibrated.
+
+    truth: d psi / d(I1, I2) (..., 2) of a known material as a function of invariants (..., 2).
+    """
+    curves = []
+    for mode in MODES:
+        limit = calibrated_stretch(model, mode)
+        top = stretch or (1 + MARGIN * (limit - 1) if 1 < limit < LARGEST else NO_RANGE)
+        x = np.linspace(1.0, top, max(points, 2))
+        invariants = mode_invariants(mode, x)
+        curves.append(Curve(
+            mode, x, model.homogeneous(mode, x), invariants, x <= limit, limit,
+            None if truth is None else nominal_stress(truth, mode, x), model.homogeneous_deviation(mode, x),
+        ))  # fmt: skip
+    return curves
+
+
+def calibrated_stretch(model: Model, mode: str) -> float:
+    """Largest stretch of a mode within the calibrated range; `LARGEST` where the model states none."""
+    return min(model.largest_stretch(mode), LARGEST)
+
+
+def band_finding(model: Model) -> Finding:
+    """What the 95 % bands of a model hold."""
+    found = model.uncertainty
+    if found is None:
+        return Finding("prediction", Extent.NO_BANDS)
+    data = {
+        "noise_is_known": found.noise_is_known, "lower_bound": found.is_lower_bound,
+        "reduced_chi_square": found.reduced_chi_square, "effective_parameters": found.effective_parameters,
+    }  # fmt: skip
+    return Finding("prediction", Extent.BANDS, data)
+
+
+def findings(model: Model, curves: list[Curve]) -> list[Finding]:
+    """What a reader of the curves should know."""
+    return [*(curve.finding for curve in curves), band_finding(model)]

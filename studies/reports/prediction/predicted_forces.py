@@ -1,0 +1,96 @@
+"""The forces of another test, from its measured displacements.
+
+In: a model file of `equigap calibrate` or `equigap discover`, and an Experiment. Out: `Forecast`, forces measured and
+predicted with their relative error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.data.experiment import Experiment
+from calibrate.equations.equilibrium import equilibrium
+from calibrate.equations.kinematics import invariants_and_derivatives
+from calibrate.errors import ConfigError
+from calibrate.fitting.calibration import predict_forces, relative_force_error
+from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.model_file import load_model
+from studies.output.findings import Finding
+
+Array = NDArray[np.float64]
+UNDEFORMED = 1e-3  # of I1 - 3, below which a triangle is no extrapolation
+
+
+class Remark(StrEnum):
+    """What a reader of the error should know; macros of ``templates/prediction.txt``."""
+
+    ERROR = "force_error"
+    OUTSIDE = "outside_range"
+    BULK_MODULUS = "bulk_modulus_unused"
+    LEFT_OUT = "effects_left_out"
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a model says of a test. forces: {boundary: (t, 2)} N, predicted. outside: share of area and increments beyond the
+    calibrated range. model: its name. left_out: effects of other tests, which do not hold here."""
+
+    experiment: Experiment
+    forces: dict[str, Array]
+    outside: float
+    model: str
+    left_out: tuple[str, ...] = ()
+    unused_bulk_modulus: float | None = None
+
+    @property
+    def measured(self) -> dict[str, Array]:
+        """{boundary: (t, 2)} N."""
+        return {b.name: b.force for b in self.experiment.loaded}
+
+    @property
+    def error(self) -> float:
+        """Norm of the force errors over that of the measured forces."""
+        return relative_force_error(self.forces, self.measured)
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What a reader of the error should know."""
+        e = self.experiment
+        found: list[tuple[Remark, dict[str, object]]] = [
+            (Remark.ERROR, {"name": e.name, "relative_force_error": self.error})
+        ]
+        if self.outside > 0:
+            found.append((Remark.OUTSIDE, {"share": self.outside}))
+        if self.unused_bulk_modulus is not None:
+            found.append((Remark.BULK_MODULUS, {"bulk_modulus": self.unused_bulk_modulus, "unit": e.stress_unit}))
+        if self.left_out:
+            found.append((Remark.LEFT_OUT, {"effects": list(self.left_out)}))
+        return [Finding("prediction", code, data) for code, data in found]
+
+
+def forecast(path: Path, experiment: Experiment) -> Forecast:
+    """Raises `ModelFileError`, `ConfigError` where units or times do not go together."""
+    model = load_model(path)
+    if isinstance(model, ExtendedModel):
+        found = model.predict(experiment)
+        kept = [a.effect.name for a in model.for_test(experiment)]
+        name = " + ".join(["I1 energy", *kept])
+        return Forecast(experiment, found.forces, found.outside, name, found.left_out)
+    if experiment.stress_unit != model.unit:
+        raise ConfigError(
+            f"{experiment.name}: its stresses are in {experiment.stress_unit}, the model's in {model.unit}; give the "
+            "thickness to both, or to none"
+        )
+    system = equilibrium(experiment)
+    forces, _ = predict_forces(system, model)
+    values = np.asarray(invariants_and_derivatives(system.isochoric_gradients)[0])
+    beyond = ~model.in_range(values) & (values[..., 0] > 3 + UNDEFORMED)
+    outside = float((system.areas * beyond).sum() / (system.areas.sum() * len(values)))
+    unused = model.bulk_modulus if experiment.plane == "stress" else None
+    name = f"PANN of {model.architecture.inputs}"
+    return Forecast(experiment, forces, outside, name, unused_bulk_modulus=unused)

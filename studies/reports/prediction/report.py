@@ -1,0 +1,59 @@
+"""Files and report of a prediction: curves of homogeneous tests, or forces of another test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calibrate.models.network_model import Model
+from studies.output import Manifest, write_csv, write_figure
+from studies.output.report import Report
+from studies.output.words import Words
+from studies.reports import force_record
+from studies.reports.prediction.figures import draw_curves, draw_forces
+from studies.reports.prediction.predicted_curves import Curve, band_finding, findings
+from studies.reports.prediction.predicted_forces import Forecast
+from studies.reports.prediction.tables import curve_ends, curve_rows
+
+WORDS = Words("prediction")
+
+
+def write_curves(folder: Path, model: Model, curves: list[Curve], manifest: Manifest, against: str | None) -> Path:
+    """``curves.csv``, ``curves.png``, a manifest and ``report.html``, whose path is returned. against: known material."""
+    table, picture = folder / "curves.csv", folder / "curves.png"
+    columns, rows = curve_rows(curves, model.unit)
+    write_csv(table, columns, rows, [WORDS.curves_csv(unit=model.unit, bands=band_finding(model).text)])
+    write_figure(picture, draw_curves(curves, model.unit, against))
+    found = findings(model, curves)
+    manifest.beside(
+        picture, table, unit=model.unit, calibrated_stretch={c.mode: c.limit for c in curves},
+        findings=[f.to_dict() for f in found],
+    )  # fmt: skip
+    layers = ", ".join(map(str, model.architecture.layers))
+    report = Report("Predicted homogeneous tests", f"PANN of {model.architecture.inputs}, layers ({layers})")
+    if model.unit == "N/mm":
+        report.paragraph(WORDS.thickness_unknown())
+    report.figure(picture, WORDS.curves_caption(bands=model.uncertainty is not None))
+    report.table(*curve_ends(curves, model.unit), WORDS.curves_table())
+    for finding in found:
+        report.paragraph(finding.text)
+    ranges = {name: f"{low:.4g} to {high:.4g}" for name, (low, high) in model.calibrated_range.items()}
+    report.details("Calibrated range", ranges).details("Versions", manifest.to_dict()["versions"])
+    return report.save(folder / "report.html")
+
+
+def write_forces(folder: Path, forecast: Forecast, manifest: Manifest) -> Path:
+    """``forces.csv``, ``forces.png``, a manifest and ``report.html``, whose path is returned."""
+    table, picture = folder / "forces.csv", folder / "forces.png"
+    columns, rows = force_record.rows(forecast.measured, forecast.forces, forecast.experiment.time)
+    write_csv(table, columns, rows, [WORDS.forces_csv()])
+    write_figure(picture, draw_forces(forecast))
+    manifest.beside(
+        picture, table, relative_force_error=forecast.error, outside=forecast.outside,
+        findings=[f.to_dict() for f in forecast.findings],
+    )  # fmt: skip
+    report = Report(f"Prediction of {forecast.experiment.name}", forecast.model)
+    report.figure(picture, WORDS.forces_caption())
+    for finding in forecast.findings:
+        report.paragraph(finding.text)
+    report.table(columns, rows, WORDS.forces_table()).details("Versions", manifest.to_dict()["versions"])
+    return report.save(folder / "report.html")
