@@ -127,7 +127,8 @@ class PlaneStrainStress(Link):
     uses_coefficients: ClassVar[bool] = True
 
     def __call__(self, inputs: Inputs, constants: Constants, parameters: Parameters) -> Any:
-        return isochoric.stress(*inputs, constants.c[-1])
+        F, P = inputs
+        return isochoric.stress(F, P, constants.c[-1])
 
 
 @dataclass(frozen=True)
