@@ -95,16 +95,3 @@ def _with_noise(problem: Problem, c: Array, e: Experiment) -> Problem:
         np.zeros(system.loads.shape), None,
     )  # fmt: skip
     return replace(problem, parts=(part,), noise_is_known=True)
-
-
-def imported(name: str, count: int) -> Experiment:
-    """A published sheet as groups of frames, with the noise from picture to picture."""
-    from studies.commands.import_data import Frames, NoiseChoice, import_experiment
-
-    everything = import_experiment(
-        name, frames=Frames(1000000), noise=NoiseChoice("temporal")
-    )  # every frame under load
-    frames = np.array(everything.provenance["frames"])
-    assert everything.time is not None
-    chosen = [int(frames[i]) for i in groups(everything.time, count)]
-    return import_experiment(name, frames=Frames(tuple(chosen)), noise=NoiseChoice("temporal"))
