@@ -126,13 +126,12 @@ def read(
     """
     from calibrate.data.experiment import Experiment
     from calibrate.errors import ConfigError
-    from calibrate.models.extended_model import fingerprint
 
     loaded = [(path, Experiment.load(path)) for path in (*paths, *held_paths)]
     seen: dict[str, tuple[Path, bool]] = {}
     for i, (path, experiment) in enumerate(loaded):
-        other, fitted = seen.setdefault(fingerprint(experiment), (path, i < len(paths)))
-        if i < len(paths) and seen[fingerprint(experiment)][0] is not path:
+        other, fitted = seen.setdefault(experiment.fingerprint, (path, i < len(paths)))
+        if i < len(paths) and seen[experiment.fingerprint][0] is not path:
             raise ConfigError(f"{path}: the same data as {other}; give each test once")
         if i >= len(paths) and (fitted or other is not path):
             raise ConfigError(
@@ -168,7 +167,7 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
     """The final model of a discovery as a model file, with a network distilled from its base."""
     from calibrate.diagnosis.distillation import distil
     from calibrate.diagnosis.effect_fit import bulk_modulus
-    from calibrate.models.extended_model import ExtendedModel, fingerprint
+    from calibrate.models.extended_model import ExtendedModel
     from studies.reports.discovery.statement import network_words
 
     parts, final = found.problem.parts, found.final
@@ -179,7 +178,7 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         final.additions,
         final.errors,
         parts[0].experiment.stress_unit,
-        tuple({"name": p.experiment.name, "fingerprint": fingerprint(p.experiment)} for p in parts if p.train.size),
+        tuple({"name": p.experiment.name, "fingerprint": p.experiment.fingerprint} for p in parts if p.train.size),
         hold_out,
         tuple(p.experiment.name for p in parts if not p.train.size),
         found.verdict,
