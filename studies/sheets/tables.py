@@ -92,7 +92,7 @@ def kept(learnt: dict[str, Any], effect: str) -> str:
     """In how many leave-one-out fits an effect, or one more general or special than it, is kept."""
     alike = {effect, NESTED.get(effect, effect), *(s for s, general in NESTED.items() if general == effect)}
     found = sum(bool(alike & set(one["effects"])) for one in learnt["leave_one_out"])
-    return f"{found} of {len(learnt['searches'])}"
+    return f"{found} of {len(learnt['leave_one_out'])}"
 
 
 def effect_table(learnt: dict[str, Any]) -> Table:
