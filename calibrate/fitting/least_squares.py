@@ -53,7 +53,7 @@ def bounded(A: Array, target: Array, lower: Array, upper: Array, prior: Array | 
     return np.clip(found.x / scale, lower, upper)
 
 
-def subtract_noise(M: Array, N: Array) -> Array:
+def subtract(M: Array, N: Array) -> Array:
     """M - N of symmetric M and N (p, p), no direction of M being left less than `LEAST` of itself."""
     values, vectors = np.linalg.eigh(M)
     keep = values > CONDITION * values.max()
