@@ -25,7 +25,7 @@ from forward import Loading, NeoHooke
 from forward.loading import BoundedMesh
 from forward.sheet.plane_stress import solve
 from meshes import PureShearSheet, quads
-from studies.commands.import_data import import_experiment
+from studies.commands.import_data import Frames, import_experiment
 
 Array = NDArray[np.float64]
 WINDOWS = (0.1, 0.2, 0.3)  # half the window over the extent; 0.2 is that of `equigap measured`
@@ -76,7 +76,7 @@ def exponent(e: Experiment, u: Array, window: float) -> float:
 
 def compare(name: str, frames: int, size: float) -> list[dict[str, Any]]:
     """A row for each time and window."""
-    e = import_experiment(name, frames=str(frames))
+    e = import_experiment(name, frames=Frames(frames))
     assert e.time is not None
     rows = []
     for k in range(e.n_increments):

@@ -39,13 +39,14 @@ def diagnose(experiment: Any) -> dict[str, float]:
     """CPU s of each stage of one diagnosis, and of signatures by differences."""
     import numpy as np
 
-    from calibrate.diagnosis import effect_fit, effect_score, selection
+    from calibrate.diagnosis import base_fit, score_tests
+    from calibrate.diagnosis.hold_out import HoldOut
     from calibrate.effects.chain import Addition
 
     times: dict[str, float] = {}
-    problem, base = timed(times, "base model", lambda: effect_fit.prepare([experiment], [selection.HoldOut().training]))
-    scores = timed(times, "tests of the catalogue", lambda: effect_score.score(problem, base))
-    tested = [s.effect for s in scores if s.status == "tested"]
+    problem, base = timed(times, "base model", lambda: base_fit.prepare([experiment], [HoldOut().training]))
+    scores = timed(times, "tests of the catalogue", lambda: score_tests.score(problem, base))
+    tested = [s.effect for s in scores if s.is_tested]
 
     def differences() -> None:
         for effect in tested:
@@ -55,7 +56,7 @@ def diagnose(experiment: Any) -> dict[str, float]:
                     step = 1e-4 * p.typical * np.eye(len(null))[i]
                     for end in (null + step, null - step):
                         addition = Addition(effect, tuple(map(float, end)), tuple(shape))
-                        problem.white([chain.residual(base.c, (addition,)) for chain in base.chains])
+                        problem.whiten([chain.residual(base.c, (addition,)) for chain in base.chains])
 
     timed(times, "signatures by central differences", differences)
     return times

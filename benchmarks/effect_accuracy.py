@@ -80,17 +80,18 @@ def observed(case: Case, size: float, specimen: str, seed: int = SEED) -> Any:
 
 def fitted(experiment: Any, name: str) -> tuple[Any, Any]:
     """Base alone, and base and effect fitted together from the best shape of the effect's grid."""
-    from calibrate.diagnosis import effect_fit, effect_score, selection
+    from calibrate.diagnosis import base_fit, score_tests, weighted_fit
+    from calibrate.diagnosis.hold_out import HoldOut
     from calibrate.effects import CATALOGUE
     from calibrate.effects.chain import Addition
 
     effect = next(e for e in CATALOGUE if e.name == name)
-    problem, base = effect_fit.prepare([experiment], [selection.HoldOut().training])
+    problem, base = base_fit.prepare([experiment], [HoldOut().training])
     U = base.columns
     r = base.residual - U @ (U.T @ base.residual)
-    one, _ = effect_score.examine(problem, base, effect, U, r)
+    one, _ = score_tests.examine(problem, base, effect, U, r)
     start = Addition(effect, one.amplitudes or tuple(p.typical for p in effect.amplitudes), one.shape)
-    return base, effect_fit.settled(problem, base.c, (start,), iterations=8)[1]
+    return base, weighted_fit.fit_with_weights(problem, base.c, (start,), iterations=8)[1]
 
 
 def main(words: list[str] | None = None) -> int:

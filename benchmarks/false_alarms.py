@@ -23,7 +23,7 @@ def verdict(seed: int, words: list[str], folder: Path) -> str:
     if code:
         raise SystemExit(f"equigap simulate {' '.join(words)} failed; try it by itself")
     found = discover([Experiment.load(folder / str(seed) / "experiment.npz")], whole_table=False)
-    best = min((r.score for r in found.rounds[0].rows if r.score.status == "tested"), key=lambda score: score.adjusted)
+    best = min((r.score for r in found.rounds[0].candidates if r.score.is_tested), key=lambda score: score.adjusted)
     print(seed, found.verdict, *found.named, f"({best.effect.name}: {best.score:.1f}, {best.adjusted:.2g})", flush=True)
     return found.verdict
 

@@ -33,7 +33,7 @@ from forward.solid.element import PRESSURES, Solid
 from forward.solid.solid_forms import centre_function, potential, pressure_basis
 from forward.solid.solid_model import BULK_TO_SHEAR, Options, solve
 from forward.solid.solid_problem import Outcome, SolidProblem, create_domain, node_order
-from forward.stepping import State, steps
+from forward.stepping import REST, Elastic, State, proportional, steps
 from meshes import Cross, quads
 from meshes.extrusion import SolidMesh, extrude
 
@@ -50,7 +50,7 @@ PETSC_OPTIONS = {
 }
 
 
-class Monolithic:
+class Monolithic(Elastic):
     """Displacement u and pressure q of the solid in one Newton step, for the load stepping. One rank."""
 
     def __init__(self, mesh: SolidMesh, held: np.ndarray, values: np.ndarray, options: Options) -> None:
@@ -68,6 +68,7 @@ class Monolithic:
         parameters = dolfinx.fem.Constant(domain, np.array(MATERIAL.parameters))
         kappa = dolfinx.fem.Constant(domain, float(KAPPA))
         energy = potential(self.u, ufl.dot(self.q, basis), MATERIAL, parameters, kappa, domain)
+        self._energy = dolfinx.fem.form(energy, jit_options=JIT_OPTIONS)
         forces = [ufl.derivative(energy, x, ufl.TestFunction(x.function_space)) for x in (self.u, self.q)]
         self.supports = [self._support(V, axis, held, values) for axis in range(3)]
         self.problem = dolfinx.fem.petsc.NonlinearProblem(
@@ -109,6 +110,9 @@ class Monolithic:
         forces[self.nodes] = self._vector(self.problem.F[0]).reshape(-1, 3)
         return forces
 
+    def energy(self) -> float:
+        return float(dolfinx.fem.assemble_scalar(self._energy))
+
     def _fields(self) -> tuple[tuple[np.ndarray, Any], ...]:
         return (self.nodes, self.u), (self.cells, self.q)
 
@@ -145,11 +149,12 @@ def loaded(displacement: float) -> Loading:
 
 def run_monolithic(mesh: SolidMesh, displacement: float, increments: int) -> dict[str, Any]:
     problem = Monolithic(mesh, *loaded(displacement).on(mesh).prescribed(mesh), Options())
-    states, forces = [State(0.0, problem.unknowns)], []
-    for state in steps(problem, list(np.arange(1, increments + 1) / increments), states, Options().max_bisections):
-        states.append(state)
-        forces.append(2 * problem.nodal_forces()[mesh.boundary_nodes("right"), 0].sum())
-    return {"solves": sum(state.iterations for state in states), "forces": forces}
+    rest, right = State(REST, problem.unknowns), mesh.boundary_nodes("right")
+    found = list(steps(problem, proportional(increments), [rest], Options().max_bisections))
+    return {
+        "solves": sum(increment.state.iterations for increment in found),
+        "forces": [2 * increment.forces[right, 0].sum() for increment in found],
+    }
 
 
 def run_ours(mesh: SolidMesh, displacement: float, increments: int, solver: str = "fastest") -> dict[str, Any]:

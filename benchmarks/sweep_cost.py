@@ -26,10 +26,11 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from studies.commands import sweep
 from studies.grid import workflow
-from studies.grid.sweep_case import PLANE, Case, Settings
-from studies.output import Manifest, open_output_folder, write_csv, write_json, write_text
+from studies.grid.axes import PLANE, Case, Settings
+from studies.grid.presets.sweep_study import SWEEP
+from studies.grid.study import open_study
+from studies.output import Manifest, write_csv, write_json, write_text
 
 COLUMNS = ("kind", "job", "cpu_s", "wall_s", "peak_mb", "output_kb")
 CORES = (2, 100)
@@ -64,7 +65,7 @@ def jobs(settings: Settings) -> Iterator[Job]:
 
 
 def calibration(kind: str, case: Case) -> Job:
-    return kind, ["case", *asdict(case).values()], [str(case.path(Path()))]
+    return kind, ["fit", case.specimen, case.thickness, case.resolution, case.record], [str(case.path(Path()))]
 
 
 def counts(settings: Settings) -> dict[str, int]:
@@ -83,7 +84,7 @@ def measure(folder: Path, job: Job) -> dict[str, Any]:
     path = folder / "rows" / f"{'_'.join([step, *keys])}.json"
     if not path.exists():
         print("sweep_cost:", step, *keys, file=sys.stderr, flush=True)
-        command = [sys.executable, "-m", "studies.grid.sweep_case", step, str(folder), *keys]
+        command = [sys.executable, "-m", "studies.grid.steps", step, str(folder), *keys]
         begin = time.perf_counter()
         process = subprocess.Popen(command, env=workflow.environment(folder / "workflow"))
         _, status, used = os.wait4(process.pid, 0)
@@ -153,8 +154,8 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--overwrite", action="store_true", help="empty an earlier folder of this benchmark")
     parser.add_argument("--quick", action="store_true", help="the settings of `equigap sweep --quick`")
     args = parser.parse_args(words)
-    settings = sweep.QUICK if args.quick else Settings()
-    folder = open_output_folder(args.output, args.overwrite, {"study": "sweep", **asdict(settings)})
+    settings = SWEEP.quick if args.quick else SWEEP.default
+    folder = open_study(args.output, settings, args.overwrite)
     once = {tuple(job[1]): job for job in jobs(settings)}
     rows = [measure(folder, job) for job in once.values()]
     summary = extrapolate(rows, counts(settings))

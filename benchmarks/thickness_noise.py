@@ -14,7 +14,8 @@ def main(seed: int) -> None:
     """Solve, fit clean and noisy, compare."""
     import numpy as np
 
-    from calibrate.diagnosis import effect_fit, whitened
+    from calibrate.diagnosis import base_fit, weighted_fit
+    from calibrate.diagnosis.problem import all_rows, signature
     from calibrate.effects.chain import Addition
     from calibrate.effects.finite_thickness import Thickness
     from studies.trials import blind_data, blind_solution
@@ -24,8 +25,8 @@ def main(seed: int) -> None:
     noisy = blind_data.record(trial, clean)
     hidden = trial.effects[0].amplitudes["b"]
     for name, e in (("clean", replace(clean, noise=noisy.noise)), ("noisy", noisy)):
-        problem, base = effect_fit.prepare([e], [whitened.all_rows])
-        fit = effect_fit.settled(problem, base.c, (Addition(Thickness(), (0.3 * hidden,), ()),))[1]
+        problem, base = base_fit.prepare([e], [all_rows])
+        fit = weighted_fit.fit_with_weights(problem, base.c, (Addition(Thickness(), (0.3 * hidden,), ()),))[1]
         b = fit.additions[0].amplitudes[0]
         chi = base.reduced_chi_square, fit.reduced_chi_square
         print(f"{name}: b {b:.3f} of {hidden:.3f} mm^2, reduced chi-square {chi[0]:.3g} -> {chi[1]:.3g}")
@@ -33,7 +34,7 @@ def main(seed: int) -> None:
     signatures = []
     for u in (clean.displacements, noisy.displacements):
         moved = chain.disturbed(u - np.asarray(chain.data.u))
-        s = whitened.signature(problem, [moved], base.c, (Addition(Thickness(), (0.0,), ()),))[:, 0]
+        s = signature(problem, [moved], base.c, (Addition(Thickness(), (0.0,), ()),))[:, 0]
         signatures.append(s - base.columns @ (base.columns.T @ s))
     exact, seen = signatures
     print(f"attenuation: {float(exact @ seen) / float(seen @ seen):.3f}")

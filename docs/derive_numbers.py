@@ -2,7 +2,7 @@
 
 In: `docs/blind.json` and the classes of `calibrate.effects`. Out: `trials.json` and `catalogue.json` in `docs/results`.
 
-The definitions of the rates are those of `studies.trials.blind_report`. A strong effect is one with a score above 10. Of these are told apart:
+The definitions of the rates are those of `studies.trials.trial_summary`. A strong effect is one with a score above 10. Of these are told apart:
 named right; right with a wrong name beside it; right only through a group, which names an effect that the data cannot tell from it;
 missed; and a wrong name only.
 """
@@ -10,60 +10,35 @@ missed; and a wrong name only.
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from calibrate.effects import CATALOGUE, Effect
-from studies.trials import blind_report
+from studies.trials.trial_summary import FIELD, summary
 
 FOLDER = Path(__file__).parent
-FIELD = "stiffness field"
 FEW = 5
 NEVER = "never: a common factor of modulus, force, thickness and DIC scale"
 
 
-def outcome(one: dict[str, Any]) -> str:
-    """Of a trial with one effect."""
-    others = set(one["named"]) - set(one["hidden"])
-    if one["exact"][0]:
-        return "beside" if others else "right"
-    if one["hit"][0]:
-        return "group"
-    return "wrong" if one["named"] else "missed"
-
-
 def numbers(trials: list[dict[str, Any]]) -> dict[str, Any]:
     """What the pages state."""
-    found = blind_report.summary(trials)
-    strong = [one for one in trials if len(one["hidden"]) == 1 and one["strong"]]
-    outcomes = [outcome(one) for one in strong]
-    removed = [one["absent"] for one in strong if "absent" in one]
-    names = ("nulls", "null_detections", "null_names", "strong", "strong_group_named", "strong_named", "amplitudes",
-             "amplitudes_within", "absent", "absent_wrong", "pairs", "pairs_found", "pairs_at_first",
-             "pairs_at_first_found", "pairs_in_model")  # fmt: skip
-    fields = [
-        (a["amplitudes"][k] - true) / a["deviations"][k]
-        for one in trials
-        if one["hidden"] == [FIELD]
-        for a in one["amplitudes"]
-        if a["effect"] == FIELD
-        for k, true in a["true"].items()
-    ]
+    found = summary(trials)
+    plain, endings, removed = found.to_dict(), found.endings, found.removed
+    for name in ("effects", "endings", "removed"):
+        del plain[name]
     return {
-        "trials": len(trials),
-        **{name: found[name] for name in names},
-        "null_quiet": found["nulls"] - found["null_detections"],
-        **{name: outcomes.count(name) for name in ("right", "beside", "group", "missed", "wrong")},
-        "removed": len(removed),
-        "removed_explained": sum(a["verdict"] == "explained" for a in removed),
-        "removed_alike": sum(a["verdict"] == "explained" and not a["wrong"] for a in removed),
-        "removed_wrong": sum(bool(a["wrong"]) for a in removed),
-        "field_correlation": float(np.median(found["field_correlation"])),
-        "fields": len(fields),
-        "fields_within": sum(abs(pull) <= 1.96 for pull in fields),
-        "seconds": found["seconds"],
+        **plain,
+        "strong": endings.strong,
+        "strong_group_named": endings.group_named,
+        "strong_named": endings.named,
+        "null_quiet": found.nulls - found.null_detections,
+        **asdict(endings),
+        "removed": removed.trials,
+        "removed_explained": removed.explained,
+        "removed_alike": removed.alike,
+        "removed_wrong": removed.wrong,
     }
 
 
@@ -99,14 +74,12 @@ def effects(trials: list[dict[str, Any]]) -> list[list[str]]:
     head = ["hidden", "strong", "right", "wrong name beside", "only its group", "missed", "wrong", "amplitude within",
             "removed: explained (strong)", "removed: wrong name (all)"]  # fmt: skip
     rows = []
-    for name, _, n_strong, *_, n_amplitudes, within, absent, wrong in blind_report.summary(trials)["effects"]:
-        own = [one for one in trials if one["hidden"] == [name] and one["strong"]]
-        ends = [outcome(one) for one in own]
-        removed = [one["absent"]["verdict"] for one in own if "absent" in one]
-        inside = "see the correlation" if name == FIELD else f"{within} of {n_amplitudes}"
-        counts = [str(ends.count(kind)) for kind in ("right", "beside", "group", "missed", "wrong")]
-        explained = f"{removed.count('explained')} of {len(removed)}"
-        rows.append([name, str(n_strong), *counts, inside, explained, f"{wrong} of {absent}"])
+    for one in summary(trials).effects:
+        inside = "see the correlation" if one.effect == FIELD else f"{one.amplitudes_within} of {one.amplitudes}"
+        counts = list(map(str, asdict(one.endings).values()))
+        explained = f"{one.removed.explained} of {one.removed.trials}"
+        wrong = f"{one.absent_wrong} of {one.absent}"
+        rows.append([one.effect, str(one.endings.strong), *counts, inside, explained, wrong])
     return [head, *rows]
 
 

@@ -42,11 +42,17 @@ def modules(folder: Path) -> list[str]:
 
 
 def folders(package: str) -> list[Path]:
-    """The packages within a package."""
-    found = sorted(path.parent for path in (ROOT / package).glob("*/__init__.py"))
+    """The packages within a package, each followed by its own."""
+    root = ROOT / package
+    found = [path.parent for path in root.rglob("__init__.py") if path.parent != root]
     if package == "studies":
-        return [folder for folder in found if folder.name in OF_STUDIES]
-    return sorted(found, key=lambda f: (ORDER.index(f.name) if f.name in ORDER else len(ORDER), f.name))
+        found = [folder for folder in found if folder.relative_to(root).parts[0] in OF_STUDIES]
+    return sorted(found, key=lambda folder: place(folder.relative_to(root).parts))
+
+
+def place(parts: tuple[str, ...]) -> tuple[int, tuple[str, ...]]:
+    """Sorts folders along the path of the data, others by name behind them."""
+    return ORDER.index(parts[0]) if parts[0] in ORDER else len(ORDER), parts
 
 
 def sentence(folder: Path) -> str:
@@ -62,7 +68,11 @@ def page(package: str) -> str:
     if package != "studies":
         lines += [f"::: {name}" for name in modules(ROOT / package)]
     for folder in folders(package):
-        lines += [f"## Folder `{folder.name}`", sentence(folder), *(f"::: {name}" for name in modules(folder))]
+        lines += [
+            f"## Folder `{folder.relative_to(ROOT / package)}`",
+            sentence(folder),
+            *(f"::: {name}" for name in modules(folder)),
+        ]
     return "\n\n".join(line for line in lines if line) + "\n"
 
 

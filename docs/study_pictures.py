@@ -13,7 +13,7 @@ from pathlib import Path
 
 TARGET = Path(__file__).resolve().parent / "pictures"
 PICTURES = {
-    "resolution": ("resolution/resolution_weighted.png", "resolution/resolution_weighted.json"),
+    "resolution": ("resolution/figures/resolution_weighted.png", "resolution/figures/resolution_weighted.json"),
     "thickness": ("thickness/figures/predictions_weighted.png", "thickness/figures/predictions_weighted.json"),
     "thickness_corrected": (
         "thickness/figures/predictions_thickness-corrected.png",

@@ -1,13 +1,14 @@
 """A run through the increments: a problem and its record in, the solution out; shown, saved and resumed.
 
-What plane stress and the solid have in common. A checkpoint is a solution file with the increments reached.
+What thin sheets, with and without a history, and the solid have in common. A checkpoint is a solution file with the
+increments reached, and the state variables after the last of them.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -17,22 +18,16 @@ from tqdm import tqdm
 
 from forward.errors import CheckpointError, ConvergenceError, LinearSolverError, SolutionError
 from forward.loading import SYMMETRY, Loading
-from forward.stepping import Problem, State, Unknowns, steps
+from forward.stepping import REST, History, Increment, Moment, Problem, State, Unknowns, steps
 from meshes.errors import MeshError
-
-
-class Reporting(Problem, Protocol):
-    """A problem that tells its nodal forces (n, d), N, and stored energy, N mm."""
-
-    def nodal_forces(self) -> np.ndarray: ...
-    def energy(self) -> float: ...
 
 
 class Solution(Protocol):
     """What a run yields and can go on from.
 
-    time (n_inc,): load factor; energy (n_inc,), N mm; iterations (n_inc,); reactions: side to (n_inc, d), the force of
-    the grip on the specimen, N; description: of the problem; unknowns: fields (n_inc, ...); save: writes a file.
+    time (n_inc,): s, or load factor where time plays no part; energy (n_inc,), N mm; iterations (n_inc,); reactions:
+    side to (n_inc, d), the force of the grip on the specimen, N; description: of the problem; unknowns: fields
+    (n_inc, ...); history: state variables after the last increment, by name; save: writes a file.
     """
 
     @property
@@ -47,21 +42,32 @@ class Solution(Protocol):
     def description(self) -> dict[str, Any]: ...
     @property
     def unknowns(self) -> Unknowns: ...
+    @property
+    def history(self) -> History: ...
     def save(self, path: str | Path) -> None: ...
+
+
+@dataclass(frozen=True)
+class Control:
+    """How a run is shown, saved and spread: a bar; a checkpoint file; the ranks of an MPI communicator."""
+
+    progress: bool
+    checkpoint: str | Path | None
+    comm: Any
 
 
 @dataclass
 class Record:
     """Increments reached so far, and the problem they belong to.
 
-    problem: all that fixes the result but the mesh, as plain data; supports: which components are held, and where they
-    end; rest: unknowns at rest; whole: what the forces
-    of the modelled part are multiplied with, one number or one for each component; build: makes the solution of this
-    record.
+    path: moments at which the increments end; problem: all that fixes the result but the mesh, as plain data;
+    supports: which components are held, and where they end; rest: unknowns at rest; whole: what the forces of the
+    modelled part are multiplied with, one number or one for each component; build: makes the solution of this record.
     """
 
     mesh: Any
     loading: Loading
+    path: Sequence[Moment]
     problem: dict[str, Any]
     versions: dict[str, Any]
     rest: Unknowns
@@ -71,6 +77,7 @@ class Record:
     states: list[State] = field(init=False)
     energies: list[float] = field(init=False, default_factory=list)
     forces: dict[str, list[np.ndarray]] = field(init=False)
+    history: History = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         digest = hashlib.sha256(json.dumps(self.problem, sort_keys=True).encode())
@@ -78,7 +85,7 @@ class Record:
         for array in (self.mesh.cells, *self.supports):
             digest.update(np.ascontiguousarray(array).tobytes())
         self.description = {**self.problem, "digest": digest.hexdigest(), **self.versions}
-        self.states = [State(0.0, self.rest)]
+        self.states = [State(REST, self.rest)]
         self.forces = {name: [] for name in self.loading.displacements if name not in SYMMETRY}
 
     @property
@@ -88,8 +95,13 @@ class Record:
 
     @property
     def time(self) -> np.ndarray:
-        """Load factor of each increment reached, (n_inc,)."""
-        return np.array([s.load_factor for s in self.states[1:]])
+        """Of each increment reached, (n_inc,), s, or the load factor where time plays no part."""
+        return np.array([s.moment.time for s in self.states[1:]])
+
+    @property
+    def load_factors(self) -> list[float]:
+        """Of each increment reached, (n_inc,)."""
+        return [s.moment.load_factor for s in self.states[1:]]
 
     @property
     def iterations(self) -> np.ndarray:
@@ -105,13 +117,13 @@ class Record:
         """One field of the increments reached, (n_inc, ...)."""
         return np.array([s.unknowns[which] for s in self.states[1:]]).reshape(-1, *self.rest[which].shape)
 
-    def add(self, state: State, problem: Reporting) -> None:
+    def add(self, increment: Increment) -> None:
         """Keep an equilibrium, with the forces of the grips."""
-        forces = problem.nodal_forces()
         for side, kept in self.forces.items():
-            kept.append(self.whole * forces[self.mesh.boundary_nodes(side)].sum(axis=0))
-        self.energies.append(problem.energy())
-        self.states.append(state)
+            kept.append(self.whole * increment.forces[self.mesh.boundary_nodes(side)].sum(axis=0))
+        self.energies.append(increment.energy)
+        self.states.append(increment.state)
+        self.history = increment.history
 
     def resume(self, solution: Solution, path: str | Path) -> None:
         """Go on from a checkpoint. Raises `SolutionError` if it is another problem's."""
@@ -120,70 +132,85 @@ class Record:
                 f"{path}: this checkpoint belongs to another mesh, material, loading or option; "
                 "remove it or name another file"
             )
-        for i, t in enumerate(solution.time):
+        for i, moment in enumerate(self.path[: len(solution.time)]):
             fields = tuple(x[i] for x in solution.unknowns)
-            self.states.append(State(float(t), fields, int(solution.iterations[i])))
+            self.states.append(State(moment, fields, int(solution.iterations[i])))
         self.energies = [float(e) for e in solution.energy]
         self.forces = {side: list(solution.reactions[side]) for side in self.forces}
+        self.history = solution.history
 
 
 def run(
     record: Record,
-    make_problem: Callable[[], Reporting],
+    make_problem: Callable[[], Problem],
     load: Callable[[str | Path], Solution],
-    n_increments: int,
-    max_bisections: int,
     label: str,
-    progress: bool,
-    checkpoint: str | Path | None,
-    comm: Any,
+    max_bisections: int,
+    control: Control,
+    substeps: int = 1,
 ) -> Any:
-    """The solution after `n_increments` equal steps; from where `checkpoint` ended, if that file is there.
+    """The solution at the end of the record's path; from where the checkpoint ended, if that file is there.
 
-    Raises `SolutionError`, `CheckpointError` (it cannot be written), `LinearSolverError` and `ConvergenceError`, whose
-    `solution` holds the increments reached.
+    load: reads a checkpoint; label: of the bar. Raises `SolutionError`, `CheckpointError` (it cannot be written),
+    `LinearSolverError` and `ConvergenceError`, whose `solution` holds the increments reached.
     """
-    if checkpoint is not None:
-        if comm.bcast(Path(checkpoint).exists() if comm.rank == 0 else None):
-            record.resume(load(checkpoint), checkpoint)
-        else:
-            _save(record, checkpoint, comm)
+    _resume(record, load, control)
     problem = make_problem()
-    factors = np.arange(1, n_increments + 1) / n_increments
-    to_do = [float(t) for t in factors[record.reached :]]
-    bar = tqdm(
-        total=n_increments,
-        initial=record.reached,
-        desc=label,
-        unit="increment",
-        disable=not progress or comm.rank > 0,
-    )
-    with bar:
-        try:
-            for state in steps(problem, to_do, record.states, max_bisections):
-                record.add(state, problem)
-                if checkpoint is not None:
-                    _save(record, checkpoint, comm)
-                bar.set_postfix(iterations=state.iterations)
-                bar.update()
-        except LinearSolverError as error:
-            kept = f"; the {record.reached} increments before are in {checkpoint}" if checkpoint else ""
-            raise LinearSolverError(f"{error}{kept}") from error
-        except ConvergenceError as error:
-            where = f"; the {record.reached} increments before are in {checkpoint}" if checkpoint else ""
-            raise ConvergenceError(f"{error}{where}", record.build(record)) from error
+    problem.history = record.history
+    increments = steps(problem, record.path[record.reached :], record.states, max_bisections, substeps)
+    try:
+        _follow(record, increments, label, control)
+    except LinearSolverError as error:
+        raise LinearSolverError(f"{error}{_kept(record, control)}") from error
+    except ConvergenceError as error:
+        raise ConvergenceError(f"{error}{_kept(record, control)}", record.build(record)) from error
     return record.build(record)
 
 
-def _save(record: Record, path: str | Path, comm: Any) -> None:
-    """Write the checkpoint on rank 0; every rank raises if that failed."""
+def _resume(record: Record, load: Callable[[str | Path], Solution], control: Control) -> None:
+    """Read the checkpoint, or write a first one, so that a place that cannot be written is told at once."""
+    path, comm = control.checkpoint, control.comm
+    if path is None:
+        return
+    if comm.bcast(Path(path).exists() if comm.rank == 0 else None):
+        record.resume(load(path), path)
+    else:
+        _save(record, control)
+
+
+def _follow(record: Record, increments: Iterator[Increment], label: str, control: Control) -> None:
+    """Add the increments to the record, show and save them."""
+    bar = tqdm(
+        total=len(record.path),
+        initial=record.reached,
+        desc=label,
+        unit="increment",
+        disable=not control.progress or control.comm.rank > 0,
+    )
+    with bar:
+        for increment in increments:
+            record.add(increment)
+            _save(record, control)
+            bar.set_postfix(iterations=increment.state.iterations)
+            bar.update()
+
+
+def _kept(record: Record, control: Control) -> str:
+    """Where the increments are that were reached before an error."""
+    return f"; the {record.reached} increments before are in {control.checkpoint}" if control.checkpoint else ""
+
+
+def _save(record: Record, control: Control) -> None:
+    """Write the checkpoint, if there is to be one, on rank 0; every rank raises if that failed."""
+    if control.checkpoint is None:
+        return
     problem = None
-    if comm.rank == 0:
+    if control.comm.rank == 0:
         try:
-            record.build(record).save(path)
+            record.build(record).save(control.checkpoint)
         except MeshError as error:
             problem = str(error)
-    problem = comm.bcast(problem)
+    problem = control.comm.bcast(problem)
     if problem is not None:
         kept = f"; the {record.reached - 1} increments saved before are unharmed" if record.reached > 1 else ""
         raise CheckpointError(f"{problem}{kept}")

@@ -32,7 +32,8 @@ class SurfaceSolution:
 
     mesh: biquadratic quads; displacements (n_inc, n, 2) at its nodes, mm; reactions: side to (n_inc, 2), the force of
     the grip on the specimen, N; time (n_inc,): load factor, 1 at the end, or s of a history; energy (n_inc,): stored, N
-    mm; iterations (n_inc,) of the solver; thickness, mm; description: material, loading, program versions.
+    mm; iterations (n_inc,) of the solver; thickness, mm; description: material, loading, program versions; history:
+    state variables (m, 9, ...) at the Gauss points after the last increment, by name, of a sheet that has some.
     """
 
     mesh: Mesh
@@ -43,6 +44,7 @@ class SurfaceSolution:
     iterations: NDArray[np.int64]
     thickness: float
     description: dict[str, Any] = field(default_factory=dict)
+    history: dict[str, Array] = field(default_factory=dict)
 
     @property
     def unknowns(self) -> tuple[Array, ...]:
@@ -119,6 +121,7 @@ class SurfaceSolution:
             description=json.dumps(self.description),
             **{f"reaction_{name}": force for name, force in self.reactions.items()},
             **{f"boundary_{name}": edges for name, edges in self.mesh.boundaries.items()},
+            **{f"history_{name}": values for name, values in self.history.items()},
         )
 
     @classmethod
@@ -139,4 +142,5 @@ class SurfaceSolution:
             iterations=content["iterations"],
             thickness=float(content["thickness"]),
             description=description,
+            history=with_prefix(content, "history_"),
         )

@@ -1,9 +1,14 @@
-"""Load stepping: a problem and its load factors in, equilibrium states out, with prediction and bisection."""
+"""Load stepping: a problem and a path of loading in, equilibria out, with prediction and bisection.
+
+A path is load factors at times, joined by straight lines; it may turn. An increment ends at a moment of the path. It is
+solved in `substeps` equal parts, which are halved where no equilibrium is found. A problem with a history (viscosity,
+softening) has its state variables committed after each part.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +18,9 @@ from forward.errors import ConvergenceError
 
 Array = NDArray[np.float64]
 Unknowns = tuple[Array, ...]
+History = dict[str, Array]
 HISTORY = 3  # states that a prediction uses
+DISTINCT = 1e-6  # load factors that are nearer than this are one place of the polynomial
 
 
 class Outcome(Protocol):
@@ -28,59 +35,161 @@ class Outcome(Protocol):
 
 
 class Problem(Protocol):
-    """What can be stepped: settable unknowns (displacements, mm, and what else there is) and a solve at a load
-    factor."""
+    """What can be stepped.
+
+    unknowns: displacements, mm, and what else there is; history: state variables by name, of the last committed
+    equilibrium; step: from there to a load factor, in `duration` (s); commit: take the present equilibrium as the past
+    of the next step; nodal_forces (n, d), N, and energy, N mm, of the present one, read before it is committed.
+    """
 
     @property
     def unknowns(self) -> Unknowns: ...
     @unknowns.setter
     def unknowns(self, values: Unknowns) -> None: ...
+    @property
+    def history(self) -> History: ...
+    @history.setter
+    def history(self, values: History) -> None: ...
 
-    def solve(self, load_factor: float) -> Outcome: ...
+    def step(self, load_factor: float, duration: float) -> Outcome: ...
+    def commit(self) -> None: ...
+    def nodal_forces(self) -> Array: ...
+    def energy(self) -> float: ...
+
+
+class Elastic:
+    """Base of the problems without a history: the state is the unknowns, whatever came before."""
+
+    def solve(self, load_factor: float) -> Outcome:
+        """Equilibrium at a load factor, from the present unknowns."""
+        raise NotImplementedError
+
+    def step(self, load_factor: float, duration: float) -> Outcome:
+        """Equilibrium at a load factor; time plays no part."""
+        return self.solve(load_factor)
+
+    def commit(self) -> None:
+        """Nothing is remembered."""
+
+    @property
+    def history(self) -> History:
+        """No state variables."""
+        return {}
+
+    @history.setter
+    def history(self, values: History) -> None:
+        """Take none."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A point of the path: time, s (where time plays no part, the load factor), and load factor."""
+
+    time: float
+    load_factor: float
+
+    def towards(self, other: Moment, share: float) -> Moment:
+        """The point at a share, 0 to 1, of the straight line to another moment."""
+        if share == 1.0:
+            return other
+        return Moment(
+            self.time + share * (other.time - self.time),
+            self.load_factor + share * (other.load_factor - self.load_factor),
+        )
+
+
+REST = Moment(0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class State:
-    """Equilibrium at a load factor: unknowns, and the solver's iterations since the last reported state."""
+    """Equilibrium at a moment: unknowns, and the solver's iterations since the last reported state."""
 
-    load_factor: float
+    moment: Moment
     unknowns: Unknowns
     iterations: int = 0
 
 
+@dataclass(frozen=True)
+class Increment:
+    """A reported state with its nodal forces (n, d), N, stored energy, N mm, and the committed state variables."""
+
+    state: State
+    forces: Array
+    energy: float
+    history: History = field(default_factory=dict)
+
+
+def proportional(n_increments: int) -> list[Moment]:
+    """Equal steps to the whole load."""
+    return [Moment(float(t), float(t)) for t in np.arange(1, n_increments + 1) / n_increments]
+
+
 def steps(
-    problem: Problem, load_factors: Sequence[float], states: Sequence[State], max_bisections: int
-) -> Iterator[State]:
-    """States at `load_factors`, one by one, from the known `states`.
+    problem: Problem, path: Sequence[Moment], states: Sequence[State], max_bisections: int, substeps: int = 1
+) -> Iterator[Increment]:
+    """Equilibria at the moments of `path`, one by one, from the reported `states`, the first of which is at rest.
 
     A failed step is rolled back and halved, up to `max_bisections` times. An increment starts from reported states
     alone, so that a resumed run repeats what an uninterrupted one does. Raises `ConvergenceError`.
     """
-    reported = list(states)[-HISTORY:]
-    for target in load_factors:
-        known = list(reported)
-        iterations = 0
-        smallest = (target - known[-1].load_factor) / 2**max_bisections
-        step = target - known[-1].load_factor
-        while known[-1].load_factor != target:
-            start = known[-1].load_factor
-            step = min(step, target - start)
-            trial = target if target - (start + step) < 1e-12 else start + step
-            problem.unknowns = predict(known, trial)
-            outcome = problem.solve(trial)
-            iterations += outcome.iterations
-            if outcome.converged:
-                known.append(State(trial, problem.unknowns, iterations))
-                continue
-            problem.unknowns = known[-1].unknowns
-            step /= 2
-            if step < smallest * (1 - 1e-9):
-                raise ConvergenceError(
-                    f"no equilibrium beyond {start:.4g} of the load: {outcome.text} in steps down to "
-                    f"{2 * step:.2g}. Load less, use more increments, refine the mesh or check the material"
-                )
-        reported = [*reported, known[-1]][-HISTORY:]
-        yield known[-1]
+    reported: list[State] = []
+    for state in states:
+        reported = _distinct([*reported, state])
+    for target in path:
+        increment = _increment(problem, target, reported, max_bisections, substeps)
+        reported = _distinct([*reported, increment.state])
+        yield increment
+
+
+def _increment(problem: Problem, target: Moment, known: list[State], max_bisections: int, substeps: int) -> Increment:
+    """The equilibrium at `target`, the last known state being the one before it."""
+    start, known = known[-1].moment, list(known)
+    share, smallest = 1 / substeps, 0.5**max_bisections / substeps
+    done, iterations = 0.0, 0
+    while True:
+        end = 1.0 if done + share > 1 - 1e-12 else done + share
+        trial = start.towards(target, end)
+        problem.unknowns = predict(known, trial.load_factor)
+        outcome = problem.step(trial.load_factor, (end - done) * (target.time - start.time))
+        iterations += outcome.iterations
+        if outcome.converged:
+            state = State(trial, problem.unknowns, iterations)
+            if end == 1.0:
+                return _committed(problem, state)
+            problem.commit()
+            known, done = _distinct([*known, state]), end
+            continue
+        problem.unknowns = known[-1].unknowns
+        share /= 2
+        if share < smallest * (1 - 1e-9):
+            step = 2 * share * abs(target.load_factor - start.load_factor)
+            raise ConvergenceError(_failure(known[-1].moment, outcome, step))
+
+
+def _committed(problem: Problem, state: State) -> Increment:
+    """Report the state; its forces are read first, as they depend on the past."""
+    forces, energy = problem.nodal_forces(), problem.energy()
+    problem.commit()
+    return Increment(state, forces, energy, problem.history)
+
+
+def _failure(last: Moment, outcome: Outcome, step: float) -> str:
+    when = "" if last.time == last.load_factor else f", {last.time:.4g} s after the start"
+    return (
+        f"no equilibrium beyond {last.load_factor:.4g} of the load{when}: {outcome.text} in steps down to "
+        f"{step:.2g}. Load less, use more increments, refine the mesh or check the material"
+    )
+
+
+def _distinct(states: Sequence[State]) -> list[State]:
+    """The last states, three at most, at different load factors, through which a polynomial can be laid."""
+    kept: list[State] = []
+    for state in reversed(states):
+        factor = state.moment.load_factor
+        if len(kept) < HISTORY and all(abs(factor - k.moment.load_factor) > DISTINCT for k in kept):
+            kept.insert(0, state)
+    return kept
 
 
 def predict(known: Sequence[State], load_factor: float) -> Unknowns:
@@ -88,7 +197,7 @@ def predict(known: Sequence[State], load_factor: float) -> Unknowns:
     last = known[-HISTORY:]
     weights = []
     for a in last:
-        others = [b.load_factor for b in last if b is not a]
-        weights.append(np.prod([(load_factor - t) / (a.load_factor - t) for t in others]))
+        others = [b.moment.load_factor for b in last if b is not a]
+        weights.append(np.prod([(load_factor - t) / (a.moment.load_factor - t) for t in others]))
     fields = zip(*(state.unknowns for state in last), strict=True)
-    return tuple(sum(w * x for w, x in zip(weights, field, strict=True)) for field in fields)
+    return tuple(sum(w * x for w, x in zip(weights, values, strict=True)) for values in fields)

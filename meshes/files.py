@@ -1,12 +1,16 @@
-"""Named arrays in, one .npz file out, and back; written atomically, so that a kill leaves no half file."""
+"""Files written whole or not at all, and named arrays in a .npz file.
+
+A kill or a full disk leaves the old file or none, never half a file. Every package writes through `atomic_path`.
+"""
 
 from __future__ import annotations
 
-import contextlib
 import os
+import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +21,46 @@ from meshes.errors import MeshDataError
 VERSION = 1
 
 
+@contextmanager
+def atomic_path(path: str | Path) -> Iterator[Path]:
+    """A temporary path beside `path`, with its suffix; it replaces `path` when the block ends without error.
+
+    Missing folders are made. Raises `OSError` when the place cannot be written or is full.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_atomically(path: str | Path, content: bytes) -> None:
+    """Write `content` to `path`, making its folder; the file appears only when it is complete. Raises `OSError`."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _umask() -> int:
+    mask = os.umask(0o022)
+    os.umask(mask)
+    return mask
+
+
 def write_npz(path: str | Path, format_name: str, **arrays: Any) -> None:
     """Write `arrays` with the format's name and version; the folder is made. Raises `MeshDataError`."""
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(temporary, "wb") as file:
+        with atomic_path(path) as temporary, open(temporary, "wb") as file:
             np.savez_compressed(file, format=format_name, version=VERSION, **arrays)
-        os.replace(temporary, path)
     except OSError as error:
         raise MeshDataError(f"{path}: cannot be written ({error}); choose another place or free some space") from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
 
 
 def _reason(error: Exception) -> str:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibrate.diagnosis import whitened
+from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.whitened import Problem
+from calibrate.diagnosis.problem import Problem
 from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.equations.reduction import Quadratic
 from calibrate.fitting.network_fit import fit_network
@@ -36,19 +36,15 @@ class Distilled:
         """Whether the network meets the data as the spline does."""
         return self.network_loss - self.spline_loss <= max(NOISE, SHARE * self.spline_loss)
 
-    def remark(self) -> str:
-        """How good it is, in words."""
-        before, after = self.spline_loss / self.n_rows, self.network_loss / self.n_rows
-        text = f"The network meets the training equations with a chi-square of {after:.4g} each, the spline of {before:.4g}"
-        return text + (
-            "; they are as good as each other." if self.good else
-            ": the network cannot follow the spline, which is the base model; do not use the network alone."
-        )  # fmt: skip
+    @property
+    def chi_squares(self) -> tuple[float, float]:
+        """Squared residual an equation, of the network and of the spline."""
+        return self.network_loss / self.n_rows, self.spline_loss / self.n_rows
 
 
 def quadratic(problem: Problem, fit: Fit) -> Quadratic:
     """The training loss as a quadratic form in the spline coefficients, about those of the fit."""
-    G = whitened.base_columns(problem, fit.chains)
+    G = equations.base_columns(problem, fit.chains)
     target = G @ fit.c - fit.residual
     return Quadratic(problem.basis, G.T @ G, G.T @ target, float(target @ target), len(target))
 
@@ -59,7 +55,7 @@ def distil(
     """Fit PANN_I1^layers to the base of a fit. Raises `FitError`."""
     loss = quadratic(problem, fit)
     architecture, found = fit_network(loss, "I1", layers, fit.c, n_starts, seed)
-    exact = whitened.residual(problem, found.coefficients, fit.additions)
+    exact = equations.residual(problem, found.coefficients, fit.additions)
     network_loss = float(exact @ exact)
     model = Model(
         architecture,

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis import whitened
-from calibrate.diagnosis.whitened import Problem
+from calibrate.diagnosis import model_weights
+from calibrate.diagnosis import problem as equations
+from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import noise_covariance
 
@@ -39,7 +40,7 @@ def visible_noise(problem: Problem, c: Array, additions: Additions, r: Array) ->
         forces = part.train.adjoint(r[start : start + part.train.size])
         start += part.train.size
         factor = part.assembled.noise_factor
-        noise = np.moveaxis(part.chain.pulled_back(c, whitened.amplifying(problem, additions), forces), 1, 0)
+        noise = np.moveaxis(part.chain.pulled_back(c, model_weights.amplifying(problem, additions), forces), 1, 0)
         flat = factor @ (factor.T @ noise.reshape(len(noise), -1))
         found.append(np.moveaxis(flat.reshape(noise.shape), 0, 1))
     return found
@@ -47,7 +48,7 @@ def visible_noise(problem: Problem, c: Array, additions: Additions, r: Array) ->
 
 def hidden_noise(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[list[Array]]:
     """Samples of noise (t, n, 2), mm, of each trained part, without what would show in the residual."""
-    rough, samples = whitened.amplifying(problem, additions), []
+    rough, samples = model_weights.amplifying(problem, additions), []
     rng = np.random.default_rng(0)
     for _ in range(SAMPLES):
         noise = [
@@ -56,7 +57,7 @@ def hidden_noise(problem: Problem, chains: Sequence[Chain], c: Array, additions:
         ]
         moved = [chain.disturbed(z) for chain, z in zip(chains, noise, strict=True)]
         change = [m.residual(c, rough) - k.residual(c, rough) for m, k in zip(moved, chains, strict=True)]
-        seen = visible_noise(problem, c, rough, problem.white(change))
+        seen = visible_noise(problem, c, rough, problem.whiten(change))
         samples.append([z - s for z, s in zip(noise, seen, strict=True)])
     return samples
 
@@ -79,7 +80,7 @@ def excess(
     total = np.zeros((len(scale), len(scale)))
     for sample in hidden:
         moved = [chain.disturbed(z) for chain, z in zip(chains, sample, strict=True)]
-        change = whitened.signature(problem, moved, c, additions) * scale - S
+        change = equations.signature(problem, moved, c, additions) * scale - S
         change = change - U @ (U.T @ change)
         total += change.T @ change / len(hidden)
     return total

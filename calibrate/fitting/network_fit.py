@@ -12,7 +12,6 @@ In: a `Quadratic`. Out: spline coefficients; PANN parameters with the reason why
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +23,8 @@ from calibrate import errors
 from calibrate.equations.basis import PlaneStrainBasis, Spline
 from calibrate.equations.inputs import INPUT_SETS
 from calibrate.equations.reduction import Quadratic
+from calibrate.fitting.levenberg_marquardt import levenberg_marquardt
+from calibrate.fitting.stopping import Stop
 from calibrate.models import pann
 
 Array = NDArray[np.float64]
@@ -72,72 +73,18 @@ def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24) -> Array:
 @dataclass(frozen=True)
 class NetworkFit:
     """Result of `fit_network`: best parameters (n_parameters,), their spline coefficients (n_functions,) and loss; of
-    every start (n_starts,) its loss, its iterations, and why it stopped.
-
-    reasons: 'converged' (relative decrease below tolerance) or 'iteration limit'.
-    """
+    every start (n_starts,) its loss, its iterations, and why it stopped."""
 
     parameters: Array
     coefficients: Array
     loss: float
     losses: Array
-    iterations: Array
-    reasons: tuple[str, ...]
-
-
-def _damped_step(J: jax.Array, g: jax.Array, diagonal: jax.Array) -> jax.Array:
-    """(J^T J + diag(diagonal))^-1 g, solved in the smaller of the two spaces."""
-    rows, columns = J.shape
-    if columns <= rows:
-        return jnp.linalg.solve(J.T @ J + jnp.diag(diagonal), g)
-    scaled = J / diagonal
-    return g / diagonal - scaled.T @ jnp.linalg.solve(jnp.eye(rows) + scaled @ J.T, scaled @ g)
-
-
-@partial(jax.jit, static_argnums=(0, 4))
-def _levenberg_marquardt(residual, data, starts, lower, limit: int, decay=0.0, floor=0.0):
-    """Bounded Levenberg-Marquardt from every start: (parameters, objectives, iterations, converged).
-
-    The objective is |residual|^2 + decay |theta|^2. floor: the part of the loss that no parameter can change;
-    decreases are judged against objective + floor.
-    """
-    tolerance = 1e-6
-
-    def objective(theta):
-        r = residual(theta, data)
-        return r @ r + decay * (theta @ theta)
-
-    def solve(start):
-        state = (start, objective(start), 1e-2, 0, jnp.array(0))
-
-        def proceed(state):
-            _, _, damping, count, quiet = state
-            return (count < limit) & (quiet < 3) & (damping < 1e12)
-
-        def step(state):
-            theta, value, damping, count, quiet = state
-            r, J = residual(theta, data), jax.jacfwd(residual)(theta, data)
-            g = J.T @ r + decay * theta
-            free = ~((theta <= lower) & (g > 0))  # active bounds stay where they are
-            J, g = J * free, g * free
-            scale = jnp.sum(J * J, axis=0)
-            diagonal = decay + damping * (scale + 1e-12 * jnp.max(scale) + 1e-30)
-            trial = jnp.maximum(theta - _damped_step(J, g, diagonal), lower)
-            new = objective(trial)
-            good = jnp.isfinite(new) & (new < value)
-            small = good & (value - new < tolerance * (value + floor))
-            quiet = jnp.where(good, jnp.where(small, quiet + 1, 0), quiet)
-            damping = jnp.where(good, jnp.maximum(damping / 5, 1e-12), damping * 4)
-            return jnp.where(good, trial, theta), jnp.where(good, new, value), damping, count + 1, quiet
-
-        theta, value, damping, count, quiet = jax.lax.while_loop(proceed, step, state)
-        return theta, value, count, (quiet >= 3) | (damping >= 1e12)
-
-    return jax.vmap(solve)(starts)
+    iterations: NDArray[np.int64]
+    reasons: tuple[Stop, ...]
 
 
 @dataclass(frozen=True)
-class _Residual:
+class NetworkResidual:
     """Residual functions of a network, hashable so that JAX compiles once for each architecture."""
 
     architecture: pann.Architecture
@@ -145,12 +92,12 @@ class _Residual:
 
     def __call__(self, theta, data):
         sites, weights, target, R, d, scales = data
-        sampled = self._derivatives(theta, sites, scales)
+        sampled = self.derivatives(theta, sites, scales)
         if self.distil:
             return ((sampled - target) * weights).ravel()
         return R @ sampled.ravel() - d
 
-    def _derivatives(self, theta, sites, scales):
+    def derivatives(self, theta, sites, scales):
         """psi_k at the sites (n, 2): derivative by J_k, zero for an input that is not used."""
         index = list(INPUT_SETS[self.architecture.inputs])
         x = (sites * scales)[:, jnp.array(index)]
@@ -177,13 +124,54 @@ def fit_network(
     coefficients. limit: iterations of each stage. Raises `FitError` when no start converged to a finite loss.
     """
     whole, quadratic = quadratic, quadratic.of_energy()
-    basis, spline = quadratic.basis, spline[: quadratic.basis.n_functions]
+    problem = _scaled_problem(quadratic, inputs, spline[: quadratic.basis.n_functions])
     unit = pann.Architecture(inputs, tuple(layers))
+    lower = jnp.where(jnp.asarray(unit.nonnegative), 0.0, -jnp.inf)
+    keys = jax.random.split(jax.random.key(seed), n_starts)
+    starts = jnp.stack([unit.random_start(key) for key in keys])
+    distilled = levenberg_marquardt(
+        NetworkResidual(unit, True), problem.data, starts, lower, limit, DISTILLATION_DECAY
+    ).parameters
+    magnitude, offset = problem.magnitude, quadratic.constant - problem.magnitude**2
+    floor = max(offset, 0.0) / magnitude**2
+    decay = floor / max(quadratic.n_rows, 1) / PRIOR_STD**2 + 1e-14
+    polish = NetworkResidual(unit, False)
+    found = levenberg_marquardt(polish, problem.data, jnp.asarray(distilled), lower, limit, decay, floor)
+    losses = found.objectives - decay * (found.parameters**2).sum(axis=1)
+    if not np.isfinite(losses).any():
+        raise errors.FitError("no start reached a finite loss; check the data for extreme deformations")
+    best = int(np.nanargmin(losses))
+    derivatives = polish.derivatives(found.parameters[best], problem.data[0], problem.data[-1])
+    result = NetworkFit(
+        parameters=found.parameters[best],
+        coefficients=whole.with_bulk_modulus(
+            problem.level * quadratic.basis.interpolation @ np.asarray(derivatives).ravel()
+        ),
+        loss=float(losses[best] * magnitude**2 + offset),
+        losses=losses * magnitude**2 + offset,
+        iterations=found.iterations,
+        reasons=found.reasons,
+    )
+    return pann.Architecture(inputs, tuple(layers), problem.scales, problem.level), result
+
+
+@dataclass(frozen=True)
+class _ScaledProblem:
+    """What a network of unit size is fitted to. data: arguments of `NetworkResidual`; scales: 1 / range of (J1, J2); level:
+    of the energy, MPa or N/mm; magnitude: of the loads."""
+
+    data: tuple[jax.Array, ...]
+    scales: tuple[float, float]
+    level: float
+    magnitude: float
+
+
+def _scaled_problem(quadratic: Quadratic, inputs: str, spline: Array) -> _ScaledProblem:
+    """The loss and the spline (n_functions,) in units of the data's range. Raises `FitError` where the spline is zero."""
+    basis, index = quadratic.basis, list(INPUT_SETS[inputs])
     sites = np.nan_to_num(basis.site_inputs)
     scales = 1.0 / np.maximum(np.abs(sites).max(axis=0), 1e-300)
-    inverse = np.linalg.pinv(basis.interpolation)
-    target = (inverse @ spline).reshape(len(sites), 2)
-    index = list(INPUT_SETS[inputs])
+    target = (np.linalg.pinv(basis.interpolation) @ spline).reshape(len(sites), 2)
     level = max(float(np.abs(target[:, k]).max() / scales[k]) for k in index)
     if not level > 0:
         raise errors.FitError("the convex spline fit is zero: forces do not grow with deformation")
@@ -193,30 +181,6 @@ def fit_network(
     R, d = np.pad(R, ((0, missing), (0, 0))) @ basis.interpolation, np.pad(d, (0, missing))
     weights = np.zeros_like(target)
     weights[:, index] = 1.0 / scales[index]
-    magnitude = np.linalg.norm(d)
+    magnitude = float(np.linalg.norm(d))
     data = tuple(map(jnp.asarray, (sites, weights, target / level, R * level / magnitude, d / magnitude, scales)))
-    lower = jnp.where(jnp.asarray(unit.nonnegative), 0.0, -jnp.inf)
-    keys = jax.random.split(jax.random.key(seed), n_starts)
-    starts = jnp.stack([unit.random_start(key) for key in keys])
-    distilled = _levenberg_marquardt(_Residual(unit, True), data, starts, lower, limit, DISTILLATION_DECAY)[0]
-    offset = quadratic.constant - magnitude**2
-    floor = max(offset, 0.0) / magnitude**2
-    decay = floor / max(quadratic.n_rows, 1) / PRIOR_STD**2 + 1e-14
-    theta, losses, counts, converged = map(
-        np.asarray, _levenberg_marquardt(_Residual(unit, False), data, distilled, lower, limit, decay, floor)
-    )
-    losses = losses - decay * (theta**2).sum(axis=1)
-    if not np.isfinite(losses).any():
-        raise errors.FitError("no start reached a finite loss; check the data for extreme deformations")
-    best = int(np.nanargmin(losses))
-    architecture = pann.Architecture(inputs, tuple(layers), (float(scales[0]), float(scales[1])), level)
-    derivatives = _Residual(unit, False)._derivatives(theta[best], data[0], data[-1])
-    result = NetworkFit(
-        parameters=theta[best],
-        coefficients=whole.with_bulk_modulus(level * basis.interpolation @ np.asarray(derivatives).ravel()),
-        loss=float(losses[best] * magnitude**2 + offset),
-        losses=losses * magnitude**2 + offset,
-        iterations=counts,
-        reasons=tuple("converged" if ok else "iteration limit" for ok in converged),
-    )
-    return architecture, result
+    return _ScaledProblem(data, (float(scales[0]), float(scales[1])), level, magnitude)

@@ -26,6 +26,8 @@ from calibrate.equations.inputs import INPUT_SETS
 from calibrate.equations.kinematics import INVARIANTS, invariants_and_derivatives
 from calibrate.equations.reduction import Quadratic
 from calibrate.fitting import network_fit
+from calibrate.fitting.levenberg_marquardt import levenberg_marquardt
+from calibrate.fitting.stopping import Stop
 from calibrate.models import pann
 from calibrate.models.network_model import Model
 
@@ -41,7 +43,7 @@ class SupervisedFit:
     model: Model
     loss: float
     losses: Array
-    reason: str
+    reason: Stop
 
 
 def check_curves(curves: Curves) -> None:
@@ -94,7 +96,7 @@ class _StressResidual:
 
     def __call__(self, theta, data):
         sites, slopes, stress, weight, scales = data
-        psi = network_fit._Residual(self.architecture, True)._derivatives(theta, sites, scales)
+        psi = network_fit.NetworkResidual(self.architecture, True).derivatives(theta, sites, scales)
         misfit = weight * (jnp.sum(psi * slopes, axis=-1) - stress)
         weights = theta[np.flatnonzero(self.architecture.nonnegative)]
         return jnp.concatenate([misfit, jnp.sqrt(self.ridge) * weights])
@@ -132,23 +134,21 @@ def fit_supervised(
         starts += [jnp.asarray(embedded), *_perturbed(embedded, architecture, keys)]
     unit = pann.Architecture(inputs, tuple(layers))
     lower = jnp.where(jnp.asarray(architecture.nonnegative), 0.0, -jnp.inf)
-    theta, losses, _, converged = map(
-        np.asarray,
-        network_fit._levenberg_marquardt(_StressResidual(unit, ridge), data, jnp.stack(starts), lower, limit),
-    )
+    found = levenberg_marquardt(_StressResidual(unit, ridge), data, jnp.stack(starts), lower, limit)
+    losses = found.objectives
     if not np.isfinite(losses).any():
         raise errors.FitError("no start reached a finite loss; check the data for extreme stretches")
     best = int(np.nanargmin(losses))
     values = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])
     model = Model(
         architecture,
-        theta[best],
+        found.parameters[best],
         "MPa",
         {name: (3.0, float(values[:, i].max())) for i, name in enumerate(INVARIANTS)},
         {"loss": float(losses[best]), "kind": "supervised", "seed": seed, "starts": n_starts},
         {"modes": sorted(curves)},
     )
-    return SupervisedFit(model, float(losses[best]), losses, "converged" if converged[best] else "iteration limit")
+    return SupervisedFit(model, float(losses[best]), losses, found.reasons[best])
 
 
 def _embedded(single: Model, architecture: pann.Architecture) -> Array:

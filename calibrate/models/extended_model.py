@@ -14,8 +14,6 @@ An effect that is not one of the material belongs to the tests that were fitted 
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,14 +23,14 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
-from calibrate.data.files import read_model, write_atomically
 from calibrate.effects import KNOWN, Parameter, Viscosity
 from calibrate.effects.chain import Addition, Additions, Chain
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.equations.kinematics import invariants_and_derivatives
-from calibrate.models.network_model import UNITS, Model
+from calibrate.models.json_file import Format, check_unit, read_model, write_model
+from calibrate.models.network_model import Model
 
 FORMAT, VERSION = "equigap-extended-model", 1
 Array = NDArray[np.float64]
@@ -78,7 +76,7 @@ class ExtendedModel:
 
     def for_test(self, experiment: Experiment) -> Additions:
         """The additions that hold for an Experiment: all if it was fitted, else those of the material."""
-        fitted = fingerprint(experiment) in {t["fingerprint"] for t in self.training}
+        fitted = experiment.fingerprint in {t["fingerprint"] for t in self.training}
         return tuple(a for a in self.additions if fitted or a.effect.of_material)
 
     def predict(self, experiment: Experiment, spacing: float | None = None) -> Prediction:
@@ -148,7 +146,7 @@ class ExtendedModel:
 
     def save(self, path: str | Path) -> None:
         """Write the JSON atomically."""
-        write_atomically(path, json.dumps(self.to_dict(), indent=1).encode())
+        write_model(path, self.to_dict())
 
     def with_network(self, network: Model, loss: dict[str, Any]) -> ExtendedModel:
         """The same with a network and how good it is."""
@@ -186,13 +184,17 @@ class ExtendedModel:
     @classmethod
     def load(cls, path: str | Path) -> ExtendedModel:
         """Read a file of `save`. Raises `DataNotFoundError`, `ModelFileError` naming the key that is wrong."""
-        return read_model(path, cls.from_dict, FORMAT, VERSION, "equigap discover")
+        return read_model(path, cls.file_format())
+
+    @classmethod
+    def file_format(cls) -> Format[ExtendedModel]:
+        """What a file of `save` says of itself."""
+        return Format(FORMAT, VERSION, "equigap discover", cls.from_dict)
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> ExtendedModel:
         """From the content of a file, or from `to_dict`. Raises KeyError, TypeError or ValueError."""
-        if content["unit"] not in UNITS:
-            raise ValueError(f"unit '{content['unit']}' unknown; choose one of {', '.join(UNITS)}")
+        unit = check_unit(content["unit"])
         base = content["base"]
         energy = SingleBasis(int(base["k"]), float(base["top"]), int(base["n"]))
         c = np.asarray(base["coefficients"], float)
@@ -209,7 +211,7 @@ class ExtendedModel:
             c,
             tuple(a for a, _ in both),
             tuple(d for _, d in both),
-            content["unit"],
+            unit,
             tuple({"name": str(t["name"]), "fingerprint": str(t["fingerprint"])} for t in content["training"]),
             str(content["hold_out"]),
             tuple(map(str, content["held_out"])),
@@ -220,23 +222,6 @@ class ExtendedModel:
             dict(content["provenance"]),
             None if base.get("bulk_modulus_deviation") is None else float(base["bulk_modulus_deviation"]),
         )
-
-
-def is_extended(path: str | Path) -> bool:
-    """Whether a file says that it is an extended model; False for what cannot be read."""
-    try:
-        content = json.loads(Path(path).read_text())
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError):
-        return False
-    return isinstance(content, dict) and content.get("format") == FORMAT
-
-
-def fingerprint(experiment: Experiment) -> str:
-    """Hash of what was measured, by which a test is recognised whatever its file is called."""
-    digest = hashlib.sha256()
-    for array in (experiment.points, experiment.displacements, *(b.force for b in experiment.loaded)):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:16]
 
 
 def amplitude_unit(parameter: Parameter, stress_unit: str) -> str:

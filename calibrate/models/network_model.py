@@ -12,7 +12,6 @@ The formula is in `calibrate.models.pann`, that of the uncertainty in `calibrate
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -24,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from calibrate.data.files import read_model, write_atomically
 from calibrate.equations import isochoric as plane_strain
 from calibrate.equations import kinematics
 from calibrate.equations.deformation_modes import (
@@ -36,15 +34,16 @@ from calibrate.equations.deformation_modes import (
 )
 from calibrate.equations.inputs import INPUT_SETS
 from calibrate.models import pann
+from calibrate.models.json_file import Format, check_unit, read_model, write_model
 from calibrate.models.parameter_covariance import Uncertainty
 
 FORMAT, VERSION = "equigap-model", 1
-OTHERS = {
-    "equigap-extended-model": "an extended model of `equigap discover`, whose effects no network holds; predict a test with "
+MISTAKEN = (
+    "equigap-extended-model",
+    "an extended model of `equigap discover`, whose effects no network holds; predict a test with "
     "`equigap predict MODEL.json --test EXPERIMENT.npz` or calibrate.models.extended_model.ExtendedModel, or save its "
-    "'network' (the base alone) as a file of its own"
-}
-UNITS = ("MPa", "N/mm")
+    "'network' (the base alone) as a file of its own",
+)
 STRETCH_STEP = 1e-3
 Array = NDArray[np.float64]
 
@@ -173,20 +172,23 @@ class Model:
 
     def save(self, path: str | Path) -> None:
         """Write the JSON atomically."""
-        write_atomically(path, json.dumps(self.to_dict(), indent=1).encode())
+        write_model(path, self.to_dict())
 
     @classmethod
     def load(cls, path: str | Path) -> Model:
         """Read a model file. Raises `DataNotFoundError`, `ModelFileError` naming the key that is wrong."""
-        return read_model(path, cls.from_dict, FORMAT, VERSION, "equigap calibrate", OTHERS)
+        return read_model(path, cls.file_format())
+
+    @classmethod
+    def file_format(cls) -> Format[Model]:
+        """What a file of `save` says of itself."""
+        return Format(FORMAT, VERSION, "equigap calibrate", cls.from_dict, (MISTAKEN,))
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> Model:
         """Model from the content of a model file, or from `to_dict`. Raises KeyError, TypeError or ValueError."""
         if content["kind"] != "pann":
             raise ValueError(f"kind '{content['kind']}' unknown; this program reads 'pann'")
-        if content["unit"] not in UNITS:
-            raise ValueError(f"unit '{content['unit']}' unknown; choose one of {', '.join(UNITS)}")
         architecture = pann.Architecture(
             inputs=content["inputs"],
             layers=tuple(content["layers"]),
@@ -201,7 +203,7 @@ class Model:
         return cls(
             architecture=architecture,
             parameters=parameters,
-            unit=content["unit"],
+            unit=check_unit(content["unit"]),
             calibrated_range=_range(content["calibrated_range"]),
             fit=content.get("fit", {}),
             provenance=content.get("provenance", {}),

@@ -1,24 +1,21 @@
-"""What a sheet may be beyond a homogeneous, isotropic, elastic and incompressible one: each addition a small law in UFL.
+"""What a sheet may have beside its base material: each addition a small law in UFL.
 
 An addition acts at one of three places of the stored energy or stress of the base material,
 
     P = (1 - D) d/dF { s(X) [psi + additions of energy] },
 
 an energy (fibres, a second invariant), a field s(X) over the sheet, or a factor 1 - D that depends on x = I1 - 3 and on
-its largest value so far. Viscosity, permanent set and compressibility change what is solved for and are read by `forward.sheet.inelastic`.
-Values reach the forms as constants, so that one compilation serves every value of them.
+its largest value so far. Values reach the forms as constants, so that one compilation serves every value of them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 from forward._dolfinx import ufl
 from forward.errors import MaterialError
-from forward.materials import Material
 
 
 @dataclass(frozen=True)
@@ -142,88 +139,3 @@ class Payne(Addition):
 
     def factor(self, x, largest, p):
         return 1 + p[0] * ufl.exp(-largest / p[1])
-
-
-@dataclass(frozen=True)
-class PermanentSet:
-    """Of the chains, exp(-a x_max) are as made; those that broke on the way are formed anew without stress, in the state
-    they broke in, as Gaussian chains with the shear modulus of the material (Tobolsky 1960). Raises
-    `MaterialError`."""
-
-    a: float
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.a) and self.a >= 0):
-            raise MaterialError(f"permanent set: a = {self.a}; give a finite number that is not negative")
-
-
-@dataclass(frozen=True)
-class Prony:
-    """Overstress Q of the in-plane second Piola-Kirchhoff stress S: Q' + Q / tau = g S' (Simo 1987). tau in s. Raises
-    `MaterialError`."""
-
-    g: float
-    tau: float
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.g) and math.isfinite(self.tau) and self.tau > 0):
-            raise MaterialError(f"viscosity: g = {self.g}, tau = {self.tau} s; give finite numbers, tau > 0")
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A thin sheet: base material, thickness (mm), additions, viscosity, permanent set, bulk modulus (MPa) or
-    incompressible.
-
-    Compressible: psi of the invariants of the volume-preserving part of F, and kappa / 2 (J - 1)^2. Raises
-    `MaterialError`.
-    """
-
-    material: Material
-    thickness: float = 1.0
-    additions: tuple[Addition, ...] = ()
-    prony: Prony | None = None
-    permanent_set: PermanentSet | None = None
-    bulk_modulus: float | None = None
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.thickness) and self.thickness > 0):
-            raise MaterialError(f"thickness {self.thickness} mm: give a positive number")
-        if self.permanent_set is not None and self.bulk_modulus is not None:
-            raise MaterialError("a compressible sheet has no permanent set here; give one of the two only")
-        if self.bulk_modulus is not None and not (math.isfinite(self.bulk_modulus) and self.bulk_modulus > 0):
-            raise MaterialError(f"bulk modulus {self.bulk_modulus} MPa: give a positive number, or none")
-
-    @property
-    def softens(self) -> bool:
-        """Whether the stress depends on the largest deformation so far."""
-        return self.permanent_set is not None or any(type(a).factor is not Addition.factor for a in self.additions)
-
-    def energy(self, I1: Any, I2: Any, C: Any, X: Any, material: Any, additions: Sequence[Any]) -> Any:
-        """Energy, MPa, without that of the volume; C (2, 2), X (2,), mm; material and additions: the values as
-        constants."""
-        psi = self.material.energy(I1, I2, material)
-        for addition, p in zip(self.additions, additions, strict=True):
-            psi += addition.energy(I1, I2, C, p) or 0
-        return psi * self.field(X, additions)
-
-    def field(self, X: Any, additions: Sequence[Any]) -> Any:
-        """Product of the fields s(X) at the reference place X (2,), mm."""
-        found = (addition.field(X, p) for addition, p in zip(self.additions, additions, strict=True))
-        return math.prod((s for s in found if s is not None), start=1)
-
-    def factor(self, x: Any, largest: Any, additions: Sequence[Any]) -> Any:
-        """Product of the factors on the stress at x = I1 - 3 and its largest value so far."""
-        found = (addition.factor(x, largest, p) for addition, p in zip(self.additions, additions, strict=True))
-        return math.prod((f for f in found if f is not None), start=1)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for a description."""
-        return {
-            "material": self.material.to_dict(),
-            "thickness": self.thickness,
-            "additions": [a.to_dict() for a in self.additions],
-            "prony": None if self.prony is None else asdict(self.prony),
-            "permanent_set": None if self.permanent_set is None else asdict(self.permanent_set),
-            "bulk_modulus": self.bulk_modulus,
-        }

@@ -1,30 +1,54 @@
-"""One step of a sheet with a history: the committed state and a step of time in, equilibrium out.
+r"""One step of a sheet with a history: the committed state and a step of time in, equilibrium out.
 
-Plane stress as in `forward.sheet.plane_stress_problem`, with the additions of `forward.sheet.additions`. State variables live at the Gauss points:
+Plane stress as in `plane_stress_problem`, with what a `Sheet` may have beside its material. State variables live at the
+Gauss points:
 
-- the largest x = I1 - 3 so far;
-- S and Q of viscosity. Between two steps S is linear in time, so that with z = dt / tau
+- largest: the largest x = I1 - 3 so far;
+- S and Q of viscosity (Simo 1987). Between two steps S is linear in time, so that with z = dt / tau
   Q = exp(-z) Q_old + g (1 - exp(-z)) / z (S - S_old);
-- F of the last step, and A and A33 of permanent set: shares of the chains formed anew, times C^-1 and 1 / C33 of the state
-  they were formed in, which is the mean of a step's ends, so that their energy is mu / 2 (tr(C A) + C33 A33), but for a
-  constant; those of a step carry stress from the next one on;
+- F of the last step, and A and A33 of permanent set (Tobolsky 1960): shares of the chains formed anew, times C^-1 and
+  1 / C33 of the state they were formed in, which is the mean of a step's ends, so that their energy is
+  mu / 2 (tr(C A) + C33 A33), but for a constant; those of a step carry stress from the next one on;
 - F33 of a compressible sheet, from P33 = 0 by Newton's method at each point, condensed from the tangent.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forward._dolfinx import JIT_OPTIONS, QUADRATURE_DEGREE, basix, dolfinx, ufl
-from forward.sheet.additions import Sheet
+from forward._dolfinx import MPI, QUADRATURE_DEGREE, dolfinx, ufl
 from forward.sheet.plane_stress_problem import Outcome, PlaneStressProblem, weakly
+from forward.sheet.quadrature_fields import (
+    evaluate,
+    get_values,
+    quadrature_expression,
+    quadrature_function,
+    set_values,
+)
+from forward.sheet.thin_sheet import Sheet
 from meshes import Mesh
 
 Array = NDArray[np.float64]
 THICKNESS_STEPS, THICKNESS_TOLERANCE = 30, 1e-13
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Kinematics of a Gauss point in UFL: in-plane F (2, 2), F33, C = F^T F and the invariants that psi depends on."""
+
+    F: Any
+    F33: Any
+    C: Any
+    I1: Any
+    I2: Any
+
+    @property
+    def J(self) -> Any:
+        return ufl.det(self.F) * self.F33
 
 
 class InelasticProblem(PlaneStressProblem):
@@ -37,9 +61,29 @@ class InelasticProblem(PlaneStressProblem):
         self, mesh: Mesh, sheet: Sheet, held: Any, values: Array, tolerance: float, max_iterations: int, comm: Any
     ) -> None:
         self.sheet, self.symmetric = sheet, not sheet.softens
+        self._variables: dict[str, Any] = {}
         super().__init__(mesh, sheet, sheet.thickness, held, values, tolerance, max_iterations, comm)
+        self._cells = np.asarray(self.domain.topology.original_cell_index)
         if sheet.bulk_modulus is not None:
             self.problem.solver.setFunction(weakly(self._residual), self.problem.b)
+
+    @property
+    def history(self) -> dict[str, Array]:
+        """State variables (m, 9, ...) in the order of the mesh, on every rank."""
+        owned = self.domain.topology.index_map(2).size_local
+        history = {}
+        for name, function in self._variables.items():
+            values = get_values(function)
+            history[name] = np.zeros((len(self.mesh.cells), *values.shape[1:]))
+            history[name][self._cells[:owned]] = values[:owned]
+            self.comm.Allreduce(MPI.IN_PLACE, history[name], op=MPI.SUM)
+        return history
+
+    @history.setter
+    def history(self, values: dict[str, Array]) -> None:
+        """Take state variables (m, 9, ...)."""
+        for name, variable in values.items():
+            set_values(self._variables[name], variable[self._cells])
 
     def step(self, load_factor: float, duration: float) -> Outcome:
         """Equilibrium after `duration`, s, from the committed state."""
@@ -52,88 +96,113 @@ class InelasticProblem(PlaneStressProblem):
     def commit(self) -> None:
         """Take the present state as the past of the next step."""
         if self.sheet.softens:
-            old = _get(self._largest)
-            _set(self._largest, np.maximum(old, self._at_points(self._x)))
+            before = self._get("largest")
+            self._set("largest", np.maximum(before, self._at_points(self._x)))
             if self.sheet.permanent_set is not None:
-                a = self.sheet.permanent_set.a
-                broken = np.exp(-a * old) - np.exp(-a * _get(self._largest))
-                now = self._at_points(self._F).reshape(*old.shape, 2, 2)
-                mean = (_get(self._F_old) + now) / 2
-                C = np.swapaxes(mean, -1, -2) @ mean
-                _set(self._A, _get(self._A) + broken[..., None, None] * np.linalg.inv(C))
-                _set(self._A33, _get(self._A33) + broken * np.linalg.det(C))
-                _set(self._F_old, now)
+                self._commit_permanent_set(self.sheet.permanent_set.a, before)
         if self.sheet.prony is not None:
             S = self._at_points(self._S)
-            Q = float(self._decay.value) * _get(self._Q) + float(self._gain.value) * (S - _get(self._S_old))
-            _set(self._Q, Q)
-            _set(self._S_old, S)
+            self._set(
+                "Q",
+                float(self._decay.value) * self._get("Q") + float(self._gain.value) * (S - self._get("S")),
+            )
+            self._set("S", S)
+
+    def _commit_permanent_set(self, a: float, before: Array) -> None:
+        """Form the chains anew that broke in the step; before (cells, 9): the largest x at its start."""
+        broken = np.exp(-a * before) - np.exp(-a * self._get("largest"))
+        now = self._at_points(self._F).reshape(*before.shape, 2, 2)
+        mean = (self._get("F") + now) / 2
+        C = np.swapaxes(mean, -1, -2) @ mean
+        self._set("A", self._get("A") + broken[..., None, None] * np.linalg.inv(C))
+        self._set("A33", self._get("A33") + broken * np.linalg.det(C))
+        self._set("F", now)
 
     def _forms(self, sheet: Any, thickness: float) -> tuple[Any, Any, Any]:
-        domain, constant = self.domain, dolfinx.fem.Constant
-        material = constant(domain, np.array(sheet.material.parameters))
-        additions = [constant(domain, np.array(a.values)) for a in sheet.additions]
-        dx = ufl.dx(domain=domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
-        h = constant(domain, float(thickness))
-        F = ufl.variable(ufl.Identity(2) + ufl.grad(self.u))
-        C = F.T * F
-        compressible = sheet.bulk_modulus is not None
-        self._F33 = self._function(())
-        F33 = ufl.variable(self._F33) if compressible else 1 / ufl.det(F)
-        J = ufl.det(F) * F33
-        I1 = ufl.tr(C) + F33**2
-        I2 = ufl.det(C) + ufl.tr(C) * F33**2
-        if compressible:
-            I1, I2 = J ** (-2 / 3) * I1, J ** (-4 / 3) * I2
-        X = ufl.SpatialCoordinate(domain)
-        W = sheet.energy(I1, I2, C, X, material, additions)
-        if compressible:
-            kappa = constant(domain, float(sheet.bulk_modulus))
-            W += sheet.field(X, additions) * kappa / 2 * (J - 1) ** 2
-        elastic = ufl.diff(W, F)
-        if sheet.softens:
-            self._largest, x = self._function(()), I1 - 3
-            self._x = self._expression(x)
-            largest = ufl.max_value(self._largest, x)
-            elastic *= sheet.factor(x, largest, additions)
-        P = elastic
-        if sheet.prony is not None:
-            self._decay, self._gain = constant(domain, 0.0), constant(domain, 0.0)
-            self._Q, self._S_old = self._function((2, 2)), self._function((2, 2))
-            self._S = self._expression(ufl.inv(F) * elastic)
-            P = (1 + self._gain) * elastic + F * (self._decay * self._Q - self._gain * self._S_old)
-        if sheet.permanent_set is not None:
-            self._A, self._A33, self._F_old = self._function((2, 2)), self._function(()), self._function((2, 2))
-            _set(self._F_old, np.broadcast_to(np.eye(2), (*_get(self._A33).shape, 2, 2)))
-            self._F = self._expression(F)
-            a = constant(domain, float(sheet.permanent_set.a))
-            mu = constant(domain, float(sheet.material.shear_modulus))
-            P = ufl.exp(-a * largest) * P + ufl.diff(mu / 2 * (ufl.tr(C * self._A) + F33**2 * self._A33), F)
+        additions = [self._constant(a.values) for a in sheet.additions]
+        dx = ufl.dx(domain=self.domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        h = self._constant(thickness)
+        point = self._kinematics(sheet.bulk_modulus is not None)
+        W = self._energy_density(sheet, point, additions)
+        P = self._stress(sheet, point, W, additions)
         test, step = ufl.TestFunction(self.V), ufl.TrialFunction(self.V)
         forces = h * ufl.inner(P, ufl.grad(test)) * dx
         tangent = ufl.derivative(forces, self.u, step)
-        if compressible:
-            P33 = ufl.diff(W, F33)
-            stiffness = ufl.diff(P33, F33)
-            self._thinning = self._expression(ufl.as_vector([P33, stiffness]))
-            change = -ufl.inner(ufl.diff(P33, F), ufl.grad(step)) / stiffness
-            tangent += h * ufl.inner(ufl.diff(P, F33), ufl.grad(test)) * change * dx
-            self._F33.x.array[:] = 1.0
+        if sheet.bulk_modulus is not None:
+            P33 = ufl.diff(W, point.F33)
+            stiffness = ufl.diff(P33, point.F33)
+            self._thinning = quadrature_expression(ufl.as_vector([P33, stiffness]))
+            change = -ufl.inner(ufl.diff(P33, point.F), ufl.grad(step)) / stiffness
+            tangent += h * ufl.inner(ufl.diff(P, point.F33), ufl.grad(test)) * change * dx
         return h * W * dx, forces, tangent
 
-    def _function(self, shape: tuple[int, ...]) -> Any:
-        """A function (zero) of values of `shape` at the Gauss points."""
-        element = basix.ufl.quadrature_element("quadrilateral", shape, degree=QUADRATURE_DEGREE)
-        return dolfinx.fem.Function(dolfinx.fem.functionspace(self.domain, element))
+    def _kinematics(self, compressible: bool) -> _Point:
+        F = ufl.variable(ufl.Identity(2) + ufl.grad(self.u))
+        C = F.T * F
+        F33 = ufl.variable(self._variable("F33", (), 1.0)) if compressible else 1 / ufl.det(F)
+        I1 = ufl.tr(C) + F33**2
+        I2 = ufl.det(C) + ufl.tr(C) * F33**2
+        if compressible:
+            J = ufl.det(F) * F33
+            I1, I2 = J ** (-2 / 3) * I1, J ** (-4 / 3) * I2
+        return _Point(F, F33, C, I1, I2)
 
-    def _expression(self, value: Any) -> Any:
-        """Compiled `value` at the Gauss points."""
-        points, _ = basix.make_quadrature(basix.CellType.quadrilateral, QUADRATURE_DEGREE)
-        return dolfinx.fem.Expression(value, points, jit_options=JIT_OPTIONS)
+    def _energy_density(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
+        """Of base, additions and change of volume, MPa."""
+        material = self._constant(sheet.material.parameters)
+        X = ufl.SpatialCoordinate(self.domain)
+        W = sheet.energy(point.I1, point.I2, point.C, X, material, additions)
+        if sheet.bulk_modulus is not None:
+            W += sheet.field(X, additions) * self._constant(sheet.bulk_modulus) / 2 * (point.J - 1) ** 2
+        return W
+
+    def _stress(self, sheet: Sheet, point: _Point, W: Any, additions: list[Any]) -> Any:
+        """First Piola-Kirchhoff stress (2, 2), MPa, after softening, viscosity and permanent set."""
+        elastic, largest = ufl.diff(W, point.F), None
+        if sheet.softens:
+            x = point.I1 - 3
+            self._x = quadrature_expression(x)
+            largest = ufl.max_value(self._variable("largest", ()), x)
+            elastic *= sheet.factor(x, largest, additions)
+        P = elastic
+        if sheet.prony is not None:
+            P = self._viscous(elastic, point.F)
+        if sheet.permanent_set is not None:
+            whole = ufl.exp(-self._constant(sheet.permanent_set.a) * largest)
+            P = whole * P + self._stress_of_new_chains(sheet, point)
+        return P
+
+    def _viscous(self, elastic: Any, F: Any) -> Any:
+        """F (S + Q) with the overstress Q at the end of the step."""
+        self._decay, self._gain = self._constant(0.0), self._constant(0.0)
+        Q, S_old = self._variable("Q", (2, 2)), self._variable("S", (2, 2))
+        self._S = quadrature_expression(ufl.inv(F) * elastic)
+        return (1 + self._gain) * elastic + F * (self._decay * Q - self._gain * S_old)
+
+    def _stress_of_new_chains(self, sheet: Sheet, point: _Point) -> Any:
+        A, A33 = self._variable("A", (2, 2)), self._variable("A33", ())
+        self._variable("F", (2, 2), np.eye(2))
+        self._F = quadrature_expression(point.F)
+        mu = self._constant(sheet.material.shear_modulus)
+        return ufl.diff(mu / 2 * (ufl.tr(point.C * A) + point.F33**2 * A33), point.F)
+
+    def _constant(self, value: Any) -> Any:
+        return dolfinx.fem.Constant(self.domain, np.asarray(value, float))
+
+    def _variable(self, name: str, shape: tuple[int, ...], start: Any = 0.0) -> Any:
+        """A new state variable at the Gauss points."""
+        function = self._variables[name] = quadrature_function(self.domain, shape)
+        set_values(function, np.broadcast_to(start, get_values(function).shape))
+        return function
+
+    def _get(self, name: str) -> Array:
+        return get_values(self._variables[name])
+
+    def _set(self, name: str, values: Array) -> None:
+        set_values(self._variables[name], values)
 
     def _at_points(self, expression: Any) -> Array:
-        """Values (cells, 9, ...) of a compiled expression."""
-        return expression.eval(self.domain, np.arange(len(self.domain.geometry.dofmaps[0]), dtype=np.int32))
+        return evaluate(expression, self.domain)
 
     def _residual(self, snes: Any, x: Any, b: Any) -> None:
         """Nodal forces at the displacements x, each point as thick as P33 = 0 asks for."""
@@ -150,20 +219,7 @@ class InelasticProblem(PlaneStressProblem):
         for _ in range(THICKNESS_STEPS):
             values = self._at_points(self._thinning)
             change = -values[..., 0] / values[..., 1]
-            old = _get(self._F33)
-            _set(self._F33, np.maximum(old + change, old / 2))
+            before = self._get("F33")
+            self._set("F33", np.maximum(before + change, before / 2))
             if not np.abs(change).max() > THICKNESS_TOLERANCE:
                 break
-
-
-def _get(function: Any) -> Array:
-    """Values (cells, 9, ...) of a function at the Gauss points."""
-    shape = (*function.function_space.dofmap.list.shape, *function.ufl_shape)
-    values = function.x.array.reshape(-1, function.function_space.dofmap.bs)
-    return values[function.function_space.dofmap.list].reshape(shape)
-
-
-def _set(function: Any, values: Array) -> None:
-    """Give a function at the Gauss points its values (cells, 9, ...)."""
-    bs = function.function_space.dofmap.bs
-    function.x.array.reshape(-1, bs)[function.function_space.dofmap.list.ravel()] = values.reshape(-1, bs)

@@ -2,39 +2,30 @@
 
 A thin incompressible sheet in plane stress or, where a bulk modulus is given, a compressible body in plane strain.
 
-Runs the same under `mpiexec -n`. The physics is in `problem`, the load stepping in `stepping`.
+Runs the same under `mpiexec -n`. The physics is in `plane_stress_problem`, the load stepping in `forward.stepping`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from forward._dolfinx import MPI, compiler_needed, versions
-from forward.errors import LoadingError, MaterialError
+from forward._dolfinx import MPI
+from forward.errors import LoadingError
 from forward.loading import Loading
 from forward.materials import ArrudaBoyce, Material
-from forward.run import Record, run
+from forward.run import Control
 from forward.sheet.plane_strain import PlaneStrainProblem, check_bulk_modulus
 from forward.sheet.plane_stress_problem import PlaneStressProblem
+from forward.sheet.sheet_run import Options, Supports, check_sheet, run_sheet
 from forward.solution import SurfaceSolution
+from forward.stepping import proportional
 from meshes import Cross, Mesh, quads
 
 DEFAULT_DISPLACEMENT = 60.0
 DEFAULT_INCREMENTS = 10
-
-
-@dataclass(frozen=True)
-class Options:
-    """tolerance: imbalance of free nodes over norm of nodal reactions; Newton iterations and halvings allowed."""
-
-    tolerance: float = 1e-10
-    max_iterations: int = 25
-    max_bisections: int = 6
 
 
 def solve(
@@ -56,55 +47,31 @@ def solve(
     modulus that cannot be), `MissingSolverError` (no C compiler), `SolutionError` (checkpoint of another problem),
     `CheckpointError` and `ConvergenceError`, whose `solution` holds the increments reached.
     """
-    if mesh.cell_type != "quad":
-        raise LoadingError("the forward model needs quads; make the mesh with meshes.quads")
+    check_sheet(mesh, material, thickness)
     if n_increments < 1 or n_increments != int(n_increments) or not (math.isfinite(thickness) and thickness > 0):
         raise LoadingError(
             f"{n_increments} increments, thickness {thickness} mm: both must be positive, increments whole"
         )
-    if material.unit == "N/mm" and thickness != 1:
-        raise MaterialError("the model was calibrated without a thickness and includes it; solve with thickness 1")
     if bulk_modulus is not None:
         check_bulk_modulus(bulk_modulus, material.shear_modulus)
-    plane = {} if bulk_modulus is None else {"plane": "strain", "bulk_modulus": bulk_modulus}
-    mesh = comm.bcast(mesh)
-    loading = loading.on(mesh)
-    supports = loading.prescribed(mesh)
-    record = Record(
-        mesh,
-        loading,
-        problem={
-            "material": material.to_dict(),
-            "loading": loading.to_dict(),
-            "n_increments": n_increments,
-            "thickness": thickness,
-            "options": asdict(options),
-            **plane,
-        },
-        versions=versions(),
-        rest=(np.zeros_like(mesh.points),),
-        build=_solution,
-        supports=supports,
-    )
+    described = {
+        "material": material.to_dict(),
+        "n_increments": n_increments,
+        "thickness": thickness,
+        "options": asdict(options),
+        **({} if bulk_modulus is None else {"plane": "strain", "bulk_modulus": bulk_modulus}),
+    }
 
-    def make_problem() -> PlaneStressProblem:
-        with compiler_needed():
-            given = mesh, material, thickness, *supports, options.tolerance, options.max_iterations, comm
-            if bulk_modulus is None:
-                return PlaneStressProblem(*given)
-            return PlaneStrainProblem(*given, bulk_modulus=bulk_modulus)
+    def make_problem(mesh: Mesh, supports: Supports) -> PlaneStressProblem:
+        given = mesh, material, thickness, *supports, options.tolerance, options.max_iterations, comm
+        if bulk_modulus is None:
+            return PlaneStressProblem(*given)
+        return PlaneStrainProblem(*given, bulk_modulus=bulk_modulus)
 
-    return run(
-        record,
-        make_problem,
-        SurfaceSolution.load,
-        n_increments,
-        options.max_bisections,
-        "plane strain" if plane else "plane stress",
-        progress,
-        checkpoint,
-        comm,
-    )
+    label = "plane stress" if bulk_modulus is None else "plane strain"
+    control = Control(progress, checkpoint, comm)
+    path = proportional(n_increments)
+    return run_sheet(mesh, loading, path, described, make_problem, label, options.max_bisections, control)
 
 
 def default_experiment(
@@ -118,16 +85,3 @@ def default_experiment(
     loading = Loading.clamped(specimen.loaded, displacement)
     material = keywords.pop("material", ArrudaBoyce())
     return solve(quads(specimen, quarter=True, size_factor=size_factor), material, loading, **keywords).mirrored()
-
-
-def _solution(record: Record) -> SurfaceSolution:
-    return SurfaceSolution(
-        mesh=record.mesh,
-        displacements=record.unknowns(0),
-        reactions=record.reactions,
-        time=record.time,
-        energy=np.array(record.energies),
-        iterations=record.iterations,
-        thickness=record.problem["thickness"],
-        description=record.description,
-    )

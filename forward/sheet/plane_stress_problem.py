@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from forward._dolfinx import JIT_OPTIONS, MPI, QUADRATURE_DEGREE, PETSc, basix, dolfinx, ufl
 from forward.materials import Material
+from forward.stepping import Elastic
 from meshes import Mesh
 
 Array = NDArray[np.float64]
@@ -98,7 +99,7 @@ def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-class PlaneStressProblem:
+class PlaneStressProblem(Elastic):
     """Displacement u of a sheet whose components `held` (n, 2) move to load_factor * `values` (n, 2), mm."""
 
     symmetric = True  # the tangent

@@ -1,6 +1,6 @@
 """Forward model of a thick, nearly incompressible specimen: mesh, material and loading in, `SolidSolution` out.
 
-Runs the same under `mpiexec -n`. The physics is in `solid_problem`, the load stepping in `stepping`.
+Runs the same under `mpiexec -n`. The physics is in `solid_problem`, the load stepping in `forward.stepping`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from forward._dolfinx import MPI, compiler_needed, versions
 from forward.errors import LoadingError, MaterialError
 from forward.loading import Loading
 from forward.materials import Material
-from forward.run import Record, run
+from forward.run import Control, Record, run
 from forward.solid.element import PRESSURES
 from forward.solid.solid_problem import SolidProblem
 from forward.solid.solid_solution import SolidSolution
+from forward.stepping import proportional
 from meshes.extrusion import SolidMesh
 
 DEFAULT_INCREMENTS = 10
@@ -67,61 +68,53 @@ def solve(
     `CheckpointError`, `LinearSolverError`, `MissingSolverError` (no C compiler) and `ConvergenceError`, whose
     `solution` holds the increments reached.
     """
+    kappa = BULK_TO_SHEAR * material.shear_modulus if bulk_modulus is None else bulk_modulus
+    _check(mesh, material, n_increments, kappa)
+    mesh = comm.bcast(mesh)
+    described = {
+        "material": material.to_dict(),
+        "n_increments": n_increments,
+        "thickness": mesh.thickness,
+        "bulk_modulus": kappa,
+        "options": asdict(options),
+    }
+    record = _record(mesh, loading.on(mesh), n_increments, described)
+
+    def make_problem() -> SolidProblem:
+        given = mesh, material, kappa, *record.supports
+        accuracy = options.tolerance, options.volume_tolerance
+        with compiler_needed():
+            return SolidProblem(*given, *accuracy, options.max_iterations, options.solver, comm)
+
+    label, control = f"solid {mesh.thickness:g} mm", Control(progress, checkpoint, comm)
+    return run(record, make_problem, SolidSolution.load, label, options.max_bisections, control)
+
+
+def _check(mesh: SolidMesh, material: Material, n_increments: int, bulk_modulus: float) -> None:
+    """Raises `LoadingError`, `MaterialError`."""
     if not isinstance(mesh, SolidMesh):
         raise LoadingError("the solid needs hexes; make the mesh with meshes.extrude")
     if n_increments < 1 or n_increments != int(n_increments):
         raise LoadingError(f"{n_increments} increments: give a whole number, at least one")
     if material.unit == "N/mm":
         raise MaterialError("the model was calibrated without a thickness; a solid needs one in MPa")
-    kappa = BULK_TO_SHEAR * material.shear_modulus if bulk_modulus is None else bulk_modulus
-    if not (math.isfinite(kappa) and kappa > 0):
-        raise MaterialError(f"bulk modulus {kappa} MPa: give a positive number")
-    mesh = comm.bcast(mesh)
-    loading = loading.on(mesh)
-    supports = loading.prescribed(mesh)
-    record = Record(
+    if not (math.isfinite(bulk_modulus) and bulk_modulus > 0):
+        raise MaterialError(f"bulk modulus {bulk_modulus} MPa: give a positive number")
+
+
+def _record(mesh: SolidMesh, loading: Loading, n_increments: int, described: dict[str, Any]) -> Record:
+    """At rest; described: all that fixes the result but mesh and loading."""
+    return Record(
         mesh,
         loading,
-        problem={
-            "material": material.to_dict(),
-            "loading": loading.to_dict(),
-            "n_increments": n_increments,
-            "thickness": mesh.thickness,
-            "bulk_modulus": kappa,
-            "options": asdict(options),
-        },
+        proportional(n_increments),
+        problem={**described, "loading": loading.to_dict()},
         versions=versions(),
         rest=(np.zeros_like(mesh.points), np.zeros((len(mesh.cells), PRESSURES))),
         build=_solution,
-        supports=supports,
+        supports=loading.prescribed(mesh),
         # the half below the mid-plane is pulled alike in the plane and the other way across it
         whole=np.array([2.0, 2.0, 0.0]) if mesh.symmetric else 1.0,
-    )
-
-    def make_problem() -> SolidProblem:
-        with compiler_needed():
-            return SolidProblem(
-                mesh,
-                material,
-                kappa,
-                *supports,
-                options.tolerance,
-                options.volume_tolerance,
-                options.max_iterations,
-                options.solver,
-                comm,
-            )
-
-    return run(
-        record,
-        make_problem,
-        SolidSolution.load,
-        n_increments,
-        options.max_bisections,
-        f"solid {mesh.thickness:g} mm",
-        progress,
-        checkpoint,
-        comm,
     )
 
 

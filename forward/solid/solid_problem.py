@@ -21,10 +21,10 @@ from forward.solid.linear_solver import LinearSolver
 from forward.solid.mumps import Mumps
 from forward.solid.pardiso import Pardiso, pardiso_installed
 from forward.solid.solid_forms import centre_function, potential, pressure_basis
+from forward.stepping import Elastic, Unknowns
 from meshes.extrusion import HEX_NODES, SolidMesh
 from meshes.mesh import Array
 
-Unknowns = tuple[Array, ...]
 SOLVERS = ("fastest", "pardiso", "mumps")
 SHORTEST_STEP = 1 / 16
 FAR = 3e-4  # imbalance above which a Newton step changes the tangent so much that a kept factor serves badly
@@ -54,7 +54,7 @@ class _Imbalance:
         return self.inverted == 0 and bool(np.isfinite(self.free) and np.isfinite(self.volume))
 
 
-class SolidProblem:
+class SolidProblem(Elastic):
     """Displacement u and pressure p of a solid whose components `held` (n, 3) move to load * `values` (n, 3), mm.
 
     bulk_modulus: MPa. Raises `LinearSolverError` for a solver that is unknown or not there.

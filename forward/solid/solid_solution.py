@@ -59,6 +59,11 @@ class SolidSolution:
         """Displacements and pressures, for a run that goes on."""
         return self.displacements, self.pressure
 
+    @property
+    def history(self) -> dict[str, Array]:
+        """No state variables: the solid is elastic."""
+        return {}
+
     def surface(self) -> SurfaceSolution:
         """What a camera above sees: the in-plane displacements of the upper surface, with the grips' forces."""
         n = len(self.mesh.plane.points)

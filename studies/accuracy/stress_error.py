@@ -13,9 +13,10 @@ The energy error is 100 (psi_model - psi_true) / psi_true.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import jax
 import jax.numpy as jnp
@@ -113,22 +114,63 @@ def energy_errors(model: Model, reference: Reference) -> Array:
     return 100 * (found / reference.energy - 1)
 
 
-def summary(model: Model, reference: Reference) -> dict[str, Any]:
-    """Area-weighted statistics for a case: 'stress_error' of each component, 'stiffness_error', 'energy_error', all in %."""
-    weights = reference.states.weights
-    errors = stress_errors(model, reference)
-    energy = energy_errors(model, reference)
-    return {
-        "stress_error": {name: _statistics(errors[:, i], weights) for i, name in enumerate(COMPONENTS)},
-        "stiffness_error": _statistics(stiffness_errors(model, reference), weights),
-        "energy_error": {
-            "median_abs": weighted_quantile(np.abs(energy), weights, 0.5),
-            "p95_abs": weighted_quantile(np.abs(energy), weights, 0.95),
-            "mean": float(np.average(energy, weights=weights)),
-        },
-    }
+@dataclass(frozen=True)
+class Quantiles:
+    """Area-weighted statistics of a signed error, %."""
+
+    median: float
+    p05: float
+    p25: float
+    p75: float
+    p95: float
+    mean: float
+
+    @classmethod
+    def of(cls, errors: Array, weights: Array) -> Self:
+        """Of errors (s,) with weights (s,)."""
+        found = {name: weighted_quantile(errors, weights, share) for name, share in SHARES.items()}
+        return cls(**found, mean=float(np.average(errors, weights=weights)))
 
 
-def _statistics(errors: Array, weights: Array) -> dict[str, float]:
-    found = {name: weighted_quantile(errors, weights, share) for name, share in SHARES.items()}
-    return {**found, "mean": float(np.average(errors, weights=weights))}
+@dataclass(frozen=True)
+class EnergyErrors:
+    """Area-weighted statistics of the energy error, %: of its size, and its mean with sign."""
+
+    median_abs: float
+    p95_abs: float
+    mean: float
+
+
+@dataclass(frozen=True)
+class StateErrors:
+    """Errors of a model at the states of a reference, %. stress: by component; stiffness: along the stress."""
+
+    KEYS: ClassVar[tuple[str, ...]] = ("stress_error", "stiffness_error", "energy_error")  # in a file
+
+    stress: dict[str, Quantiles]
+    stiffness: Quantiles
+    energy: EnergyErrors
+
+    @classmethod
+    def of(cls, model: Model, reference: Reference) -> Self:
+        """Judge a model at the states of a reference."""
+        weights = reference.states.weights
+        errors = stress_errors(model, reference)
+        energy = energy_errors(model, reference)
+        median, high = (weighted_quantile(np.abs(energy), weights, share) for share in (0.5, 0.95))
+        return cls(
+            {name: Quantiles.of(errors[:, i], weights) for i, name in enumerate(COMPONENTS)},
+            Quantiles.of(stiffness_errors(model, reference), weights),
+            EnergyErrors(median, high, float(np.average(energy, weights=weights))),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """By `KEYS`."""
+        return dict(zip(self.KEYS, asdict(self).values(), strict=True))
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        """Of what `to_dict` gave, other keys ignored."""
+        stress, stiffness, energy = (content[key] for key in cls.KEYS)
+        parts = {name: Quantiles(**part) for name, part in stress.items()}
+        return cls(parts, Quantiles(**stiffness), EnergyErrors(**energy))

@@ -17,7 +17,7 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.errors import ConfigError
+from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.fitting.calibration import Options
 from calibrate.fitting.calibration import calibrate as fit_network
 from studies.commands.option_types import Count, Integers, OutputFolder, Overwrite, Positive, Seed, default_folder
@@ -112,27 +112,13 @@ def calibrate(
 
 
 def held_in(experiment: Experiment, hold_out: str | None, seed: int) -> NDArray[np.bool_]:
-    """Which increments (n_increments,) are used for the fit, of 'last', 'random', 'last:0.3' ... or None.
+    """Which increments (n_increments,) are used for the fit, of 'last', 'random:0.3', 'every:3' ... or None.
 
     At least one increment is left on either side. Raises `ConfigError`.
     """
-    n = experiment.n_increments
-    fitted = np.ones(n, bool)
     if hold_out is None:
-        return fitted
-    kind, _, text = hold_out.partition(":")
-    try:
-        share = float(text) if text else HOLD_OUT
-    except ValueError:
-        share = -1.0
-    if kind not in ("last", "random") or not 0 < share < 1:
-        raise ConfigError(f"--hold-out {hold_out}: give 'last' or 'random', with a share such as last:{HOLD_OUT}")
-    if n < 2:
-        raise ConfigError("--hold-out needs at least 2 increments; this experiment has 1")
-    size = min(max(round(share * n), 1), n - 1)
-    chosen = np.arange(n - size, n) if kind == "last" else np.random.default_rng(seed).permutation(n)[:size]
-    fitted[chosen] = False
-    return fitted
+        return np.ones(experiment.n_increments, bool)
+    return HoldOut.parse(hold_out, seed).increments(experiment)
 
 
 def _spread(n: int, most: int) -> NDArray[np.int64]:

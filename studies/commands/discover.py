@@ -18,7 +18,8 @@ from studies.commands.options import add_output, nearest, output_folder, positiv
 
 if TYPE_CHECKING:
     from calibrate.data.experiment import Experiment
-    from calibrate.diagnosis.selection import Discovery, HoldOut
+    from calibrate.diagnosis.hold_out import HoldOut
+    from calibrate.diagnosis.selection import Discovery
     from calibrate.effects import Effect
     from calibrate.models.extended_model import ExtendedModel
 
@@ -71,10 +72,10 @@ def main(args: argparse.Namespace) -> int:
     folder = open_output_folder(output_folder(args, "discover"), args.overwrite, key)
 
     from calibrate.diagnosis.selection import discover
-    from studies.reports.discovery_report import write
-    from studies.reports.discovery_review import View
-    from studies.reports.discovery_words import remarks as all_remarks
-    from studies.reports.discovery_words import verdict
+    from studies.reports.discovery.report import write
+    from studies.reports.discovery.statement import remarks as all_remarks
+    from studies.reports.discovery.statement import verdict
+    from studies.reports.discovery.view import View
 
     with released_if_refused(folder), Stages() as say:
         found = discover(trained, rule, held, effects, args.spacing, args.base, not args.quick, args.seed, say)
@@ -92,7 +93,7 @@ def main(args: argparse.Namespace) -> int:
 
 def hold_outs(texts: Sequence[str]) -> tuple[HoldOut | None, list[Path]]:
     """The rule (None: the default) and the files among the values of --hold-out. Raises `ConfigError`."""
-    from calibrate.diagnosis.selection import HoldOut
+    from calibrate.diagnosis.hold_out import HoldOut
     from calibrate.errors import ConfigError
 
     files = [Path(text) for text in texts if text.endswith(".npz") or Path(text).is_file()]
@@ -125,13 +126,12 @@ def read(
     """
     from calibrate.data.experiment import Experiment
     from calibrate.errors import ConfigError
-    from calibrate.models.extended_model import fingerprint
 
     loaded = [(path, Experiment.load(path)) for path in (*paths, *held_paths)]
     seen: dict[str, tuple[Path, bool]] = {}
     for i, (path, experiment) in enumerate(loaded):
-        other, fitted = seen.setdefault(fingerprint(experiment), (path, i < len(paths)))
-        if i < len(paths) and seen[fingerprint(experiment)][0] is not path:
+        other, fitted = seen.setdefault(experiment.fingerprint, (path, i < len(paths)))
+        if i < len(paths) and seen[experiment.fingerprint][0] is not path:
             raise ConfigError(f"{path}: the same data as {other}; give each test once")
         if i >= len(paths) and (fitted or other is not path):
             raise ConfigError(
@@ -156,12 +156,10 @@ def read(
 
 def held_out_words(rule: HoldOut | None, trained: Sequence[Experiment], held: Sequence[Experiment]) -> str:
     """What is held out: 'every third increment', 'pull_y', ...; as `discover` chooses where there is no rule."""
-    from calibrate.diagnosis.selection import HoldOut
+    from calibrate.diagnosis.hold_out import HoldOut, Kind
 
-    if rule is None:
-        few = min(e.n_increments for e in trained) < 3
-        rule = HoldOut("none", None) if held or few else HoldOut()
-    words = [e.name for e in held] + ([str(rule)] if rule.kind != "none" else [])
+    rule = rule or HoldOut.default(min(e.n_increments for e in trained), bool(held))
+    words = [e.name for e in held] + ([str(rule)] if rule.kind != Kind.NONE else [])
     return " and ".join(words) or "nothing"
 
 
@@ -169,7 +167,8 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
     """The final model of a discovery as a model file, with a network distilled from its base."""
     from calibrate.diagnosis.distillation import distil
     from calibrate.diagnosis.effect_fit import bulk_modulus
-    from calibrate.models.extended_model import ExtendedModel, fingerprint
+    from calibrate.models.extended_model import ExtendedModel
+    from studies.reports.discovery.statement import network_words
 
     parts, final = found.problem.parts, found.final
     bulk = bulk_modulus(found.problem, final)
@@ -179,7 +178,7 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         final.additions,
         final.errors,
         parts[0].experiment.stress_unit,
-        tuple({"name": p.experiment.name, "fingerprint": fingerprint(p.experiment)} for p in parts if p.train.size),
+        tuple({"name": p.experiment.name, "fingerprint": p.experiment.fingerprint} for p in parts if p.train.size),
         hold_out,
         tuple(p.experiment.name for p in parts if not p.train.size),
         found.verdict,
@@ -190,7 +189,7 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
     distilled = distil(found.problem, final)
     loss = {
         "network": distilled.network_loss, "spline": distilled.spline_loss, "equations": distilled.n_rows,
-        "good": distilled.good, "remark": distilled.remark(),
+        "good": distilled.good, "remark": network_words(distilled),
     }  # fmt: skip
     return model.with_network(distilled.network, loss)
 

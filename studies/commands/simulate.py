@@ -34,14 +34,13 @@ from studies.commands.option_types import (
 )
 from studies.commands.outcome import Outcome
 from studies.errors import OptionError
+from studies.grid.axes import EXTENT
 from studies.output import Manifest, open_output_folder
 from studies.output.viewer import write_viewer_file
 from studies.reports.experiments.simulation_report import write_report
 from studies.synthetic.camera import Camera, GaussianField
 from studies.synthetic.camera import observe as record
 
-# mm at each grip; the square, whose grips meet at its corners, cannot be held by rigid ones
-EXTENT = {"cross": 60.0, "strip": 60.0, "pure_shear": 10.0, "plate_with_hole": 40.0}
 QUICK = {"increments": 4, "nodes": 900, "size_factor": 2.5}
 FULL = {"increments": 10, "nodes": 5000, "size_factor": 1.0}
 

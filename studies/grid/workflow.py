@@ -6,7 +6,6 @@ what exists is kept, what is missing is made. Jobs run on this machine, or where
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import fcntl
 import os
@@ -17,11 +16,16 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+import psutil
+
+from calibrate.errors import ConfigError
 from studies.errors import WorkflowError
+from studies.output import Progress
 
 # Asks Linux to end Snakemake when the program that started it has gone, however, then becomes Snakemake.
 MORTAL = (
@@ -32,39 +36,28 @@ PROFILES = Path(__file__).with_name("profiles")
 EXECUTOR = re.compile(r"^executor:\s*['\"]?([\w-]+)", re.MULTILINE)
 OWN_EXECUTORS = ("local", "dryrun", "touch")  # of Snakemake itself
 REASON = re.compile(r"^(?:\w+\.)*(\w*(?:Error|Exception)): (.+)", re.MULTILINE)
+BATCH = re.compile(r"_\d+$")  # at the end of the name of a rule that makes one of several batches
 PLANNED = re.compile(r"^(\w+) +(\d+)$", re.MULTILINE)  # a rule and its number of jobs, as a dry run lists them
 LONGEST_WAIT = 600.0  # s that a run waits for an earlier one in the same folder
 PATIENCE = 3.0  # s that Snakemake is given to end, each time that it is asked
 
 
-def add_arguments(parser: argparse._ActionsContainer) -> None:
-    """Options that say where and how many jobs run; they do not change results."""
-    parser.add_argument("--jobs", type=int, help="jobs at a time (default: number of cores, or what the profile says)")
-    parser.add_argument(
-        "--profile", type=Path, metavar="FOLDER",
-        help="Snakemake profile that submits the jobs, e.g. to SLURM: docs/cluster.md",
-    )  # fmt: skip
-
-
-def check_arguments(arguments: argparse.Namespace) -> None:
-    """Raise `ConfigError` for options of `add_arguments` that cannot be."""
-    from calibrate.errors import ConfigError
-
-    if arguments.jobs is not None and arguments.jobs < 1:
-        raise ConfigError(f"--jobs {arguments.jobs}: at least 1")
-    if arguments.profile is None:
+def check(jobs: int | None, profile: Path | None) -> None:
+    """Raise `ConfigError` for a number of jobs or a profile that cannot be."""
+    if jobs is not None and jobs < 1:
+        raise ConfigError(f"--jobs {jobs}: at least 1")
+    if profile is None:
         return
-    found = [*arguments.profile.glob("config*.yaml")]
+    found = [*profile.glob("config*.yaml")]
     if not found:
         raise ConfigError(
-            f"--profile {arguments.profile}: no folder with a config.yaml; copy {PROFILES / 'slurm'} and adapt it "
-            "to your cluster"
+            f"--profile {profile}: no folder with a config.yaml; copy {PROFILES / 'slurm'} and adapt it to your cluster"
         )
     executor = EXECUTOR.search(found[0].read_text())
     name = executor[1] if executor else "local"
     if name not in OWN_EXECUTORS and not find_spec(f"snakemake_executor_plugin_{name.replace('-', '_')}"):
         package = f"snakemake-executor-plugin-{name}"
-        raise ConfigError(f"--profile {arguments.profile}: its executor needs a package; pip install {package}")
+        raise ConfigError(f"--profile {profile}: its executor needs a package; pip install {package}")
 
 
 def run_workflow(
@@ -105,7 +98,7 @@ def plan(
     config: Sequence[str] = (),
     words: Sequence[str] = (),
 ) -> dict[str, int]:
-    """Jobs of each rule that `run_workflow` would start now; makes no file in `folder`. Raises `WorkflowError`."""
+    """Jobs of each rule, its batches taken together, that `run_workflow` would start now; makes no file in `folder`. Raises `WorkflowError`."""
     with tempfile.TemporaryDirectory() as work:
         dry = ["--dry-run", "--quiet", "rules", *words]
         call = command(snakefile, Path(work), [f"folder={folder.resolve()}", *config], jobs, profile, dry)
@@ -114,8 +107,10 @@ def plan(
     if done.returncode:
         last = [line.strip() for line in said.splitlines() if line.strip()][-3:]
         raise WorkflowError(f"the workflow cannot be planned: {' '.join(last) or 'Snakemake failed'}")
-    counts = {rule: int(count) for rule, count in PLANNED.findall(said)}
-    return {rule: count for rule, count in counts.items() if rule not in ("all", "total")}
+    jobs_of: Counter[str] = Counter()
+    for rule, count in dict(PLANNED.findall(said)).items():  # said twice
+        jobs_of[BATCH.sub("", rule)] += int(count)
+    return {rule: count for rule, count in jobs_of.items() if rule not in ("all", "total")}
 
 
 def command(
@@ -182,8 +177,6 @@ def _follow(
     name: str, call: list[str], environment: dict[str, str], log: Path, targets: Sequence[Path], lock: int
 ) -> int:
     """Run Snakemake with its words appended to `log`, count the targets there are; its exit code."""
-    from studies.output import Progress
-
     tick = threading.Event()
     with log.open("a") as file, Progress(name, len(targets), "files") as progress:
         mortal = [sys.executable, "-c", MORTAL, *call]
@@ -205,7 +198,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     A terminal has sent its interruption to all of them already. Asked alone, Snakemake withdraws jobs from a cluster but
     waits for those that run here.
     """
-    import psutil
 
     def to_all(method: str) -> None:
         with contextlib.suppress(psutil.NoSuchProcess):

@@ -10,8 +10,6 @@ import csv
 import errno
 import io
 import json
-import os
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from meshes import files
 from studies.errors import OutputWriteError
 
 FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -30,23 +29,11 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
     Missing folders are made. Raises `OutputWriteError` when the place cannot be written or is full.
     """
-    path = Path(path)
-    temporary: Path | None = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-        os.close(handle)
-        temporary = Path(name)
-        yield temporary
-        temporary.chmod(0o666 & ~_umask())
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        with files.atomic_path(path) as temporary:
+            yield temporary
     except OSError as error:
         raise write_error(path, error) from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
 
 
 def write_error(path: str | Path, error: OSError) -> OutputWriteError:
@@ -121,9 +108,3 @@ def plain(content: Any) -> Any:
     if content is None or isinstance(content, str | int):
         return content
     return str(content)
-
-
-def _umask() -> int:
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment, Noise
-from calibrate.diagnosis import effect_fit, effect_score, whitened
-from calibrate.diagnosis.whitened import Part, Problem
+from calibrate.diagnosis import base_fit, effect_fit, score_tests
+from calibrate.diagnosis.problem import Part, Problem, all_rows
 from calibrate.effects.chain import Chain
 from calibrate.equations import reduction
 from calibrate.equations.equilibrium import Equilibrium
@@ -62,15 +62,15 @@ def split_half(e: Experiment, spacing: float, seed: int = 0) -> dict[str, Any]:
     noise = Noise(factor * e.noise.displacement_std, e.noise.correlation_length, 0.0, factor * e.noise.force_std)
     odd, *even = [replace(e.select(np.arange(first, e.n_increments, 5)), noise=noise) for first in (2, 0, 1, 3, 4)]
     plain = [replace(odd, noise=None)]
-    problem, fit = effect_fit.prepare(plain, [whitened.all_rows], spacing, False, "positive")
+    problem, fit = base_fit.prepare(plain, [all_rows], spacing, False, "positive")
     problem = _with_noise(problem, fit.c, odd)
     fit = effect_fit.refit(problem, fit.c, ())
     fields = problem.parts[0].system.fields
     here, *around = [Chain(Equilibrium(part, fields), problem.basis).residual(fit.c) for part in (odd, *even)]
     difference = here - sum(w[:, None] * r for w, r in zip(weights.T, around, strict=True))
-    white = problem.white([difference])
-    scores = effect_score.score(problem, replace(fit, residual=white), EVERY, seed)
-    tested = [s for s in scores if s.status == "tested"]
+    white = problem.whiten([difference])
+    scores = score_tests.score(problem, replace(fit, residual=white), EVERY, seed)
+    tested = [s for s in scores if s.is_tested]
     U = fit.columns
     rest = white - U @ (U.T @ white)
     return {
@@ -88,7 +88,7 @@ def _with_noise(problem: Problem, c: Array, e: Experiment) -> Problem:
     """The same problem with the noise of e and no allowance for discretisation, which drops out of a difference."""
     system = Equilibrium(e, problem.parts[0].system.fields)
     assembled = reduction.assemble(system, problem.basis)
-    rows = whitened.all_rows(system)
+    rows = all_rows(system)
     noise = covariances(assembled, c)
     part = Part(
         Chain(system, problem.basis), assembled, whitening(noise, rows), whitening(noise, rows & False),

@@ -10,6 +10,7 @@ import numpy as np
 
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis import selection
+from studies.reports.discovery.candidate_outcome import round_remarks, untested_words
 from studies.sheets.homogeneous_loops import Loop
 
 RELATIVE = {"hnbr50": 0.02}  # noise of a smoothed record, from two cycles of one test that should be alike
@@ -31,7 +32,7 @@ def close(loop: Loop, say: Callable[[str], None]) -> dict[str, Any]:
     for part in found.problem.parts:
         line: dict[str, Any] = {"name": part.experiment.name, "fitted": bool(part.train.size)}
         for when, fit in (("before", found.base), ("after", found.final)):
-            additions = part.carried(fit.additions)
+            additions = part.valid(fit.additions)
             r, loads = part.residual(fit.c, additions), part.system.loads
             known = np.isfinite(loads) & (loads != 0)
             line[when] = float(np.linalg.norm(r[known]) / np.linalg.norm(loads[known]))
@@ -56,14 +57,14 @@ def close(loop: Loop, say: Callable[[str], None]) -> dict[str, Any]:
                 "round": i,
                 "effect": row.name,
                 "status": row.score.status,
-                "why": row.score.why,
+                "why": "" if row.score.is_tested else untested_words(row.score),
                 "score": row.score.score,
                 "adjusted_p": row.score.adjusted,
                 "share": row.score.share,
                 "admissible": row.score.admissible,
             }
             for i, now in enumerate(found.rounds, start=1)
-            for row in now.rows
+            for row in now.candidates
         ],
-        "remarks": [remark for now in found.rounds for remark in now.remarks],
+        "remarks": [remark for now in found.rounds for remark in round_remarks(now)],
     }

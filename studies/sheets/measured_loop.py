@@ -14,17 +14,18 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import effect_score, joint_fit
+from calibrate.diagnosis import elimination, joint_fit, score_tests
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.joint_fit import Joint
-from calibrate.diagnosis.selection import CLOSE, GLOBAL
-from calibrate.diagnosis.whitened import Problem
+from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.selection import DEFAULT, Verdict
 from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
 from calibrate.effects.chain import Addition
 from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
-from calibrate.models.extended_model import ExtendedModel, amplitude_unit, fingerprint
+from calibrate.models.extended_model import ExtendedModel, amplitude_unit
+from studies.reports.discovery.candidate_outcome import untested_words
 from studies.sheets.measured_account import Split, account, force_and_field, members
 from studies.sheets.measured_searches import NESTED, prepared, price, what_pays, with_splines, without_each
 
@@ -88,11 +89,11 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
     tell("base model")
     early = e.select(np.flatnonzero(split.fitted))
     problem, base = prepared(early, np.ones(early.n_increments, bool), spacing)
-    scores = effect_score.score(problem, base, EFFECTS)
-    start = joint_fit.candidates(scores, tuple(NESTED))
+    scores = score_tests.score(problem, base, EFFECTS)
+    start = elimination.candidates(scores, tuple(NESTED))
     special = {name: BY_NAME[name] for name in NESTED if name in BY_NAME}
     tell(f"all {len(start)} effects")
-    starts = joint_fit.whole(problem, base.c, start)
+    starts = elimination.fits_of_all(problem, base.c, start)
     unit = starts[0].dispersion
     path, final, exchanged = what_pays(problem, starts[0], special, tell)
     models = _Models(e, early, split, spacing, until, problem)
@@ -142,7 +143,7 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
     result["unfinished_fits"] = sum(not one.converged for one in fits)
     result["closest"] = [line["effect"] for line in sorted(result["without"], key=lambda line: -line["rise"])]
     result["taken_out"] = [one.out for one in path[1:]]
-    result["not_testable"] = {s.effect.name: s.why for s in scores if s.status != "tested"}
+    result["not_testable"] = {s.effect.name: untested_words(s) for s in scores if not s.is_tested}
     return result
 
 
@@ -154,20 +155,20 @@ def _without(problem: Problem, chosen: Base, name: str, unit: float, models: _Mo
     return {
         "effect": name,
         "rise": (one.loss - whole.loss) / unit,
-        "price": whole.price([name]),
-        "doubtful": joint_fit.worth(whole, one, unit) < CLOSE,
+        "price": whole.penalty([name]),
+        "doubtful": elimination.bic_rise(whole, one, unit) < DEFAULT.equal_scores,
         "imitated": whole.imitated[name],
         "decided_by": BY_NAME[name].decided_by,
         **models.errors(one, chosen.splines),
     }
 
 
-def verdict(one: Joint, good: bool) -> str:
-    """'explained' only if what the model leaves is noise, and its prediction is `good`, see `predicts`."""
+def verdict(one: Joint, good: bool) -> Verdict:
+    """EXPLAINED only if what the model leaves is noise, and its prediction is `good`, see `predicts`."""
     p = float(stats.chi2.sf(one.loss, max(one.loss / one.dispersion, 1.0)))
-    if p > GLOBAL and not one.active:
-        return "nothing significant"
-    return "explained" if p > GLOBAL and good else "significant, not explained"
+    if p > DEFAULT.misfit_p and not one.active:
+        return Verdict.NOTHING_SIGNIFICANT
+    return Verdict.EXPLAINED if p > DEFAULT.misfit_p and good else Verdict.NOT_EXPLAINED
 
 
 def predicts(before: dict[str, dict[str, float]], after: dict[str, dict[str, float]]) -> bool:
@@ -270,7 +271,7 @@ class _Models:
 
     def _model(self, c: Array, additions: Sequence[Addition], deviations: Sequence[tuple[float, ...]]) -> ExtendedModel:
         e = self.whole
-        training = ({"name": e.name, "fingerprint": fingerprint(e)},)
+        training = ({"name": e.name, "fingerprint": e.fingerprint},)
         held = f"increments after {self.until:g} s"
         basis = self.problem.basis
         return ExtendedModel(basis, c, tuple(additions), tuple(deviations), e.stress_unit, training, held)

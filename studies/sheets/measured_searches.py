@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import effect_fit, joint_fit, whitened
+from calibrate.diagnosis import base_fit, base_functions, effect_fit, elimination, joint_fit
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.joint_fit import Joint
-from calibrate.diagnosis.whitened import Problem
+from calibrate.diagnosis.parameters import n_parameters
+from calibrate.diagnosis.problem import Problem
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition
 from studies.sheets.measured_account import equations
@@ -30,22 +31,24 @@ NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiff
 
 def prepared(e: Experiment, fitted: Mask, spacing: float) -> tuple[Problem, Fit]:
     """Problem of the increments fitted (t,), whose base is neo-Hooke, and its base fit."""
-    problem, _ = effect_fit.prepare([e], [lambda system: equations(system, fitted)], spacing, base="positive")
+    problem, _ = base_fit.prepare([e], [lambda system: equations(system, fitted)], spacing, base="positive")
     problem = with_splines(problem, 1)
-    return problem, effect_fit.refit(problem, whitened.first_guess([problem.parts[0].assembled]), ())
+    return problem, effect_fit.refit(problem, base_functions.first_guess([problem.parts[0].assembled]), ())
 
 
 def with_splines(problem: Problem, n: int) -> Problem:
     """The problem with a base energy of n functions of I1."""
-    top = max(whitened.trained_top(part.system, part.train.rows) for part in problem.trained)
-    start = whitened.first_guess([part.assembled for part in problem.trained])
-    prior = whitened.smoothness("positive", n) / (effect_fit.STIFFENING * float(start.max()))
-    return replace(problem, cone=whitened.base_cone(problem.basis, "positive", top, n), prior=prior, parametric=True)
+    top = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
+    start = base_functions.first_guess([part.assembled for part in problem.trained])
+    prior = base_functions.smoothness("positive", n) / (base_functions.STIFFENING * float(start.max()))
+    return replace(
+        problem, cone=base_functions.base_cone(problem.basis, "positive", top, n), prior=prior, parametric=True
+    )
 
 
 def price(n: int, one: Joint, unit: float) -> float:
     """Misfit over dispersion and price of the n functions of the base and the parameters of the effects."""
-    return one.loss / unit + (n + sum(map(joint_fit.n_parameters, one.present))) * float(np.log(one.n_rows))
+    return one.loss / unit + (n + sum(map(n_parameters, one.present))) * float(np.log(one.n_rows))
 
 
 def what_pays(
@@ -53,7 +56,7 @@ def what_pays(
 ) -> tuple[list[Joint], Joint, list[str]]:
     """Effects taken out one at a time (the path, `start` first), the fit it ends at with special effects in the place of general
     ones that are no better, and the names of these special ones."""
-    path = joint_fit.reduced(problem, start, say)
+    path = elimination.eliminated(problem, start, say)
     now, exchanged = path[-1], []
     for name, effect in special.items():
         if NESTED[name] not in now.active:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from calibrate.diagnosis.selection import ALPHA
+from calibrate.diagnosis.selection import DEFAULT
 from studies.commands.measured import SHEETS
 from studies.sheets.measured_account import members
 from studies.sheets.measured_searches import NESTED
@@ -215,7 +215,7 @@ def answers(results: dict[str, Any]) -> list[str]:
     second, located = results["second"]["models"], results["map"]["errors"]["scored"]
     carried = [percent(m["errors"]["scored"]["force"]) for m in (second[0], second[-1])]
     controls = [results[f"control_{name}"] for name in SHEETS]
-    found = [c["name"] for c in controls if c["smallest_adjusted_p"] < ALPHA]
+    found = [c["name"] for c in controls if c["smallest_adjusted_p"] < DEFAULT.significance]
     return [
         verdict(results["first"]),
         f"the same loop on its own: {verdict(results['own'])}",

@@ -12,6 +12,21 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import jax
+import numpy as np
+
+from calibrate.data.experiment import Experiment
+from calibrate.data.triangulation import signed_areas
+from calibrate.diagnosis import base_fit, model_weights, score_tests, selection, weighted_fit
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.selection import Discovery
+from calibrate.diagnosis.selection.rounds import Round
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
+from studies.output.writing import write_json
+from studies.reports.discovery.candidate_outcome import round_remarks
+from studies.trials.blind_data import draw, write
+
 NULL = "none"
 GLOBAL_LIMIT = 10.0  # score above which an effect counts as strong; of two, each beside the other
 
@@ -32,23 +47,15 @@ class Plan:
 
 def run(plan: Plan, folder: str | Path, cache: str | Path | None = None) -> str:
     """Write and diagnose a trial that is not there yet; return its name. Every file is written atomically."""
-    import jax
-
     if cache is not None:
         jax.config.update("jax_compilation_cache_dir", str(cache))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
     home = Path(folder) / plan.name
     if not (home / "experiment.npz").exists() or not (home / "sealed" / "label.json").exists():
-        from studies.trials.blind_data import draw, write
-
         write(draw(plan.seed, *(plan.effects or (None,))), home)
     if len(plan.effects) > 1 and not (home / "sealed" / "beside.json").exists():
-        from studies.output.writing import write_json
-
         write_json(home / "sealed" / "beside.json", beside(home))
     if not (home / "diagnosis.json").exists():
-        from studies.output.writing import write_json
-
         write_json(home / "diagnosis.json", diagnose(home / "experiment.npz", plan.effects[:1] if plan.absent else ()))
     return plan.name
 
@@ -58,10 +65,6 @@ def beside(home: Path) -> dict[str, float]:
 
     Tested against the base alone, an effect may get its score from another that it resembles.
     """
-    from calibrate.data.experiment import Experiment
-    from calibrate.diagnosis import effect_fit, effect_score, selection
-    from calibrate.effects import CATALOGUE
-    from calibrate.effects.chain import Addition
 
     known = {e.name: e for e in CATALOGUE}
     hidden = []
@@ -69,25 +72,24 @@ def beside(home: Path) -> dict[str, float]:
         effect = known[one["name"]]
         amplitudes = tuple(one["amplitudes"][p.name] for p in effect.amplitudes)
         hidden.append(Addition(effect, amplitudes, tuple(one["shape"][p.name] for p in effect.shapes)))
-    problem, base = effect_fit.prepare([Experiment.load(home / "experiment.npz")], [selection.HoldOut().training])
+    problem, base = base_fit.prepare([Experiment.load(home / "experiment.npz")], [HoldOut().training])
     result = {}
     for one in hidden:
         others = tuple(other for other in hidden if other is not one)
-        _, fit = effect_fit.settled(problem, base.c, others)
-        weighted, fit = effect_fit.settled(effect_fit.reweighted(problem, fit), fit.c, fit.additions)
-        result[one.effect.name] = effect_score.score(weighted, fit, (one.effect,))[0].score
+        _, fit = weighted_fit.fit_with_weights(problem, base.c, others)
+        weighted, fit = weighted_fit.fit_with_weights(
+            model_weights.reweighted(problem, fit.c, fit.additions), fit.c, fit.additions
+        )
+        result[one.effect.name] = score_tests.score(weighted, fit, (one.effect,))[0].score
     return result
 
 
 def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     """What the diagnosis says of an Experiment; `without`: once more with these effects taken out of the catalogue."""
-    from calibrate.data.experiment import Experiment
-    from calibrate.diagnosis import effect_fit, selection
-    from calibrate.effects import CATALOGUE
 
     start = time.process_time()
     experiment = Experiment.load(path)
-    problem, base = effect_fit.prepare([experiment], [selection.HoldOut().training])
+    problem, base = base_fit.prepare([experiment], [HoldOut().training])
     found = selection.close_loop(problem, base, whole_table=False)
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
@@ -97,33 +99,8 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     return content
 
 
-def described(found: Any) -> dict[str, Any]:
+def described(found: Discovery) -> dict[str, Any]:
     """A `Discovery` as plain data."""
-    rounds = []
-    for r in found.rounds:
-        rounds.append(
-            {
-                "added": r.added,
-                "group": list(r.group),
-                "remarks": list(r.remarks),
-                "chi_square": r.fit.reduced_chi_square,
-                "p_value": r.fit.p_value,
-                "misfits": [list(one) for one in r.fit.misfits],
-                "predicted": None if r.predicted is None else [*r.predicted, r.predicted_p],
-                "held": None if r.held is None else asdict(r.held),
-                "scores": {
-                    row.name: {
-                        "score": row.score.score,
-                        "adjusted": row.score.adjusted,
-                        "admissible": row.score.admissible,
-                        "amplitudes": list(row.score.amplitudes),
-                        "like": dict(row.like),
-                    }
-                    for row in r.rows
-                    if row.score.status == "tested"
-                },
-            }
-        )
     additions = [
         {
             "effect": a.effect.name,
@@ -139,7 +116,32 @@ def described(found: Any) -> dict[str, Any]:
         "closest": list(found.closest),
         "groups": {k: list(v) for k, v in found.groups.items()},
         "additions": additions,
-        "rounds": rounds,
+        "rounds": [_round(now) for now in found.rounds],
+    }
+
+
+def _round(now: Round) -> dict[str, Any]:
+    scores = {
+        candidate.name: {
+            "score": candidate.score.score,
+            "adjusted": candidate.score.adjusted,
+            "admissible": candidate.score.admissible,
+            "amplitudes": list(candidate.score.amplitudes),
+            "like": dict(candidate.like),
+        }
+        for candidate in now.candidates
+        if candidate.score.is_tested
+    }
+    return {
+        "added": now.added,
+        "group": list(now.group),
+        "remarks": round_remarks(now),
+        "chi_square": now.fit.reduced_chi_square,
+        "p_value": now.fit.p_value,
+        "misfits": [list(one) for one in now.fit.misfits],
+        "predicted": None if now.predicted is None else [*now.predicted, now.predicted_p],
+        "held": None if now.held is None else asdict(now.held),
+        "scores": scores,
     }
 
 
@@ -184,10 +186,6 @@ def judge(home: Path) -> dict[str, Any]:
 
 def _field(hidden: dict[str, Any], additions: list[dict[str, Any]], home: Path) -> float | None:
     """Correlation of fitted and hidden stiffness over the specimen, by area; a patch has no coefficients of cosines."""
-    import numpy as np
-
-    from calibrate.data.experiment import Experiment
-    from calibrate.data.triangulation import signed_areas
 
     fitted = next((a["amplitudes"] for a in additions if a["effect"] == hidden["name"]), None)
     if fitted is None or "height" not in hidden["more"]:

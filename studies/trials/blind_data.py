@@ -12,7 +12,7 @@ transverse forces of a symmetric test are not exactly zero, of `force_floor` of 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,8 @@ from meshes import Mesh
 from studies.output.writing import write_json
 from studies.synthetic.camera import GaussianField, stream
 from studies.trials.blind_effects import EFFECTS, FREQUENT, SOLID, UNLOADING, Hidden, Situation, check, log_uniform
-from studies.trials.blind_solution import SPECIMENS, camera_mesh, clean_experiment, warp
+from studies.trials.blind_solution import camera_mesh, clean_experiment, warp
+from studies.trials.blind_trial import SPECIMENS, Trial
 
 Array = NDArray[np.float64]
 RAMP = tuple(k / 10 for k in range(1, 11))
@@ -39,33 +40,6 @@ FIELD_RESOLUTION = 512
 WAVES = 4  # of the cosines that the catalogue describes a field with, in each direction
 STRAINS = 5  # Legendre polynomials of the strain of a warp, in each direction
 NOISE, REST = 0, 1  # random streams
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Every number of a trial. Lengths in mm, times in s.
-
-    stretch: nominal, of the specimen; factors, times: load factor and time of each increment; displacement_std and
-    correlation_length of the noise; force_relative: std of a force over its size; force_floor: over the largest.
-    """
-
-    seed: int
-    specimen: str
-    material: Material
-    thickness: float
-    stretch: float
-    factors: tuple[float, ...]
-    times: tuple[float, ...]
-    effects: tuple[Hidden, ...]
-    displacement_std: float
-    correlation_length: float
-    force_relative: float
-    force_floor: float
-
-    @property
-    def displacement(self) -> float:
-        """Of each grip at load factor 1, mm."""
-        return (self.stretch - 1) * SPECIMENS[self.specimen].half_extent[0]
 
 
 def draw(seed: int, effect: str | None = "random", second: str | None = None) -> Trial:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,14 @@ from scipy.interpolate import CubicSpline
 
 from calibrate.data.experiment import Experiment
 from forward.loading import Loading
-from meshes import Cross, Mesh, PlateWithHole, Specimen, specimen_from_dict
+from forward.sheet import additions as laws
+from forward.sheet.inelastic import solve_history
+from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
+from forward.solid.solid_model import Options
+from forward.solid.solid_model import solve as solve_in_3d
+from forward.solution import SurfaceSolution
+from meshes import Mesh, quads, specimen_from_dict, triangles
+from meshes.extrusion import extrude
 from studies.synthetic.disturbances import (
     Disturbance,
     ForceGain,
@@ -31,19 +38,9 @@ from studies.synthetic.disturbances import (
     observe,
 )
 from studies.trials.blind_effects import SOLID
-
-if TYPE_CHECKING:
-    from forward.sheet.additions import Sheet
-    from forward.solution import SurfaceSolution
-    from studies.trials.blind_data import Trial
+from studies.trials.blind_trial import SPECIMENS, Trial
 
 Array = NDArray[np.float64]
-CROSS_SCALE = 0.25
-SPECIMENS: dict[str, Specimen] = {
-    "cross": Cross(**{name: CROSS_SCALE * value for name, value in Cross().dimensions().items()}),
-    "plate": PlateWithHole(half_length=30, half_width=15, far_size=3, hole_radius=5, hole_size=0.8),
-    "wide plate": PlateWithHole(half_length=25, half_width=20, far_size=3, hole_radius=8, hole_size=1.0),
-}
 SIZES = {  # of the quads at holes and far from them, mm: fine enough where grips and free edges meet
     "cross": {"hole_size": 0.36, "far_size": 1.8},
     "plate": {"hole_size": 0.7, "far_size": 1.1},
@@ -69,16 +66,12 @@ def shares(trial: Trial) -> Array:
 @lru_cache(maxsize=8)
 def camera_mesh(specimen: str) -> Mesh:
     """The fixed triangulation of a specimen."""
-    from meshes import triangles
-
     return triangles(SPECIMENS[specimen], n_nodes=CAMERA_NODES)
 
 
 @lru_cache(maxsize=16)
 def forward_mesh(specimen: str, size_factor: float = 1.0, quarter: bool = False) -> Mesh:
     """The quads of a specimen."""
-    from meshes import quads
-
     described = specimen_from_dict({**SPECIMENS[specimen].to_dict(), **SIZES[specimen]})
     return quads(described, quarter, size_factor)
 
@@ -88,8 +81,6 @@ def solve(trial: Trial, size_factor: float = 1.0) -> SurfaceSolution:
     lag = next((d for d in disturbances(trial) if isinstance(d, Lag)), None)
     if any(hidden.name == SOLID for hidden in trial.effects):
         return _solve_solid(trial, size_factor, lag)
-    from forward.sheet.inelastic import solve_history
-
     factors, times = (trial.factors, trial.times) if lag is None else lag.schedule(trial.factors, trial.times)
     described = sheet(trial)
     solution = solve_history(
@@ -105,10 +96,6 @@ def solve(trial: Trial, size_factor: float = 1.0) -> SurfaceSolution:
 
 def _solve_solid(trial: Trial, size_factor: float, lag: Lag | None) -> SurfaceSolution:
     """The surface of a thick specimen, an eighth of which is solved; forces at the readings by a spline."""
-    from forward.solid.solid_model import Options
-    from forward.solid.solid_model import solve as solve_in_3d
-    from meshes.extrusion import extrude
-
     sides = SPECIMENS[trial.specimen].loaded
     solution = solve_in_3d(
         extrude(forward_mesh(trial.specimen, size_factor, quarter=True), trial.thickness, SOLID_LAYERS),
@@ -129,8 +116,6 @@ def _solve_solid(trial: Trial, size_factor: float, lag: Lag | None) -> SurfaceSo
 
 def sheet(trial: Trial) -> Sheet:
     """The sheet with the effects that are in the material."""
-    from forward.sheet import additions as laws
-
     additions: list[laws.Addition] = []
     changes: dict[str, Any] = {}
     for hidden in trial.effects:
@@ -150,14 +135,14 @@ def sheet(trial: Trial) -> Sheet:
             case "stiffness field":
                 additions.append(laws.Patch(more["height"], more["x"], more["y"], more["width"]))
             case "viscoelasticity":
-                changes["prony"] = laws.Prony(a["g"], s["tau"])
+                changes["prony"] = Prony(a["g"], s["tau"])
             case "Mullins softening":
                 additions.append(laws.Mullins(a["r"]))
             case "Payne softening":
                 additions.append(laws.Payne(a["r"], s["x0"]))
             case "permanent set":
-                changes["permanent_set"] = laws.PermanentSet(a["a"])
-    return laws.Sheet(trial.material, trial.thickness, tuple(additions), **changes)
+                changes["permanent_set"] = PermanentSet(a["a"])
+    return Sheet(trial.material, trial.thickness, tuple(additions), **changes)
 
 
 def warp(more: dict[str, float]) -> Warp:

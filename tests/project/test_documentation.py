@@ -98,6 +98,7 @@ def test_every_trial_is_counted_once() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_links_lead_somewhere(page: Path) -> None:
+    assert not re.search("^(<{7}|>{7}) ", page.read_text(), re.MULTILINE), "conflict of a merge"
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
         assert target.startswith("http") or (page.parent / target).exists(), target
 

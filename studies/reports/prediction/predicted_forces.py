@@ -18,8 +18,8 @@ from calibrate.equations.equilibrium import equilibrium
 from calibrate.equations.kinematics import invariants_and_derivatives
 from calibrate.errors import ConfigError
 from calibrate.fitting.calibration import predict_forces, relative_force_error
-from calibrate.models.extended_model import ExtendedModel, is_extended
-from calibrate.models.network_model import Model
+from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.model_file import load_model
 from studies.output.findings import Finding
 
 Array = NDArray[np.float64]
@@ -75,13 +75,12 @@ class Forecast:
 
 def forecast(path: Path, experiment: Experiment) -> Forecast:
     """Raises `ModelFileError`, `ConfigError` where units or times do not go together."""
-    if is_extended(path):
-        extended = ExtendedModel.load(path)
-        found = extended.predict(experiment)
-        kept = [a.effect.name for a in extended.for_test(experiment)]
+    model = load_model(path)
+    if isinstance(model, ExtendedModel):
+        found = model.predict(experiment)
+        kept = [a.effect.name for a in model.for_test(experiment)]
         name = " + ".join(["I1 energy", *kept])
         return Forecast(experiment, found.forces, found.outside, name, found.left_out)
-    model = Model.load(path)
     if experiment.stress_unit != model.unit:
         raise ConfigError(
             f"{experiment.name}: its stresses are in {experiment.stress_unit}, the model's in {model.unit}; give the "

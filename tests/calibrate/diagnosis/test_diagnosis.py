@@ -13,7 +13,16 @@ from scipy.optimize import lsq_linear, nnls
 
 from calibrate import errors
 from calibrate.data.experiment import Noise
-from calibrate.diagnosis import effect_fit, effect_score, selection, whitened
+from calibrate.diagnosis import base_fit, base_functions, effect_fit, residual_tests, score_tests
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.problem import loss, signature
+from calibrate.diagnosis.score_tests import Score, Status
+from calibrate.diagnosis.selection import DEFAULT, Verdict, close_loop, discover
+from calibrate.diagnosis.selection.candidate_fit import Model
+from calibrate.diagnosis.selection.loop import extended, scored_round
+from calibrate.diagnosis.selection.misfit import misfit
+from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason, Review
+from calibrate.diagnosis.selection.verdict import conclude, worth_a_name
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Chain
 from calibrate.equations import discretisation_error, kinematics, noise_covariance
@@ -35,7 +44,7 @@ def sheet(c01=0.0, seed=1):
 
 @cache
 def prepared(c01=0.0, seed=1):
-    return effect_fit.prepare([sheet(c01, seed)], [selection.HoldOut().training])
+    return base_fit.prepare([sheet(c01, seed)], [HoldOut().training])
 
 
 NAMES = ("second invariant", "force offset", "stiffness gradient", "out-of-plane motion", "lens distortion",
@@ -45,7 +54,7 @@ FEW = tuple(e for e in CATALOGUE if e.name in NAMES)
 
 @cache
 def found(c01=0.0, seed=1):
-    return selection.close_loop(*prepared(c01, seed), FEW, whole_table=False)
+    return close_loop(*prepared(c01, seed), FEW, whole_table=False)
 
 
 def effect(name):
@@ -107,15 +116,15 @@ def test_adjusted_p_is_uniform_where_nothing_is():
     for _ in range(150):
         z = rng.standard_normal(60)
         T = [(Q[0][:, 0] @ z) ** 2, max((Q[1].T @ z) ** 2), ((Q[2].T @ z) ** 2).sum()]
-        scores = [effect_score.Score(CATALOGUE[i], "tested", score=T[i], degrees=k) for i, k in enumerate((1, 1, 3))]
-        smallest.append(min(s.adjusted for s in effect_score.adjust(scores, Q, 1.0, 0)))
+        scores = [Score(CATALOGUE[i], Status.TESTED, score=T[i], degrees=k) for i, k in enumerate((1, 1, 3))]
+        smallest.append(min(s.adjusted for s in score_tests.adjust(scores, Q, 1.0, 0)))
     assert stats.kstest(smallest, "uniform").pvalue > 0.01
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5])
 def test_a_coarse_base_has_few_functions_and_neo_hooke_among_them(n):
     basis = SingleBasis(0, 2.0)
-    cone = whitened.base_cone(basis, "positive", 2.0, n)
+    cone = base_functions.base_cone(basis, "positive", 2.0, n)
     assert cone.shape == (basis.n_functions, n)
     assert cone.sum(axis=1) == pytest.approx(neo_hooke(basis, 2.0), abs=1e-12)
 
@@ -179,9 +188,9 @@ def test_forces_are_pulled_back_by_the_transposed_tangent():
 
 def test_prediction_is_judged_with_the_uncertainty_of_the_fit():
     """The rise of the misfit is e^T (I + B (A^T A)^-1 B^T)^-1 e with the error of prediction e = s - B A^+ r."""
-    problem, _ = effect_fit.prepare([sheet()], [selection.HoldOut().training], with_discrepancy=False)
-    state = effect_fit.refit(problem, whitened.first_guess([problem.parts[0].assembled]), ())
-    chi_square, degrees = effect_fit.predictive(problem, state)
+    problem, _ = base_fit.prepare([sheet()], [HoldOut().training], with_discrepancy=False)
+    state = effect_fit.refit(problem, base_functions.first_guess([problem.parts[0].assembled]), ())
+    chi_square, degrees = residual_tests.prediction_test(problem, state.c, state.additions)
     part = problem.parts[0]
     F = part.system.deformation_gradients
     G = np.moveaxis(np.array([part.system.matrix(problem.basis, f) for f in F]), -1, 0)
@@ -197,7 +206,7 @@ def test_prediction_is_judged_with_the_uncertainty_of_the_fit():
 
 def test_slow_disturbances_hold_a_force_that_is_wrong_by_a_constant():
     problem, _ = prepared()
-    columns = whitened.slow(problem)
+    columns = residual_tests.smooth_disturbances(problem)
     part = problem.parts[0]
     wrong = np.zeros(part.shift.shape)
     wrong[:, : part.system.fields.n_fields] = part.system.fields.boundary == 0
@@ -212,23 +221,23 @@ def test_a_small_transverse_force_is_seen_without_any_candidate():
     e = sheet()
     wrong = np.array([0.0, 3 * NOISE.force_std])
     moved = replace(e, loaded=tuple(replace(b, force=b.force + wrong) for b in e.loaded))
-    _, state = effect_fit.prepare([moved], [selection.HoldOut().training])
+    _, state = base_fit.prepare([moved], [HoldOut().training])
     (everything, n), _, (smooth, k) = state.misfits
     assert stats.chi2.sf(smooth, k) < 1e-4
     assert stats.chi2.sf(everything, n) > 0.1
-    assert state.p_value < selection.GLOBAL
+    assert state.p_value < DEFAULT.misfit_p
 
 
 def test_nothing_is_found_where_nothing_is():
     result = found()
-    assert result.verdict == "nothing significant"
+    assert result.verdict is Verdict.NOTHING_SIGNIFICANT
     assert result.final.additions == ()
     assert result.base.p_value > 0.01
 
 
 def test_second_invariant_is_found_with_its_amplitude():
     result = found(0.02)
-    assert result.verdict == "explained"
+    assert result.verdict is Verdict.EXPLAINED
     assert result.named == ("second invariant",)
     (amplitude,), (deviation,) = result.final.additions[0].amplitudes, result.final.errors[0]
     assert abs(amplitude - 0.02) < 3 * deviation
@@ -241,18 +250,18 @@ def test_nothing_is_explained_without_a_name():
     """An effect without which the others meet the data as well is not the explanation, though little is left."""
     result = found(0.02)
     first, last = result.rounds[0], result.rounds[-1]
-    still = (first, replace(last, rows=first.rows))  # candidates are still significant
+    still = (first, replace(last, candidates=first.candidates))  # candidates are still significant
     name = "second invariant"
-    assert selection._conclude(result.problem, still, selection.Review({name: 100.0})).named == (name,)
-    idle = selection._conclude(result.problem, still, selection.Review({name: -1.0}))
-    assert (idle.verdict, idle.named, idle.closest) == ("significant, not explained", (), (name,))
+    assert conclude(result.problem, still, Review({name: 100.0})).named == (name,)
+    idle = conclude(result.problem, still, Review({name: -1.0}))
+    assert (idle.verdict, idle.named, idle.closest) == (Verdict.NOT_EXPLAINED, (), (name,))
 
 
 def test_absent_effect_is_not_given_another_name_without_saying():
     """Without the second invariant in the catalogue nothing but its likes may be named."""
     rest = [e for e in FEW if e.name != "second invariant"]
-    result = selection.close_loop(*prepared(0.02), rest, whole_table=False)
-    like = dict(next(r for r in found(0.02).rounds[0].rows if r.name == "second invariant").like)
+    result = close_loop(*prepared(0.02), rest, whole_table=False)
+    like = dict(next(r for r in found(0.02).rounds[0].candidates if r.name == "second invariant").like)
     assert all(like.get(name, 0.0) > 0.9 for name in result.named)
 
 
@@ -261,8 +270,8 @@ def test_amplitudes_of_a_family_stay_within_their_bounds():
     problem, state = prepared(0.02)
     warp = effect("initial warp")
     U, r = state.columns, state.residual - state.columns @ (state.columns.T @ state.residual)
-    one, _ = effect_score.examine_shape(problem, state, Addition(warp, (0.0,) * len(warp.amplitudes)), U, r)
-    S = whitened.signature(problem, state.chains, state.c, (Addition(warp, (0.0,) * len(warp.amplitudes)),))
+    one, _ = score_tests.examine_shape(problem, state, Addition(warp, (0.0,) * len(warp.amplitudes)), U, r)
+    S = signature(problem, state.chains, state.c, (Addition(warp, (0.0,) * len(warp.amplitudes)),))
     left = S - U @ (U.T @ S)
     bounds = [[getattr(p, end) for p in warp.amplitudes] for end in ("lower", "upper")]
     best = lsq_linear(left / np.linalg.norm(left), -r / np.linalg.norm(left), bounds, method="bvls", tol=1e-14)
@@ -277,24 +286,24 @@ def test_a_single_increment_is_not_explained_by_an_offset_of_its_force():
     one = sheet(0.02)
     last = tuple(replace(b, force=b.force[-1:]) for b in one.loaded)
     one = replace(one, displacements=one.displacements[-1:], loaded=last, time=one.time[-1:])
-    result = selection.discover([one], selection.HoldOut("none", None), effects=FEW, whole_table=False)
-    scores = {row.name: row.score for row in result.rounds[0].rows}
-    assert scores["force offset"].status == "not testable"
-    assert "more increments" in scores["force offset"].why
+    result = discover([one], HoldOut("none", None), effects=FEW, whole_table=False)
+    scores = {row.name: row.score for row in result.rounds[0].candidates}
+    assert scores["force offset"].status is Status.NOT_TESTABLE
+    assert "more increments" in scores["force offset"].missing
 
 
 def test_without_forces_among_what_is_held_out_there_is_no_force_error():
-    problem, state = effect_fit.prepare([sheet()], [selection.HoldOut("half", "left").training])
-    held = selection.misfit(problem, state.c, (), True)
+    problem, state = base_fit.prepare([sheet()], [HoldOut("half", "left").training])
+    held = misfit(problem, state.c, (), True)
     assert np.isnan(held.force) and held.field > 0
-    assert selection.misfit(problem, state.c, (), False).force > 0
+    assert misfit(problem, state.c, (), False).force > 0
 
 
 def test_a_step_never_raises_the_misfit_much():
     """From amplitudes absurdly far away a fit ends no worse than without the effect."""
     problem, state = prepared(0.02)
     far = Addition(effect("second invariant"), (3.0,))
-    assert whitened.loss(problem, state.c, (far,)) > 100 * state.loss
+    assert loss(problem, state.c, (far,)) > 100 * state.loss
     assert effect_fit.refit(problem, state.c, (far,)).loss < state.loss
 
 
@@ -304,34 +313,34 @@ def test_a_fit_that_runs_away_is_named_and_refuses_its_effect(monkeypatch):
     payne = Addition(effect("Payne softening"), (5.0,), (1.0,))
     with pytest.raises(errors.FitError, match="Payne softening ran away"):
         effect_fit.refit(problem, 0 * state.c, (payne,))
-    now = selection._round(problem, state, [effect("second invariant")], False, 0, lambda text: None)
+    model = Model(problem, state)
+    now = scored_round(model, [effect("second invariant")], False, 0, lambda text: None)
     right = effect_fit.refit
     monkeypatch.setattr(
         effect_fit, "refit", lambda problem, c, additions, iterations=6: right(problem, 0 * c, (payne,))
     )
-    refused, fit = selection._extend(problem, now, lambda text: None)
+    refused, fit = extended(model, now, lambda text: None)
     assert fit is None
-    assert refused.remarks == ("second invariant: no fit with it is better than without it",)
+    assert refused.refusals == (Refusal("second invariant", RefusalReason.NO_BETTER_FIT),)
 
 
 def test_what_is_refused_keeps_its_fit():
     """So that its error on data held out can be seen, also where not every candidate is refitted."""
     problem, state = prepared(0.02)
-    now = selection._round(
-        problem, state, [e for e in FEW if e.name == "second invariant"], False, 0, lambda text: None
-    )
+    model = Model(problem, state)
+    now = scored_round(model, [effect("second invariant")], False, 0, lambda text: None)
     worse = replace(now, held=replace(now.held, force=0.0, field=0.0, chi_square=0.0))
-    refused, fit = selection._extend(problem, worse, lambda text: None)
+    refused, fit = extended(model, worse, lambda text: None)
     assert fit is None
-    assert "does not fall" in refused.remarks[0]
-    assert refused.rows[0].fit is not None and refused.rows[0].held is not None
+    assert refused.refusals[0].reason is RefusalReason.HELD_OUT_NOT_BETTER
+    assert refused.candidates[0].fit is not None and refused.candidates[0].held is not None
 
 
 def test_gauges_and_what_the_data_lack_are_named():
-    scores = {row.name: row.score for row in found().rounds[0].rows}
-    assert scores["force gain"].status == scores["DIC scale"].status == "gauge"
-    assert scores["Mullins softening"].status == "not testable"
-    assert "unloading" in scores["Mullins softening"].why
+    scores = {row.name: row.score for row in found().rounds[0].candidates}
+    assert scores["force gain"].status == scores["DIC scale"].status is Status.GAUGE
+    assert scores["Mullins softening"].status is Status.NOT_TESTABLE
+    assert "unloading" in scores["Mullins softening"].missing
 
 
 def test_signature_of_a_gauge_is_absorbed():
@@ -340,12 +349,12 @@ def test_signature_of_a_gauge_is_absorbed():
     U = state.columns
     r = state.residual - U @ (U.T @ state.residual)
     gain = Addition(effect("force gain"), (0.0,))
-    assert effect_score.examine_shape(problem, state, gain, U, r)[0].absorbed > 0.95
+    assert score_tests.examine_shape(problem, state, gain, U, r)[0].absorbed > 0.95
 
 
 @pytest.mark.parametrize(("text", "kind"), [("every:2", "every"), ("after:3.5", "after"), ("half:left", "half")])
 def test_rules_hold_out_what_they_say(text, kind):
-    rule = selection.HoldOut.parse(text)
+    rule = HoldOut.parse(text)
     system = equilibrium(sheet())
     mask = rule.training(system)
     assert rule.kind == kind
@@ -364,7 +373,7 @@ def test_the_last_increment_is_never_held_out():
         part = equilibrium(sheet().select(list(range(n)))) if n < 6 else system
         for every in (2, 3, 4):
             if n > every - 1:
-                mask = selection.HoldOut("every", every).training(part)
+                mask = HoldOut("every", every).training(part)
                 assert mask[-1].all() and not mask.all()
                 held = np.flatnonzero(~mask.any(axis=1))
                 assert (np.diff(held) == every).all()
@@ -373,12 +382,12 @@ def test_the_last_increment_is_never_held_out():
 @pytest.mark.parametrize("text", ["every:1", "after:soon", "half:middle", "some"])
 def test_nonsense_is_refused(text):
     with pytest.raises(errors.ConfigError, match="--hold-out"):
-        selection.HoldOut.parse(text)
+        HoldOut.parse(text)
 
 
 def test_holding_out_everything_is_refused():
     with pytest.raises(errors.ConfigError, match="leaves nothing"):
-        selection.HoldOut.parse("after:0.5").training(equilibrium(sheet()))
+        HoldOut.parse("after:0.5").training(equilibrium(sheet()))
 
 
 @pytest.mark.slow
@@ -386,10 +395,10 @@ def test_families_of_fibres_that_close_up_are_declared_alike():
     """One family from the UFL model: two families, left to imitate it, are named as its like."""
     trial = next(t for s in range(60) if (t := blind_data.draw(s, "one fibre family")).specimen == "plate"
                  and t.effects[0].amplitudes["k"] > 0.02 * t.material.shear_modulus)  # fmt: skip
-    result = selection.discover([blind_data.make(trial)[0]], whole_table=False)
-    row = next(r for r in result.rounds[0].rows if r.name == "one fibre family")
+    result = discover([blind_data.make(trial)[0]], whole_table=False)
+    row = next(r for r in result.rounds[0].candidates if r.name == "one fibre family")
     assert "one fibre family" in result.named
-    assert dict(row.like)["two fibre families"] > effect_score.COLLINEAR
+    assert dict(row.like)["two fibre families"] > DEFAULT.collinear
 
 
 def test_a_lesser_effect_is_named_beside_one_that_leaves_nothing_for_it():
@@ -398,7 +407,7 @@ def test_a_lesser_effect_is_named_beside_one_that_leaves_nothing_for_it():
     lesser = by_name["second invariant"]
     for name, named in (("Mullins softening", True), ("stiffness field", False)):
         both = (by_name[name], lesser)
-        found = selection.worth_a_name(both, {name: 1000.0, "second invariant": 10.0})
+        found = worth_a_name(both, {name: 1000.0, "second invariant": 10.0})
         assert found == ((name, "second invariant") if named else (name,))
-        assert selection.worth_a_name(both[::-1], {name: 1000.0, "second invariant": 1.0}) == (name,)
-        assert "second invariant" in selection.worth_a_name(both, {name: 1000.0, "second invariant": 40.0})
+        assert worth_a_name(both[::-1], {name: 1000.0, "second invariant": 1.0}) == (name,)
+        assert "second invariant" in worth_a_name(both, {name: 1000.0, "second invariant": 40.0})

@@ -11,7 +11,9 @@ import pytest
 from discoveries import C01, sheet
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import effect_fit, effect_score, joint_fit, whitened
+from calibrate.diagnosis import base_fit, effect_fit, elimination, joint_fit, score_tests
+from calibrate.diagnosis.parameters import n_parameters
+from calibrate.diagnosis.problem import Problem, all_rows
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Chain
 from calibrate.errors import FitError
@@ -30,22 +32,22 @@ def turned() -> Experiment:
 
 
 @cache
-def plate() -> tuple[whitened.Problem, effect_fit.Fit]:
-    return effect_fit.prepare([sheet()], [whitened.all_rows])
+def plate() -> tuple[Problem, effect_fit.Fit]:
+    return base_fit.prepare([sheet()], [all_rows])
 
 
 @cache
-def turned_plate() -> tuple[whitened.Problem, effect_fit.Fit]:
-    return effect_fit.prepare([turned()], [whitened.all_rows])
+def turned_plate() -> tuple[Problem, effect_fit.Fit]:
+    return base_fit.prepare([turned()], [all_rows])
 
 
 @cache
 def found(names: tuple[str, ...]) -> list[joint_fit.Joint]:
     """The whole and what pays, with candidates in some order."""
     problem, base = turned_plate()
-    scores = {s.effect.name: s for s in effect_score.score(problem, base, [BY_NAME[name] for name in names])}
-    start = joint_fit.candidates([scores[name] for name in names])
-    return joint_fit.reduced(problem, joint_fit.fit(problem, base.c, start, frozenset(names)))
+    scores = {s.effect.name: s for s in score_tests.score(problem, base, [BY_NAME[name] for name in names])}
+    start = elimination.candidates([scores[name] for name in names])
+    return elimination.eliminated(problem, joint_fit.fit(problem, base.c, start, frozenset(names)))
 
 
 def amplitudes(one: joint_fit.Joint) -> dict[str, float]:
@@ -58,7 +60,7 @@ def test_all_slopes_are_finite_differences() -> None:
     effects = (BY_NAME["second invariant"], BY_NAME["one fibre family"], BY_NAME["lens distortion"])
     additions = (Addition(effects[0], (0.02,)), Addition(effects[1], (0.01,), (0.3,)), Addition(effects[2], (0.002,)))
     J = chain.jacobian(base.c, additions)
-    assert len(J) == sum(map(joint_fit.n_parameters, additions)) == 4
+    assert len(J) == sum(map(n_parameters, additions)) == 4
     moves = [(0, "amplitudes"), (1, "amplitudes"), (1, "shape"), (2, "amplitudes")]
     for column, (i, kind) in zip(J, moves, strict=True):
         ends = []
@@ -94,7 +96,7 @@ def test_stiffness_follows_the_forces() -> None:
     e = turned()
     loaded = tuple(replace(b, force=3 * b.force) for b in e.loaded)
     noise = replace(e.noise, force_std=3 * e.noise.force_std)
-    problem, base = effect_fit.prepare([replace(e, loaded=loaded, noise=noise)], [whitened.all_rows])
+    problem, base = base_fit.prepare([replace(e, loaded=loaded, noise=noise)], [all_rows])
     final = found(NAMES)[-1]
     tripled = tuple(
         replace(a, amplitudes=tuple(3 * v for v in a.amplitudes)) if a.effect.amplitudes[0].unit == "MPa" else a
@@ -153,7 +155,7 @@ def test_a_fit_that_cannot_move_has_converged_only_at_a_minimum(
     """Every step raises the misfit, as with slopes that are wrong: what they promise decides."""
     problem, _ = turned_plate()
     final = found(NAMES)[-1]
-    start = final.additions if at_minimum else tuple(joint_fit._nulled(a) for a in final.additions)
+    start = final.additions if at_minimum else tuple(joint_fit.at_null(a) for a in final.additions)
     right, calls = joint_fit._Equations.residual, iter([1.0, 1.0])
 
     def raised(self: joint_fit._Equations, *where: Any) -> Any:

@@ -13,7 +13,8 @@ import synthetic
 from made_up import made_up_chain
 
 from calibrate.data.experiment import Noise
-from calibrate.diagnosis import effect_fit, signature_noise, whitened
+from calibrate.diagnosis import base_fit, effect_fit, model_weights, signature_noise, weighted_fit
+from calibrate.diagnosis.problem import all_rows, signature
 from calibrate.effects import Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
 from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.support.effect_data import Data
@@ -52,7 +53,7 @@ def noisy(seed):
 
 @cache
 def prepared(seed):
-    return effect_fit.prepare([noisy(seed)], [whitened.all_rows], with_discrepancy=False)
+    return base_fit.prepare([noisy(seed)], [all_rows], with_discrepancy=False)
 
 
 def test_spread_of_noise_is_the_derivative_of_the_residual():
@@ -113,9 +114,9 @@ def test_noise_that_a_material_amplifies(name, plane):
 
 def test_weights_without_such_an_effect_stay_as_they_are():
     problem, _ = prepared(0)
-    assert whitened.amplified(problem, ()) is problem
-    assert whitened.amplified(problem, (Addition(Thickness(), (0.0,), ()),)) is problem
-    assert whitened.amplified(problem, (addition(0.5),)).amplifying == (addition(0.5),)
+    assert model_weights.amplified(problem, ()) is problem
+    assert model_weights.amplified(problem, (Addition(Thickness(), (0.0,), ()),)) is problem
+    assert model_weights.amplified(problem, (addition(0.5),)).amplifying == (addition(0.5),)
 
 
 def test_excess_is_what_noise_adds_to_a_signature():
@@ -124,17 +125,17 @@ def test_excess_is_what_noise_adds_to_a_signature():
     chain = problem.parts[0].chain
     thick = (Addition(Thickness(), (0.0,), ()),)
     clean = chain.disturbed(smoothed().displacements - np.asarray(chain.data.u))
-    exact = whitened.signature(problem, [clean], base.c, thick)
+    exact = signature(problem, [clean], base.c, thick)
     exact = exact - base.columns @ (base.columns.T @ exact)
     factor = noise_covariance.noise_factor(smoothed().points, NOISE)
     added, estimated = [], []
     for seed in range(40):
         noise = noise_covariance.sample(factor, np.random.default_rng(seed), smoothed().n_increments)
         moved = clean.disturbed(noise)
-        r = problem.white([moved.residual(base.c)]) - problem.white([clean.residual(base.c)])
+        r = problem.whiten([moved.residual(base.c)]) - problem.whiten([clean.residual(base.c)])
         seen = signature_noise.visible_noise(problem, base.c, (), r)[0]
         chains = [moved.disturbed(-seen)]
-        plain = whitened.signature(problem, chains, base.c, thick)
+        plain = signature(problem, chains, base.c, thick)
         S = plain - base.columns @ (base.columns.T @ plain)
         added.append(float((S**2).sum() - (exact**2).sum()))
         if seed < 6:
@@ -160,9 +161,9 @@ def test_thickness_is_found_without_bias_in_noise():
     clean = blind_solution.clean_experiment(trial)
     b, errors, chi, plain = [], [], [], []
     for seed in range(5):
-        problem, base = effect_fit.prepare([blind_data.record(replace(trial, seed=seed), clean)], [whitened.all_rows])
+        problem, base = base_fit.prepare([blind_data.record(replace(trial, seed=seed), clean)], [all_rows])
         start = (Addition(Thickness(), (0.5,), ()),)
-        _, fit = effect_fit.settled(problem, base.c, start)
+        _, fit = weighted_fit.fit_with_weights(problem, base.c, start)
         b.append(fit.additions[0].amplitudes[0])
         errors.append(fit.errors[0][0])
         chi.append(fit.reduced_chi_square)

@@ -18,10 +18,12 @@ from calibrate.effects.effect import Parameter
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import neo_hooke
 from calibrate.errors import ConfigError, DataNotFoundError, ModelFileError
-from calibrate.models.extended_model import ExtendedModel, amplitude_unit, fingerprint
+from calibrate.models import pann
+from calibrate.models.extended_model import ExtendedModel, amplitude_unit
+from calibrate.models.model_file import load_model
 from calibrate.models.network_model import Model
 from studies.commands.discover import extended
-from studies.reports.discovery_review import forces, residual
+from studies.reports.discovery.view import forces, residual
 
 RECORD = {"command": [], "settings": {}, "inputs": {}, "versions": {}, "revision": None}
 BY_NAME = {effect.name: effect for effect in CATALOGUE}
@@ -57,7 +59,7 @@ def test_reading_gives_back_what_was_written(tmp_path):
     assert again.additions == explained().final.additions
     assert again.errors == explained().final.errors
     assert again.verdict == "explained"
-    assert again.training == ({"name": "plate", "fingerprint": fingerprint(sheet())},)
+    assert again.training == ({"name": "plate", "fingerprint": sheet().fingerprint},)
 
 
 def test_file_states_amplitudes_with_units():
@@ -99,7 +101,7 @@ def test_prediction_turns_with_the_specimen():
 def test_effect_of_one_test_is_left_out_for_another():
     with_offset = neo_hookean(Addition(BY_NAME["force offset"], (0.5,)))
     other = with_offset.predict(sheet())
-    own = replace(with_offset, training=({"name": "plate", "fingerprint": fingerprint(sheet())},)).predict(sheet())
+    own = replace(with_offset, training=({"name": "plate", "fingerprint": sheet().fingerprint},)).predict(sheet())
     assert other.left_out == ("force offset",)
     assert own.left_out == ()
     # what the cell reads is 0.5 N more along the last force
@@ -179,3 +181,14 @@ def test_commands_that_want_a_network_name_it(tmp_path):
     neo_hookean().save(path)
     with pytest.raises(ModelFileError, match=r"model.json: an extended model .*ExtendedModel"):
         Model.load(path)
+
+
+def test_one_front_reads_every_kind_of_model(tmp_path):
+    network = Model(pann.Architecture("I1", (1,)), np.array([0.0, 0.0, 0.0, 0.1]))
+    network.save(tmp_path / "network.json")
+    neo_hookean().save(tmp_path / "extended.json")
+    assert isinstance(load_model(tmp_path / "network.json"), Model)
+    assert isinstance(load_model(tmp_path / "extended.json"), ExtendedModel)
+    (tmp_path / "other.json").write_text('{"format": "other"}')
+    with pytest.raises(ModelFileError, match="'equigap-model' or 'equigap-extended-model'"):
+        load_model(tmp_path / "other.json")

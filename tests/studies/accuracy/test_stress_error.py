@@ -1,5 +1,7 @@
 """Signed errors of calibrated models against closed forms: nothing for the truth, +10 % for a model 10 % too stiff."""
 
+from dataclasses import asdict
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,12 +13,12 @@ from forward.materials import ArrudaBoyce
 from studies.accuracy.metrics import ArrudaBoyceTruth
 from studies.accuracy.stress_error import (
     Reference,
+    StateErrors,
     States,
     energy_errors,
     energy_of,
     stiffness_errors,
     stress_errors,
-    summary,
 )
 
 
@@ -48,8 +50,8 @@ def test_the_truth_itself_has_no_error(some):
     reference = Reference.at(some, neo_hooke_truth)
     np.testing.assert_allclose(stress_errors(neo_hooke(1.0), reference), 0, atol=1e-10)
     np.testing.assert_allclose(energy_errors(neo_hooke(1.0), reference), 0, atol=1e-10)
-    found = summary(neo_hooke(1.0), reference)
-    assert max(abs(v) for part in found["stress_error"].values() for v in part.values()) < 1e-10
+    found = StateErrors.of(neo_hooke(1.0), reference)
+    assert max(abs(v) for part in found.stress.values() for v in asdict(part).values()) < 1e-10
 
 
 def test_ten_percent_too_stiff_is_plus_ten_percent_whichever_way_the_stress_points(some):
@@ -69,13 +71,14 @@ def test_ten_percent_too_stiff_is_plus_ten_percent_whichever_way_the_stress_poin
 
 def test_statistics_are_weighted_by_area(some):
     reference = Reference.at(some, neo_hooke_truth)
-    found = summary(neo_hooke(1.1), reference)
+    found = StateErrors.of(neo_hooke(1.1), reference)
     errors = stress_errors(neo_hooke(1.1), reference)[:, 2]
     expected = (errors * some.weights).sum() / some.weights.sum()
-    assert found["stress_error"]["P12"]["mean"] == pytest.approx(expected)
-    assert found["stress_error"]["P11"]["p05"] <= found["stress_error"]["P11"]["median"]
-    assert found["stiffness_error"]["p95"] == pytest.approx(10)
-    assert found["energy_error"] == pytest.approx({"median_abs": 10, "p95_abs": 10, "mean": 10})
+    assert found.stress["P12"].mean == pytest.approx(expected)
+    assert found.stress["P11"].p05 <= found.stress["P11"].median
+    assert found.stiffness.p95 == pytest.approx(10)
+    assert StateErrors.from_dict(found.to_dict()) == found
+    assert asdict(found.energy) == pytest.approx({"median_abs": 10, "p95_abs": 10, "mean": 10})
 
 
 def test_the_energy_of_the_truth_has_the_closed_form(some):

@@ -19,7 +19,7 @@ from calibrate.models.extended_model import ExtendedModel
 from studies.cli import main
 from studies.commands import discover as discovery
 from studies.errors import OptionError
-from studies.reports import discovery_report
+from studies.reports.discovery import report as discovery_report
 
 
 @pytest.fixture

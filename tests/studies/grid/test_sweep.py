@@ -4,24 +4,30 @@ import argparse
 import json
 import re
 import sys
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from study_stand_in import fit_with, folder_of, result_of, stretched_sheet
 
 from calibrate.data.experiment import Experiment
 from calibrate.errors import ConfigError, FitError
-from forward.solution import SurfaceSolution
-from meshes import Mesh, PlateWithHole, quads
+from meshes import Mesh
 from studies import cli
 from studies.commands import sweep
 from studies.errors import DamagedFileError, OptionError, WorkflowError
-from studies.grid import sweep_case, sweep_report, workflow
-from studies.grid.sweep_case import Case, Settings, targets
-from studies.output import open_output_folder
+from studies.grid import report, steps, study, workflow
+from studies.grid.axes import Case, Loss, Settings
+from studies.grid.case import CaseResult
+from studies.grid.presets import sweep_study
+from studies.grid.presets.sweep_study import SWEEP
+from studies.grid.results import Results
+from studies.grid.study import SNAKEFILE, Execution
+from studies.synthetic import coarsening
 
-SMALL = Settings(nodes=800, seeds=(0, 1), starts=2, increments=2, forward_size=2.0, specimens=("plate_with_hole",),
-                 thicknesses=("2D",), resolutions=("50",), noises=("0", "0.1"))  # fmt: skip
+SMALL = replace(SWEEP.default, nodes=800, seeds=(0, 1), starts=2, increments=2, forward_size=2.0,
+                specimens=("plate_with_hole",), thicknesses=("2D",), resolutions=("50",))  # fmt: skip
+SMALL = replace(SMALL, noises=("0", "0.1"))
 APPTAINER = f"""#!/bin/sh
 [ "$1" = --version ] && echo apptainer version 1.3.4 && exit
 printf '%s\\n' "$@" >> "$(dirname "$0")/said"
@@ -36,28 +42,24 @@ def settings_of(*words: str) -> Settings:
     return sweep.settings_from(parser.parse_args(words))
 
 
-def folder_of(path, settings):
-    return open_output_folder(path, False, {"study": "sweep", **asdict(settings)})
-
-
 def test_by_default_there_are_about_a_thousand_cases_and_clean_data_know_no_seed():
-    cases = Settings().cases
+    cases = SWEEP.default.cases
     assert len(cases) == len(set(cases)) == 2 * 4 * 4 * (1 + 3 * 10)
     assert {case.seed for case in cases if case.noise == "0"} == {"clean"}
 
 
 def test_options_become_settings():
-    assert settings_of() == Settings()
-    assert settings_of("--quick") == sweep.QUICK
+    assert settings_of() == SWEEP.default
+    assert settings_of("--quick") == SWEEP.quick
     words = "--specimens cross,strip --thicknesses 0,5.0 --resolutions 25,100 --noises 0.10 --seeds 3"
     found = settings_of(*words.split())
-    assert found == Settings(specimens=("cross", "strip"), thicknesses=("2D", "5"), resolutions=("100", "25"),
+    assert found == replace(SWEEP.default, specimens=("cross", "strip"), thicknesses=("2D", "5"), resolutions=("100", "25"),
                              noises=("0.1",), seeds=(0, 1, 2))  # fmt: skip
 
 
 def test_settings_survive_the_folder_and_specimens_are_pulled_in_proportion(tmp_path):
     assert Settings.read(folder_of(tmp_path / "a", SMALL)) == SMALL
-    half = Settings(displacement=30.0)
+    half = replace(SMALL, displacement=30.0)
     assert half.pull("cross") == 30.0 and half.pull("plate_with_hole") == 20.0
 
 
@@ -95,13 +97,13 @@ def test_a_missing_executor_is_named(tmp_path, capsys):
 def test_a_container_needs_its_program_and_its_image(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(OptionError, match="needs the program apptainer"):
-        sweep.container_words("equigap.sif", tmp_path)
+        Execution(container="equigap.sif").config(tmp_path)
     (tmp_path / "apptainer").write_text(APPTAINER)
     (tmp_path / "apptainer").chmod(0o755)
     with pytest.raises(OptionError, match="no such file; docker/README.md"):
-        sweep.container_words("absent.sif", tmp_path)
-    assert sweep.container_words("docker://here/equigap", tmp_path / "a b") == (
-        ["container=docker://here/equigap"],
+        Execution(container="absent.sif").config(tmp_path)
+    assert Execution(container="docker://here/equigap").config(tmp_path / "a b") == (
+        ["ranks=1", "container=docker://here/equigap"],
         ["--software-deployment-method", "apptainer", "--apptainer-args", f"--bind '{tmp_path / 'a b'}'"],
     )
 
@@ -116,8 +118,8 @@ class TestPlan:
 
     def test_a_thousand_cases_share_their_forward_solutions(self, tmp_path, capsys):
         folder = tmp_path / "out"
-        expected = {"forward": 2 * 4, "mesh": 2 * 4, "observe": 2 * 4, "case": 992, "collect": 1}
-        assert self.planned(capsys, "-o", folder) == {**expected, "jobs to do": 1017}
+        expected = {"plane": 2, "solid": 2 * 3, "mesh": 2 * 4, "observe": 2 * 4, "fit": 992}
+        assert self.planned(capsys, "-o", folder) == {**expected, "jobs to do": 1016}
         assert not folder.exists()
 
     def test_only_what_is_missing_is_planned_and_nothing_is_touched(self, tmp_path, capsys):
@@ -130,7 +132,7 @@ class TestPlan:
             (folder / name).touch()
         before = sorted(folder.rglob("*"))
         found = self.planned(capsys, "--quick", "-o", folder, "--profile", workflow.PROFILES / "laptop")
-        assert found == {"forward": 1, "mesh": 1, "observe": 1, "case": 11, "collect": 1, "jobs to do": 15}
+        assert found == {"solid": 1, "mesh": 1, "observe": 1, "fit": 11, "jobs to do": 14}
         assert sorted(folder.rglob("*")) == before
 
     def test_a_folder_of_another_sweep_is_refused_and_left_alone(self, tmp_path, capsys):
@@ -145,8 +147,8 @@ class TestPlan:
         profile.mkdir()
         text = (workflow.PROFILES / "slurm" / "config.yaml").read_text()
         (profile / "config.yaml").write_text(text.replace("executor: slurm\n", ""))
-        found = workflow.plan(sweep.SNAKEFILE, folder, 2, profile)
-        assert found == {"forward": 1, "mesh": 1, "observe": 1, "case": 3, "collect": 1}
+        found = workflow.plan(SNAKEFILE, folder, 2, profile)
+        assert found == {"plane": 1, "mesh": 1, "observe": 1, "fit": 3}
 
     def test_a_workflow_that_cannot_be_planned_says_why(self, tmp_path):
         (tmp_path / "broken.smk").write_text("rule all:\n    input: absent_name\n")
@@ -160,15 +162,9 @@ class TestSteps:
     @pytest.fixture
     def folder(self, tmp_path):
         folder = folder_of(tmp_path / "out", SMALL)
-        mesh = quads(PlateWithHole(), quarter=True, size_factor=4)
-        u = np.array([t * np.diag([0.1, -0.05]) @ mesh.points[..., None] for t in (0.5, 1.0)])[..., 0]
-        time = np.array([0.5, 1.0])
-        forces = {"right": np.column_stack([5 * time, 0 * time])}
-        solution = SurfaceSolution(mesh, u, forces, time, time, np.ones(2, np.int64), 1.0)
-        (folder / "forward").mkdir()
-        solution.save(folder / "forward" / "plate_with_hole_2D.npz")
-        sweep_case.mesh(folder, SMALL, "plate_with_hole", "50")
-        sweep_case.observe(folder, SMALL, "plate_with_hole", "2D")
+        stretched_sheet(folder, "plate_with_hole", 0.1, -0.05, {"right": [5.0, 0.0]})
+        steps.mesh(folder, SMALL, "plate_with_hole", "50")
+        steps.observe(folder, SMALL, "plate_with_hole", "2D")
         return folder
 
     def test_the_judged_range_is_that_of_the_clean_data(self, folder):
@@ -179,10 +175,11 @@ class TestSteps:
     def test_noises_of_a_seed_differ_in_size_only(self, folder):
         clean = Experiment.load(folder / "clean" / "plate_with_hole_2D.npz")
         grid = Mesh.load(folder / "meshes" / "plate_with_hole_50.npz")
+        projection = coarsening.coarsening(clean.points, clean.triangles, grid)
 
         def noise(size, seed):
             case = Case("plate_with_hole", "2D", "50", size, seed)
-            return sweep_case.record(clean, SMALL, case, grid).displacements - clean.displacements
+            return projection.apply(steps.record(clean, SMALL, case)).displacements - clean.displacements
 
         assert not noise("0", "clean").any()
         np.testing.assert_allclose(noise("0.2", "1"), 2 * noise("0.1", "1"), rtol=0, atol=1e-12)
@@ -193,41 +190,45 @@ class TestSteps:
         def fit(*_):
             raise FitError("no solution; more data are needed")
 
-        monkeypatch.setattr("studies.grid.cases.fit", fit)
-        for case in SMALL.cases:
-            sweep_case.case(folder, SMALL, *asdict(case).values())
-        sweep_case.collect(folder, SMALL)
-        assert all(path.exists() for path in targets(folder, SMALL))
+        monkeypatch.setattr("studies.grid.case.fit", fit)
+        records = [case.record for case in SMALL.cases]
+        steps.fit(folder, SMALL, "plate_with_hole", "2D", "50", *records)
+        assert all(path.exists() for path in SMALL.targets(folder))
+        results = Results(folder, SMALL)
+        assert [result.failed for result in results.cases] == 3 * ["FitError: no solution; more data are needed"]
+        path = report.write(results, sweep_study.page(results))
         assert (folder / "sweep.csv").read_text().count("FitError: no solution") == 3
-        assert "Cases without a model" in (folder / "report.html").read_text()
+        assert "Cases without a model" in path.read_text()
+        with pytest.raises(FitError):
+            steps.fit(folder, replace(SMALL, record_failures=False, seeds=(2,)), "plate_with_hole", "2D", "50", "0.1_2")
 
 
-def made_up(settings: Settings) -> list[dict]:
+def made_up(settings: Settings) -> list[CaseResult]:
     """Cases whose bias is known: 1 % of thickness over 10 mm, twice that in pure shear, +- 0.1 % by seed."""
     cases = []
     for case in settings.cases:
         bias = (0 if case.thickness == "2D" else float(case.thickness)) / 1000
         bias += 0 if case.seed == "clean" else 0.001 * (int(case.seed) - 1)
-        inside = [{"bias": factor * bias, "max_error": abs(bias)} for factor in (1, 1, 2)]
-        numbers = {"relative_force_error": 0.01, "reduced_chi_square": 1.5, "seconds": 1.0}
-        cases.append({**asdict(case), "nodes": 9, "calibrated_I1": 6.0, "inside": inside, **numbers})
+        cases.append(result_of(case, {Loss.WEIGHTED: fit_with(bias, bias, 2 * bias)}))
     return cases
 
 
 def test_the_table_holds_medians_and_ranges_of_the_worst_mode(tmp_path):
-    settings = Settings(seeds=(0, 1, 2))
+    settings = replace(SWEEP.default, seeds=(0, 1, 2))
     cases = made_up(settings)
-    del cases[-1]["inside"]
-    cases[-1]["failed"] = "FitError: x"
-    rows = {tuple(row[:4]): row[4:] for row in sweep_report.table(cases)}
+    cases[-1] = result_of(cases[-1].case, {}, "FitError: x")
+    groups = sweep_study.groups(cases)
+    rows = {group.keys: group.row()[4:] for group in groups}
     assert len(rows) == 2 * 4 * 4 * 4
     found = rows["cross", "20", "50", "0.1"]
     assert found[:3] == [3, 0, "pure_shear"]
     np.testing.assert_allclose(found[3:], [4.0, 3.8, 4.2, 1.0, 1.5], atol=1e-12)
     assert rows["plate_with_hole", "40", "12.5", "0.2"][:2] == [2, 1]
-    sweep_report.draw(sweep_report.table(cases), settings, tmp_path / "sweep.png")
-    assert "+8.00 % (40 mm thick" in sweep_report.findings(sweep_report.table(cases))[0]
-    assert len(sweep_report.case_rows(cases)) == len(cases)
+    figure = sweep_study.draw(groups, settings)
+    assert len(figure.axes) == 2 * 4 + 1
+    largest = sweep_study.extremes(groups)[0]
+    assert largest[1:3] == ["cross", "40"] and largest[8] == pytest.approx(8.0)
+    assert all(len(sweep_study.case_row(case)) == len(sweep_study.CASE_COLUMNS) for case in cases)
 
 
 def test_a_damaged_case_is_named(tmp_path):
@@ -236,7 +237,7 @@ def test_a_damaged_case_is_named(tmp_path):
     first.parent.mkdir(parents=True)
     first.write_text("{")
     with pytest.raises(DamagedFileError, match="2D_50_0_clean.json: damaged; delete it"):
-        sweep_report.load(folder, SMALL)
+        _ = Results(folder, SMALL).cases
 
 
 @pytest.mark.slow
@@ -245,11 +246,11 @@ def test_a_sweep_runs_and_is_taken_up_again_in_a_container_without_doing_anythin
     """With a stand-in for Apptainer that runs the same words here."""
     settings = replace(SMALL, resolutions=("100",), seeds=(0,))
     folder = folder_of(tmp_path / "an output", settings)
-    run = ("sweep", sweep.SNAKEFILE, folder, targets(folder, settings), 1, None)
-    workflow.run_workflow(*run)
-    clean, noisy = (json.loads(case.path(folder).read_text()) for case in settings.cases)
-    assert "failed" not in clean and abs(clean["inside"][0]["bias"]) < 0.02
-    assert noisy["seed"] == "0" and noisy["reduced_chi_square"] > 0
+    study.run(SWEEP, settings, folder, Execution(jobs=1))
+    clean, noisy = (CaseResult.load(case.path(folder)) for case in settings.cases)
+    assert clean.failed is None and abs(clean.losses[Loss.WEIGHTED].inside[0].bias) < 0.02
+    fit = noisy.losses[Loss.WEIGHTED]
+    assert noisy.case.seed == "0" and fit.reduced_chi_square > 0 and fit.curves is None
     stamps = {path: path.stat().st_mtime_ns for path in folder.glob("*/**/*.npz")}
     kept, lost = (case.path(folder) for case in settings.cases)
     stamps[kept] = kept.stat().st_mtime_ns
@@ -259,9 +260,9 @@ def test_a_sweep_runs_and_is_taken_up_again_in_a_container_without_doing_anythin
     (tmp_path / "apptainer").chmod(0o755)
     (tmp_path / "equigap.sif").touch()
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
-    workflow.run_workflow(*run, *sweep.container_words(str(tmp_path / "equigap.sif"), folder))
-    assert json.loads(lost.read_text())["inside"] == noisy["inside"]
+    study.run(SWEEP, settings, folder, Execution(jobs=1, container=str(tmp_path / "equigap.sif")))
+    assert CaseResult.load(lost).losses[Loss.WEIGHTED].inside == fit.inside
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
     said = (tmp_path / "said").read_text().splitlines()
-    assert said.count("exec") == 2 and str(folder) in said and str(tmp_path / "equigap.sif") in said
+    assert said.count("exec") == 1 and str(folder) in said and str(tmp_path / "equigap.sif") in said
     assert (folder / "report.html").exists()

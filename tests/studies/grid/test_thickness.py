@@ -1,30 +1,29 @@
 """Thickness study: settings, jobs, steps that skip what exists, truthful Experiments, and (slow) a run killed and resumed."""
 
 import argparse
-import json
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 import pytest
+from study_stand_in import fit_with, folder_of, stretched_sheet
 
 from calibrate.data.experiment import Experiment
 from calibrate.errors import ConfigError
-from forward.solution import SurfaceSolution
-from meshes import Cross, quads, triangles
 from studies.commands import thickness
-from studies.grid import thickness_case, workflow
-from studies.grid.thickness_case import CORRECTED, PLANE, Settings, losses_for, solid_memory, targets
-from studies.output import open_output_folder
+from studies.grid import report, steps, workflow
+from studies.grid.axes import PLANE, Case, Loss, Settings
+from studies.grid.case import CaseResult
+from studies.grid.presets.thickness_study import THICKNESS
+from studies.grid.study import SNAKEFILE
 
-SMALL = Settings(nodes=900, seeds=(0, 1), thicknesses=(10.0, 12.5), increments=2)
+SMALL = replace(THICKNESS.default, nodes=900, seeds=(0, 1), thicknesses=(PLANE, "10", "12.5"), increments=2)
 
 
 def settings_of(*words: str) -> Settings:
@@ -33,17 +32,13 @@ def settings_of(*words: str) -> Settings:
     return thickness.settings_from(parser.parse_args(words))
 
 
-def folder_of(path: Path, settings: Settings) -> Path:
-    return open_output_folder(path, False, {"study": "thickness", **asdict(settings)})
-
-
 def test_options_become_settings():
-    assert settings_of() == Settings()
+    assert settings_of() == THICKNESS.default
     assert settings_of("--fine").forward_size == 0.5
-    assert settings_of("--quick").thicknesses == (10.0, 40.0)
+    assert settings_of("--quick").thicknesses == (PLANE, "10", "40")
     words = "--thicknesses 5,7.5 --displacement 30 --seeds 3 --layers 8 --dependent-seeds 1 --inputs I1I2 --nodes 900"
-    expected = Settings(
-        thicknesses=(5.0, 7.5), displacement=30.0, seeds=(0, 1, 2), layers=(8,), dependent_seeds=1, inputs="I1I2", nodes=900
+    expected = replace(
+        THICKNESS.default, thicknesses=(PLANE, "5", "7.5"), displacement=30.0, seeds=(0, 1, 2), layers=(8,), dependent_seeds=1, inputs="I1I2", nodes=900
     )  # fmt: skip
     assert settings_of(*words.split()) == expected
 
@@ -79,28 +74,30 @@ def test_settings_survive_the_folder(tmp_path):
 
 
 def test_clean_data_are_always_fitted_with_the_dependent_scaling():
-    settings = replace(SMALL, dependent_seeds=1)
     for condition, more in ((PLANE, 0), ("10", 1)):
-        assert [len(losses_for(settings, condition, seed)) - more for seed in ("clean", "0", "1")] == [3, 3, 2]
-        assert [len(losses_for(SMALL, condition, seed)) - more for seed in ("clean", "0", "1")] == [3, 2, 2]
-    assert CORRECTED in losses_for(SMALL, "10", "1") and CORRECTED not in losses_for(SMALL, PLANE, "1")
+        records = [("0", "clean"), ("0.1", "0"), ("0.1", "1")]
+        cases = [Case("cross", condition, "100", *record) for record in records]
+        for settings, expected in ((replace(SMALL, dependent_seeds=1), [3, 3, 2]), (SMALL, [3, 2, 2])):
+            assert [len(settings.losses_of(case)) - more for case in cases] == expected
+        assert (Loss.CORRECTED in SMALL.losses_of(cases[-1])) is (condition != PLANE)
 
 
 @pytest.mark.parametrize("seeds", [1, 5, 6, 10, 100])
-def test_batches_hold_every_seed_once_and_are_balanced(seeds):
+def test_batches_hold_every_record_once_and_are_balanced(seeds):
     settings = replace(SMALL, seeds=tuple(range(seeds)))
-    assert sorted(chain(*settings.batches)) == sorted(settings.noise_seeds)
-    sizes = [len(batch) for batch in settings.batches]
-    assert max(sizes) <= thickness_case.BATCH and max(sizes) - min(sizes) <= 1
-    assert settings.batches[0][0] == "clean"
+    batches = settings.batches()
+    assert sorted(chain(*batches)) == sorted(["0_clean", *(f"0.1_{seed}" for seed in range(seeds))])
+    sizes = [len(batch) for batch in batches]
+    assert max(sizes) <= settings.batch and max(sizes) - min(sizes) <= 1
+    assert batches[0][0] == "0_clean"
 
 
 def test_memory_grows_with_what_is_solved():
-    assert solid_memory(Settings()) < 3000
-    finer = solid_memory(Settings(forward_size=0.5))
-    assert finer > 4 * solid_memory(Settings())
-    assert solid_memory(Settings(extra_layers=2)) > solid_memory(Settings())
-    assert solid_memory(Settings(), ranks=4) > solid_memory(Settings())
+    usual = THICKNESS.default
+    assert usual.solid_memory() < 3000
+    assert replace(usual, forward_size=0.5).solid_memory() > 4 * usual.solid_memory()
+    assert replace(usual, extra_layers=2).solid_memory() > usual.solid_memory()
+    assert usual.solid_memory(ranks=4) > usual.solid_memory()
 
 
 @pytest.fixture(scope="module")
@@ -110,11 +107,17 @@ def dry_run(tmp_path_factory):
     text = (workflow.PROFILES / "slurm" / "config.yaml").read_text()
     (profile / "config.yaml").write_text(text.replace("executor: slurm\n", ""))
     folder_of(folder, replace(SMALL, seeds=tuple(range(8))))
-    for name in ("plane.npz", "solid_10.npz", "epsilon_10.npz", "cases/12.5_1.json", "cases/12.5_3.json"):
-        (folder / name).parent.mkdir(exist_ok=True)
+    for name in (
+        "forward/cross_2D.npz",
+        "forward/cross_10.npz",
+        "solids/cross_10.npz",
+        "epsilon/cross_10.npz",
+        "cases/cross/12.5_100_0.1_1.json",
+        "cases/cross/12.5_100_0.1_3.json",
+    ):
+        (folder / name).parent.mkdir(exist_ok=True, parents=True)
         (folder / name).touch()
-    snakefile = workflow.PROFILES.with_name("thickness.smk")
-    command = workflow.command(snakefile, folder / "workflow", [f"folder={folder}", "ranks=2"], 2, profile)
+    command = workflow.command(SNAKEFILE, folder / "workflow", [f"folder={folder}", "ranks=2"], 2, profile)
     done = subprocess.run([*command, "--dry-run", "--printshellcmds"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout + done.stderr
@@ -127,19 +130,19 @@ def blocks(text: str, rule: str) -> list[str]:
 
 def test_the_workflow_has_the_expected_jobs_and_only_what_is_missing(dry_run):
     counts = dict(re.findall(r"^(\w+) +(\d+)$", dry_run, re.MULTILINE))
-    expected = {"solid": 1, "epsilon": 1, "mesh": 1, "states": 1, "observe": 3, "case_0": 3, "case_1": 3, "all": 1}
+    expected = {"solid": 1, "epsilon": 1, "mesh": 1, "states": 1, "observe": 3, "fit_0": 3, "fit_1": 3, "all": 1}
     assert counts == {**{name: str(n) for name, n in expected.items()}, "total": "14"}
-    assert re.search(r"case '.*/a folder' 12.5 clean 1 3 5 7", dry_run)
+    assert re.search(r"fit '.*/a folder' cross 12.5 100 0_clean 0.1_1 0.1_3 0.1_5 0.1_7", dry_run)
 
 
 def test_ranks_and_memory_are_passed_on_and_the_profile_adds_its_own(dry_run):
-    (solid,), case = blocks(dry_run, "solid"), blocks(dry_run, "case_0")[0]
-    assert re.search(r"mpiexec -n 2 \S+ -m studies.grid.thickness_case solid '.*/a folder' 12.5", solid)
-    memory = f"mem_mb={solid_memory(SMALL, 2)},"
+    (solid,), fit = blocks(dry_run, "solid"), blocks(dry_run, "fit_0")[0]
+    assert re.search(r"mpiexec -n 2 \S+ -m studies.grid.steps forward '.*/a folder' cross 12.5", solid)
+    memory = f"mem_mb={SMALL.solid_memory(2)},"
     for words in ("priority: 22.5", "tasks=2", "cpus_per_task=1", memory, "runtime=720", "nodes=1"):
         assert words in solid
-    assert "slurm_account=your_account" in case and "runtime=60" in case and "mem_mb=2500" in case
-    assert "mpi=" not in case and "tasks=" not in case
+    assert "slurm_account=your_account" in fit and "runtime=60" in fit and "mem_mb=2500" in fit
+    assert "mpi=" not in fit and "tasks=" not in fit
 
 
 class TestSteps:
@@ -148,32 +151,27 @@ class TestSteps:
     @pytest.fixture
     def folder(self, tmp_path):
         folder = folder_of(tmp_path / "study", SMALL)
-        mesh = quads(Cross(), quarter=True, size_factor=4)
-        u = np.array([t * np.diag([0.1, 0.1]) @ mesh.points[..., None] for t in (0.5, 1.0)])[..., 0]
-        forces = {"right": np.array([[5.0, 1.0], [10.0, 2.0]]), "top": np.array([[1.0, 5.0], [2.0, 10.0]])}
-        time = np.array([0.5, 1.0])
-        solution = SurfaceSolution(mesh, u, forces, time, time, np.ones(2, np.int64), 1.0, {"digest": "abc"})
-        solution.save(folder / "plane.npz")
-        triangles(Cross(), n_nodes=900).save(folder / "mesh.npz")
+        for h in (PLANE, "12.5"):
+            stretched_sheet(folder, "cross", 0.1, 0.1, {"right": [10.0, 2.0], "top": [2.0, 10.0]}, h)
+        steps.mesh(folder, SMALL, "cross", "100")
+        steps.states(folder, SMALL, "cross")
+        for h in (PLANE, "12.5"):
+            steps.observe(folder, SMALL, "cross", h)
         return folder
 
     def test_experiments_say_truly_where_they_come_from(self, folder, monkeypatch):
-        plane = SurfaceSolution.load(folder / "plane.npz")
-
-        class Solid:
-            surface = staticmethod(lambda: replace(plane, thickness=12.5, description={"bulk_modulus": 3e3}))
-
-        monkeypatch.setattr("forward.solid.solid_solution.SolidSolution.load", staticmethod(lambda path: Solid()))
-        thickness_case.observe(folder, SMALL, "12.5", "clean", "1")
-        thickness_case.observe(folder, SMALL, "plane", "1")
-        clean, noisy, flat = (Experiment.load(folder / "experiments" / f"{name}.npz")
-                              for name in ("12.5_clean", "12.5_1", "plane_1"))  # fmt: skip
+        monkeypatch.setattr("studies.grid.case.fit", lambda *_: fit_with(0.0))
+        steps.fit(folder, SMALL, "cross", "12.5", "100", "0_clean", "0.1_1")
+        steps.fit(folder, SMALL, "cross", PLANE, "100", "0.1_1")
+        clean, noisy, flat = (Experiment.load(folder / "experiments" / "cross" / f"{name}.npz")
+                              for name in ("12.5_100_0_clean", "12.5_100_0.1_1", "2D_100_0.1_1"))  # fmt: skip
         assert clean.thickness == 12.5 and flat.thickness == 1.0
         assert "3D, 12.5 mm thick" in clean.name
         told = noisy.provenance
         assert told["forward_model"].startswith("3D") and told["thickness_mm"] == 12.5
-        assert told["displacement_of_each_arm_mm"] == 60.0 and told["solution"]["bulk_modulus"] == 3e3
+        assert told["displacement_of_each_arm_mm"] == 60.0 and told["solution"]["digest"] == "abc"
         assert told["noise_seed"] == 1 and told["camera"]["field"]["normalisation"] == "unit-variance"
+        assert noisy.noise.displacement_std == 0.1
         assert "noise_seed" not in clean.provenance and clean.noise is None
         assert flat.provenance["forward_model"].startswith("2D plane stress")
         np.testing.assert_allclose(clean.displacements[-1], 0.1 * clean.points, atol=1e-9)
@@ -184,50 +182,43 @@ class TestSteps:
         np.testing.assert_allclose(forces["right"], [20, 0])
         np.testing.assert_allclose(forces["left"], [-20, 0])
 
-    def test_an_experiment_that_exists_is_not_made_again(self, folder, monkeypatch):
-        (folder / "experiments").mkdir()
-        for seed in ("clean", "0"):
-            (folder / "experiments" / f"plane_{seed}.npz").write_text("mine")
-        monkeypatch.setattr(thickness_case, "surface", None)
-        thickness_case.observe(folder, SMALL, "plane", "clean", "0")
-        assert (folder / "experiments" / "plane_0.npz").read_text() == "mine"
-
     def test_cases_are_written_one_by_one_and_finished_ones_are_skipped(self, folder, monkeypatch):
-        thickness_case.states(folder, SMALL)
-        thickness_case.observe(folder, SMALL, "plane", "clean", "0", "1")
-        fitted = []
+        fitted, limits = [], set()
 
-        def fit_loss(experiment, settings, loss, reference, limit):
+        def fit(experiment, settings, loss, limit, reference):
             if len(fitted) == 5:
                 raise KeyboardInterrupt
+            limits.add((limit, len(reference.energy)))
             fitted.append((experiment.provenance.get("noise_seed"), loss))
-            return {"states": len(reference.energy), "limit": limit}
+            return fit_with(0.0)
 
-        monkeypatch.setattr(thickness_case, "fit_loss", fit_loss)
+        monkeypatch.setattr("studies.grid.case.fit", fit)
+        records = [case.record for case in SMALL.cases if case.thickness == PLANE]
         with pytest.raises(KeyboardInterrupt):
-            thickness_case.case(folder, SMALL, "plane", "clean", "0", "1")
-        assert fitted == [(None, "weighted"), (None, "paper-frozen"), (None, "paper-dependent"), (0, "weighted"),
-                          (0, "paper-frozen")]  # fmt: skip
-        assert sorted(path.stem for path in (folder / "cases").iterdir()) == ["plane_0", "plane_clean"]
+            steps.fit(folder, SMALL, "cross", PLANE, "100", *records)
+        assert fitted == [(None, Loss.WEIGHTED), (None, Loss.FROZEN), (None, Loss.DEPENDENT), (0, Loss.WEIGHTED),
+                          (0, Loss.FROZEN)]  # fmt: skip
+        cases = folder / "cases" / "cross"
+        assert sorted(path.stem for path in cases.iterdir()) == ["2D_100_0.1_0", "2D_100_0_clean"]
         fitted.clear()
-        thickness_case.case(folder, SMALL, "plane", "clean", "0", "1")
-        assert fitted == [(1, "weighted"), (1, "paper-frozen")]
-        content = json.loads((folder / "cases" / "plane_1.json").read_text())
-        stretched = 2 * 1.1**2 + 1.1**-4
-        assert content["calibrated_I1"] == pytest.approx(stretched, rel=1e-6)
-        assert content["condition"] == "plane" and content["thickness"] == 1.0 and content["seed"] == "1"
-        assert content["nodes"] > 800 and set(content["losses"]) == {"weighted", "paper-frozen"}
+        steps.fit(folder, SMALL, "cross", PLANE, "100", *records)
+        assert fitted == [(1, Loss.WEIGHTED), (1, Loss.FROZEN)]
+        result = CaseResult.load(cases / "2D_100_0.1_1.json")
+        ((limit, states),) = limits
+        assert result.calibrated_I1 == limit == pytest.approx(2 * 1.1**2 + 1.1**-4, rel=1e-6) and states > 0
+        assert result.case == Case("cross", PLANE, "100", "0.1", "1") and result.nodes > 800
+        assert set(result.losses) == {Loss.WEIGHTED, Loss.FROZEN}
 
 
 def test_a_finished_study_starts_nothing_and_writes_its_report(tmp_path, monkeypatch, capsys):
-    from studies.grid import thickness_report
-
-    folder = folder_of(tmp_path / "a", replace(thickness.QUICK, nodes=900, seeds=(0,)))
-    for path in targets(folder, replace(thickness.QUICK, nodes=900, seeds=(0,))):
-        path.parent.mkdir(exist_ok=True)
+    settings = replace(THICKNESS.quick, nodes=900, seeds=(0,))
+    folder = folder_of(tmp_path / "a", settings)
+    for path in settings.targets(folder):
+        path.parent.mkdir(exist_ok=True, parents=True)
         path.touch()
     monkeypatch.setattr(subprocess, "Popen", None)
-    monkeypatch.setattr(thickness_report, "write", lambda folder, settings: folder / f"{len(settings.seeds)}.html")
+    monkeypatch.setattr(report, "write", lambda results, page: results.folder / f"{len(results.settings.seeds)}.html")
+    monkeypatch.setattr(thickness, "THICKNESS", replace(THICKNESS, page=lambda results: None))
     parser = argparse.ArgumentParser()
     thickness.add_arguments(parser)
     words = ["--quick", "--nodes", "900", "--seeds", "1", "-o", str(folder)]
@@ -243,20 +234,19 @@ def test_a_killed_run_resumes_without_doing_finished_steps_again(tmp_path):
     command = [sys.executable, "-m", "studies.cli", *words]
     process = subprocess.Popen(command, start_new_session=True)
     deadline = time.monotonic() + 400
-    while not (out / "cases").is_dir() or not any((out / "cases").glob("*.json")):
+    while not (out / "cases").is_dir() or not any((out / "cases" / "cross").glob("*.json")):
         assert time.monotonic() < deadline, "no case was finished"
         assert process.poll() is None
         time.sleep(0.2)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    finished = [*out.glob("*.npz"), *out.glob("cases/*.json"), *out.glob("experiments/*.npz")]
+    finished = [*out.rglob("*.npz"), *out.glob("cases/*/*.json")]
     before = {path: path.stat().st_ino for path in finished}  # a file that is written again is another one
     subprocess.run(command, check=True, timeout=400)
     assert before and all(path.stat().st_ino == number for path, number in before.items())
     settings = Settings.read(out)
-    assert all(path.exists() for path in targets(out, settings))
-    case = json.loads((out / "cases" / "10_clean.json").read_text())
-    assert abs(case["losses"]["weighted"]["inside"][0]["bias"]) < 0.05
-    assert case["thickness"] == 10.0
+    assert all(path.exists() for path in settings.targets(out))
+    result = CaseResult.load(out / "cases" / "cross" / "10_100_0_clean.json")
+    assert abs(result.losses[Loss.WEIGHTED].inside[0].bias) < 0.05
     assert (out / "report.html").exists()
-    assert not list(out.glob("*checkpoint*"))
+    assert not list(out.rglob("*checkpoint*"))

@@ -1,6 +1,5 @@
 """Running a study's workflow: what is missing is made, what exists is kept, failures say why, interruptions end all jobs."""
 
-import argparse
 import os
 import signal
 import subprocess
@@ -67,7 +66,7 @@ def test_an_interruption_ends_snakemake_and_its_jobs(tmp_path):
     (tmp_path / "study.smk").write_text(SNAKEFILE)
     seconds = "97531"
     code = (
-        "from pathlib import Path; from studies import workflow; import sys; folder = Path(sys.argv[1])\n"
+        "from pathlib import Path; from studies.grid import workflow; import sys; folder = Path(sys.argv[1])\n"
         f"workflow.run_workflow('test', folder / 'study.smk', folder, [folder / 'one'], 1, "
         f"config=['wait={seconds}'])"
     )
@@ -93,22 +92,16 @@ def test_here_jobs_share_cores_and_memory_and_a_profile_brings_its_own_limits(tm
     assert "--jobs" in workflow.command(Path("a.smk"), tmp_path, [], 5, Path("profiles/mine"))
 
 
-def arguments(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
-    workflow.add_arguments(parser)
-    return parser.parse_args(words)
-
-
 def test_options_that_cannot_be_are_named(tmp_path):
     with pytest.raises(ConfigError, match="--jobs 0: at least 1"):
-        workflow.check_arguments(arguments("--jobs", "0"))
+        workflow.check(0, None)
     with pytest.raises(ConfigError, match=r"no folder with a config.yaml; copy .*slurm"):
-        workflow.check_arguments(arguments("--profile", str(tmp_path)))
+        workflow.check(None, tmp_path)
     (tmp_path / "config.yaml").write_text("executor: no-such\n")
     with pytest.raises(ConfigError, match="pip install snakemake-executor-plugin-no-such"):
-        workflow.check_arguments(arguments("--profile", str(tmp_path)))
+        workflow.check(None, tmp_path)
     (tmp_path / "config.yaml").write_text("jobs: 3\n")
-    workflow.check_arguments(arguments("--profile", str(tmp_path)))
+    workflow.check(None, tmp_path)
 
 
 def test_the_reason_of_a_failure_is_the_last_named_error_of_this_run(tmp_path):
@@ -147,9 +140,6 @@ def test_two_runs_do_not_share_a_folder(tmp_path, monkeypatch, capsys):
 
 def test_the_lock_outlives_a_killed_command(tmp_path, monkeypatch):
     """What was started keeps the lock until it has ended itself."""
-    import subprocess
-    import sys
-
     monkeypatch.setattr(workflow, "LONGEST_WAIT", 0.0)
     with workflow._alone(tmp_path) as lock:
         child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=(lock,))

@@ -11,23 +11,20 @@ import pytest
 from discoveries import C01, explained, held, nothing, sheet, view
 from matplotlib.figure import Figure
 
-from calibrate.diagnosis.selection import Discovery
-from studies.reports import discovery_figures, discovery_report, discovery_words
-from studies.reports.discovery_review import (
-    amplitudes,
-    content,
-    decorrelated,
-    deviations,
-    forces,
-    held_increments,
-    nodal,
-    record,
-)
+from calibrate.diagnosis.residual_tests import ChiSquare
+from calibrate.diagnosis.selection import Discovery, Verdict
+from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason
+from studies.reports.discovery import figures, report
+from studies.reports.discovery.candidate_outcome import Outcome, outcome
+from studies.reports.discovery.records import amplitude_records, candidate_record, content
+from studies.reports.discovery.statement import Statement, remarks, verdict
+from studies.reports.discovery.tables import candidate_table, model_table
+from studies.reports.discovery.view import decorrelated, deviations, forces, held_increments, nodal
 
 
 def row(name: str, number: int = 0):
     now = explained().rounds[number]
-    return next(r for r in now.rows if r.name == name), now
+    return next(c for c in now.candidates if c.name == name), now
 
 
 def without_noise(found: Discovery) -> Discovery:
@@ -87,19 +84,18 @@ def test_increments_held_out_are_those_of_the_rule():
 
 
 def test_intervals_are_two_deviations_wide_and_hold_the_truth():
-    (amplitude,) = amplitudes(row("second invariant")[0], "MPa")
-    assert amplitude["low_95"] < C01 < amplitude["high_95"]
-    assert amplitude["high_95"] - amplitude["fitted"] == pytest.approx(1.96 * amplitude["fitted_deviation"])
-    assert amplitude["unit"] == "MPa"
-    assert (amplitude["lowest"], amplitude["highest"]) == (0.0, None)
+    (amplitude,) = amplitude_records(row("second invariant")[0], "MPa")
+    assert amplitude.low_95 < C01 < amplitude.high_95
+    assert amplitude.high_95 - amplitude.fitted == pytest.approx(1.96 * amplitude.fitted_deviation)
+    assert (amplitude.unit, amplitude.lowest, amplitude.highest) == ("MPa", 0.0, None)
 
 
 def test_predicted_improvement_is_achieved():
     """The score test is a linearisation about no effect; here the effect explains all but noise."""
-    found = record(*row("second invariant"), "MPa")
-    assert 0.5 < found["predicted_improvement"] < 1
-    assert found["achieved_improvement"] == pytest.approx(found["predicted_improvement"], abs=0.2)
-    assert found["held_out_after"]["force_error"] < found["held_out_before"]["force_error"]
+    found = candidate_record(*row("second invariant"), "MPa")
+    assert 0.5 < found.predicted_improvement < 1
+    assert found.achieved_improvement == pytest.approx(found.predicted_improvement, abs=0.2)
+    assert found.held_out_after["force_error"] < found.held_out_before["force_error"]
 
 
 def test_everything_can_be_written_as_json():
@@ -109,108 +105,111 @@ def test_everything_can_be_written_as_json():
     assert again["experiments"][0]["held_out_increments"] == (np.flatnonzero(held()) + 1).tolist()
 
 
-# --- words ----------------------------------------------------------------------------------------------------
+# --- verdict --------------------------------------------------------------------------------------------------
 
 
 def test_verdict_names_effect_amplitude_and_errors():
-    text = discovery_words.verdict(view(explained()))
-    assert text.startswith("explained: second invariant (c01 = 0.0")
-    assert "MPa" in text
-    assert "force error" in text
-    assert "held out (every third increment)" in text
-    assert "cannot be told from: nothing else" in text
+    said = Statement.of(view(explained()))
+    assert said.verdict is Verdict.EXPLAINED
+    ((name, (amplitude,), like),) = ((n.name, n.values, n.like) for n in said.named)
+    assert (name, like, said.decided_by) == ("second invariant", (), ())
+    assert amplitude.startswith("c01 = 0.0") and amplitude.endswith("MPa")
+    assert said.errors.held_out and said.errors.force_after < said.errors.force_before
+    assert f"({amplitude})" in verdict(view(explained()))
 
 
 def test_verdict_of_a_tie_names_what_would_decide():
-    tied = replace(explained(), groups={"second invariant": ("second invariant", "stiffness gradient")})
-    text = discovery_words.verdict(view(tied))
-    assert "cannot be told from: stiffness gradient" in text
-    assert "decided by: an equi-biaxial test" in text
-    assert "strips cut from different places" in text
+    tied = view(replace(explained(), groups={"second invariant": ("second invariant", "stiffness gradient")}))
+    said = Statement.of(tied)
+    assert said.named[0].like == ("stiffness gradient",)
+    assert len(said.decided_by) == 2 and all(test in verdict(tied) for test in said.decided_by)
 
 
 def test_nothing_significant():
-    text = discovery_words.verdict(view(nothing()))
-    assert nothing().verdict == "nothing significant"
-    assert text.startswith("nothing significant: no candidate is significant")
-    assert "no more than noise" in text
+    said = Statement.of(view(nothing()))
+    assert said.verdict is Verdict.NOTHING_SIGNIFICANT
+    assert not said.best.significant and not said.residual.more_than_noise
 
 
 def test_not_explained_says_how_much_is_left():
-    found = replace(explained(), verdict="significant, not explained", named=(), closest=("second invariant",))
-    assert "not explained: the closest is second invariant" in discovery_words.verdict(view(found))
-    alone = replace(nothing(), verdict="significant, not explained")
-    assert "not explained by any candidate" in discovery_words.verdict(view(alone))
-    assert "may well be a false alarm" in discovery_words.verdict(view(alone))
-    loud = replace(alone.rounds[-1], predicted=(100.0, 10))
-    assert "false alarm" not in discovery_words.verdict(view(replace(alone, rounds=(*alone.rounds[:-1], loud))))
+    found = replace(explained(), verdict=Verdict.NOT_EXPLAINED, named=(), closest=("second invariant",))
+    assert Statement.of(view(found)).closest[0].name == "second invariant"
+    assert "second invariant" in verdict(view(found))
+    alone = replace(nothing(), verdict=Verdict.NOT_EXPLAINED)
+    assert Statement.of(view(alone)).may_be_false_alarm
+    loud = replace(alone.rounds[-1], predicted=ChiSquare(100.0, 10))
+    loud = view(replace(alone, rounds=(*alone.rounds[:-1], loud)))
+    assert not Statement.of(loud).may_be_false_alarm and Statement.of(loud).residual.more_than_noise
+
+
+def test_a_fit_that_has_not_converged_is_said():
+    now = explained().rounds[-1]
+    late = replace(explained(), rounds=(explained().rounds[0], replace(now, fit=replace(now.fit, last_step=3.2))))
+    assert Statement.of(view(late)).last_step == 3.2 and "3.2" in verdict(view(late))
 
 
 def test_unknown_noise_gives_no_p_value():
     found = view(without_noise(nothing()))
-    assert "noise is unknown" in discovery_words.verdict(found)
-    columns, rows = discovery_words.model_table(found)
+    assert not Statement.of(found).residual.noise_is_known and "p = " not in verdict(found).split(";")[-1]
+    columns, rows = model_table(found)
     assert rows[0][columns.index("p")] is None
-    assert any("Give the noise" in text for text in discovery_words.remarks(found))
+    assert len(remarks(found)) == len(remarks(view(nothing()))) + 1
 
 
 def test_nothing_held_out_is_said():
     rounds = tuple(replace(now, held=None) for now in explained().rounds)
     found = replace(view(replace(explained(), rounds=rounds)), hold_out="nothing")
-    assert any("Nothing was held out" in text for text in discovery_words.remarks(found))
-    assert "nothing was held out" in discovery_words.verdict(found)
+    assert not Statement.of(found).errors.held_out
+    assert any("--hold-out" in text for text in remarks(found))
 
 
 def test_table_has_a_row_for_every_candidate():
-    columns, rows = discovery_words.candidate_table(explained().rounds[0], "MPa")
+    columns, rows = candidate_table(explained().rounds[0], "MPa")
     by_name = {r[0]: dict(zip(columns, r, strict=True)) for r in rows}
-    assert by_name["second invariant"]["outcome"] == "added"
-    assert by_name["stiffness gradient"]["outcome"] == "not significant"
-    assert by_name["viscoelasticity"]["outcome"] == "not testable, needs time"
-    assert by_name["Mullins softening"]["outcome"] == "not testable, needs unloading"
-    assert by_name["force gain"]["outcome"].startswith("gauge: cannot be told from")
+    assert len(by_name) == 5
+    assert "needs time" in by_name["viscoelasticity"]["outcome"]
+    assert "unloading" in by_name["Mullins softening"]["outcome"]
     assert by_name["force gain"]["score"] is None
     before = next(name for name in columns if name.startswith("force error, held out"))
     assert by_name["second invariant"][before] < by_name["stiffness gradient"][before]
 
 
 def test_second_table_shows_what_is_in_the_model():
-    _, rows = discovery_words.candidate_table(explained().rounds[1], "MPa")
+    _, rows = candidate_table(explained().rounds[1], "MPa")
     assert rows[0][:2] == ["second invariant", "in the model"]
     assert rows[0][8].startswith("c01 = 0.0")
     assert rows[0][8].endswith("MPa")
 
 
 def test_noise_that_is_overstated_is_remarked():
-    assert not any("overstated" in text for text in discovery_words.remarks(view(nothing())))
     found = nothing()
-    fit = found.rounds[0].fit
-    quiet = replace(
-        found, rounds=(replace(found.rounds[0], fit=replace(fit, free_loss=0.1 * fit.degrees)), *found.rounds[1:])
-    )
-    assert any(
-        "reduced chi-square 0.1): the noise is overstated" in text for text in discovery_words.remarks(view(quiet))
-    )
+    first = found.rounds[0]
+    misfits = first.fit.misfits._replace(everything=ChiSquare(0.1 * first.fit.degrees, first.fit.degrees))
+    quiet = replace(found, rounds=(replace(first, fit=replace(first.fit, misfits=misfits)), *found.rounds[1:]))
+    assert len(remarks(view(quiet))) == len(remarks(view(found))) + 1
 
 
-def test_refusals_are_told_in_the_table():
+def test_outcomes_of_candidates():
     first, now = row("stiffness gradient")
     strong = replace(first, score=replace(first.score, adjusted=1e-4))
-    refused = replace(now, added=None, remarks=("stiffness gradient: the error on held-out data does not fall",))
-    outcome = discovery_words.outcome
-    assert outcome(strong, refused) == "significant, refused: the error on held-out data does not fall"
-    assert outcome(strong, now) == "significant, another was better"
-    assert outcome(replace(strong, fit=None), now) == "significant, not refitted: another has a higher score"
+    reason = RefusalReason.HELD_OUT_NOT_BETTER
+    refused = replace(now, added=None, refusals=(Refusal("stiffness gradient", reason),))
     negative = replace(strong, score=replace(strong.score, admissible=False))
-    assert outcome(negative, now) == "significant, not admissible"
+    assert outcome(first, now) is Outcome.NOT_SIGNIFICANT
+    assert outcome(row("second invariant")[0], now) is Outcome.ADDED
+    assert outcome(row("force gain")[0], now) is Outcome.NOT_TESTED
+    assert outcome(strong, refused) is Outcome.REFUSED
+    assert outcome(strong, replace(now, added=None)) is Outcome.NOT_TRIED
+    assert outcome(strong, now) is Outcome.NOT_THE_BEST
+    assert outcome(replace(strong, fit=None), now) is Outcome.NOT_REFITTED
+    assert outcome(negative, now) is Outcome.NOT_ADMISSIBLE
 
 
-@pytest.mark.parametrize(
-    ("value", "half", "text"),
-    [(0.016334, 0.00052, "0.01633 +- 0.00052"), (12.3456, 1.5, "12.3 +- 1.5"), (1234.5, 250.0, "1234 +- 250")],
-)
-def test_amplitudes_have_the_digits_they_deserve(value, half, text):
-    assert discovery_words.plus_minus(value, half) == text
+@pytest.mark.parametrize("reason", list(RefusalReason))
+def test_every_refusal_has_words(reason):
+    now = replace(explained().rounds[0], refusals=(Refusal("lens distortion", reason),))
+    found = replace(explained(), rounds=(now, *explained().rounds[1:]))
+    assert any("lens distortion" in text for text in remarks(view(found)))
 
 
 # --- figures and files ----------------------------------------------------------------------------------------
@@ -219,12 +218,12 @@ def test_amplitudes_have_the_digits_they_deserve(value, half, text):
 def test_figures_show_both_models():
     part = explained().problem.parts[0]
     found = view(explained())
-    assert len(discovery_figures.residual_map(found, part).axes) == 2 * 3 + 1
-    history = discovery_figures.force_history(found, part)
+    assert len(figures.residual_map(found, part).axes) == 2 * 3 + 1
+    history = figures.force_history(found, part)
     assert {line.get_label() for line in history.axes[0].lines} == {"measured", "base model", "final model"}
-    assert len(discovery_figures.scores(found).axes) == 2
-    assert isinstance(discovery_figures.intervals(found), Figure)
-    assert discovery_figures.intervals(view(nothing())) is None
+    assert len(figures.scores(found).axes) == 2
+    assert isinstance(figures.intervals(found), Figure)
+    assert figures.intervals(view(nothing())) is None
 
 
 class StandInModel:
@@ -246,7 +245,7 @@ class StandInManifest:
 
 def test_report_and_data_are_written(tmp_path):
     manifest = StandInManifest()
-    path = discovery_report.write(tmp_path, view(explained()), StandInModel(), manifest)
+    path = report.write(tmp_path, view(explained()), StandInModel(), manifest)
     text = path.read_text()
     assert len(text) < 5_000_000
     assert text.count("<figure>") == 4
@@ -271,7 +270,7 @@ def test_report_and_data_are_written(tmp_path):
 
 def test_quick_report_has_fewer_pictures(tmp_path):
     found = replace(view(nothing()), quick=True)
-    text = discovery_report.write(tmp_path, found, StandInModel(), StandInManifest()).read_text()
+    text = report.write(tmp_path, found, StandInModel(), StandInManifest()).read_text()
     assert text.count("<figure>") == 3
 
 

@@ -8,18 +8,27 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import browser
 import numpy as np
 import pytest
 import report_checks
+import thickness_stand_in
 from browser import Browser, Page
 from PIL import Image
 from report_checks import faults
+from study_stand_in import judged_fit, result_of, runs_with, store
 
 from studies import cli
 from studies.commands import figures
+from studies.grid import convergence_report, convergence_runs, steps
+from studies.grid import report as study_report
+from studies.grid.axes import Loss
+from studies.grid.presets.resolution_study import RESOLUTION
+from studies.grid.presets.thickness_study import THICKNESS
+from studies.grid.results import Results
 from studies.output import Manifest, write_figure
 from studies.output.report import Report
 from studies.output.scene import Scene, palette
@@ -270,30 +279,21 @@ def test_blind(chromium: Browser, tmp_path: Path) -> None:
 
 
 def test_resolution(chromium: Browser, tmp_path: Path) -> None:
-    from test_resolution import fake_cases
-
-    from studies.grid import resolution_report
-    from studies.grid.resolution_case import Settings
-
-    settings = Settings(nodes=5000, seeds=(0, 1, 2), levels=(100.0, 50.0))
-    cases = fake_cases(0.004)
-    for case in cases:
-        case["calibrated_I1"] = 6.7
-        case["losses"]["weighted"] |= {"reduced_chi_square": 1.0, "reason": "converged", "seconds": 2.0}
-    rows = resolution_report.table(cases, settings)
-    drawn = {"weighted": picture(tmp_path / "a.png")}
-    resolution_report.compose(tmp_path, settings, cases, rows, drawn)
-    assert faults(chromium, tmp_path / "report.html") == []
+    settings = replace(RESOLUTION.quick, nodes=1600, resolutions=("100", "50"), losses=(Loss.WEIGHTED,))
+    cases = [result_of(case, {Loss.WEIGHTED: judged_fit(1.004 if case.noisy else 1.0)}) for case in settings.cases]
+    for resolution in settings.resolutions:
+        steps.mesh(tmp_path, settings, "cross", resolution)
+    for result in cases:
+        store(tmp_path, result)
+    results = Results(tmp_path, settings)
+    path = study_report.write(results, RESOLUTION.page(results))
+    assert faults(chromium, path) == []
 
 
 def test_convergence(chromium: Browser, tmp_path: Path) -> None:
-    from test_thickness_report import fake_runs
-
-    from studies.grid import thickness_convergence, thickness_convergence_report
-
-    study = thickness_convergence.series(quick=False)
-    runs = fake_runs(study, 1e-3)
-    thickness_convergence_report.compose(tmp_path, study, runs, thickness_convergence_report.table(study, runs))
+    study = convergence_runs.series(quick=False)
+    runs = runs_with(study, 1e-3)
+    convergence_report.compose(tmp_path, study, runs, convergence_report.table(study, runs))
     assert faults(chromium, tmp_path / "report.html") == []
 
 
@@ -329,18 +329,15 @@ def test_discover(chromium: Browser, tmp_path: Path) -> None:
     from discoveries import explained, view
     from test_discovery_report import StandInManifest, StandInModel
 
-    from studies.reports import discovery_report
+    from studies.reports.discovery import report as discovery_report
 
     path = discovery_report.write(tmp_path, view(explained()), StandInModel(), StandInManifest())
     assert faults(chromium, path) == []
 
 
 def test_thickness(chromium: Browser, tmp_path: Path) -> None:
-    import thickness_stand_in
-
-    from studies.grid import thickness_report
-
-    path = thickness_report.write(thickness_stand_in.fill(tmp_path / "out"), thickness_stand_in.SETTINGS)
+    results = Results(thickness_stand_in.fill(tmp_path / "out"), thickness_stand_in.SETTINGS)
+    path = study_report.write(results, THICKNESS.page(results))
     assert faults(chromium, path) == []
     page = chromium.open(path)
     assert painted(shown(page)) > 0.05

@@ -12,7 +12,8 @@ from scipy.optimize import brentq
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment, LoadedBoundary
-from calibrate.diagnosis import effect_fit, effect_score, whitened
+from calibrate.diagnosis import base_fit, effect_fit, score_tests
+from calibrate.diagnosis.problem import all_rows
 from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.out_of_plane import OutOfPlane
@@ -170,8 +171,8 @@ def test_on_one_ramp_relaxation_is_seen_beside_neo_hooke_alone(uniaxial, base):
     forces = np.stack([np.zeros(len(pull)), pull], axis=1)
     loaded = tuple(replace(b, force=sign * forces) for b, sign in zip(uniaxial.loaded, (-1, 1), strict=True))
     e = replace(uniaxial, loaded=loaded)
-    problem, fit = effect_fit.prepare([e], [whitened.all_rows], 12.0, base=base)
-    found = next(s for s in effect_score.score(problem, fit, [Viscosity()]) if s.effect.name == Viscosity.name)
+    problem, fit = base_fit.prepare([e], [all_rows], 12.0, base=base)
+    found = next(s for s in score_tests.score(problem, fit, [Viscosity()]) if s.effect.name == Viscosity.name)
     fit = effect_fit.refit(problem, fit.c, (Addition(Viscosity(), (0.0,), (3.0,)),))
     if base == "neo-Hooke":
         assert found.adjusted < 1e-6

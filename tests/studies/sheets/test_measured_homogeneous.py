@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from calibrate.diagnosis.selection import Misfit, _larger
+from calibrate.diagnosis.selection import DEFAULT
+from calibrate.diagnosis.selection.misfit import Misfit, is_larger
 from studies.sheets import homogeneous_loops, measured_homogeneous
 
 DATA = os.environ.get("EQUIGAP_DATA")
@@ -32,8 +33,8 @@ def test_errors_grow_where_noise_does_not_explain_it(
 ) -> None:
     noise = (2e-4, 1e-4)
     first, second = (Misfit(f, g, 1.0, 10, noise) for f, g in (before, after))
-    assert _larger(first, second) is larger
-    assert not _larger(first, None)
+    assert is_larger(first, second, DEFAULT.worse) is larger
+    assert not is_larger(first, None, DEFAULT.worse)
 
 
 @pytest.mark.slow

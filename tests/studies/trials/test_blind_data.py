@@ -11,7 +11,8 @@ from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Chain
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import equilibrium, neo_hooke
-from forward.sheet.additions import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne, PermanentSet, Prony
+from forward.sheet.additions import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne
+from forward.sheet.thin_sheet import PermanentSet, Prony
 from studies.errors import OptionError
 from studies.trials import blind_solution
 from studies.trials.blind_data import HISTORIES, RAMP, draw, label, make, write

@@ -1,0 +1,108 @@
+"""The file of an Experiment: one ``.npz`` of plain arrays, no pickles.
+
+Its arrays: ``format`` = "equigap-experiment", ``version`` = 1, ``name``, ``points``, ``triangles``, ``displacements``,
+``free_nodes``, ``time`` and ``thickness`` (absent = unknown), ``loaded_names`` and per loaded boundary ``i``:
+``loaded_i_nodes``, ``loaded_i_force``; ``noise`` (4 numbers: displacement std mm, correlation length mm, relative force
+std, force std N; absent = unknown); ``provenance`` (JSON text). In plane strain ``plane`` = "strain", and ``version`` = 2,
+which older programs refuse.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibrate import errors
+from calibrate.data.measurement import LoadedBoundary, Noise
+from meshes.files import write_atomically
+
+FORMAT, VERSION, WITH_PLANE = "equigap-experiment", 1, 2
+SAME = ("name", "points", "triangles", "displacements", "free_nodes")
+
+
+def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
+    """Write the fields of an Experiment atomically. Raises `OSError`."""
+    arrays: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION if fields["plane"] == "stress" else WITH_PLANE,
+        **{key: fields[key] for key in SAME},
+        "loaded_names": np.array([b.name for b in fields["loaded"]], dtype=np.str_),
+        "provenance": json.dumps(fields["provenance"], sort_keys=True),
+    }
+    for i, boundary in enumerate(fields["loaded"]):
+        arrays[f"loaded_{i}_nodes"] = boundary.nodes
+        arrays[f"loaded_{i}_force"] = boundary.force
+    arrays |= {key: fields[key] for key in ("time", "thickness") if fields[key] is not None}
+    if fields["plane"] != "stress":
+        arrays["plane"] = fields["plane"]
+    if fields["noise"] is not None:
+        arrays["noise"] = np.array(astuple(fields["noise"]))
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **arrays)
+    write_atomically(path, buffer.getvalue())
+
+
+def read_fields[T](path: str | Path, build: Callable[..., T]) -> T:
+    """What `build` makes of the fields of an Experiment in a file of `write_fields`.
+
+    Raises `DataNotFoundError`, `FileFormatError`, and what `build` raises, with the path before its message.
+    """
+    path = Path(path)
+    content = _read_arrays(path)
+    try:
+        return build(**_fields(content))
+    except KeyError as error:
+        raise errors.FileFormatError(f"{path}: array {error} is missing; write the file again") from error
+    except errors.EquigapError as error:
+        raise type(error)(f"{path}: {error}") from error
+    except (ValueError, TypeError) as error:
+        raise errors.FileFormatError(f"{path}: an array is garbled ({error}); write the file again") from error
+
+
+def _read_arrays(path: Path) -> dict[str, Any]:
+    """All arrays of a file of this format and version."""
+    if not path.exists():
+        raise errors.DataNotFoundError(f"{path}: no such file; give the path of an Experiment .npz")
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            content = {key: data[key] for key in data.files}
+    except Exception as error:
+        reason = "" if "pickle" in str(error) else f" ({error})"
+        raise errors.FileFormatError(
+            f"{path}: not a readable Experiment .npz{reason}; write it with `equigap import`"
+        ) from error
+    if str(content.get("format")) != FORMAT:
+        raise errors.FileFormatError(
+            f"{path}: an .npz, but not an Experiment (its 'format' is {content.get('format')}); "
+            "raw measurements are read with `equigap import`"
+        )
+    if str(content.get("version")) not in (str(VERSION), str(WITH_PLANE)):
+        raise errors.FileFormatError(
+            f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} and {WITH_PLANE}; "
+            "update equigap"
+        )
+    return content
+
+
+def _fields(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of an Experiment. Raises KeyError for what is missing."""
+    loaded = tuple(
+        LoadedBoundary(str(name), content[f"loaded_{i}_nodes"], content[f"loaded_{i}_force"])
+        for i, name in enumerate(content["loaded_names"])
+    )
+    return {
+        **{key: content[key] for key in SAME},
+        "name": str(content["name"]),
+        "loaded": loaded,
+        "thickness": float(content["thickness"]) if "thickness" in content else None,
+        "time": content.get("time"),
+        "noise": Noise(*map(float, content["noise"])) if "noise" in content else None,
+        "provenance": json.loads(str(content["provenance"])),
+        "plane": str(content.get("plane", "stress")),
+    }

@@ -1,0 +1,141 @@
+"""The start of a diagnosis: equations of every Experiment, weights that follow the base, and the fit without effects.
+
+In: Experiments and the equations used for fitting. Out: `Problem` and the base `Fit`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import errors
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis import base_functions
+from calibrate.diagnosis.effect_fit import Fit, refit
+from calibrate.diagnosis.model_weights import weighted_part
+from calibrate.diagnosis.problem import Mask, Problem, Rows, all_rows
+from calibrate.effects.chain import Chain
+from calibrate.equations import reduction
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, basis_for, energy_basis
+from calibrate.equations.equilibrium import Equilibrium, equilibrium
+from calibrate.equations.reduction import Assembled, Quadratic
+from calibrate.equations.whitening import covariances, whitening
+from calibrate.fitting.least_squares import bounded
+
+Array = NDArray[np.float64]
+PASSES = 12
+TOLERANCE = 0.05  # relative change of the base between the last two passes
+# see `reduction.corrected`: with more noise in the change of volume, p-values in plane strain no longer hold
+RELIABLE = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """One Experiment with training rows, before it has weights."""
+
+    system: Equilibrium
+    chain: Chain
+    assembled: Assembled
+    mask: Mask
+
+
+def prepare(
+    experiments: Sequence[Experiment],
+    train: Sequence[Rows],
+    spacing: float | None = None,
+    with_discrepancy: bool = True,
+    base: str = "positive",
+) -> tuple[Problem, Fit]:
+    """Problem and base fit. train: for each experiment, the equations to be used; the others are held out.
+
+    base: 'positive' (psi_1 >= 0), 'convex' (psi_1 does not fall with I1 either, as in a PANN; rubber that softens
+    before it stiffens then shows up in the errors of the base, not as an effect) or 'neo-Hooke' (psi_1 constant;
+    effects are tested beside it alone, see `Problem`).
+
+    spacing: of the virtual fields, mm (None: from the noise). Weights follow the base in `PASSES` passes. Raises
+    `FitError` when it does not converge, or noise hides what it needs; `ConfigError` where nothing is left to fit, or
+    tests in plane stress and in plane strain come together; and the errors of `calibrate.equations.equilibrium.equilibrium`.
+    """
+    systems = [equilibrium(e, spacing) for e in experiments]
+    masks = [function(system) & all_rows(system) for function, system in zip(train, systems, strict=True)]
+    if not any(mask.any() for mask in masks):
+        raise errors.ConfigError("every equation is held out; leave some to fit")
+    basis = _basis(experiments, systems)
+    tests = [
+        _Test(system, Chain(system, basis), reduction.assemble(system, basis), mask)
+        for system, mask in zip(systems, masks, strict=True)
+    ]
+    used = [test for test in tests if test.mask.any()]
+    start = base_functions.first_guess([test.assembled for test in used])
+    top = max(base_functions.trained_top(test.system, test.mask) for test in used)
+    parametric = base == "neo-Hooke"
+    cone = base_functions.base_cone(basis, base, top, 1 if parametric else base_functions.SPLINES)
+    bulk = basis.n_functions - energy_basis(basis).n_functions
+    stiffness = float(start[: basis.n_functions - bulk].max())
+    prior = base_functions.smoothness(base, cone.shape[1] - bulk, bulk) / (base_functions.STIFFENING * stiffness)
+    c = _base(used, basis, start, cone, prior)
+    parts = [
+        weighted_part(t.chain, t.assembled, basis, c, t.mask, all_rows(t.system) & ~t.mask, with_discrepancy)
+        for t in tests
+    ]
+    noise_is_known = all(test.assembled.noise_is_known for test in tests)
+    problem = Problem(tuple(parts), basis, cone, prior, noise_is_known, with_discrepancy, c, parametric)
+    return problem, refit(problem, c, ())
+
+
+def _basis(experiments: Sequence[Experiment], systems: Sequence[Equilibrium]) -> SingleBasis | PlaneStrainBasis:
+    """Splines of I1 that cover all deformation gradients. Raises `ConfigError` for tests in different planes."""
+    planes = {e.plane for e in experiments}
+    if len(planes) > 1:
+        raise errors.ConfigError(
+            "experiments in plane stress and in plane strain cannot be fitted together; fit one kind"
+        )
+    F = np.concatenate([s.deformation_gradients.reshape(-1, 2, 2) for s in systems])
+    basis = basis_for("I1", F, plane=planes.pop())
+    assert isinstance(basis, SingleBasis | PlaneStrainBasis)
+    return basis
+
+
+def _base(
+    tests: Sequence[_Test], basis: SingleBasis | PlaneStrainBasis, start: Array, cone: Array, prior: Array
+) -> Array:
+    """Coefficients (n,) of the base whose weights belong to it, found in passes. Raises `FitError`."""
+    c, spread, change = start, 1.0, np.inf
+    assembled, masks = [test.assembled for test in tests], [test.mask for test in tests]
+    n = cone.shape[1]
+    for count in range(PASSES):
+        quadratic, A, d = _weighted(tests, basis, c)
+        weights = bounded(A @ cone, d, np.zeros(n), np.full(n, np.inf), prior * np.sqrt(spread))
+        previous, c = c, cone @ weights
+        spread = max(1.0, quadratic.loss(c) / len(d))
+        if not c.any():
+            raise errors.FitError("the data do not constrain the material: forces or displacements are all noise")
+        c = reduction.corrected(quadratic, c, previous, assembled, masks, RELIABLE)
+        if count > 1:  # weights and fit may answer each other in turn
+            c = 0.5 * (previous + c)
+        change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c))
+        if change < 0.2 * TOLERANCE:
+            break
+    if not change < TOLERANCE:
+        raise errors.FitError(
+            f"the base model has not converged (its forces still change by {change:.1%} when the weights are updated); "
+            "a diagnosis of it would be one of the fit: check forces, units and free edges, or give a larger --spacing"
+        )
+    return c
+
+
+def _weighted(
+    tests: Sequence[_Test], basis: SingleBasis | PlaneStrainBasis, c: Array
+) -> tuple[Quadratic, Array, Array]:
+    """Loss, whitened columns (N, n) and loads (N,) of the base, with the weights of coefficients c (n,)."""
+    columns, loads = [], []
+    for test in tests:
+        weights = whitening(covariances(test.assembled, c), test.mask)
+        columns.append(weights(np.moveaxis(np.array(test.assembled.matrices), -1, 0)).T)
+        shift = test.chain.noise_shift(c, test.assembled.noise_factor)
+        loads.append(weights(np.nan_to_num(test.system.loads) + shift))
+    A, d = np.concatenate(columns), np.concatenate(loads)
+    return Quadratic(basis, A.T @ A, A.T @ d, float(d @ d), len(d)), A, d

@@ -1,0 +1,103 @@
+"""Weights of a diagnosis that belong to a model: the noise that a base and its effects make of measured displacements.
+
+In: a `Problem`, a base and effects. Out: the same equations with other weights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis.problem import Part, Problem, loads, residual
+from calibrate.effects.chain import Additions, Chain
+from calibrate.equations import discretisation_error, noise_covariance
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
+from calibrate.equations.reduction import Assembled
+from calibrate.equations.whitening import covariances, whitening
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def weighted_part(
+    chain: Chain,
+    assembled: Assembled,
+    basis: SingleBasis | PlaneStrainBasis,
+    c: Array,
+    train: Mask,
+    held: Mask,
+    with_discrepancy: bool,
+    additions: Additions = (),
+) -> Part:
+    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both."""
+    common = discretisation_error.sources(chain.system, basis, c) if with_discrepancy else None
+    noise = _covariances(chain, assembled, c, additions if train.any() else ())
+    shift = chain.noise_shift(c, assembled.noise_factor)
+    return Part(chain, assembled, whitening(noise, train, common), whitening(noise, held, common), shift, common)
+
+
+def amplified(problem: Problem, additions: Additions) -> Problem:
+    """The same equations and base with the weights of a model with these effects.
+
+    Effects that take second derivatives of the displacements amplify their noise. Those in the material change what stress
+    a noise makes, above all where they remember or stiffen; the weights know them as they were when `reweighted`, as long
+    as they are in the model. With weights that do not know it, the misfit of the true model may be larger than that of none.
+    """
+    names = {a.effect.name for a in additions}
+    known = tuple(a for a in problem.amplifying if not a.effect.rough and a.effect.name in names)
+    found = (*known, *(a for a in amplifying(problem, additions) if a.effect.rough))
+    if found == problem.amplifying:
+        return problem
+    parts = []
+    for part in problem.parts:
+        noise = _covariances(part.chain, part.assembled, problem.c, found if part.train.size else ())
+        train, held = (whitening(noise, w.rows, part.common) for w in (part.train, part.held))
+        parts.append(replace(part, train=train, held=held))
+    return replace(problem, parts=tuple(parts), amplifying=found)
+
+
+def _covariances(chain: Chain, assembled: Assembled, c: Array, additions: Additions) -> list[Array]:
+    """Noise covariance (2 v, 2 v), N^2, of every increment, of a material as stiff as with coefficients c (n,)."""
+    if not additions:
+        return covariances(assembled, c)
+    c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
+    spreads = chain.spread_of_noise(c, additions, assembled.noise_factor)
+    pairs = zip(spreads, chain.system.loads, strict=True)
+    return [noise_covariance.covariance_of(chain.system, spread, load, assembled.noise) for spread, load in pairs]
+
+
+def _stiffening(chain: Chain, c: Array, additions: Additions) -> float:
+    """Factor by which effects raise the work of the measured loads."""
+    load = chain.external()
+    works = [float((load * (chain.residual(c, some) + load)).sum()) for some in ((), additions)]
+    return works[1] / works[0]
+
+
+def amplifying(problem: Problem, additions: Additions) -> Additions:
+    """Effects that change what noise does, where it is known."""
+    if not problem.noise_is_known:
+        return ()
+    return tuple(
+        a
+        for a in additions
+        if (a.effect.rough or a.effect.in_material)
+        and any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
+    )
+
+
+def reweighted(problem: Problem, c: Array, additions: Additions) -> Problem:
+    """The same equations with the weights of a fit (c (n,), effects): those of its base, as stiff as base and effects are."""
+    load = loads(problem, additions)
+    whole = residual(problem, c, additions) + load
+    base = residual(problem, c, ()) + loads(problem)
+    c = c * float(load @ whole) / float(load @ base)
+    known = amplifying(problem, additions)
+    parts = [
+        weighted_part(
+            p.chain, p.assembled, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy, known
+        )
+        for p in problem.parts
+    ]
+    return replace(problem, parts=tuple(parts), c=c, amplifying=known)

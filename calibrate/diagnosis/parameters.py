@@ -1,0 +1,86 @@
+"""Amplitudes and shapes of effects as one vector of numbers of order 1, with its bounds: the unknowns of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.effects import Parameter
+from calibrate.effects.chain import Addition, Additions
+
+Array = NDArray[np.float64]
+
+
+def n_parameters(addition: Addition) -> int:
+    """Number of amplitudes and shapes."""
+    return len(addition.amplitudes) + len(addition.shape)
+
+
+def not_distinct_from_null(addition: Addition, deviations: Sequence[float]) -> bool:
+    """Whether no amplitude differs from its null value by two standard deviations."""
+    return all(
+        abs(a - p.null) < 2 * d or a == p.null
+        for a, d, p in zip(addition.amplitudes, deviations, addition.effect.amplitudes, strict=True)
+    )
+
+
+@dataclass(frozen=True)
+class Variables:
+    """Amplitudes and shapes of additions as one vector of numbers of order 1, and its bounds."""
+
+    additions: Additions
+
+    @property
+    def parameters(self) -> list[tuple[Parameter, float]]:
+        """Every amplitude and shape with its value: of each addition its amplitudes, then its shapes."""
+        return [
+            pair
+            for a in self.additions
+            for pair in (
+                *zip(a.effect.amplitudes, a.amplitudes, strict=True),
+                *zip(a.effect.shapes, a.shape, strict=True),
+            )
+        ]
+
+    @property
+    def sizes(self) -> list[int]:
+        """How many amplitudes and shapes each addition has."""
+        return [len(a.amplitudes) + len(a.shape) for a in self.additions]
+
+    @property
+    def is_shape(self) -> NDArray[np.bool_]:
+        """Which of `parameters` are shapes (k,)."""
+        return np.array([k for a in self.additions for k in [False] * len(a.amplitudes) + [True] * len(a.shape)], bool)
+
+    @property
+    def scale(self) -> Array:
+        """(k,): of amplitudes a typical one, of shapes their size (times) or a tenth of a radian (angles)."""
+        sizes = []
+        for (p, value), shape in zip(self.parameters, self.is_shape, strict=True):
+            sizes.append((0.1 if p.unit == "rad" else max(abs(value), 1e-12)) if shape else p.typical)
+        return np.array(sizes)
+
+    @property
+    def values(self) -> Array:
+        """Values (k,) of `parameters`, each in its unit."""
+        return np.array([value for _, value in self.parameters])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper (k,); shapes move by no more than half their size, or a fifth of a radian, at a time."""
+        lower, upper = (np.array([getattr(p, end) for p, _ in self.parameters]) for end in ("lower", "upper"))
+        reach = np.where([p.unit == "rad" for p, _ in self.parameters], 2.0, 0.5) * self.scale
+        lower = np.where(self.is_shape, np.maximum(lower, self.values - reach), lower)
+        upper = np.where(self.is_shape, np.minimum(upper, self.values + reach), upper)
+        return lower, np.maximum(upper, lower)
+
+    def at(self, values: Array) -> Additions:
+        """The additions with other values (k,)."""
+        result = []
+        for a, part in zip(self.additions, np.split(values, np.cumsum(self.sizes)[:-1]), strict=True):
+            n = len(a.amplitudes)
+            result.append(replace(a, amplitudes=tuple(map(float, part[:n])), shape=tuple(map(float, part[n:]))))
+        return tuple(result)

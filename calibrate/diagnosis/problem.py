@@ -1,0 +1,156 @@
+"""The weighted problem of a diagnosis: residuals, loads and signatures of Experiments in rows of unit covariance.
+
+In: the chain of every Experiment, the equations used for fitting, their weights. Out: `Problem`, and the whitened residual and its
+derivatives for a base and effects. The covariance is that of noise and of errors that the discretised kinematics may make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.data.experiment import Experiment
+from calibrate.effects.chain import Additions, Chain
+from calibrate.equations import kinematics
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
+from calibrate.equations.equilibrium import Equilibrium
+from calibrate.equations.reduction import Assembled
+from calibrate.equations.whitening import Whitening
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+SHAPE_STEP = 1e-3  # of a radian, or of the size of a time, for derivatives by shapes
+Rows = Callable[[Equilibrium], Mask]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One Experiment in a diagnosis: its chain, weights, and the equations (t, 2 v) used for fitting and held out.
+
+    shift (t, 2 v), N: see `Chain.noise_shift`. common: see `discrepancy.sources`.
+    """
+
+    chain: Chain
+    assembled: Assembled = field(repr=False)
+    train: Whitening
+    held: Whitening
+    shift: Array = field(repr=False)
+    common: Array | None = field(repr=False)
+
+    def residual(self, c: Array, additions: Additions = ()) -> Array:
+        """Residual (t, 2 v), N, without the mean that noise brings into it."""
+        return self.chain.residual(c, additions) - self.shift
+
+    def valid(self, additions: Additions) -> Additions:
+        """Those that hold for this experiment: of the material, and all where it took part in the fit."""
+        return additions if self.train.size else tuple(a for a in additions if a.effect.of_material)
+
+    @property
+    def experiment(self) -> Experiment:
+        """The Experiment of the chain."""
+        return self.chain.system.experiment
+
+    @property
+    def system(self) -> Equilibrium:
+        """The virtual-work equations of the chain."""
+        return self.chain.system
+
+    @cached_property
+    def linear(self) -> Equilibrium:
+        """The same equations with linear triangles."""
+        return Equilibrium(self.experiment, self.system.fields, linear=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Experiments with weights. parts: all; those without training rows are held out.
+
+    cone (n, k): the base models are non-negative sums of its columns. prior (r, k), 1 / MPa: a weak normal prior on the
+    changes of psi_1, without which the last splines absorb whatever is wrong and ruin the extrapolation. parametric: effects
+    are tested and fitted beside the functions of the cone alone (a neo-Hookean base, for one), not beside all splines. An
+    effect that any energy of I1 could imitate is found only so, and only if the base is right. c (n,), amplifying: the base
+    and the effects that the weights belong to, see `amplified`.
+    """
+
+    parts: tuple[Part, ...]
+    basis: SingleBasis | PlaneStrainBasis
+    cone: Array
+    prior: Array
+    noise_is_known: bool
+    with_discrepancy: bool
+    c: Array = field(repr=False)
+    parametric: bool = False
+    amplifying: Additions = ()
+
+    @property
+    def trained(self) -> tuple[Part, ...]:
+        """The parts that have training rows."""
+        return tuple(part for part in self.parts if part.train.size)
+
+    def whiten(self, values: Sequence[Array]) -> Array:
+        """Whitened training rows (..., N) of one array (..., t, 2 v) for each trained part."""
+        return np.concatenate([part.train(v) for part, v in zip(self.trained, values, strict=True)], axis=-1)
+
+
+def all_rows(system: Equilibrium) -> Mask:
+    """Every equation with a known right-hand side (t, 2 v)."""
+    return np.isfinite(system.loads)
+
+
+def residual(problem: Problem, c: Array, additions: Additions) -> Array:
+    """Whitened training residual (N,) of coefficients c (n,) and effects."""
+    return problem.whiten([part.residual(c, additions) for part in problem.trained])
+
+
+def loss(problem: Problem, c: Array, additions: Additions) -> float:
+    """|whitened training residual|^2."""
+    r = residual(problem, c, additions)
+    return float(r @ r)
+
+
+def loads(problem: Problem, additions: Additions = ()) -> Array:
+    """Whitened right-hand side (N,)."""
+    return problem.whiten([part.chain.external(additions) + part.shift for part in problem.trained])
+
+
+def stiffness_factor(problem: Problem, c: Array, additions: Additions) -> float:
+    """Factor on the stiffness when the noise covariance follows it, see `Quadratic.stiffness_factor`."""
+    load = loads(problem, additions)
+    internal = residual(problem, c, additions) + load
+    return float(load @ load / (load @ internal))
+
+
+def base_columns(problem: Problem, chains: Sequence[Chain]) -> Array:
+    """Whitened d residual / d coefficients (N, n) of the base alone, also beside effects: the residual is exact, so that
+    the amplitudes found are those at which it is orthogonal to these columns and to the signatures."""
+    columns = []
+    for chain in chains:
+        F = kinematics.deformation_gradients(chain.system.gradient, np.asarray(chain.data.u))
+        columns.append(np.moveaxis(np.array([chain.system.matrix(problem.basis, f) for f in F]), -1, 0))
+    return problem.whiten(columns).T
+
+
+def signature(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> Array:
+    """Whitened derivative (N, p) by the amplitudes of the last addition."""
+    return problem.whiten([chain.derivative(c, additions) for chain in chains]).T
+
+
+def signatures(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> Array:
+    """Whitened derivatives (N, k) by all amplitudes and shapes, in the order of `Variables`."""
+    columns = []
+    for i, addition in enumerate(additions):
+        others = additions[:i] + additions[i + 1 :]
+        columns.append(signature(problem, chains, c, (*others, addition)))
+        for j, value in enumerate(addition.shape):
+            step = SHAPE_STEP * (1.0 if addition.effect.shapes[j].unit == "rad" else max(abs(value), 1e-12))
+            ends = []
+            for sign in (1, -1):
+                shape = (*addition.shape[:j], value + sign * step, *addition.shape[j + 1 :])
+                twin = (*additions[:i], replace(addition, shape=shape), *additions[i + 1 :])
+                ends.append(problem.whiten([chain.residual(c, twin) for chain in chains]))
+            columns.append(((ends[0] - ends[1]) / (2 * step))[:, None])
+    return np.concatenate(columns, axis=1)

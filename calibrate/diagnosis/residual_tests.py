@@ -1,0 +1,136 @@
+"""Chi-square tests of the residual that need no candidate: by place and time, and on equations held out.
+
+In: a `Problem`, in part a `Fit`. Out: directions of the whitened residual (N, k), and the prediction test of Chow (1960).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy import stats
+
+from calibrate.diagnosis.problem import Part, Problem
+from calibrate.effects.chain import Additions
+from calibrate.equations.whitening import Whitening
+from calibrate.fitting.least_squares import beyond
+
+Array = NDArray[np.float64]
+PLACE_COSINES, TIME_COSINES = 3, 4  # over each side of a specimen, over its increments
+DOUBTFUL = 0.1  # variance of a discrepancy over that of noise, from which a direction says nothing of noise
+
+
+class ChiSquare(NamedTuple):
+    """A chi-square and its degrees of freedom."""
+
+    value: float
+    degrees: int
+
+    @property
+    def p_value(self) -> float:
+        """Probability of one as large from noise alone."""
+        return float(stats.chi2.sf(self.value, max(self.degrees, 1)))
+
+
+class Misfits(NamedTuple):
+    """Three tests of the residual: of all equations; of the part that no discretisation error could change; of the part that varies
+    slowly over specimen and increments, see `smooth_disturbances`."""
+
+    everything: ChiSquare
+    certain: ChiSquare
+    smooth: ChiSquare
+
+
+def kinematic_error(problem: Problem, c: Array) -> Array:
+    """Whitened change (N,) of the residual when the triangles are taken for linear again.
+
+    A standard deviation of what the recovered kinematics still miss. Its effect on an amplitude is added to that of
+    noise, because errors of neighbouring edges are less independent than the weights assume.
+    """
+    changes = []
+    for part in problem.trained:
+        work = [
+            np.array([system.matrix(problem.basis, F) @ c for F in system.deformation_gradients])
+            for system in (part.linear, part.system)
+        ]
+        changes.append(work[0] - work[1])
+    return problem.whiten(changes)
+
+
+def smooth_disturbances(problem: Problem) -> Array:
+    """Whitened disturbances (N, k) of no particular kind that vary slowly over a specimen and its increments.
+
+    Forces on every loaded boundary, and body forces as cosines over the specimen; both as cosines over the increments.
+    """
+    return scipy.linalg.block_diag(*[part.train(_smooth_forces(part)).T for part in problem.trained])
+
+
+def _smooth_forces(part: Part) -> Array:
+    """Nodal forces (k, t, 2 v) on the virtual fields of one experiment."""
+    system, points = part.system, part.experiment.points
+    nodal = np.bincount(part.experiment.triangles.ravel(), np.repeat(system.areas / 3, 3), len(points))
+    size = np.asarray(system.fields.values.T @ nodal).ravel()
+    total = np.asarray(system.fields.values.sum(axis=0)).ravel()
+    x = (np.asarray(system.fields.values.T @ points) / total[:, None] - points.min(axis=0)) / np.ptp(points, axis=0)
+    k = np.arange(PLACE_COSINES)
+    cosines = [np.cos(np.pi * np.multiply.outer(x[:, i], k)) for i in range(2)]
+    places = np.einsum("v,vk,vl->klv", size, *cosines).reshape(-1, len(size))
+    loaded = np.array([system.fields.boundary == b for b in range(len(part.experiment.loaded))], float)
+    places = np.concatenate([places, loaded])
+    t = (np.arange(len(system.loads)) + 0.5) / len(system.loads)
+    times = np.cos(np.pi * np.multiply.outer(np.arange(min(TIME_COSINES, len(t))), t))
+    values = np.einsum("st,ij,pv->psijtv", times, np.eye(2), places)
+    return np.moveaxis(values, -2, -3).reshape(-1, len(t), 2 * len(size))
+
+
+def uncertain_directions(weights: Sequence[Whitening]) -> Array:
+    """Directions (N, k) in which a discretisation error may be as large as noise, for rows of several parts."""
+    blocks = [w.U[:, w.shrink < 1 / np.sqrt(1 + DOUBTFUL) - 1] for w in weights]
+    return scipy.linalg.block_diag(*blocks)
+
+
+def prediction_test(problem: Problem, c: Array, additions: Additions) -> ChiSquare | None:
+    """How much |r|^2 rises beyond the noise when the equations held out are fitted too, and for how many of them.
+
+    Chi-square distributed with as many degrees of freedom if the model (coefficients c (n,) and effects) predicts them within
+    noise, the uncertainty of its parameters included (Chow 1960). Coefficients that only the equations held out see are
+    free. None: nothing is held out.
+    """
+    used = [part for part in problem.parts if part.held.size]
+    if not used:
+        return None
+    parts = [*problem.trained, *(part for part in used if not part.train.size)]
+    columns = [_columns(problem, part, c, additions) for part in parts]
+    residuals = [part.residual(c, part.valid(additions)) for part in parts]
+    train = [
+        (part.train, values, r) for part, values, r in zip(parts, columns, residuals, strict=True) if part.train.size
+    ]
+    held = [(part.held, values, r) for part, values, r in zip(parts, columns, residuals, strict=True) if part.held.size]
+    (A, r, doubt), (B, s, doubt_held) = _stacked(train), _stacked(held)
+    before, n_before = beyond(r, np.concatenate([A, doubt], axis=1))
+    both = np.concatenate([np.concatenate([A, B]), scipy.linalg.block_diag(doubt, doubt_held)], axis=1)
+    after, n_after = beyond(np.concatenate([r, s]), both)
+    return ChiSquare(max(after - before, 0.0), max(n_after - n_before, 0))
+
+
+def _columns(problem: Problem, part: Part, c: Array, additions: Additions) -> Array:
+    """Derivatives (n + k, t, 2 v) of the residual of one experiment by base and amplitudes; zero of effects of other tests."""
+    own = part.valid(additions)
+    G = np.array([part.system.matrix(problem.basis, F) for F in part.system.deformation_gradients])
+    S = []
+    for addition in additions:
+        if addition in own:
+            S.append(part.chain.derivative(c, (*(a for a in own if a is not addition), addition)))
+        else:
+            S.append(np.zeros((len(addition.amplitudes), *G.shape[:2])))
+    return np.concatenate([np.moveaxis(G, -1, 0), *S])
+
+
+def _stacked(parts: Sequence[tuple[Whitening, Array, Array]]) -> tuple[Array, Array, Array]:
+    """Whitened columns (N, k), residual (N,) and uncertain directions of several experiments."""
+    columns = np.concatenate([weights(values).T for weights, values, _ in parts])
+    residual = np.concatenate([weights(r) for weights, _, r in parts])
+    return columns, residual, uncertain_directions([weights for weights, _, _ in parts])

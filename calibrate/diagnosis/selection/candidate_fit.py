@@ -1,0 +1,196 @@
+"""Candidates of a round fitted to be shown or compared: best shape, refit, penalised misfit, refusal.
+
+In: the `Problem`, the fit of a round, a `Candidate`. Out: the candidate with its fit, or the reason why it is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from calibrate import errors
+from calibrate.diagnosis import effect_fit, score_tests, weighted_fit
+from calibrate.diagnosis import problem as equations
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.parameters import not_distinct_from_null
+from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.score_tests import Score
+from calibrate.diagnosis.selection.misfit import Misfit, is_better, is_larger, misfit
+from calibrate.diagnosis.selection.rounds import Candidate, RefusalReason, Round
+from calibrate.diagnosis.selection.thresholds import Thresholds
+from calibrate.effects.chain import Addition
+
+Array = NDArray[np.float64]
+SHAPE_EVALUATIONS = 14  # the fit goes on from there
+ITERATIONS_OF_THE_TABLE = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A fit with the weights that belong to it."""
+
+    problem: Problem
+    fit: Fit
+
+
+def model(candidate: Candidate) -> Model:
+    """The fit of a candidate that was made to be compared."""
+    assert candidate.problem is not None and candidate.fit is not None
+    return Model(candidate.problem, candidate.fit)
+
+
+def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, compared: bool = False) -> Candidate:
+    """The candidate with a refit of base and effect and its errors, of few iterations for the table or of more to be compared.
+
+    A fit to be compared has the weights that belong to it: those of a base that makes up for the effect are wrong.
+    Without a fit where none is better than the model without the effect, or where it runs away: it then did not converge.
+    """
+    problem, state = now.problem, now.fit
+    additions = (*state.additions, _start(now, candidate.score, thresholds))
+    iterations = effect_fit.ITERATIONS if compared else ITERATIONS_OF_THE_TABLE
+    try:
+        if not candidate.is_significant(thresholds):
+            new = effect_fit.refit(problem, state.c, additions, iterations)
+        elif compared:
+            problem, new = weighted_fit.fit_with_own_weights(problem, state.c, additions, iterations)
+        else:
+            problem, new = weighted_fit.fit_with_weights(problem, state.c, additions, iterations)
+    except errors.FitError:
+        return candidate
+    if not new.free_loss < thresholds.worse * state.free_loss + len(candidate.score.amplitudes):
+        return candidate
+    return replace(
+        candidate,
+        fit=new,
+        problem=problem if compared else None,
+        train=misfit(problem, new.c, new.additions, False),
+        held=misfit(problem, new.c, new.additions, True),
+    )
+
+
+def _start(now: Model, found: Score, thresholds: Thresholds) -> Addition:
+    """The effect as the score test estimates it; at its null value where that is far outside of what the test is good for."""
+    addition = Addition(found.effect, found.amplitudes, found.shape)
+    loss = equations.loss(now.problem, now.fit.c, (*now.fit.additions, addition))
+    if loss < thresholds.worse * now.fit.loss + now.fit.n_rows:
+        return addition
+    return replace(addition, amplitudes=tuple(p.null for p in found.effect.amplitudes))
+
+
+def objection(now: Round, candidate: Candidate, thresholds: Thresholds) -> RefusalReason | None:
+    """Why a fitted effect is not added to the model of a round; None where nothing speaks against it.
+
+    The misfit that amplitudes are found and compared by lets the base have any energy, a negative one too; the errors here
+    are those of a base that may be one.
+    """
+    if candidate.fit is None or candidate.addition is None or candidate.train is None:
+        return RefusalReason.NO_BETTER_FIT
+    if not_distinct_from_null(candidate.addition, candidate.deviations):
+        return RefusalReason.NULL_AMPLITUDE
+    if np.linalg.norm(candidate.fit.c) < thresholds.softest_base * np.linalg.norm(now.fit.c):
+        return RefusalReason.SOFT_BASE
+    if grows(now, candidate.train, candidate.held, thresholds):
+        return RefusalReason.LARGER_ERRORS
+    if now.held is not None and candidate.held is not None and not is_better(now.held, candidate.held):
+        return RefusalReason.HELD_OUT_NOT_BETTER
+    return None if is_better(now.train, candidate.train) else RefusalReason.NO_ERROR_FALLS
+
+
+def grows(now: Round, train: Misfit | None, held: Misfit | None, thresholds: Thresholds) -> bool:
+    """Whether a model has larger errors than that of a round, where they were fitted or where they were not."""
+    worse = thresholds.worse
+    return is_larger(now.train, train, worse) or (now.held is not None and is_larger(now.held, held, worse))
+
+
+def penalised_misfit(candidate: Candidate, weights: Fit) -> float:
+    """Misfit of a fit with an effect, and the penalty on its amplitudes and shapes (BIC; Schwarz 1978).
+
+    Effects that amplify noise lower the weights, and with them a misfit that is none of noise: that part does not count.
+    weights: a fit whose weights misfits are compared by.
+    """
+    fit = candidate.fit
+    assert fit is not None
+    lower = fit.log_determinant - weights.log_determinant
+    amplified = max(fit.reduced_chi_square - 1, 0.0) * lower
+    n_parameters = candidate.score.degrees + len(candidate.score.shape)
+    return fit.free_loss + amplified + n_parameters * float(np.log(fit.n_rows))
+
+
+def similarities(candidates: Sequence[Candidate], thresholds: Thresholds) -> dict[str, tuple[tuple[str, float], ...]]:
+    """Cosines between effects at their best shapes, where these are more alike than at those of the grid.
+
+    Two families of fibres that close up are one, which no shape of the grid shows.
+    """
+    cosines = score_tests.likeness([c.score for c in candidates]) if candidates else np.zeros((0, 0))
+    result = {}
+    for candidate, line in zip(candidates, cosines, strict=True):
+        like = dict(candidate.like)
+        for other, cosine in zip(candidates, line, strict=True):
+            if other is not candidate and cosine > max(like.get(other.name, 0.0), thresholds.similar):
+                like[other.name] = float(cosine)
+        result[candidate.name] = tuple(sorted(like.items(), key=lambda pair: -pair[1]))
+    return result
+
+
+def alike(candidate: Candidate, significant: Sequence[Candidate], thresholds: Thresholds) -> list[str]:
+    """Significant effects that the data cannot tell from one: signatures alike, or scores nearly as high."""
+    cosines = dict(candidate.like)
+    lowest = candidate.score.score - thresholds.equal_scores
+    return [
+        other.name
+        for other in significant
+        if other is not candidate
+        and other.score.admissible
+        and (cosines.get(other.name, 0.0) > thresholds.collinear or other.score.score > lowest)
+    ]
+
+
+def at_best_shape(now: Model, found: Score) -> Score:
+    """The score at the best shape near the best one of the grid, by a few steps of Nelder and Mead's simplex."""
+    if not found.shape or not found.effect.shapes_vary:
+        return found
+    search = _ShapeSearch(now, found)
+    grid = np.array(found.effect.shape_values(now.problem.trained[0].chain.data))
+    logarithmic = np.array([p.lower == 0 and np.all(grid[:, i] > 0) for i, p in enumerate(found.effect.shapes)])
+    start = np.where(logarithmic, np.log(np.maximum(found.shape, 1e-12)), found.shape)
+    simplex = np.concatenate([start[None], start + np.diag(np.where(logarithmic, 0.5, 0.13))])
+    minimize(
+        lambda x: search(np.where(logarithmic, np.exp(x), x)),
+        start,
+        method="Nelder-Mead",
+        options={"maxfev": SHAPE_EVALUATIONS, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2},
+    )
+    return search.best
+
+
+class _ShapeSearch:
+    """Minus the score of an effect as a function of its shape; remembers the best score found.
+
+    The score of the search is over the dispersion; others are scaled like the first, which is at the same shape.
+    """
+
+    def __init__(self, now: Model, found: Score) -> None:
+        self.now, self.found, self.best = now, found, found
+        self.first = 0.0
+        U = now.fit.columns
+        self.residual = now.fit.residual - U @ (U.T @ now.fit.residual)
+
+    def __call__(self, values: Array) -> float:
+        found = self.found
+        shape = tuple(float(v) for v in values)
+        if any(not p.lower <= v <= p.upper for p, v in zip(found.effect.shapes, shape, strict=True)):
+            return 0.0
+        null = tuple(p.null for p in found.effect.amplitudes)
+        addition = Addition(found.effect, null, shape)
+        one, _ = score_tests.examine_shape(
+            self.now.problem, self.now.fit, addition, self.now.fit.columns, self.residual
+        )
+        self.first = self.first or max(one.score, 1e-300)
+        value = found.score * one.score / self.first
+        if one.is_tested and one.admissible >= self.best.admissible and value > self.best.score:
+            self.best = replace(one, score=value, p_value=found.p_value, adjusted=found.adjusted)
+        return -one.score

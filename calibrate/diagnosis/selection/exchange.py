@@ -1,0 +1,85 @@
+"""Review of a model with several effects: each is taken out in turn, and all others compete for its place.
+
+In: a model and its `Round`. Out: `Review`, and a model with another effect in the place of one, if that is better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from calibrate.diagnosis import score_tests, weighted_fit
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.parameters import not_distinct_from_null
+from calibrate.diagnosis.score_tests import Score
+from calibrate.diagnosis.selection import candidate_fit
+from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
+from calibrate.diagnosis.selection.rounds import Candidate, Exchange, Review, Round
+from calibrate.diagnosis.selection.thresholds import Thresholds
+from calibrate.effects import Effect
+from calibrate.effects.chain import Addition
+
+GAIN = 1.0  # of the penalised misfit, that an exchange must bring
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """The place of one effect: the model without it, its penalised misfit, and the fitted candidates for it."""
+
+    without: Fit
+    misfit: float
+    candidates: list[Candidate]
+
+
+def review(
+    model: Model, now: Round, effects: Sequence[Effect], thresholds: Thresholds, seed: int, say: Callable[[str], None]
+) -> tuple[Round, Review, Model | None]:
+    """Take each effect out and let all compete for its place; with another model if that is better."""
+    state, best, exchange = model.fit, None, None
+    gains: dict[str, float] = {}
+    groups: dict[str, tuple[str, ...]] = {}
+    most = GAIN
+    for one in state.additions:
+        name = one.effect.name
+        say(f"without {name}")
+        place = _place(model, now, one, effects, thresholds, seed)
+        gains[name] = place.without.free_loss - state.free_loss
+        equal = place.misfit + thresholds.equal_scores
+        groups[name] = (name, *(c.name for c in place.candidates if penalised_misfit(c, state) < equal))
+        for candidate in place.candidates:
+            assert candidate.addition is not None
+            gain = place.misfit - penalised_misfit(candidate, state)
+            if gain > most and not not_distinct_from_null(candidate.addition, candidate.deviations):
+                most, best = gain, candidate_fit.model(candidate)
+                exchange = Exchange(name, candidate.name)
+    if exchange is None:
+        return now, Review(gains, groups), None
+    return replace(now, added=exchange.added, group=(exchange.added,), exchange=exchange), Review(gains, groups), best
+
+
+def _place(
+    model: Model, now: Round, one: Addition, effects: Sequence[Effect], thresholds: Thresholds, seed: int
+) -> _Place:
+    """The model without one effect, and the effects that are fitted for its place."""
+    state = model.fit
+    others = tuple(a for a in state.additions if a is not one)
+    weighted, without = weighted_fit.fit_with_weights(model.problem, state.c, others)
+    scores = [s for s in score_tests.score(weighted, without, effects, seed) if s.is_tested]
+    scores = [candidate_fit.at_best_shape(Model(weighted, without), s) for s in scores[: thresholds.refined]]
+    own = next((s for s in scores if s.effect.name == one.effect.name), None)
+    # the others as they were beside this one
+    start = Model(model.problem, replace(state, additions=others, loss=without.loss, misfits=without.misfits))
+    candidates = [
+        candidate_fit.fitted(start, Candidate(s), thresholds, compared=True)
+        for s in _rivals(scores, own, one.effect.name, thresholds)
+    ]
+    kept = [c for c in candidates if c.fit is not None and not candidate_fit.grows(now, c.train, c.held, thresholds)]
+    return _Place(without, penalised_misfit(Candidate(own, state), state) if own else state.free_loss, kept)
+
+
+def _rivals(scores: Sequence[Score], own: Score | None, name: str, thresholds: Thresholds) -> list[Score]:
+    """Significant, admissible scores nearly as high as that of the effect itself."""
+    height = own.score if own else 0.0
+    lowest = min(height - thresholds.equal_scores, thresholds.rival * height)
+    likely = (s for s in scores if s.admissible and s.effect.name != name and s.adjusted < thresholds.significance)
+    return [s for s in likely if s.score > lowest][: thresholds.tries]

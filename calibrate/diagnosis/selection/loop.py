@@ -1,0 +1,182 @@
+"""Close the loop: test the effects, add the best that data held out confirm, test the residual, until nothing is significant.
+
+In: Experiments, what to hold out. Out: `Discovery` with a round for each model, and a verdict.
+
+An effect is added if its adjusted p-value is small, its amplitude is physically admissible, and the error on equations
+that were not used for fitting falls. Once nothing more is added, each effect is taken out again and the others compete
+for its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis import residual_tests, score_tests, weighted_fit
+from calibrate.diagnosis.base_fit import prepare
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.parameters import not_distinct_from_null
+from calibrate.diagnosis.problem import Mask, Problem
+from calibrate.diagnosis.selection import candidate_fit
+from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
+from calibrate.diagnosis.selection.exchange import review
+from calibrate.diagnosis.selection.misfit import misfit
+from calibrate.diagnosis.selection.rounds import Candidate, Discovery, Refusal, RefusalReason, Review, Round
+from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
+from calibrate.diagnosis.selection.verdict import conclude, is_small
+from calibrate.effects import CATALOGUE, Effect
+from calibrate.equations.equilibrium import Equilibrium
+
+Array = NDArray[np.float64]
+Say = Callable[[str], None]
+
+
+def discover(
+    experiments: Sequence[Experiment],
+    hold_out: HoldOut | None = None,
+    held: Sequence[Experiment] = (),
+    effects: Sequence[Effect] = CATALOGUE,
+    spacing: float | None = None,
+    base: str = "positive",
+    whole_table: bool = True,
+    seed: int = 0,
+    progress: Say | None = None,
+    thresholds: Thresholds = DEFAULT,
+) -> Discovery:
+    """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
+
+    hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`.
+    whole_table: refit with every effect, not only with those that are tried. Raises `FitError` for a base that does not
+    converge, `ConfigError`, and the errors of `calibrate.equations.equilibrium.equilibrium`.
+    """
+    say = progress or (lambda text: None)
+    hold_out = hold_out or HoldOut.default(min(e.n_increments for e in experiments), bool(held))
+    say("base model")
+    train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
+    problem, state = prepare([*experiments, *held], train, spacing, base=base)
+    return close_loop(problem, state, effects, whole_table, seed, say, thresholds)
+
+
+def close_loop(
+    problem: Problem,
+    state: Fit,
+    effects: Sequence[Effect] = CATALOGUE,
+    whole_table: bool = True,
+    seed: int = 0,
+    say: Say = lambda text: None,
+    thresholds: Thresholds = DEFAULT,
+) -> Discovery:
+    """Rounds of tests and additions from a base fit, see `discover`."""
+    model = Model(problem, state)
+    rounds: list[Round] = []
+    reviews: dict[frozenset[str], Review] = {}  # of models with more than one effect, by their names
+    while True:
+        say(f"round {len(rounds) + 1}: testing effects")
+        now = scored_round(model, effects, whole_table, seed, say, thresholds)
+        added, names = None, frozenset(model.fit.names)
+        if len(names) > 1 and names not in reviews:
+            now, reviews[names], added = review(model, now, effects, thresholds, seed, say)
+        enough = len(names) >= thresholds.most_named and is_small(rounds[0], now, thresholds)
+        if added is None and len(names) < thresholds.most_effects and not enough:
+            now, added = extended(model, now, say, thresholds)
+        rounds.append(now)
+        if added is None:
+            return conclude(model.problem, tuple(rounds), reviews.get(names, Review()), thresholds)
+        model = _without_superfluous(added)
+
+
+def _nothing(system: Equilibrium) -> Mask:
+    return np.zeros(system.loads.shape, bool)
+
+
+def scored_round(
+    model: Model, effects: Sequence[Effect], whole: bool, seed: int, say: Say, thresholds: Thresholds = DEFAULT
+) -> Round:
+    """Test every effect and make the table; whole: with a fit of each."""
+    problem, state = model.problem, model.fit
+    scores = score_tests.score(problem, state, effects, seed)
+    tested = [s for s in scores if s.is_tested]
+    like = score_tests.likeness(tested) if tested else np.zeros((0, 0))
+    candidates = []
+    for i, one in enumerate(scores):
+        if not one.is_tested:
+            candidates.append(Candidate(one))
+            continue
+        near = ((tested[j].effect.name, float(like[i, j])) for j in np.argsort(-like[i]) if j != i)
+        candidate = Candidate(one, like=tuple((n, v) for n, v in near if v > thresholds.similar))
+        if whole:
+            say(f"fit with {one.effect.name}")
+            candidate = candidate_fit.fitted(model, candidate, thresholds)
+        candidates.append(candidate)
+    train = misfit(problem, state.c, state.additions, False)
+    assert train is not None
+    held = misfit(problem, state.c, state.additions, True)
+    predicted = residual_tests.prediction_test(problem, state.c, state.additions)
+    return Round(state, train, held, tuple(candidates), predicted)
+
+
+def extended(model: Model, now: Round, say: Say, thresholds: Thresholds = DEFAULT) -> tuple[Round, Model | None]:
+    """Add the best effect that is significant, admissible and confirmed by what was held out."""
+    now, significant = _refined(model, now, thresholds)
+    refusals: list[Refusal] = []
+    confirmed: list[Candidate] = []
+    fitted: dict[str, Candidate] = {}
+    for candidate in significant:
+        if not candidate.score.admissible:
+            refusals.append(Refusal(candidate.name, RefusalReason.INADMISSIBLE))
+            continue
+        behind = confirmed and candidate.score.score < thresholds.rival * confirmed[0].score.score
+        if len(fitted) == thresholds.tries or behind:
+            break
+        say(f"adding {candidate.name}")
+        best = candidate_fit.fitted(model, replace(candidate, fit=None), thresholds, compared=True)
+        fitted[candidate.name] = best
+        reason = candidate_fit.objection(now, best, thresholds)
+        if reason:
+            refusals.append(Refusal(candidate.name, reason))
+        else:
+            confirmed.append(best)
+    candidates = tuple(fitted.get(candidate.name, candidate) for candidate in now.candidates)
+    now = replace(now, candidates=candidates, refusals=tuple(refusals))
+    return _with_best(now, confirmed, significant, thresholds) if confirmed else (now, None)
+
+
+def _refined(model: Model, now: Round, thresholds: Thresholds) -> tuple[Round, list[Candidate]]:
+    """The round with similarities at the best shapes, and its significant candidates, the best first."""
+    significant = [c for c in now.candidates if c.is_significant(thresholds)]
+    n = thresholds.refined
+    refined = [replace(c, score=candidate_fit.at_best_shape(model, c.score)) for c in significant[:n]]
+    significant = sorted([*refined, *significant[n:]], key=lambda c: -c.score.evidence)
+    likes = candidate_fit.similarities(significant, thresholds)
+    significant = [replace(c, like=likes[c.name]) for c in significant]
+    return replace(
+        now, candidates=tuple(replace(c, like=likes.get(c.name, c.like)) for c in now.candidates)
+    ), significant
+
+
+def _with_best(
+    now: Round, confirmed: Sequence[Candidate], significant: Sequence[Candidate], thresholds: Thresholds
+) -> tuple[Round, Model]:
+    """The round with the best of the confirmed effects and those that these data cannot tell from it."""
+
+    def penalised(candidate: Candidate) -> float:
+        return penalised_misfit(candidate, now.fit)
+
+    best = min(confirmed, key=penalised)
+    equal = [c.name for c in confirmed if c is not best and penalised(c) < penalised(best) + thresholds.equal_scores]
+    group = dict.fromkeys((best.name, *candidate_fit.alike(best, significant, thresholds), *equal))
+    return replace(now, added=best.name, group=tuple(group)), candidate_fit.model(best)
+
+
+def _without_superfluous(model: Model) -> Model:
+    """The fit without effects that a later one has made superfluous."""
+    fit = model.fit
+    kept = tuple(a for a, d in zip(fit.additions, fit.errors, strict=True) if not not_distinct_from_null(a, d))
+    if len(kept) == len(fit.additions):
+        return model
+    return Model(*weighted_fit.fit_with_weights(model.problem, fit.c, kept))

@@ -1,0 +1,107 @@
+"""Errors of a model on the training equations, or on those held out, and when one model is better than another.
+
+In: a `Problem`, a base and effects. Out: `Misfit`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis.problem import Part, Problem
+from calibrate.effects.chain import Additions
+from calibrate.equations.whitening import Whitening
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Errors of a model on some equations.
+
+    force: norm of force errors over norm of measured forces, NaN where no force is among the equations. field: norm of the virtual
+    work that fields without a load leave, over the same. chi_square: whitened squared residual an equation; rows: equations.
+    noise: what the squares of force and field are expected to be from noise alone. log_determinant: of the covariance behind
+    chi_square, an equation.
+    """
+
+    force: float
+    field: float
+    chi_square: float
+    rows: int
+    noise: tuple[float, float] = (0.0, 0.0)
+    log_determinant: float = 0.0
+
+    @property
+    def outside_noise(self) -> tuple[float, float]:
+        """Squares of force and field minus those of noise."""
+        return self.force**2 - self.noise[0], self.field**2 - self.noise[1]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As files hold it."""
+        return {
+            "force_error": self.force,
+            "field_error": self.field,
+            "chi_square_per_equation": self.chi_square,
+            "equations": self.rows,
+        }
+
+
+def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misfit | None:
+    """Errors of coefficients c (n,) and effects on the training equations, or on those held out (None where there are none)."""
+    parts = [(part, part.held if held else part.train) for part in problem.parts]
+    sums = [_sums(part, weights, c, additions) for part, weights in parts if weights.size]
+    if not sums:
+        return None
+    force, field, measured, chi, determinant, forces, n = map(float, np.sum([one.numbers for one in sums], axis=0))
+    noise = np.sum([one.noise for one in sums], axis=0)
+    size = max(measured, 1e-300)
+    of_force = float(np.sqrt(force / size)) if forces else float("nan")
+    expected = float(noise[0] / size), float(noise[1] / size)
+    return Misfit(of_force, float(np.sqrt(field / size)), chi / n, int(n), expected, determinant / n)
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """numbers (7,): squares of force, field and measured forces, chi-square, log determinant, force equations, equations.
+    noise (2,): variance of the noise in forces and fields."""
+
+    numbers: Sequence[float]
+    noise: Sequence[float]
+
+
+def _sums(part: Part, weights: Whitening, c: Array, additions: Additions) -> _Sums:
+    """Sums over the equations of one experiment."""
+    r, load = part.residual(c, part.valid(additions)), np.nan_to_num(part.system.loads)
+    loaded = np.broadcast_to(np.tile(part.system.fields.boundary >= 0, 2), r.shape)
+    forces = weights.rows & loaded
+    # where only fields without a load are used, errors are relative to all forces
+    of_size = forces if forces.any() else np.isfinite(part.system.loads) & loaded
+    numbers = (
+        float((r[forces] ** 2).sum()),
+        float((r[weights.rows & ~loaded] ** 2).sum()),
+        float((load[of_size] ** 2).sum()),
+        float((weights(r) ** 2).sum()),
+        weights.log_determinant,
+        float(forces.sum()),
+        float(weights.size),
+    )
+    return _Sums(numbers, (float(weights.variance[loaded].sum()), float(weights.variance[~loaded].sum())))
+
+
+def is_larger(before: Misfit, after: Misfit | None, worse: float) -> bool:
+    """Whether errors grow by more than the factor `worse` and what noise may make of them."""
+    if after is None:
+        return False
+    return sum(after.outside_noise) > worse**2 * max(sum(before.outside_noise), 0.0) + sum(before.noise)
+
+
+def is_better(before: Misfit, after: Misfit) -> bool:
+    """Whether an error falls; outside noise, as some effects amplify it, and not by lower weights (see `penalised_misfit`)."""
+    amplified = max(after.chi_square - 1, 0.0) * (after.log_determinant - before.log_determinant)
+    falls = (a < b for a, b in zip(after.outside_noise, before.outside_noise, strict=True))
+    return after.chi_square + amplified < before.chi_square and any(falls)

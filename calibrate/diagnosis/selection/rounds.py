@@ -1,0 +1,143 @@
+"""What a diagnosis finds round by round: tested effects, their fits, refusals, and the verdict. Plain data, computed elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.residual_tests import ChiSquare
+from calibrate.diagnosis.score_tests import Score
+from calibrate.diagnosis.selection.misfit import Misfit
+from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
+from calibrate.effects.chain import Addition
+
+
+class Verdict(StrEnum):
+    """Result of a diagnosis; the values are those of model files."""
+
+    EXPLAINED = "explained"
+    NOTHING_SIGNIFICANT = "nothing significant"
+    NOT_EXPLAINED = "significant, not explained"
+
+
+class RefusalReason(StrEnum):
+    """Why a significant effect is not added to the model."""
+
+    INADMISSIBLE = "inadmissible amplitude"
+    NO_BETTER_FIT = "no fit with it is better"
+    NULL_AMPLITUDE = "amplitude not distinct from none"
+    SOFT_BASE = "base with hardly any stiffness"
+    LARGER_ERRORS = "larger errors with its own weights"
+    HELD_OUT_NOT_BETTER = "error on held-out data does not fall"
+    NO_ERROR_FALLS = "no error falls"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A significant effect that was not added."""
+
+    effect: str
+    reason: RefusalReason
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """An effect that took the place of another, as it explains more beside the other effects."""
+
+    removed: str
+    added: str
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect in a round: its score, the fit with it (None where it was not made) and its errors.
+
+    problem: the weights that the fit belongs to, where it was made to be compared. like: effects with a similar signature and the
+    cosine, most similar first.
+    """
+
+    score: Score
+    fit: Fit | None = field(default=None, repr=False)
+    problem: Problem | None = field(default=None, repr=False)
+    train: Misfit | None = None
+    held: Misfit | None = None
+    like: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.score.effect.name
+
+    @property
+    def addition(self) -> Addition | None:
+        """The effect as it was fitted; None where it was not."""
+        return None if self.fit is None else self.fit.additions[-1]
+
+    @property
+    def deviations(self) -> tuple[float, ...]:
+        """A standard deviation for each fitted amplitude, in its unit; none where it was not fitted."""
+        return () if self.fit is None else self.fit.errors[-1]
+
+    def is_significant(self, thresholds: Thresholds) -> bool:
+        """Whether it was tested and its adjusted p-value is small."""
+        return self.score.is_tested and self.score.adjusted < thresholds.significance
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """A model, its errors, the tests of its residual, and the effect that was added (None: nothing), with its group.
+
+    predicted: chi-square test of what was held out, see `residual_tests.prediction_test`.
+    """
+
+    fit: Fit
+    train: Misfit
+    held: Misfit | None
+    candidates: tuple[Candidate, ...]
+    predicted: ChiSquare | None = None
+    added: str | None = None
+    group: tuple[str, ...] = ()
+    refusals: tuple[Refusal, ...] = ()
+    exchange: Exchange | None = None
+
+    @property
+    def predicted_p(self) -> float:
+        """Probability of a prediction as bad, if the model is right; 1 where nothing is held out."""
+        return 1.0 if self.predicted is None else self.predicted.p_value
+
+
+@dataclass(frozen=True)
+class Review:
+    """Effects of a model, each taken out in turn. gains: by how much the misfit then rises. groups: others for its place."""
+
+    gains: dict[str, float] = field(default_factory=dict)
+    groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery:
+    """Result of `discover`.
+
+    named: effects that the residual confirms; closest: those added that it does not. groups: for each added effect, the effects
+    that these data cannot tell from it.
+    """
+
+    problem: Problem = field(repr=False)
+    rounds: tuple[Round, ...]
+    verdict: Verdict
+    named: tuple[str, ...]
+    closest: tuple[str, ...]
+    groups: dict[str, tuple[str, ...]]
+    thresholds: Thresholds = DEFAULT
+
+    @property
+    def base(self) -> Fit:
+        """The fit without effects."""
+        return self.rounds[0].fit
+
+    @property
+    def final(self) -> Fit:
+        """The last fit: the base with the effects `named` and `closest`."""
+        return self.rounds[-1].fit

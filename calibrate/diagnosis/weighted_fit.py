@@ -1,0 +1,65 @@
+"""Fits whose weights know the noise that their own effects amplify.
+
+In: a `Problem`, effects, where to start. Out: the problem with the weights that belong to the fit, and the `Fit`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis import effect_fit, model_weights
+from calibrate.diagnosis.effect_fit import ITERATIONS, Fit
+from calibrate.diagnosis.problem import Problem
+from calibrate.effects.chain import Addition, Additions
+
+Array = NDArray[np.float64]
+TURNS, NEAR = 2, 0.5  # updates of the weights by a fit; standard deviations between both that are near enough
+
+
+def fit_with_weights(
+    problem: Problem, c: Array, additions: Additions, iterations: int = ITERATIONS
+) -> tuple[Problem, Fit]:
+    """The fit with weights that know the noise of its second derivatives, see `model_weights.amplified`; as `refit` where no
+    effect takes any.
+
+    Weights and amplitudes answer each other in turn: the next weights belong to the mean of both.
+    """
+    problem = model_weights.amplified(problem, additions)
+    fit = effect_fit.refit(problem, c, additions, iterations)
+    for _ in range(TURNS):
+        if not _is_far(problem.amplifying, fit):
+            break
+        before = {a.effect.name: a for a in problem.amplifying}
+        middle = tuple(_mean(before.get(a.effect.name, a), a) for a in fit.additions)
+        problem = model_weights.amplified(problem, middle)
+        fit = effect_fit.refit(problem, fit.c, fit.additions, iterations)
+    return problem, fit
+
+
+def _is_far(weights: Additions, fit: Fit) -> bool:
+    """Whether a rough effect that the weights know has other amplitudes in the fit."""
+    found = {a.effect.name: (a.amplitudes, d) for a, d in zip(fit.additions, fit.errors, strict=True)}
+    return any(
+        abs(x - y) > NEAR * d
+        for old in weights
+        if old.effect.rough
+        for x, y, d in zip(old.amplitudes, *found[old.effect.name], strict=True)
+    )
+
+
+def _mean(one: Addition, other: Addition) -> Addition:
+    """The second with amplitudes half way to the first."""
+    pairs = zip(one.amplitudes, other.amplitudes, strict=True)
+    return replace(other, amplitudes=tuple(0.5 * (x + y) for x, y in pairs))
+
+
+def fit_with_own_weights(
+    problem: Problem, c: Array, additions: Additions, iterations: int = ITERATIONS
+) -> tuple[Problem, Fit]:
+    """The fit whose weights belong to it: those of a base that makes up for a missing effect are wrong."""
+    problem, fit = fit_with_weights(problem, c, additions, iterations)
+    problem = model_weights.reweighted(problem, fit.c, fit.additions)
+    return fit_with_weights(problem, fit.c, fit.additions, iterations)

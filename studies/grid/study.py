@@ -1,0 +1,97 @@
+"""A study from its settings to its report: a `Preset` and a folder in, the path of ``report.html`` out.
+
+The cases are jobs of the workflow `grid.smk`; a killed run resumes where it was.
+"""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from studies.errors import OptionError
+from studies.grid import report, workflow
+from studies.grid.axes import Settings
+from studies.grid.report import Page
+from studies.grid.results import Results
+from studies.output import open_output_folder
+
+SNAKEFILE = Path(__file__).with_name("grid.smk")
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A study. default, quick: settings; quick shows the path and proves nothing. page: what its report shows."""
+
+    default: Settings
+    quick: Settings
+    page: Callable[[Results], Page]
+
+    @property
+    def name(self) -> str:
+        """As in `equigap NAME`."""
+        return self.default.study
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Where and how many jobs run; it changes no result. jobs: at a time (default: cores). profile: of Snakemake.
+
+    ranks: MPI ranks of each 3D solution. container: image in which Apptainer runs every job.
+    """
+
+    jobs: int | None = None
+    profile: Path | None = None
+    ranks: int = 1
+    container: str | None = None
+
+    def config(self, folder: Path) -> tuple[list[str], list[str]]:
+        """'key=value' for the snakefile and options of Snakemake. Raises `OptionError`."""
+        own = [f"ranks={self.ranks}"]
+        image = self.container
+        if image is None:
+            return own, []
+        if not shutil.which("apptainer") and not shutil.which("singularity"):
+            raise OptionError(f"--container {image}: needs the program apptainer; install it, or leave --container out")
+        if "://" not in image:
+            if not Path(image).is_file():
+                raise OptionError(f"--container {image}: no such file; docker/README.md says how the image is built")
+            image = str(Path(image).resolve())
+        bind = f"--bind {shlex.quote(str(folder.resolve()))}"
+        return [*own, f"container={image}"], ["--software-deployment-method", "apptainer", "--apptainer-args", bind]
+
+
+def open_study(folder: Path, settings: Settings, overwrite: bool = False) -> Path:
+    """The output folder of a study, new or resumed. Raises `OutputFolderError`."""
+    return open_output_folder(folder, overwrite, asdict(settings))
+
+
+def run(
+    preset: Preset, settings: Settings, folder: Path, execution: Execution = Execution(), overwrite: bool = False
+) -> Path:
+    """Run or resume a study and write its report; returns the path of that. Raises `WorkflowError`, `OutputFolderError`."""
+    config, words = execution.config(folder)
+    folder = open_study(folder, settings, overwrite)
+    compute(folder, settings, execution, config, words)
+    results = Results(folder, settings)
+    return report.write(results, preset.page(results))
+
+
+def compute(folder: Path, settings: Settings, execution: Execution, config: list[str], words: list[str]) -> None:
+    """Make every missing file of an opened study."""
+    name, targets = f"{settings.study} study", settings.targets(folder)
+    workflow.run_workflow(name, SNAKEFILE, folder, targets, execution.jobs, execution.profile, config, words)
+
+
+def plan(
+    settings: Settings, folder: Path, execution: Execution = Execution(), overwrite: bool = False
+) -> dict[str, int]:
+    """Jobs of each kind that are missing in `folder`, which is left as it is: one to be begun is planned elsewhere."""
+    config, words = execution.config(folder)
+    begun = folder.exists() and (not folder.is_dir() or any(folder.iterdir())) and not overwrite
+    with TemporaryDirectory() as elsewhere:
+        place = open_study(folder if begun else Path(elsewhere), settings)
+        return workflow.plan(SNAKEFILE, place, execution.jobs, execution.profile, config, words)

@@ -1,0 +1,180 @@
+"""Figures of a discovery: a `View` in, matplotlib figures out. No screen is needed; all can be read in grey print."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm
+from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
+from numpy.typing import NDArray
+
+from calibrate.diagnosis.problem import Part
+from calibrate.diagnosis.selection.rounds import Round
+from calibrate.diagnosis.selection.thresholds import Thresholds
+from calibrate.effects.chain import Addition
+from calibrate.models.extended_model import amplitude_unit
+from studies.output import style
+from studies.reports.discovery.candidate_outcome import WORDS
+from studies.reports.discovery.view import BAND, View, decorrelated, forces, held_increments, nodal
+from studies.reports.force_record import COMPONENTS, worth_drawing
+
+Array = NDArray[np.float64]
+HELD_OUT = "0.9"
+LEVELS = (0, 1, 1.5, 2, 3, 5, 10, 20, 50, 100)
+LOOKS = {
+    "base model": {"color": style.COLOURS["vermilion"], "linestyle": "--", "marker": "x", "ms": 4},
+    "final model": {"color": style.COLOURS["blue"], "linestyle": "-", "marker": ".", "ms": 5},
+}
+
+
+def residual_map(view: View, part: Part) -> Figure:
+    """Decorrelated residuals at a middle and the last increment and over all, base model above the final one."""
+    t = part.experiment.n_increments
+    chosen = sorted({(t - 1) // 2, t - 1})
+    maps = {name: nodal(part, decorrelated(part, fit)) for name, fit in view.models.items()}
+    width, height = np.ptp(part.experiment.points, axis=0)
+    panel = 2.6 * min(1.5, max(0.4, height / width))
+    titles = [f"increment {i + 1}" for i in chosen] + ["root mean square of all"]
+    titles = titles if t > 1 else titles[:1]
+    points = part.experiment.points
+    mesh = Triangulation(points[:, 0], points[:, 1], part.experiment.triangles)
+    norm = BoundaryNorm(LEVELS, 256, extend="max")
+    with style.figure(2.6 * len(titles) + 1.1, len(maps) * (panel + 0.3) + 0.4) as figure:
+        axes = figure.subplots(len(maps), len(titles), squeeze=False, sharex=True, sharey=True)
+        for row, (name, values) in zip(axes, maps.items(), strict=True):
+            panels = [*values[chosen], np.sqrt((values**2).mean(axis=0))][: len(titles)]
+            for ax, title, value in zip(row, titles, panels, strict=True):
+                image = ax.tripcolor(mesh, value, shading="gouraud", cmap="magma_r", norm=norm, rasterized=True)
+                ax.set(aspect="equal", title=title)
+                ax.grid(False)
+                ax.tick_params(labelsize=7)
+            row[0].set_ylabel(f"{name}\ny, mm")
+        for ax in axes[-1]:
+            ax.set_xlabel("x, mm")
+        figure.colorbar(image, ax=axes, label="imbalance, standard deviations", ticks=LEVELS, format="%g", shrink=0.9)
+        return figure
+
+
+def force_history(view: View, part: Part) -> Figure:
+    """Forces read and predicted over time or increments, errors below; increments held out are shaded."""
+    found = {name: forces(part, fit) for name, fit in view.models.items()}
+    panels = worth_drawing({name: v[0] for name, v in found["base model"].items()})
+    time = part.experiment.time
+    x = np.arange(1.0, part.experiment.n_increments + 1) if time is None else time
+    with style.figure(max(4.8, 3.0 * len(panels)), 4.8) as figure:
+        axes = figure.subplots(2, len(panels), squeeze=False, sharex=True, height_ratios=(2, 1.4))
+        for (top, bottom), (boundary, k) in zip(axes.T, panels, strict=True):
+            top.set_title(f"{boundary} edge, {COMPONENTS[k]}")
+            measured, _, spread = (v[:, k] for v in found["base model"][boundary])
+            top.plot(x, measured, "o", color="black", mfc="none", ms=6, label="measured")
+            bottom.fill_between(x, -BAND * spread, BAND * spread, color="0.75", lw=0, label="95 % of noise")
+            for name, by_boundary in found.items():
+                predicted = by_boundary[boundary][1][:, k]
+                top.plot(x, predicted, lw=1.1, label=name, **LOOKS[name])
+                bottom.plot(x, predicted - measured, lw=0.9, **LOOKS[name])
+            bottom.axhline(0, color="0.4", lw=0.6)
+            for ax in (top, bottom):
+                _shade(ax, x, held_increments(part))
+            bottom.set_xlabel("increment" if time is None else "time, s")
+        axes[0, 0].set_ylabel("force on the specimen, N")
+        axes[1, 0].set_ylabel("predicted - measured, N")
+        axes[0, 0].legend(fontsize=8)
+        axes[1, 0].legend(fontsize=7)
+        return figure
+
+
+def _shade(ax: Axes, x: Array, held: NDArray[np.bool_]) -> None:
+    """Mark the increments held out: half way to their neighbours."""
+    middle = 0.5 * (x[1:] + x[:-1])
+    first, last = (2 * x[0] - middle[0], 2 * x[-1] - middle[-1]) if x.size > 1 else (x[0] - 0.5, x[0] + 0.5)
+    edges = np.concatenate([[first], middle, [last]])
+    for i in np.flatnonzero(held):
+        ax.axvspan(edges[i], edges[i + 1], color=HELD_OUT, lw=0, zorder=0)
+
+
+def scores(view: View) -> Figure:
+    """Scores of all candidates in the first and the last round; filled where significant."""
+    rounds = view.discovery.rounds
+    shown = {"base model": rounds[0]} if len(rounds) == 1 else {"base model": rounds[0], "final model": rounds[-1]}
+    largest = max([10.0, *(r.score.score for now in shown.values() for r in now.candidates if r.score.is_tested)])
+    names = [row.name for row in rounds[0].candidates if row.score.is_tested][::-1]
+    with style.figure(4.6 * len(shown) + 0.4, 0.27 * max(len(names), 3) + 1.0) as figure:
+        axes = figure.subplots(1, len(shown), sharey=True, sharex=True, squeeze=False)[0]
+        for ax, (name, now) in zip(axes, shown.items(), strict=True):
+            _bars(ax, now, names, view.discovery.thresholds)
+            ax.set(title=f"residual of the {name}", xlabel="score (fall of the whitened misfit)", xlim=(0, 8 * largest))
+        axes[0].set_yticks(range(len(names)), names, fontsize=8)
+        return figure
+
+
+def _bars(ax: Axes, now: Round, names: list[str], thresholds: Thresholds) -> None:
+    by_name = {row.name: row.score for row in now.candidates if row.score.is_tested}
+    for place, name in enumerate(names):
+        score = by_name.get(name)
+        if score is None:
+            ax.text(0.02, place, "in the model", va="center", fontsize=7, transform=ax.get_yaxis_transform())
+            continue
+        significant = score.adjusted < thresholds.significance
+        ax.barh(
+            place, score.score, height=0.7, edgecolor=style.COLOURS["blue"], linewidth=0.8,
+            facecolor=style.COLOURS["blue"] if significant and score.admissible else "white",
+            hatch="////" if significant and not score.admissible else None,
+        )  # fmt: skip
+        text = f"p {WORDS.p(value=score.adjusted)}"
+        ax.annotate(text, (max(score.score, 0.0), place), (3, 0), textcoords="offset points", va="center", fontsize=7)
+    ax.set_xscale("symlog", linthresh=10.0)
+    ax.grid(False, axis="y")
+
+
+def intervals(view: View) -> Figure | None:
+    """Amplitudes of the effects in the final model with 95 % intervals; None where nothing was added."""
+    final = view.discovery.final
+    if not final.additions:
+        return None
+    sizes = [len(a.amplitudes) for a in final.additions]
+    tested = {now.added: row.score for now in view.discovery.rounds for row in now.candidates if row.name == now.added}
+    with style.figure(6.0, 0.3 * sum(sizes) + 0.95 * len(sizes)) as figure:
+        axes = figure.subplots(len(sizes), 1, squeeze=False, height_ratios=[n + 1 for n in sizes])[:, 0]
+        for ax, addition, deviations in zip(axes, final.additions, final.errors, strict=True):
+            score = tested.get(addition.effect.name)
+            _intervals(ax, addition, deviations, None if score is None else (score.amplitudes, score.errors), view.unit)
+        axes[0].legend(fontsize=7)
+        return figure
+
+
+def _intervals(
+    ax: Axes,
+    addition: Addition,
+    deviations: tuple[float, ...],
+    tested: tuple[tuple[float, ...], tuple[float, ...]] | None,
+    unit: str,
+) -> None:
+    parameters = addition.effect.amplitudes
+    places = np.arange(len(parameters))[::-1].astype(float)
+    ax.errorbar(addition.amplitudes, places, xerr=BAND * np.array(deviations), fmt="o", ms=5, capsize=3,
+                color=style.COLOURS["blue"], label="fitted, 95 %")  # fmt: skip
+    if tested is not None:
+        ax.errorbar(tested[0], places - 0.25, xerr=BAND * np.array(tested[1]), fmt="s", ms=4, mfc="white", capsize=3,
+                    color=style.COLOURS["vermilion"], linestyle="none", label="score test, 95 %")  # fmt: skip
+    ax.axvline(0, color="0.4", lw=0.8, ls="--")
+    if np.isfinite(parameters[0].lower):
+        low, high = ax.get_xlim()
+        ax.axvspan(min(low, parameters[0].lower), parameters[0].lower, color="0.88", lw=0, label="not admissible")
+        ax.set_xlim(min(low, parameters[0].lower - 0.05 * (high - low)), high)
+    ax.set_yticks(places, [p.name for p in parameters])
+    ax.set_ylim(-0.8, len(places) - 0.4)
+    ax.set_title(addition.effect.name)
+    label = amplitude_unit(parameters[0], unit)
+    ax.set_xlabel("amplitude" + ("" if label == "1" else f", {label}"), fontsize=8)
+
+
+OF_A_TEST: dict[str, Callable[[View, Part], Figure]] = {"residual_map": residual_map, "forces": force_history}
+OF_ALL: dict[str, Callable[[View], Figure | None]] = {"scores": scores, "amplitudes": intervals}
+
+
+def caption(name: str, **values: str) -> str:
+    """The caption of a figure; of one test with its name."""
+    return str(getattr(WORDS, f"{name}_caption")(**values))

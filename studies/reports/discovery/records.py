@@ -1,0 +1,236 @@
+"""Everything that the report of a discovery says as plain data: what ``discovery.json`` and the CSV files hold.
+
+In: a `View`. Out: dataclasses, each with `to_dict`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from calibrate.diagnosis.effect_fit import Fit, bulk_modulus
+from calibrate.diagnosis.problem import Part
+from calibrate.diagnosis.residual_tests import ChiSquare
+from calibrate.diagnosis.score_tests import Status
+from calibrate.diagnosis.selection.misfit import Misfit
+from calibrate.diagnosis.selection.rounds import Candidate, Round
+from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
+from calibrate.effects import Effect
+from calibrate.models.extended_model import amplitude_unit
+from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
+from studies.reports.discovery.view import BAND, View, held_increments
+
+MISFITS = ("all", "no discretisation error", "slow")  # names of the tests of `Fit.misfits` in discovery.json
+
+
+@dataclass(frozen=True)
+class AmplitudeRecord:
+    """An amplitude: as the score test estimates it, and refitted with the base (None: no refit was made), with 95 % interval."""
+
+    name: str
+    unit: str
+    null: float
+    lowest: float | None
+    highest: float | None
+    tested: float
+    tested_deviation: float
+    fitted: float | None = None
+    fitted_deviation: float | None = None
+    low_95: float | None = None
+    high_95: float | None = None
+
+
+@dataclass(frozen=True)
+class ShapeRecord:
+    """A shape with its unit."""
+
+    name: str
+    unit: str
+    value: float
+
+
+@dataclass(frozen=True)
+class SimilarRecord:
+    """An effect with a similar signature."""
+
+    effect: str
+    cosine: float
+
+
+@dataclass(frozen=True)
+class CandidateRecord:
+    """A candidate of a round; improvement: share of the training misfit, predicted by the score and achieved. None: not tested, or
+    not refitted."""
+
+    effect: str
+    stage: str
+    formula: str
+    status: str
+    outcome: str
+    indistinguishable: list[str]
+    score: float | None
+    degrees: int | None
+    p_value: float | None
+    adjusted_p_value: float | None
+    predicted_improvement: float | None
+    achieved_improvement: float | None
+    absorbed_by_base: float | None
+    amplitudes: list[AmplitudeRecord]
+    shape: list[ShapeRecord]
+    admissible: bool | None
+    train_before: dict[str, Any] | None
+    train_after: dict[str, Any] | None
+    held_out_before: dict[str, Any] | None
+    held_out_after: dict[str, Any] | None
+    collinear_with: list[SimilarRecord]
+    decided_by: str
+    of_material: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """As discovery.json holds it."""
+        return asdict(self)
+
+
+def amplitude_records(candidate: Candidate, unit: str) -> list[AmplitudeRecord]:
+    """Every amplitude of a tested effect."""
+    addition, score = candidate.addition, candidate.score
+    if not score.is_tested:
+        return []
+    found = []
+    for i, p in enumerate(score.effect.amplitudes):
+        low, high = (float(v) if np.isfinite(v) else None for v in (p.lower, p.upper))
+        fitted: tuple[float, ...] = ()
+        if addition is not None:
+            value, deviation = addition.amplitudes[i], candidate.deviations[i]
+            fitted = (value, deviation, value - BAND * deviation, value + BAND * deviation)
+        found.append(
+            AmplitudeRecord(
+                p.name, amplitude_unit(p, unit), p.null, low, high, score.amplitudes[i], score.errors[i], *fitted
+            )
+        )
+    return found
+
+
+def shape_records(effect: Effect, values: tuple[float, ...], unit: str) -> list[ShapeRecord]:
+    """Every shape with its unit."""
+    return [ShapeRecord(p.name, amplitude_unit(p, unit), v) for p, v in zip(effect.shapes, values, strict=True)]
+
+
+def candidate_record(candidate: Candidate, now: Round, unit: str, thresholds: Thresholds = DEFAULT) -> CandidateRecord:
+    """A candidate with every number."""
+    score, effect, fit = candidate.score, candidate.score.effect, candidate.fit
+    tested = score.is_tested
+    shape = score.shape if candidate.addition is None else candidate.addition.shape or score.shape
+    return CandidateRecord(
+        effect=effect.name,
+        stage=effect.stage,
+        formula=effect.formula,
+        status=score.status,
+        outcome=outcome_words(candidate, now, thresholds),
+        indistinguishable=list(indistinguishable(candidate, now, thresholds)),
+        score=score.score if tested else None,
+        degrees=score.degrees if tested else None,
+        p_value=score.p_value if tested else None,
+        adjusted_p_value=score.adjusted if tested else None,
+        predicted_improvement=score.share if tested else None,
+        achieved_improvement=None if fit is None else 1 - fit.loss / now.fit.loss,
+        absorbed_by_base=score.absorbed if score.status in (Status.TESTED, Status.ABSORBED) else None,
+        amplitudes=amplitude_records(candidate, unit),
+        shape=shape_records(effect, shape, unit) if tested else [],
+        admissible=score.admissible if tested else None,
+        train_before=_misfit(now.train),
+        train_after=_misfit(candidate.train),
+        held_out_before=_misfit(now.held),
+        held_out_after=_misfit(candidate.held),
+        collinear_with=[SimilarRecord(name, cosine) for name, cosine in candidate.like],
+        decided_by=effect.decided_by,
+        of_material=effect.of_material,
+    )
+
+
+def _misfit(misfit: Misfit | None) -> dict[str, Any] | None:
+    return None if misfit is None else misfit.to_dict()
+
+
+def model_name(fit: Fit) -> str:
+    """'base', or 'base + second invariant + image rotation'."""
+    return " + ".join(["base", *fit.names])
+
+
+@dataclass(frozen=True)
+class ExperimentRecord:
+    """An experiment and how it was used."""
+
+    name: str
+    increments: int
+    nodes: int
+    triangles: int
+    spacing_mm: float
+    equations_fitted: int
+    equations_held_out: int
+    held_out_increments: list[int]
+    noise_is_known: bool
+
+    @classmethod
+    def of(cls, part: Part) -> ExperimentRecord:
+        """Of one part of a problem."""
+        e, held = part.experiment, (np.flatnonzero(held_increments(part)) + 1).tolist()
+        return cls(
+            e.name, e.n_increments, len(e.points), len(e.triangles), part.system.fields.spacing, part.train.size,
+            part.held.size, held, part.assembled.noise_is_known,
+        )  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """As discovery.json holds it."""
+        return asdict(self)
+
+
+def round_record(now: Round, view: View) -> dict[str, Any]:
+    """A round with every number, as discovery.json holds it."""
+    problem, found = view.discovery.problem, bulk_modulus(view.discovery.problem, now.fit)
+    known, thresholds = problem.noise_is_known, view.discovery.thresholds
+    return {
+        "bulk_modulus": None if found is None else {"value": found[0], "standard_deviation": found[1]},
+        "model": model_name(now.fit),
+        "loss": now.fit.loss,
+        "equations": now.fit.n_rows,
+        "degrees_of_freedom": now.fit.degrees,
+        "reduced_chi_square": now.fit.reduced_chi_square,
+        "p_value": now.fit.p_value if known else None,
+        "misfits": {name: _test(test) for name, test in zip(MISFITS, now.fit.misfits, strict=True)},
+        "predicted": None
+        if now.predicted is None
+        else {**_test(now.predicted), "p_value": now.predicted_p if known else None},
+        "train": now.train.to_dict(),
+        "held_out": _misfit(now.held),
+        "candidates": [candidate_record(c, now, view.unit, thresholds).to_dict() for c in now.candidates],
+        "added": now.added,
+        "group": list(now.group),
+        "remarks": round_remarks(now),
+    }
+
+
+def _test(test: ChiSquare) -> dict[str, float]:
+    return {"chi_square": test.value, "degrees_of_freedom": test.degrees}
+
+
+def content(view: View) -> dict[str, Any]:
+    """Everything that the report says, as discovery.json holds it."""
+    found = view.discovery
+    return {
+        "format": "equigap-discovery",
+        "version": 1,
+        "verdict": found.verdict,
+        "named": list(found.named),
+        "closest": list(found.closest),
+        "groups": {name: list(group) for name, group in found.groups.items()},
+        "hold_out": view.hold_out,
+        "noise_is_known": found.problem.noise_is_known,
+        "stress_unit": view.unit,
+        "plane": found.problem.parts[0].experiment.plane,
+        "remarks": list(view.remarks),
+        "experiments": [ExperimentRecord.of(part).to_dict() for part in found.problem.parts],
+        "rounds": [round_record(now, view) for now in found.rounds],
+    }

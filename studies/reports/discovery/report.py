@@ -1,0 +1,167 @@
+"""The report of a discovery: a `View` in; HTML with pictures, and the same as JSON, CSV and NPZ, out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.network_model import Model
+from studies.output import write_csv, write_figure, write_json, write_npz
+from studies.output.report import Report
+from studies.reports.discovery import figures
+from studies.reports.discovery.candidate_outcome import WORDS
+from studies.reports.discovery.records import ExperimentRecord, content, model_name
+from studies.reports.discovery.statement import remarks, untestable, verdict
+from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
+from studies.reports.discovery.view import View, decorrelated, forces, held_increments, nodal
+
+MOST_TESTS = 4  # that get pictures
+QUICK_FIGURES = ("residual_map", "forces", "scores")
+
+
+def write(folder: Path, view: View, model: ExtendedModel, manifest: Any) -> Path:
+    """Write model, data, figures, report and manifest into `folder`; returns the report's path."""
+    files = [folder / "report.html", folder / "model.json", *_data(folder, view)]
+    model.save(files[1])
+    report = Report("Diagnosis", _subtitle(view))
+    said = verdict(view)
+    report.heading("Verdict").paragraph(said[0].upper() + said[1:] + ".")
+    for remark in remarks(view):
+        report.paragraph(remark)
+    _results(report, folder, view)
+    report.heading("The extended model").paragraph(model_words(model))
+    report.heading("How it was made")
+    for part in map(ExperimentRecord.of, view.discovery.problem.parts):
+        numbers = ", ".join(map(str, part.held_out_increments)) or "none"
+        report.details(f"Experiment {part.name}", {**part.to_dict(), "held_out_increments": numbers})
+    record = manifest.to_dict()
+    report.details("Settings", record["settings"])
+    report.details("Versions", record["versions"])
+    report.save(files[0])
+    # the manifest is written last: where it is, everything is
+    manifest.beside(*files, verdict=view.discovery.verdict, in_words=said, hold_out=view.hold_out)
+    return files[0]
+
+
+def _results(report: Report, folder: Path, view: View) -> None:
+    """Tables and figures of the models and candidates."""
+    rounds = view.discovery.rounds
+    report.heading("Models").table(*model_table(view), WORDS.model_caption())
+    if view.discovery.problem.noise_is_known:
+        report.heading("Residual against noise").table(*misfit_table(view), WORDS.misfit_caption())
+    report.heading("Residuals in place and time")
+    for path, figure, caption in pictures(folder, view):
+        write_figure(path, figure, dpi=140)
+        report.figure(path, caption)
+    for i, now in enumerate(rounds, start=1):
+        report.heading(f"Round {i}: residual of {model_name(now.fit)}")
+        report.table(*candidate_table(now, view.unit), WORDS.candidate_caption())
+    lines = "\n".join(untestable(rounds[0])) or WORDS.all_testable()
+    report.heading("Not testable with these data").paragraph(lines)
+    report.heading("The catalogue").table(*catalogue_table(view), WORDS.catalogue_caption())
+
+
+def _subtitle(view: View) -> str:
+    parts = view.discovery.problem.parts
+    names = [p.experiment.name for p in parts if p.train.size]
+    held = [p.experiment.name for p in parts if not p.train.size]
+    return f"{', '.join(names)}; {'held out: ' + ', '.join(held) if held else 'held out: ' + view.hold_out}"
+
+
+def model_words(model: ExtendedModel) -> str:
+    """What the model file holds and how good its network is."""
+    names = [a.effect.name for a in model.additions]
+    own = [a.effect.name for a in model.additions if not a.effect.of_material]
+    remark = model.network_loss["remark"] if isinstance(model.network, Model) else ""
+    return WORDS.model(unit=model.unit, names=names, own=own, remark=remark)
+
+
+def pictures(folder: Path, view: View) -> Iterator[tuple[Path, Any, str]]:
+    """Path, figure and caption of every picture."""
+    parts = view.discovery.problem.parts[:MOST_TESTS]
+    for name, draw in figures.OF_A_TEST.items():
+        for i, part in enumerate(parts, start=1):
+            if view.quick and i > 1 and name != "forces":
+                continue
+            number = f"_{i}" if len(parts) > 1 else ""
+            title = part.experiment.name + ("" if part.train.size else " (held out)")
+            yield folder / f"{name}{number}.png", draw(view, part), figures.caption(name, test=title)
+    for name, draw_all in figures.OF_ALL.items():
+        if view.quick and name not in QUICK_FIGURES:
+            continue
+        figure = draw_all(view)
+        if figure is not None:
+            yield folder / f"{name}.png", figure, figures.caption(name)
+
+
+def _data(folder: Path, view: View) -> list[Path]:
+    """Write discovery.json, effects.csv, amplitudes.csv, forces.csv and residuals.npz."""
+    everything = {**content(view), "in_words": verdict(view), "remarks": remarks(view)}
+    write_json(folder / "discovery.json", everything)
+    rows = [_flat(i, c) for i, now in enumerate(everything["rounds"], start=1) for c in now["candidates"]]
+    write_csv(folder / "effects.csv", list(rows[0]) if rows else ["round"], [list(row.values()) for row in rows],
+              ["one row a candidate and round; improvements and errors are shares, p adjusted for the search"])  # fmt: skip
+    rows = [
+        {"round": i, "effect": c["effect"], **amplitude}
+        for i, now in enumerate(everything["rounds"], start=1)
+        for c in now["candidates"]
+        for amplitude in c["amplitudes"]
+    ]
+    write_csv(folder / "amplitudes.csv", list(rows[0]) if rows else ["round"], [list(row.values()) for row in rows],
+              ["tested: by the score test; fitted: together with the base, 95 % interval; lowest, highest: admissible"])  # fmt: skip
+    columns, lines = force_rows(view)
+    write_csv(folder / "forces.csv", columns, lines, ["forces of the grip on the specimen, N; time in s"])
+    write_npz(folder / "residuals.npz", **_maps(view))
+    return [folder / name for name in
+            ("discovery.json", "effects.csv", "amplitudes.csv", "forces.csv", "residuals.npz")]  # fmt: skip
+
+
+def _flat(number: int, candidate: dict[str, Any]) -> dict[str, Any]:
+    """A candidate as one row: misfits spread over columns, lists as words, amplitudes left to their own table."""
+    row: dict[str, Any] = {"round": number}
+    for key, value in candidate.items():
+        if key == "amplitudes":
+            continue
+        if key.endswith(("_before", "_after")):
+            for name in ("force_error", "field_error", "chi_square_per_equation"):
+                row[f"{key}_{name}"] = None if value is None else value[name]
+        elif key == "collinear_with":
+            row[key] = "; ".join(f"{v['effect']} {v['cosine']:.4f}" for v in value)
+        elif key == "shape":
+            row[key] = "; ".join(f"{v['name']} {v['value']:.6g} {v['unit']}" for v in value)
+        else:
+            row[key] = "; ".join(value) if isinstance(value, list) else value
+    return row
+
+
+def force_rows(view: View) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows: forces read, predicted by each model, and the deviation that noise explains."""
+    columns = ["experiment", "increment", "time", "held_out", "boundary", "component", "measured"]
+    columns += [name.replace(" ", "_") for name in view.models] + ["deviation"]
+    rows = []
+    for part in view.discovery.problem.parts:
+        found = [forces(part, fit) for fit in view.models.values()]
+        held, time = held_increments(part), part.experiment.time
+        for boundary, (measured, _, spread) in found[0].items():
+            for i, k in np.ndindex(measured.shape):
+                rows.append([
+                    part.experiment.name, i + 1, None if time is None else float(time[i]), int(held[i]), boundary, "xy"[k],
+                    float(measured[i, k]), *(float(f[boundary][1][i, k]) for f in found), float(spread[i, k]),
+                ])  # fmt: skip
+    return columns, rows
+
+
+def _maps(view: View) -> dict[str, Any]:
+    """Nodes, triangles and decorrelated residuals (t, n) of every experiment and model."""
+    arrays: dict[str, Any] = {"unit": "standard deviations"}
+    for i, part in enumerate(view.discovery.problem.parts, start=1):
+        arrays[f"experiment_{i}_name"] = part.experiment.name
+        arrays[f"experiment_{i}_points"] = part.experiment.points
+        arrays[f"experiment_{i}_triangles"] = part.experiment.triangles
+        for name, fit in view.models.items():
+            arrays[f"experiment_{i}_{name.replace(' ', '_')}"] = nodal(part, decorrelated(part, fit)).astype(np.float32)
+    return arrays

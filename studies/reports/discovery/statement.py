@@ -1,0 +1,214 @@
+"""The verdict of a discovery and its remarks: numbers for the template ``discovery.txt`` in, what report and terminal say out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calibrate.diagnosis.distillation import Distilled
+from calibrate.diagnosis.effect_fit import Fit, bulk_modulus
+from calibrate.diagnosis.selection import Verdict
+from calibrate.diagnosis.selection.rounds import Round
+from calibrate.models.extended_model import amplitude_unit
+from studies.output.words import plus_minus
+from studies.reports.discovery.candidate_outcome import WORDS, outcome_words, round_remarks
+from studies.reports.discovery.records import shape_records
+from studies.reports.discovery.view import BAND, View
+from studies.reports.experiments.experiment_findings import experiment_findings
+
+OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
+LISTED = 3  # amplitudes that a cell of the table can hold
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect of the final model: its amplitudes and shapes as text, and the effects it cannot be told from."""
+
+    name: str
+    values: tuple[str, ...]
+    like: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ErrorChange:
+    """Errors of force and field of the base and the final model, on data held out, or fitted where none were."""
+
+    force_before: float
+    force_after: float
+    field_before: float
+    field_after: float
+    held_out: bool
+    hold_out: str
+
+
+@dataclass(frozen=True)
+class Residual:
+    """The residual of the last model against noise. telling: the test with the smallest p, where it says more than that of all
+    equations. predicted_p: of what was held out, None where nothing was."""
+
+    noise_is_known: bool
+    more_than_noise: bool
+    reduced_chi_square: float
+    p_value: float
+    telling: str | None
+    predicted_p: float | None
+
+
+@dataclass(frozen=True)
+class BestCandidate:
+    """The candidate of the last round with the smallest adjusted p."""
+
+    name: str
+    p_value: float
+    significant: bool
+    outcome: str
+
+
+@dataclass(frozen=True)
+class Statement:
+    """All that the verdict says. last_step: of a last fit that has not converged, in standard deviations of an equation."""
+
+    verdict: Verdict
+    named: tuple[NamedEffect, ...]
+    closest: tuple[NamedEffect, ...]
+    errors: ErrorChange
+    residual: Residual
+    best: BestCandidate | None
+    decided_by: tuple[str, ...]
+    may_be_false_alarm: bool
+    last_step: float | None
+
+    @classmethod
+    def of(cls, view: View) -> Statement:
+        """Of a discovery."""
+        found, final = view.discovery, view.discovery.final
+        residual = _residual(view)
+        return cls(
+            found.verdict,
+            _effects(view, found.named),
+            _effects(view, found.closest),
+            _errors(view),
+            residual,
+            _best(view),
+            _deciding(view),
+            residual.noise_is_known and not residual.more_than_noise,
+            None if final.converged else final.last_step,
+        )
+
+
+def verdict(view: View) -> str:
+    """The verdict in words, one paragraph; also that the last fit has not converged, if so."""
+    return WORDS.verdict(s=Statement.of(view))
+
+
+def _effects(view: View, names: tuple[str, ...]) -> tuple[NamedEffect, ...]:
+    final, groups = view.discovery.final, view.discovery.groups
+    return tuple(
+        NamedEffect(name, tuple(effect_values(final, i, view.unit)), groups.get(name, (name,))[1:])
+        for i, name in enumerate(final.names)
+        if name in names
+    )
+
+
+def effect_values(fit: Fit, i: int, unit: str) -> list[str]:
+    """Amplitudes of the i-th effect with half their 95 % interval, and its shapes: 'c01 = 0.0163 +- 0.0006 MPa'."""
+    addition, deviations = fit.additions[i], fit.errors[i]
+    values = [
+        with_unit(f"{p.name} = {plus_minus(v, BAND * d)}", amplitude_unit(p, unit))
+        for p, v, d in zip(addition.effect.amplitudes, addition.amplitudes, deviations, strict=True)
+    ]
+    if len(values) > LISTED:
+        values = [WORDS.amplitudes(n=len(values))]
+    return values + [with_unit(f"{s.name} = {s.value:.3g}", s.unit) for s in
+                     shape_records(addition.effect, addition.shape, unit)]  # fmt: skip
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A quantity with its unit, which is left out where it is '1'."""
+    return text if unit == "1" else f"{text} {unit}"
+
+
+def _errors(view: View) -> ErrorChange:
+    first, last = view.discovery.rounds[0], view.discovery.rounds[-1]
+    before, after, held = first.held, last.held, True
+    if before is None or after is None:
+        before, after, held = first.train, last.train, False
+    return ErrorChange(before.force, after.force, before.field, after.field, held, view.hold_out)
+
+
+def _residual(view: View) -> Residual:
+    found, now = view.discovery, view.discovery.rounds[-1]
+    limit, tests = found.thresholds.misfit_p, now.fit.misfits._asdict()
+    smallest = min(tests, key=lambda name: tests[name].p_value)
+    telling = smallest if smallest != "everything" and now.fit.p_value < limit else None
+    return Residual(
+        found.problem.noise_is_known,
+        min(now.fit.p_value, now.predicted_p) < limit,
+        now.fit.reduced_chi_square,
+        now.fit.p_value,
+        telling,
+        None if now.predicted is None else now.predicted_p,
+    )
+
+
+def _best(view: View) -> BestCandidate | None:
+    now, thresholds = view.discovery.rounds[-1], view.discovery.thresholds
+    tested = [c for c in now.candidates if c.score.is_tested]
+    if not tested:
+        return None
+    best = min(tested, key=lambda c: c.score.adjusted)
+    return BestCandidate(
+        best.name, best.score.adjusted, best.is_significant(thresholds), outcome_words(best, now, thresholds)
+    )
+
+
+def _deciding(view: View) -> tuple[str, ...]:
+    """The experiments that would break the ties of what is named; none where there is no tie."""
+    found = view.discovery
+    known = {c.name: c.score.effect for now in found.rounds for c in now.candidates}
+    groups = [found.groups.get(name, (name,)) for name in found.named]
+    tests = [known[n].decided_by for group in groups if len(group) > 1 for n in group if n in known]
+    return tuple(dict.fromkeys(test for test in tests if test))
+
+
+def remarks(view: View) -> list[str]:
+    """What a reader has to know, in sentences."""
+    found = view.discovery
+    result = [*view.remarks, *_of_noise(view), _of_hold_out(view)]
+    for i, now in enumerate(found.rounds, start=1):
+        result += [WORDS.round_remark(number=i, remark=text) for text in round_remarks(now)]
+    if view.unit != "MPa":
+        result.append(WORDS.no_thickness())
+    for part in found.problem.parts:
+        result += [f.text for f in experiment_findings(part.experiment, part.assembled.noise_is_known)]
+    bulk = bulk_modulus(found.problem, found.final)
+    if bulk is not None:
+        result.append(WORDS.plane_strain(value=plus_minus(bulk[0], BAND * bulk[1]), unit=view.unit))
+    return result
+
+
+def _of_noise(view: View) -> list[str]:
+    found = view.discovery
+    if not found.problem.noise_is_known:
+        return [WORDS.unknown_noise()]
+    chi_square = found.base.reduced_chi_square
+    return [WORDS.overstated_noise(chi_square=chi_square)] if chi_square < OVERSTATED else []
+
+
+def _of_hold_out(view: View) -> str:
+    parts, first = view.discovery.problem.parts, view.discovery.rounds[0]
+    if first.held is None:
+        return WORDS.nothing_held_out(few=min(part.experiment.n_increments for part in parts) < 3)
+    return WORDS.held_out(what=view.hold_out, other_test=any(not part.train.size for part in parts))
+
+
+def untestable(now: Round) -> list[str]:
+    """What these data cannot support: 'force gain: gauge, cannot be told from ...'."""
+    return [
+        WORDS.untestable(name=c.name, outcome=outcome_words(c, now)) for c in now.candidates if not c.score.is_tested
+    ]
+
+
+def network_words(distilled: Distilled) -> str:
+    """How well the network of a model file stands in for its base."""
+    network, spline = distilled.chi_squares
+    return WORDS.network(chi_square=network, spline_chi_square=spline, good=distilled.good)

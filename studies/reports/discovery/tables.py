@@ -1,0 +1,139 @@
+"""Tables of the report of a discovery: a `View` in, columns and rows out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.selection.misfit import Misfit
+from calibrate.diagnosis.selection.rounds import Candidate, Round
+from calibrate.effects import Effect
+from calibrate.models.extended_model import amplitude_unit
+from studies.reports.discovery.candidate_outcome import WORDS, indistinguishable, outcome_words
+from studies.reports.discovery.records import amplitude_records, model_name, shape_records
+from studies.reports.discovery.statement import LISTED, effect_values, with_unit
+from studies.reports.discovery.view import BAND, View
+
+SMALLEST = 1e-16  # p-values below are all the same
+MODEL_COLUMNS = [
+    "model", "reduced chi-square", "degrees of freedom", "p", "chi-square each, fitted", "force error, fitted, %",
+    "field error, fitted, %", "p, held out", "chi-square each, held out", "force error, held out, %", "field error, held out, %",
+]  # fmt: skip
+Table = tuple[list[str], list[list[Any]]]
+
+
+def _percent(share: float) -> float | None:
+    """In per cent; None where there is none."""
+    return 100 * share if share == share else None
+
+
+def model_table(view: View) -> Table:
+    """The model of each round and its errors."""
+    known = view.discovery.problem.noise_is_known
+    rows: list[list[Any]] = []
+    for now in view.discovery.rounds:
+        fit, held = now.fit, now.held
+        rows.append([
+            model_name(fit), fit.reduced_chi_square, fit.degrees, _p(fit.p_value) if known else None,
+            now.train.chi_square, *_errors(now.train), _p(now.predicted_p) if known and now.predicted is not None else None,
+            None if held is None else held.chi_square, *_errors(held),
+        ])  # fmt: skip
+    return MODEL_COLUMNS, rows
+
+
+def _errors(misfit: Misfit | None) -> list[float | None]:
+    """Force and field error, %."""
+    return [None, None] if misfit is None else [_percent(misfit.force), 100 * misfit.field]
+
+
+def misfit_table(view: View) -> Table:
+    """The three tests of the residual of each model."""
+    rows: list[list[Any]] = []
+    for now in view.discovery.rounds:
+        for name, test in now.fit.misfits._asdict().items():
+            rows.append([model_name(now.fit), WORDS.part(test=name), test.value, test.degrees, _p(test.p_value)])
+    return ["model", "part", "chi-square", "degrees of freedom", "p"], rows
+
+
+def catalogue_table(view: View) -> Table:
+    """Every effect with its formula, symbols, units and what decides it."""
+    rows: list[list[Any]] = []
+    for candidate in view.discovery.rounds[0].candidates:
+        effect = candidate.score.effect
+        symbols = [
+            (f"{p.name} ({unit})" if (unit := amplitude_unit(p, view.unit)) != "1" else p.name)
+            for p in (*effect.amplitudes, *effect.shapes)
+        ]
+        shown = symbols if len(symbols) <= LISTED else [symbols[0], "...", symbols[-1]]
+        source = "" if effect.source == Effect.source else f" ({effect.source})"
+        rows.append([effect.name, effect.stage, effect.formula + source, ", ".join(shown), effect.decided_by or None])
+    return ["effect", "stage", "formula (source)", "amplitudes and shapes (unit)", "decided by"], sorted(rows)
+
+
+def _p(value: float) -> float:
+    return max(value, SMALLEST)
+
+
+def candidate_table(now: Round, unit: str) -> Table:
+    """Every candidate of a round, those that could not be tested last."""
+    held = now.held
+    columns = [
+        "effect", "outcome", "cannot be told from", "score", "degrees", "adjusted p", "improvement predicted, %",
+        "achieved, %", "amplitude, 95 % interval", "admissible",
+        _head("force error, fitted", now.train.force), _head("field error, fitted", now.train.field),
+        _head("force error, held out", None if held is None else held.force),
+        _head("field error, held out", None if held is None else held.field),
+        "chi-square each, held out" + ("" if held is None else f" (before: {held.chi_square:.3g})"),
+        "similar to (cosine)", "decided by",
+    ]  # fmt: skip
+    rows = [_in_the_model(now.fit, i, unit, len(columns)) for i in range(len(now.fit.additions))]
+    return columns, rows + [_candidate(candidate, now, unit, len(columns)) for candidate in now.candidates]
+
+
+def _head(name: str, before: float | None) -> str:
+    return f"{name}, %" + ("" if before is None or before != before else f" (before: {100 * before:.3g})")
+
+
+def _in_the_model(fit: Fit, i: int, unit: str, width: int) -> list[Any]:
+    effect = fit.additions[i].effect
+    row: list[Any] = [effect.name, "in the model", *[None] * (width - 2)]
+    row[8] = ", ".join(effect_values(fit, i, unit))
+    row[-1] = effect.decided_by or None
+    return row
+
+
+def _candidate(candidate: Candidate, now: Round, unit: str, width: int) -> list[Any]:
+    s, decided_by = candidate.score, candidate.score.effect.decided_by or None
+    if not s.is_tested:
+        return [candidate.name, outcome_words(candidate, now), *[None] * (width - 3), decided_by]
+    fit, held = candidate.fit, candidate.held
+    like = ", ".join(f"{name} ({cosine:.2f})" for name, cosine in candidate.like)
+    return [
+        candidate.name, outcome_words(candidate, now), ", ".join(indistinguishable(candidate, now)) or None, s.score,
+        s.degrees, _p(s.adjusted), 100 * s.share, None if fit is None else round(100 * (1 - fit.loss / now.fit.loss), 6),
+        amplitude_text(candidate, unit), s.admissible, *_errors(candidate.train), *_errors(held),
+        None if held is None else held.chi_square, like or None, decided_by,
+    ]  # fmt: skip
+
+
+def amplitude_text(candidate: Candidate, unit: str) -> str:
+    """'c01 = 0.0163 [0.0157, 0.0169] MPa; angle = 1.74 rad': refitted, or as tested where that is what there is.
+
+    An inadmissible amplitude is the tested one: the refit stops at the bound.
+    """
+    texts, score = [], candidate.score
+    everything = amplitude_records(candidate, unit)
+    largest = sorted(everything, key=lambda a: -abs(a.tested) / max(a.tested_deviation, 1e-300))[:LISTED]
+    for a in everything if len(everything) <= LISTED else largest:
+        value, deviation = a.tested, a.tested_deviation
+        if a.fitted is not None and a.fitted_deviation is not None and score.admissible:
+            value, deviation = a.fitted, a.fitted_deviation
+        low, high = value - BAND * deviation, value + BAND * deviation
+        texts.append(with_unit(f"{a.name} = {value:.3g} [{low:.3g}, {high:.3g}]", a.unit))
+    if len(everything) > LISTED:
+        texts.append(WORDS.more_amplitudes(n=len(everything) - LISTED))
+    if score.degrees < len(everything):
+        texts.append(WORDS.independent(degrees=score.degrees, n=len(everything)))
+    values = score.shape if candidate.addition is None else candidate.addition.shape
+    shapes = shape_records(score.effect, values, unit)
+    return "; ".join(texts + [with_unit(f"{s.name} = {s.value:.3g}", s.unit) for s in shapes])

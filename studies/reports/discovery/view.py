@@ -1,0 +1,104 @@
+"""A discovery as the report looks at it: forces read and predicted, residuals over the specimen.
+
+In: a `Discovery`. Out: arrays for figures and files; residuals decorrelated, in units of their standard deviation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.problem import Part
+from calibrate.diagnosis.selection import Discovery
+
+Array = NDArray[np.float64]
+BAND = 1.96  # standard deviations of half a 95 % interval
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A discovery, what was held out in words, and remarks on the input. quick: fewer pictures."""
+
+    discovery: Discovery
+    hold_out: str
+    remarks: tuple[str, ...] = ()
+    quick: bool = False
+
+    @property
+    def unit(self) -> str:
+        """MPa, or N/mm where the thickness is unknown."""
+        return self.discovery.problem.parts[0].experiment.stress_unit
+
+    @property
+    def models(self) -> dict[str, Fit]:
+        """The base and, where something was added, the final model."""
+        first, last = self.discovery.base, self.discovery.final
+        return {"base model": first} if last is first else {"base model": first, "final model": last}
+
+
+def residual(part: Part, fit: Fit) -> Array:
+    """Residual (t, 2 v), N, of a fit."""
+    return part.residual(fit.c, part.valid(fit.additions))
+
+
+def held_increments(part: Part) -> NDArray[np.bool_]:
+    """(t,): increments no equation of which was used for fitting."""
+    return ~part.train.rows.any(axis=1)
+
+
+def forces(part: Part, fit: Fit) -> dict[str, tuple[Array, Array, Array]]:
+    """Each loaded boundary's force (t, 2), N: measured, as the fit predicts the reading, standard deviation expected."""
+    system, n = part.system, part.system.fields.n_fields
+    r, spread = residual(part, fit), deviations(part)
+    result = {}
+    for v in np.flatnonzero(system.fields.boundary >= 0):
+        loads = system.loads[:, [v, n + v]]
+        name = part.experiment.loaded[system.fields.boundary[v]].name
+        result[name] = (loads, np.nan_to_num(loads) + r[:, [v, n + v]], spread[:, [v, n + v]])
+    return result
+
+
+def _covariances(part: Part) -> Iterator[tuple[int, NDArray[np.bool_], Array]]:
+    """Increment, equations (2 v,) and their covariance by noise and discretisation, N^2."""
+    for weights in (part.train, part.held):
+        growth, start = 1 / (1 + weights.shrink) ** 2 - 1, 0
+        for i, lower in enumerate(weights.lowers):
+            if not len(lower):
+                continue
+            common = lower @ (weights.U[start : start + len(lower)] * np.sqrt(growth))
+            start += len(lower)
+            yield i, weights.rows[i], lower @ lower.T + common @ common.T
+
+
+def deviations(part: Part) -> Array:
+    """Standard deviation (t, 2 v), N, of every residual; NaN where there is no equation."""
+    result = np.full(part.train.rows.shape, np.nan)
+    for i, rows, covariance in _covariances(part):
+        result[i, rows] = np.sqrt(np.diag(covariance))
+    return result
+
+
+def decorrelated(part: Part, fit: Fit) -> Array:
+    """Residuals (t, 2 v) of unit covariance that stay as close as can be to the virtual field they are named after.
+
+    With s the standard deviations and R the correlations of an increment, R^-1/2 r / s (Kessy, Lewin and Strimmer 2018).
+    """
+    r = residual(part, fit)
+    result = np.full(r.shape, np.nan)
+    for i, rows, covariance in _covariances(part):
+        spread = np.sqrt(np.diag(covariance))
+        values, vectors = np.linalg.eigh(covariance / np.outer(spread, spread))
+        root = np.sqrt(np.maximum(values, 1e-12 * values.max()))
+        result[i, rows] = vectors @ ((vectors.T @ (r[i, rows] / spread)) / root)
+    return result
+
+
+def nodal(part: Part, values: Array) -> Array:
+    """Root mean square of two components (t, n) at the nodes, of one (t, 2 v) for each virtual field."""
+    size = np.sqrt((np.nan_to_num(values).reshape(len(values), 2, -1) ** 2).mean(axis=1))
+    hats = part.system.fields.values
+    return (hats @ size.T).T / np.maximum(np.asarray(hats.sum(axis=1)).ravel(), 1e-12)

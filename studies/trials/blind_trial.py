@@ -1,0 +1,43 @@
+"""Every number of a blind trial, and the specimens it chooses from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from forward.materials import Material
+from meshes import Cross, PlateWithHole, Specimen
+from studies.trials.blind_effects import Hidden
+
+CROSS_SCALE = 0.25
+SPECIMENS: dict[str, Specimen] = {
+    "cross": Cross(**{name: CROSS_SCALE * value for name, value in Cross().dimensions().items()}),
+    "plate": PlateWithHole(half_length=30, half_width=15, far_size=3, hole_radius=5, hole_size=0.8),
+    "wide plate": PlateWithHole(half_length=25, half_width=20, far_size=3, hole_radius=8, hole_size=1.0),
+}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Every number of a trial. Lengths in mm, times in s.
+
+    stretch: nominal, of the specimen; factors, times: load factor and time of each increment; displacement_std and
+    correlation_length of the noise; force_relative: std of a force over its size; force_floor: over the largest.
+    """
+
+    seed: int
+    specimen: str
+    material: Material
+    thickness: float
+    stretch: float
+    factors: tuple[float, ...]
+    times: tuple[float, ...]
+    effects: tuple[Hidden, ...]
+    displacement_std: float
+    correlation_length: float
+    force_relative: float
+    force_floor: float
+
+    @property
+    def displacement(self) -> float:
+        """Of each grip at load factor 1, mm."""
+        return (self.stretch - 1) * SPECIMENS[self.specimen].half_extent[0]

@@ -1,0 +1,223 @@
+"""How often the diagnosis was right in blind trials: judged trials in, counts over all and for each effect out.
+
+A strong effect is one with a score above `GLOBAL_LIMIT`. Those that were hidden alone end in one of five ways, see `Ending`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from calibrate.diagnosis.selection import Verdict
+from studies.trials.blind_case import GLOBAL_LIMIT
+
+FIELD = "stiffness field"
+Judged = Mapping[str, Any]  # see `blind_case.judge`
+
+
+class Ending(StrEnum):
+    """How a trial with one effect ended: named right, and nothing else; right with a wrong name beside it; only an effect named that
+    the data cannot tell from it; nothing named; a wrong name only."""
+
+    RIGHT = "right"
+    BESIDE = "beside"
+    GROUP = "group"
+    MISSED = "missed"
+    WRONG = "wrong"
+
+
+def ending(one: Judged) -> Ending:
+    """Of a judged trial with one effect."""
+    if one["exact"][0]:
+        return Ending.BESIDE if set(one["named"]) - set(one["hidden"]) else Ending.RIGHT
+    if one["hit"][0]:
+        return Ending.GROUP
+    return Ending.WRONG if one["named"] else Ending.MISSED
+
+
+@dataclass(frozen=True)
+class Endings:
+    """Numbers of strong trials that ended in each way."""
+
+    right: int = 0
+    beside: int = 0
+    group: int = 0
+    missed: int = 0
+    wrong: int = 0
+
+    @classmethod
+    def of(cls, trials: Sequence[Judged]) -> Endings:
+        """Of judged trials with one effect."""
+        return cls(**Counter(str(ending(one)) for one in trials))
+
+    @property
+    def strong(self) -> int:
+        """All of them."""
+        return self.right + self.beside + self.group + self.missed + self.wrong
+
+    @property
+    def named(self) -> int:
+        """Those in which the effect itself is named."""
+        return self.right + self.beside
+
+    @property
+    def group_named(self) -> int:
+        """Those in which it or one that the data cannot tell from it is named."""
+        return self.named + self.group
+
+
+@dataclass(frozen=True)
+class Removed:
+    """Strong trials diagnosed once more without their effect in the catalogue. explained: with this verdict; alike: of these by the
+    name of a declared look-alike; wrong: with a name that is none."""
+
+    trials: int
+    explained: int
+    alike: int
+    wrong: int
+
+    @classmethod
+    def of(cls, strong: Sequence[Judged]) -> Removed:
+        """Of those that were diagnosed once more."""
+        absent = [one["absent"] for one in strong if "absent" in one]
+        explained = [a for a in absent if a["verdict"] == Verdict.EXPLAINED]
+        alike = sum(not a["wrong"] for a in explained)
+        return cls(len(absent), len(explained), alike, sum(bool(a["wrong"]) for a in absent))
+
+
+@dataclass(frozen=True)
+class EffectSummary:
+    """Trials with one effect. absent, absent_wrong: diagnosed without it in the catalogue, strong or not, and given a wrong name."""
+
+    effect: str
+    trials: int
+    endings: Endings
+    wrong: int
+    unnamed: int
+    amplitudes: int
+    amplitudes_within: int
+    removed: Removed
+    absent: int
+    absent_wrong: int
+
+    @classmethod
+    def of(cls, effect: str, own: Sequence[Judged]) -> EffectSummary:
+        """Of all judged trials with this effect alone."""
+        strong = [one for one in own if one["strong"]]
+        found = [p for one in own for p in pulls(one)]
+        absent = [one["absent"] for one in own if "absent" in one]
+        return cls(
+            effect, len(own), Endings.of(strong), sum(bool(one["named"]) and not one["hit"][0] for one in own),
+            sum(not one["named"] for one in own), len(found), sum(abs(p) < 1.96 for p in found), Removed.of(strong),
+            len(absent), sum(bool(a["wrong"]) for a in absent),
+        )  # fmt: skip
+
+    def row(self) -> list[Any]:
+        """A line of the table, see `EFFECT_COLUMNS`."""
+        e = self.endings
+        return [
+            self.effect, self.trials, e.strong, e.right, e.beside, e.group, e.missed, e.wrong, self.wrong, self.unnamed,
+            self.amplitudes, self.amplitudes_within, self.removed.trials, self.removed.explained, self.absent,
+            self.absent_wrong,
+        ]  # fmt: skip
+
+
+EFFECT_COLUMNS = [
+    "effect", "trials", "strong", "named right (strong)", "with a wrong name beside", "only its group", "missed", "wrong only",
+    "wrong (all)", "not named (all)", "amplitudes", "within 95 %", "removed: strong", "removed: explained (strong)",
+    "removed: trials", "removed: wrong name",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TrialSummary:
+    """Counts over all trials. pairs: two effects, each strong beside the other; pairs_at_first: each strong before either is found.
+    fields: coefficients of stiffness fields. seconds: CPU time of a diagnosis, median."""
+
+    trials: int
+    nulls: int
+    null_detections: int
+    null_names: int
+    endings: Endings
+    amplitudes: int
+    amplitudes_within: int
+    absent: int
+    absent_wrong: int
+    removed: Removed
+    pairs: int
+    pairs_found: int
+    pairs_at_first: int
+    pairs_at_first_found: int
+    pairs_in_model: int
+    field_correlation: float | None
+    fields: int
+    fields_within: int
+    seconds: float
+    effects: tuple[EffectSummary, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+
+def summary(trials: Sequence[Judged]) -> TrialSummary:
+    """Counts over judged trials, see `blind_case.judge`."""
+    nulls = [one for one in trials if not one["hidden"]]
+    pairs = [one for one in trials if len(one["hidden"]) == 2]
+    beside = [one for one in pairs if "beside" in one and min(one["beside"].values()) > GLOBAL_LIMIT]
+    at_first = [one for one in pairs if min(one["scores"].values()) > GLOBAL_LIMIT]
+    single = [one for one in trials if len(one["hidden"]) == 1]
+    names = sorted({one["hidden"][0] for one in single})
+    effects = [EffectSummary.of(name, [one for one in single if one["hidden"][0] == name]) for name in names]
+    strong = [one for one in single if one["strong"]]
+    correlations = [f for one in trials for f in one["field"] if f is not None]
+    coefficients = _field_pulls(single)
+    return TrialSummary(
+        trials=len(trials),
+        nulls=len(nulls),
+        null_detections=sum(one["verdict"] != Verdict.NOTHING_SIGNIFICANT for one in nulls),
+        null_names=sum(bool(one["named"]) for one in nulls),
+        endings=Endings.of(strong),
+        amplitudes=sum(e.amplitudes for e in effects),
+        amplitudes_within=sum(e.amplitudes_within for e in effects),
+        absent=sum(e.absent for e in effects),
+        absent_wrong=sum(e.absent_wrong for e in effects),
+        removed=Removed.of(strong),
+        pairs=len(beside),
+        pairs_found=sum(all(one["hit"]) for one in beside),
+        pairs_at_first=len(at_first),
+        pairs_at_first_found=sum(all(one["hit"]) for one in at_first),
+        pairs_in_model=sum(_in_model(one) for one in beside),
+        field_correlation=float(np.median(correlations)) if correlations else None,
+        fields=len(coefficients),
+        fields_within=sum(abs(pull) <= 1.96 for pull in coefficients),
+        seconds=float(np.median([one["seconds"] for one in trials])) if trials else 0.0,
+        effects=tuple(effects),
+    )
+
+
+def _in_model(one: Judged) -> bool:
+    """Whether all hidden effects are named, or in the model and too small beside another to be named."""
+    return all(hit or name in one["closest"] for name, hit in zip(one["hidden"], one["hit"], strict=True))
+
+
+def pulls(one: Judged) -> list[float]:
+    """Of the amplitudes of hidden effects that were named; a field's coefficients, which cannot follow a patch, are not among them."""
+    found = [a for a in one["amplitudes"] if a is not None and a["effect"] in one["named"] and a["effect"] != FIELD]
+    return [p for a in found for p in a["pulls"].values()]
+
+
+def _field_pulls(single: Sequence[Judged]) -> list[float]:
+    """Of the coefficients of hidden stiffness fields."""
+    found = (a for one in single if one["hidden"] == [FIELD] for a in one["amplitudes"] if a is not None)
+    return [
+        (a["amplitudes"][k] - true) / a["deviations"][k]
+        for a in found
+        if a["effect"] == FIELD
+        for k, true in a["true"].items()
+    ]

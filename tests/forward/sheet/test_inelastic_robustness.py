@@ -1,0 +1,114 @@
+"""Histories whose steps fail or whose runs are cut off: state variables go with the checkpoint."""
+
+import numpy as np
+import pytest
+
+from forward import Loading, NeoHooke, SurfaceSolution
+from forward.errors import ConvergenceError, SolutionError
+from forward.run import Record
+from forward.sheet.additions import MooneyPart, Mullins
+from forward.sheet.inelastic import solve_history
+from forward.sheet.inelastic_problem import InelasticProblem
+from forward.sheet.sheet_run import Options
+from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
+from meshes import Cross, quads
+
+SHEETS = {
+    "softening": Sheet(NeoHooke(0.4), 1.2, (Mullins(0.3),), Prony(0.3, 2.0), PermanentSet(0.05)),
+    "compressible": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), Prony(0.2, 1.0), bulk_modulus=10.0),
+}
+LOADING = Loading.clamped(Cross.loaded, 30.0)
+FACTORS, TIMES = [0.5, 1.0, 1.0, 0.2], [1.0, 2.0, 4.0, 5.0]
+
+
+def run(mesh, sheet, checkpoint=None, times=TIMES, **options):
+    return solve_history(mesh, sheet, LOADING, FACTORS, times, 2, Options(**options), checkpoint=checkpoint)
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return quads(Cross(), quarter=True, size_factor=4.0)
+
+
+@pytest.fixture(scope="module", params=SHEETS.values(), ids=SHEETS)
+def case(request, mesh):
+    return request.param, run(mesh, request.param)
+
+
+def check_same(found, expected):
+    for name in ("displacements", "time", "energy", "iterations"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+    np.testing.assert_array_equal(found.reactions["right"], expected.reactions["right"])
+    assert found.description == expected.description
+    assert found.history.keys() == expected.history.keys()
+    for name, values in expected.history.items():
+        np.testing.assert_array_equal(found.history[name], values, err_msg=name)
+
+
+@pytest.mark.parametrize("reached", range(len(TIMES) + 1))
+def test_resume_after_a_kill(mesh, case, tmp_path, monkeypatch, reached):
+    """Cut off on any increment, or after the last, a run goes on to exactly the same result."""
+    (sheet, expected), path, add = case, tmp_path / "run.npz", Record.add
+
+    def killed(record, increment):
+        if record.reached == reached:
+            raise KeyboardInterrupt
+        add(record, increment)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Record, "add", killed)
+        if reached < len(TIMES):
+            with pytest.raises(KeyboardInterrupt):
+                run(mesh, sheet, path)
+        else:
+            run(mesh, sheet, path)
+    assert len(SurfaceSolution.load(path).time) == reached
+    check_same(run(mesh, sheet, path), expected)
+    check_same(SurfaceSolution.load(path), expected)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
+
+
+def test_a_checkpoint_of_another_history_is_refused(mesh, case, tmp_path):
+    sheet, solution = case
+    solution.save(tmp_path / "run.npz")
+    with pytest.raises(SolutionError):
+        run(mesh, sheet, tmp_path / "run.npz", times=[1.0, 2.0, 4.0, 5.5])
+
+
+def test_a_failed_step_is_halved_from_the_committed_state(mesh, monkeypatch):
+    """An increment whose one step fails is that of two substeps."""
+    sheet = SHEETS["softening"]
+    solve, tried = InelasticProblem.solve, []
+
+    def fails_on_the_whole_step(problem, load_factor):
+        tried.append(load_factor)
+        if len(tried) == 1:
+            problem.u.x.array[:] = np.nan
+            return type("Outcome", (), {"converged": False, "iterations": 3, "text": "poisoned"})()
+        return solve(problem, load_factor)
+
+    expected = solve_history(mesh, sheet, LOADING, [0.5], [1.0], 2)
+    monkeypatch.setattr(InelasticProblem, "solve", fails_on_the_whole_step)
+    found = solve_history(mesh, sheet, LOADING, [0.5], [1.0])
+    assert tried == [0.5, 0.25, 0.5]
+    assert found.iterations[0] == expected.iterations[0] + 3
+    np.testing.assert_array_equal(found.displacements, expected.displacements)
+    for name, values in expected.history.items():
+        np.testing.assert_array_equal(found.history[name], values, err_msg=name)
+
+
+def test_no_equilibrium_keeps_what_was_reached(mesh, case, tmp_path, monkeypatch):
+    (sheet, expected), path, solve = case, tmp_path / "run.npz", InelasticProblem.solve
+
+    def fails_late(problem, load_factor):
+        if load_factor > 0.8:
+            return type("Outcome", (), {"converged": False, "iterations": 3, "text": "poisoned"})()
+        return solve(problem, load_factor)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(InelasticProblem, "solve", fails_late)
+        with pytest.raises(ConvergenceError) as caught:
+            run(mesh, sheet, path, max_bisections=2)
+    np.testing.assert_array_equal(caught.value.solution.displacements, expected.displacements[:1])
+    assert caught.value.solution.description["load_factors"] == FACTORS[:1]
+    np.testing.assert_array_equal(run(mesh, sheet, path, max_bisections=2).displacements, expected.displacements)
