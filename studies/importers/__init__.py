@@ -7,6 +7,7 @@ import inspect
 import pkgutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from calibrate import errors
 from studies.importers.recording.importer import Importer, Processing, Recording, SheetOptions
@@ -33,7 +34,7 @@ def importer_of(source: str) -> Importer:
     raise errors.DataNotFoundError(f"{source}: no such file or folder; give {kinds}")
 
 
-def _kinds(parent: type[Importer]) -> Iterator[type[Importer]]:
+def _kinds(parent: Any) -> Iterator[Any]:
     for kind in parent.__subclasses__():
         if not inspect.isabstract(kind):
             yield kind
