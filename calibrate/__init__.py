@@ -1,9 +1,9 @@
 """Identify hyperelastic models from surface displacements and reaction forces by the equilibrium gap.
 
-The path of the data: ``experiment`` (what was measured) -> ``kinematics`` (deformation gradient, invariants)
--> ``virtual_fields`` (test functions) -> ``equilibrium`` (linear system in the energy derivatives)
--> ``noise_model`` (noise) -> ``reduction`` (small quadratic form) -> ``fit`` (convex first fit, PANN)
--> ``model`` (file that `forward` and `studies` read).
+The path of the data: ``data`` (what was measured) -> ``equations`` (kinematics, virtual fields, equilibrium, weights by the
+noise, a small quadratic form) -> ``effects`` (what a sheet and its measurement may do besides) -> ``models`` (energies and
+their files) -> ``fitting`` (network, supervised fit, uncertainty) -> ``diagnosis`` (which effects the data ask for). Each
+imports only those before it.
 
 Everything is float64: importing this package switches JAX to 64 bit, as a fit in single precision is wrong.
 """

@@ -22,7 +22,7 @@ from calibrate.equations import reduction
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, basis_for, energy_basis
 from calibrate.equations.equilibrium import Equilibrium, equilibrium
 from calibrate.equations.reduction import Assembled, Quadratic
-from calibrate.equations.whitening import covariances, whitening
+from calibrate.equations.weights import weights_of
 from calibrate.fitting.least_squares import bounded
 
 Array = NDArray[np.float64]
@@ -133,7 +133,7 @@ def _weighted(
     """Loss, whitened columns (N, n) and loads (N,) of the base, with the weights of coefficients c (n,)."""
     columns, loads = [], []
     for test in tests:
-        weights = whitening(covariances(test.assembled, c), test.mask)
+        weights = weights_of(list(test.assembled.noise_covariances(c)), test.mask)
         columns.append(weights(np.moveaxis(np.array(test.assembled.matrices), -1, 0)).T)
         shift = test.chain.noise_shift(c, test.assembled.noise_factor)
         loads.append(weights(np.nan_to_num(test.system.loads) + shift))

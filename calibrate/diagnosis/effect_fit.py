@@ -21,7 +21,7 @@ from calibrate.effects.chain import Additions, Chain
 from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.fitting import gauss_newton
 from calibrate.fitting.gauss_newton import Halving
-from calibrate.fitting.least_squares import CONDITION, beyond, bounded, less, orthonormal
+from calibrate.fitting.least_squares import CONDITION, bounded, orthonormal, residual_outside, subtract
 from calibrate.fitting.stopping import Stop
 
 Array = NDArray[np.float64]
@@ -251,8 +251,8 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
     smooth = residual_tests.smooth_disturbances(problem)
     smooth = orthonormal(smooth - U @ (U.T @ smooth))
     misfits = Misfits(
-        ChiSquare(*beyond(r, U)),
-        ChiSquare(*beyond(r, np.concatenate([U, uncertain], axis=1))),
+        ChiSquare(*residual_outside(r, U)),
+        ChiSquare(*residual_outside(r, np.concatenate([U, uncertain], axis=1))),
         ChiSquare(float(((smooth.T @ r) ** 2).sum()), smooth.shape[1]),
     )
     determinant = sum(part.train.log_determinant for part in problem.trained)
@@ -264,7 +264,7 @@ def _errors(problem: Problem, linear: _Linearised, fit: Fit) -> tuple[tuple[floa
     """A standard deviation of each amplitude: of noise, times the dispersion, and of what the kinematics may miss."""
     outside, base, scale, sizes = linear.outside, linear.base, linear.scale, linear.variables.sizes
     M = outside.T @ outside
-    values, vectors = np.linalg.eigh(less(M, _noise_of_signatures(problem, linear, fit)))
+    values, vectors = np.linalg.eigh(subtract(M, _noise_of_signatures(problem, linear, fit)))
     inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
     spread = np.sqrt(np.diag(inverse @ M @ inverse)) * scale
     spread = spread * np.sqrt(max(1.0, fit.free_loss / max(fit.degrees, 1)))

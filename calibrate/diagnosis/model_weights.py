@@ -15,7 +15,7 @@ from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.reduction import Assembled
-from calibrate.equations.whitening import covariances, whitening
+from calibrate.equations.weights import weights_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,7 +35,7 @@ def weighted_part(
     common = discretisation_error.sources(chain.system, basis, c) if with_discrepancy else None
     noise = _covariances(chain, assembled, c, additions if train.any() else ())
     shift = chain.noise_shift(c, assembled.noise_factor)
-    return Part(chain, assembled, whitening(noise, train, common), whitening(noise, held, common), shift, common)
+    return Part(chain, assembled, weights_of(noise, train, common), weights_of(noise, held, common), shift, common)
 
 
 def amplified(problem: Problem, additions: Additions) -> Problem:
@@ -53,7 +53,7 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
     parts = []
     for part in problem.parts:
         noise = _covariances(part.chain, part.assembled, problem.c, found if part.train.size else ())
-        train, held = (whitening(noise, w.rows, part.common) for w in (part.train, part.held))
+        train, held = (weights_of(noise, w.rows, part.common) for w in (part.train, part.held))
         parts.append(replace(part, train=train, held=held))
     return replace(problem, parts=tuple(parts), amplifying=found)
 
@@ -61,7 +61,7 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
 def _covariances(chain: Chain, assembled: Assembled, c: Array, additions: Additions) -> list[Array]:
     """Noise covariance (2 v, 2 v), N^2, of every increment, of a material as stiff as with coefficients c (n,)."""
     if not additions:
-        return covariances(assembled, c)
+        return list(assembled.noise_covariances(c))
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     spreads = chain.spread_of_noise(c, additions, assembled.noise_factor)
     pairs = zip(spreads, chain.system.loads, strict=True)

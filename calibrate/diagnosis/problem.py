@@ -19,7 +19,7 @@ from calibrate.equations import kinematics
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.reduction import Assembled
-from calibrate.equations.whitening import Whitening
+from calibrate.equations.weights import Weights
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -36,8 +36,8 @@ class Part:
 
     chain: Chain
     assembled: Assembled = field(repr=False)
-    train: Whitening
-    held: Whitening
+    train: Weights
+    held: Weights
     shift: Array = field(repr=False)
     common: Array | None = field(repr=False)
 

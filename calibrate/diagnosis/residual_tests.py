@@ -15,8 +15,8 @@ from scipy import stats
 
 from calibrate.diagnosis.problem import Part, Problem
 from calibrate.effects.chain import Additions
-from calibrate.equations.whitening import Whitening
-from calibrate.fitting.least_squares import beyond
+from calibrate.equations.weights import Weights
+from calibrate.fitting.least_squares import residual_outside
 
 Array = NDArray[np.float64]
 PLACE_COSINES, TIME_COSINES = 3, 4  # over each side of a specimen, over its increments
@@ -86,7 +86,7 @@ def _smooth_forces(part: Part) -> Array:
     return np.moveaxis(values, -2, -3).reshape(-1, len(t), 2 * len(size))
 
 
-def uncertain_directions(weights: Sequence[Whitening]) -> Array:
+def uncertain_directions(weights: Sequence[Weights]) -> Array:
     """Directions (N, k) in which a discretisation error may be as large as noise, for rows of several parts."""
     blocks = [w.U[:, w.shrink < 1 / np.sqrt(1 + DOUBTFUL) - 1] for w in weights]
     return scipy.linalg.block_diag(*blocks)
@@ -110,9 +110,9 @@ def prediction_test(problem: Problem, c: Array, additions: Additions) -> ChiSqua
     ]
     held = [(part.held, values, r) for part, values, r in zip(parts, columns, residuals, strict=True) if part.held.size]
     (A, r, doubt), (B, s, doubt_held) = _stacked(train), _stacked(held)
-    before, n_before = beyond(r, np.concatenate([A, doubt], axis=1))
+    before, n_before = residual_outside(r, np.concatenate([A, doubt], axis=1))
     both = np.concatenate([np.concatenate([A, B]), scipy.linalg.block_diag(doubt, doubt_held)], axis=1)
-    after, n_after = beyond(np.concatenate([r, s]), both)
+    after, n_after = residual_outside(np.concatenate([r, s]), both)
     return ChiSquare(max(after - before, 0.0), max(n_after - n_before, 0))
 
 
@@ -129,7 +129,7 @@ def _columns(problem: Problem, part: Part, c: Array, additions: Additions) -> Ar
     return np.concatenate([np.moveaxis(G, -1, 0), *S])
 
 
-def _stacked(parts: Sequence[tuple[Whitening, Array, Array]]) -> tuple[Array, Array, Array]:
+def _stacked(parts: Sequence[tuple[Weights, Array, Array]]) -> tuple[Array, Array, Array]:
     """Whitened columns (N, k), residual (N,) and uncertain directions of several experiments."""
     columns = np.concatenate([weights(values).T for weights, values, _ in parts])
     residual = np.concatenate([weights(r) for weights, _, r in parts])

@@ -28,7 +28,7 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.signature_noise import excess, hidden_noise
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.chain import Addition
-from calibrate.fitting.least_squares import CONDITION, bounded, less, orthonormal
+from calibrate.fitting.least_squares import CONDITION, bounded, orthonormal, subtract
 
 Array = NDArray[np.float64]
 ABSORBED = 1e-3  # share of a signature that must be left by the base
@@ -180,7 +180,7 @@ def examine_shape(
     T = float(((vectors[:, keep].T @ g) ** 2 / values[keep]).sum())
     inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
     if correct and effect.rough and problem.noise_is_known:
-        inverse = np.linalg.inv(less(M, _hidden_excess(problem, state, addition, U, typical, S, hidden)))
+        inverse = np.linalg.inv(subtract(M, _hidden_excess(problem, state, addition, U, typical, S, hidden)))
     a = -inverse @ g
     spread = np.sqrt(np.diag(inverse @ M @ inverse))
     amplitudes, admissible = _amplitudes(effect, a)

@@ -75,3 +75,9 @@ def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise)
         system.fields.boundary >= 0, 2
     )
     return covariance + np.diag(std**2)
+
+
+def cholesky_factor(covariance: Array) -> Array:
+    """Lower Cholesky factor of a covariance (r, r), with a floor of 1e-10 of each variance against round-off."""
+    variance = np.diag(covariance)
+    return np.linalg.cholesky(covariance + np.diag(1e-10 * variance + 1e-14 * variance.max()))

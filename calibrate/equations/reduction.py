@@ -12,7 +12,7 @@ square of the stiffness is taken into account afterwards, in closed form (`Quadr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -97,7 +97,7 @@ class Quadratic:
 class Assembled:
     """What does not depend on the weights: assembled once, weighted many times.
 
-    matrices[i] (rows, n_functions): G of increment i. noise_factor: see `noise_model.noise_factor`.
+    matrices[i] (rows, n_functions): G of increment i. noise_factor: see `noise_covariance.noise_factor`.
     """
 
     system: Equilibrium
@@ -111,30 +111,32 @@ class Assembled:
         """The noise-weighted loss, weights taken at coefficients c (n_functions,)."""
         n = self.basis.n_functions
         Q, q, constant, n_rows = np.zeros((n, n)), np.zeros(n), 0.0, 0
-        for G, load in self.whitened(c):
+        for G, load in self.weighted_equations(c):
             Q += G.T @ G
             q += G.T @ load
             constant += float(load @ load)
             n_rows += len(load)
         return Quadratic(self.basis, Q, q, constant, n_rows)
 
-    def whitened(self, c: Array):
-        """Yield G (r, n_functions) and load (r,) of each increment with residuals of unit covariance; unmeasured rows
-        left out."""
-        for i, F in enumerate(self.system.deformation_gradients):
-            load = self.system.loads[i]
-            known = np.isfinite(load)
-            covariance = noise_covariance.residual_covariance(
+    def noise_covariances(self, c: Array) -> Iterator[Array]:
+        """Noise covariance (2 v, 2 v), N^2, of every increment's residuals at coefficients c (n_functions,)."""
+        for F, load in zip(self.system.deformation_gradients, self.system.loads, strict=True):
+            yield noise_covariance.residual_covariance(
                 self.system, self.basis, c, F, load, self.noise_factor, self.noise
             )
-            lower = whitening(covariance[np.ix_(known, known)])
-            both = np.column_stack([self.matrices[i][known], load[known]])
+
+    def weighted_equations(self, c: Array) -> Iterator[tuple[Array, Array]]:
+        """G (r, n_functions) and load (r,) of each increment with residuals of unit covariance; unmeasured rows left out."""
+        for G, load, covariance in zip(self.matrices, self.system.loads, self.noise_covariances(c), strict=True):
+            known = np.isfinite(load)
+            lower = noise_covariance.cholesky_factor(covariance[np.ix_(known, known)])
+            both = np.column_stack([G[known], load[known]])
             both = scipy.linalg.solve_triangular(lower, both, lower=True)
             yield both[:, :-1], both[:, -1]
 
     def noise_of_parts(self, c: Array, rows: NDArray[np.bool_] | None = None) -> Array:
         """(2, 2): what noise adds, on average, to the squares and product of the isochoric and the volumetric part of the
-        whitened G c in plane strain; weights at coefficients c (n_functions,), as in `quadratic`. rows (t, 2 v): those used."""
+        weighted G c in plane strain; weights at coefficients c (n_functions,), as in `quadratic`. rows (t, 2 v): those used."""
         parts, result = _parts(c).T, np.zeros((2, 2))
         for i, F in enumerate(self.system.deformation_gradients):
             load = self.system.loads[i]
@@ -143,7 +145,7 @@ class Assembled:
                 continue
             spreads = [noise_covariance.spread(self.system, self.basis, part, F, self.noise_factor) for part in parts]
             covariance = noise_covariance.covariance_of(self.system, spreads[0] + spreads[1], load, self.noise)
-            lower = whitening(covariance[np.ix_(known, known)])
+            lower = noise_covariance.cholesky_factor(covariance[np.ix_(known, known)])
             white = [scipy.linalg.solve_triangular(lower, s[known], lower=True) for s in spreads]
             result += [[float((a * b).sum()) for b in white] for a in white]
         return result
@@ -198,16 +200,10 @@ def corrected(
     return parts @ np.linalg.solve(true, parts.T @ quadratic.q)
 
 
-def whitening(covariance: Array) -> Array:
-    """Lower Cholesky factor of a covariance (r, r), with a floor of 1e-10 of each variance against round-off."""
-    variance = np.diag(covariance)
-    return np.linalg.cholesky(covariance + np.diag(1e-10 * variance + 1e-14 * variance.max()))
-
-
 def assemble(system: Equilibrium, basis: Basis, progress: Progress | None = None) -> Assembled:
     """Assemble G of every increment. progress: called with (done, total) after each increment.
 
-    Where the noise is unknown, `noise_model.default_noise` weights the equations and the loss is no chi-square.
+    Where the noise is unknown, `noise_covariance.default_noise` weights the equations and the loss is no chi-square.
     """
     experiment = system.experiment
     noise = experiment.noise

@@ -21,7 +21,7 @@ def orthonormal(columns: Array) -> Array:
     return U @ left[:, s > 1e-5 * s[0]]
 
 
-def beyond(r: Array, columns: Array) -> tuple[float, int]:
+def residual_outside(r: Array, columns: Array) -> tuple[float, int]:
     """|r|^2 of the part of r (N,) that no combination of columns (N, k) changes, and its degrees of freedom."""
     Q = orthonormal(columns) if columns.size else columns
     free = r - Q @ (Q.T @ r)
@@ -53,7 +53,7 @@ def bounded(A: Array, target: Array, lower: Array, upper: Array, prior: Array | 
     return np.clip(found.x / scale, lower, upper)
 
 
-def less(M: Array, N: Array) -> Array:
+def subtract(M: Array, N: Array) -> Array:
     """M - N of symmetric M and N (p, p), no direction of M being left less than `LEAST` of itself."""
     values, vectors = np.linalg.eigh(M)
     keep = values > CONDITION * values.max()

@@ -15,16 +15,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from studies.commands.options import add_output, count, output_folder, positive, settings
+from studies.sheets.measured_record import MANY, SHEETS, record
+from studies.sheets.model_errors import BASE, EVERY_EFFECT, MEAN, RETAINED, entry
 
 if TYPE_CHECKING:
     from calibrate.data.experiment import Experiment
 
 DESCRIPTION = """\
-What measured sheets and measured homogeneous tests do beyond a hyperelastic model of I1. Learns on Soft_Homo, carries
+What measured sheets and measured homogeneous tests do beyond a hyperelastic model of I1. Learns on Soft_Homo, transfers
 that to Stiff2_Homo with one factor refitted, learns on Stiff2_Homo alone for comparison, locates what differs in
 Stiff2_Hetero; runs the loops of Treloar, Kawabata and HNBR50; and looks for effects where there can be none. Takes about
 three quarters of an hour on one core; a stopped run goes on where it was."""
-FIRST, SECOND, HETERO = SHEETS = ("Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero")
+FIRST, SECOND, HETERO = SHEETS
 FINE, CELL = 5.0, 3.5  # mm: virtual fields and grid of the map of stiffness
 LOCAL_FRAMES, COMPARED = 12, 14
 
@@ -47,7 +49,7 @@ def main(args: argparse.Namespace) -> int:
     from studies.commands.discover import Stages
     from studies.importers import measured_data
     from studies.output import Manifest, open_output_folder
-    from studies.sheets.measured_report import write
+    from studies.sheets.report import write
 
     started = time.time()
     sources = [measured_data.sheet(name) for name in SHEETS]  # before anything is made: are the data there?
@@ -63,8 +65,8 @@ def main(args: argparse.Namespace) -> int:
 
 
 def shown(learnt: dict[str, Any]) -> list[dict[str, Any]]:
-    """Of the models of a sheet the base, the one with every effect, what pays, and the mean of the searches."""
-    return [learnt["models"][i] for i in (0, 1, -2, -1)]
+    """Of the models of a sheet the base, the one with every effect, the one retained by BIC, and the mean of the leave-one-out fits."""
+    return [entry(learnt, name) for name in (BASE, EVERY_EFFECT, RETAINED, MEAN)]
 
 
 class Steps:
@@ -123,9 +125,9 @@ class Steps:
 
     def record(self, name: str) -> dict[str, Any]:
         """What the record of a sheet says, see `measured_record.record`."""
-        from studies.sheets.measured_record import record
+        from studies.commands.import_data import Frames, import_experiment
 
-        return record(name, self.sheet(name))
+        return record(name, self.sheet(name), import_experiment(name, frames=Frames(MANY)))
 
     def learn(self, name: str) -> dict[str, Any]:
         """What a sheet does beyond hyperelasticity, see `measured_loop.learn`."""
@@ -145,23 +147,38 @@ class Steps:
 
         return transfer(self.sheet(name), models, self.args.until, self.args.spacing)
 
-    def locate(self, carried: dict[str, Any]) -> dict[str, Any]:
-        """Where the heterogeneous sheet differs from what was carried to it, see `measured_map.stiffness_map`."""
+    def locate(self, transferred: dict[str, Any]) -> dict[str, Any]:
+        """Where the heterogeneous sheet differs from what was transferred to it, see `measured_map.stiffness_map`."""
         from studies.commands.import_data import Frames, import_experiment
-        from studies.sheets.measured_account import members
         from studies.sheets.measured_map import stiffness_map
+        from studies.sheets.model_errors import members
 
         e = import_experiment(HETERO, frames=Frames(LOCAL_FRAMES))
-        return stiffness_map(e, members(carried["models"][-1]), self.args.until, FINE, CELL)
+        return stiffness_map(e, members(transferred["models"][-1]), self.args.until, FINE, CELL)
 
     def control(self, name: str) -> dict[str, Any]:
         """Negative control on a sheet, see `measured_control.split_half`."""
-        from studies.sheets.measured_control import imported, split_half
+        from studies.sheets.measured_control import split_half
 
-        return split_half(imported(name, COMPARED), self.args.spacing)
+        return split_half(neighbouring_pictures(name, COMPARED), self.args.spacing)
 
     def homogeneous(self, loop: Any) -> dict[str, Any]:
         """A loop on homogeneous tests, see `measured_homogeneous.close`."""
         from studies.sheets.measured_homogeneous import close
 
         return close(loop, self.say)
+
+
+def neighbouring_pictures(name: str, count: int) -> Experiment:
+    """A published sheet as groups of frames, with the noise from picture to picture."""
+    import numpy as np
+
+    from studies.commands.import_data import Frames, NoiseChoice, import_experiment
+    from studies.sheets.measured_control import groups
+
+    temporal = NoiseChoice("temporal")
+    everything = import_experiment(name, frames=Frames(1000000), noise=temporal)  # every frame under load
+    frames = np.array(everything.provenance["frames"])
+    assert everything.time is not None
+    chosen = tuple(int(frames[i]) for i in groups(everything.time, count))
+    return import_experiment(name, frames=Frames(chosen), noise=temporal)

@@ -43,7 +43,10 @@ class Words:
 
 def percent(share: float, places: int = 2) -> str:
     """'0.42 %' of 0.0042, to so many significant digits; 'unknown' for NaN."""
-    return f"{100 * share:.{places}g} %" if share == share else "unknown"
+    if share != share:
+        return "unknown"
+    text = f"{100 * share:.{places}g}"
+    return f"{float(text):.0f} %" if "e+" in text else f"{text} %"
 
 
 def digits(value: float, places: int = 3) -> str:

@@ -1,4 +1,4 @@
-"""Loops of diagnosis that measured homogeneous tests allow: what to fit, and on what a correction must pay.
+"""Loops of diagnosis that measured homogeneous tests allow: what to fit, and on what a correction must lower the error.
 
 In: nothing but the data. Out: a list of `Loop`, each with training and held-out Experiments and its question.
 """
@@ -15,7 +15,7 @@ from studies.sheets.homogeneous_experiments import MODES, hnbr50, kawabata_biaxi
 
 @dataclass(frozen=True)
 class Loop:
-    """Experiments to fit and to diagnose, those on which an effect must pay, and what is asked."""
+    """Experiments to fit and to diagnose, those on which an effect must lower the error, and what is asked."""
 
     name: str
     training: tuple[Experiment, ...]
@@ -38,14 +38,14 @@ def treloar_loops() -> list[Loop]:
         ),
         Loop(
             "treloar-second-invariant", (uniaxial, every_second(biaxial, 0)), (every_second(biaxial, 1), shear),
-            "Is the second invariant found from two modes, and does it pay in a third?",
+            "Is the second invariant found from two modes, and does it lower the error in a third?",
         ),
     ]  # fmt: skip
 
 
 def kawabata_loop() -> Loop:
     """Even numbers of the stretches 2 (uniaxial among them) against odd ones."""
-    question = "Is the second invariant found from general biaxial tension, and does it pay at other ratios of stretch?"
+    question = "Is the second invariant found from general biaxial tension, and does it lower the error at other ratios of stretch?"
     return Loop("kawabata", (kawabata_biaxial("training"),), (kawabata_biaxial("held-out"),), question)
 
 
@@ -54,7 +54,7 @@ def hnbr50_loops() -> list[Loop]:
     slow, medium, fast = (hnbr50(test) for test in ("slow", "medium", "fast"))
     return [
         Loop("hnbr50-rates", (slow, fast), (medium,),
-             "Is viscosity found from two rates, and does it pay at the rate between? Is softening needed beside it?"),
+             "Is viscosity found from two rates, and does it lower the error at the rate between? Is softening needed beside it?"),
         Loop("hnbr50-relaxation", (slow, fast), (hnbr50("relaxation"),),
              "Does what was found at two rates hold for relaxation over 12 h, three decades beyond the slow test?"),
     ]  # fmt: skip

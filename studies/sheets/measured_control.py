@@ -20,7 +20,7 @@ from calibrate.diagnosis.problem import Part, Problem, all_rows
 from calibrate.effects.chain import Chain
 from calibrate.equations import reduction
 from calibrate.equations.equilibrium import Equilibrium
-from calibrate.equations.whitening import covariances, whitening
+from calibrate.equations.weights import weights_of
 from studies.sheets.measured_loop import EVERY
 
 Array = NDArray[np.float64]
@@ -89,22 +89,9 @@ def _with_noise(problem: Problem, c: Array, e: Experiment) -> Problem:
     system = Equilibrium(e, problem.parts[0].system.fields)
     assembled = reduction.assemble(system, problem.basis)
     rows = all_rows(system)
-    noise = covariances(assembled, c)
+    noise = list(assembled.noise_covariances(c))
     part = Part(
-        Chain(system, problem.basis), assembled, whitening(noise, rows), whitening(noise, rows & False),
+        Chain(system, problem.basis), assembled, weights_of(noise, rows), weights_of(noise, rows & False),
         np.zeros(system.loads.shape), None,
     )  # fmt: skip
     return replace(problem, parts=(part,), noise_is_known=True)
-
-
-def imported(name: str, count: int) -> Experiment:
-    """A published sheet as groups of frames, with the noise from picture to picture."""
-    from studies.commands.import_data import Frames, NoiseChoice, import_experiment
-
-    everything = import_experiment(
-        name, frames=Frames(1000000), noise=NoiseChoice("temporal")
-    )  # every frame under load
-    frames = np.array(everything.provenance["frames"])
-    assert everything.time is not None
-    chosen = [int(frames[i]) for i in groups(everything.time, count)]
-    return import_experiment(name, frames=Frames(tuple(chosen)), noise=NoiseChoice("temporal"))

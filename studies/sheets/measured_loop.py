@@ -1,4 +1,4 @@
-"""What a measured sheet does beyond hyperelasticity: all effects fitted at once, and those that do not pay taken out.
+"""What a measured sheet does beyond hyperelasticity: all effects fitted at once, and those that BIC does not retain removed.
 
 In: an Experiment. Out: a dictionary of plain numbers with every model, its errors and what each effect is worth.
 """
@@ -26,8 +26,18 @@ from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
 from calibrate.models.extended_model import ExtendedModel, amplitude_unit
 from studies.reports.discovery.candidate_outcome import untested_words
-from studies.sheets.measured_account import Split, account, force_and_field, members
-from studies.sheets.measured_searches import NESTED, prepared, price, what_pays, with_splines, without_each
+from studies.sheets.leave_one_out import NESTED, leave_one_out_fits, penalised_misfit, prepared, retain, with_splines
+from studies.sheets.model_errors import (
+    BASE,
+    EVERY_EFFECT,
+    MEAN,
+    RETAINED,
+    Split,
+    entry,
+    errors_of,
+    force_and_field,
+    members,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,8 +47,7 @@ ROUGH = ("3D effect of thickness", "subset smoothing")  # second derivatives, fa
 RELAXATION = (0.5, 2.0, 8.0, 32.0)  # s, times of the branches tried
 FASTEST = 0.5  # s: a third of the time between increments; what relaxes faster is told by its product g tau alone
 SPLINES = (2, 3, 5)  # of base models that are tried instead of neo-Hooke
-FORESEEN = 3  # one part of so many of what is fitted, the last, is predicted from the others to choose the base
-EVERY_EFFECT, WHAT_PAYS, MEAN = "every effect", "what pays", "mean of the searches"
+VALIDATION_PARTS = 3  # one part of so many of what is fitted, the last, is predicted from the others to choose the base
 
 
 @dataclass(frozen=True)
@@ -75,10 +84,10 @@ def base_name(splines: int) -> str:
 def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, Any]:
     """What is beyond neo-Hooke in the increments up to `until`, with errors after it; everything that the report shows.
 
-    All candidates are fitted at once, from several starts; those that do not pay are taken out (`calibrate.diagnosis.joint_fit`); a general
-    effect gives way to a special one where that pays, and neo-Hooke to a finer base where that also predicts the last third of what
-    is fitted from the rest. The search for effects is made once more without each increment, beside neo-Hooke
-    (`studies.sheets.measured_searches`). until: s; spacing: of the virtual fields, mm.
+    All candidates are fitted at once, from several starts; those that BIC does not retain are removed (`calibrate.diagnosis.joint_fit`); a general
+    effect gives way to a special one where that lowers BIC, and neo-Hooke to a finer base where that also predicts the last third of what
+    is fitted from the rest. Effects are selected once more without each increment, beside neo-Hooke
+    (`studies.sheets.leave_one_out`). until: s; spacing: of the virtual fields, mm.
     """
     split = Split.of(e, until)
     assert e.time is not None
@@ -94,57 +103,82 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
     special = {name: BY_NAME[name] for name in NESTED if name in BY_NAME}
     tell(f"all {len(start)} effects")
     starts = elimination.fits_of_all(problem, base.c, start)
-    unit = starts[0].dispersion
-    path, final, exchanged = what_pays(problem, starts[0], special, tell)
+    path, reduced, exchanged = retain(problem, starts[0], special, tell)
     models = _Models(e, early, split, spacing, until, problem)
-    bases = _bases(problem, final, early, unit, spacing, tell)
-    chosen = min((one for one in bases if one.foreseen(bases[0])), key=lambda one: one.price)
-    searches = list(without_each(early, starts[0], special, spacing, tell))
-    result: dict[str, Any] = {
+    bases = _bases(problem, reduced, early, starts[0].dispersion, spacing, tell)
+    chosen = min((one for one in bases if one.validates(bases[0])), key=lambda one: one.penalised_misfit)
+    left_out = list(leave_one_out_fits(early, starts[0], special, spacing, tell))
+    found = _Learnt(base, starts, path, exchanged, bases, chosen, left_out)
+    result = {
         "name": e.name,
         "spacing": spacing,
         "time": e.time,
         "split": {name: np.flatnonzero(mask).tolist() for name, mask in split.parts().items()},
-        "dispersion": unit,
-        "equations": starts[0].n_rows,
-        "exchanged": [{"special": name, "general": NESTED[name]} for name in exchanged],
-        "models": [
-            models.of_base(base),
-            models.of(starts[0], EVERY_EFFECT),
-            *(models.of(one, f"without {one.out}") for one in path[1:]),
-            # the last two are what tables, pictures and the transfer take
-            models.of(chosen.fit, WHAT_PAYS, chosen.splines),
-            models.mean([one for _, one in searches], MEAN),
-        ],
-        "starts": [{"objective": one.objective / unit, **models.errors(one)} for one in starts],
-        "bases": [
-            {
-                "name": base_name(one.splines),
-                "price": one.price - bases[0].price,
-                "foresight": one.foresight,
-                "chosen": one is chosen,
-                **models.errors(one.fit, one.splines),
-            }
-            for one in bases
-        ],
-        "searches": [
-            {"left_out": float(e.time[split.fitted][i]), "effects": sorted(one.active), **models.errors(one)}
-            for i, one in searches
-        ],
+        "not_testable": {s.effect.name: untested_words(s) for s in scores if not s.is_tested},
+        **found.to_dict(models, e.time[split.fitted]),
     }
-    first, *_, pays, mean = (model["errors"] for model in result["models"])
-    result["predicts"] = predicts(first, pays) and predicts(first, mean)
+    first, retained, mean = (entry(result, name)["errors"] for name in (BASE, RETAINED, MEAN))
+    result["predicts"] = predicts(first, retained) and predicts(first, mean)
     result["verdict"] = verdict(chosen.fit, result["predicts"])
     for model in result["models"][-2:]:
         for member in model["members"]:
             member["verdict"] = result["verdict"]
-    result["without"] = [_without(problem, chosen, name, unit, models, tell) for name in sorted(chosen.fit.active)]
-    fits = [*starts, *path, final, *(one.fit for one in bases), *(one for _, one in searches)]
-    result["unfinished_fits"] = sum(not one.converged for one in fits)
+    unit, effects = starts[0].dispersion, sorted(chosen.fit.active)
+    result["without"] = [_without(problem, chosen, name, unit, models, tell) for name in effects]
     result["closest"] = [line["effect"] for line in sorted(result["without"], key=lambda line: -line["rise"])]
-    result["taken_out"] = [one.out for one in path[1:]]
-    result["not_testable"] = {s.effect.name: untested_words(s) for s in scores if not s.is_tested}
     return result
+
+
+@dataclass(frozen=True)
+class _Learnt:
+    """All fits to one sheet: the base, starts with every effect, the path of effects removed, special effects in the place of general
+    ones, bases, the one chosen, and the leave-one-out fits with their increments."""
+
+    base: Fit
+    starts: Sequence[Joint]
+    path: Sequence[Joint]
+    exchanged: Sequence[str]
+    bases: Sequence[Base]
+    chosen: Base
+    left_out: Sequence[tuple[int, Joint]]
+
+    @property
+    def fits(self) -> list[Joint]:
+        """Every fit that may have stopped early."""
+        return [*self.starts, *self.path, *(one.fit for one in self.bases), *(one for _, one in self.left_out)]
+
+    def to_dict(self, models: _Models, time: Array) -> dict[str, Any]:
+        """Plain numbers. time: of the fitted increments, s."""
+        unit, chosen = self.starts[0].dispersion, self.chosen
+        return {
+            "dispersion": unit,
+            "equations": self.starts[0].n_rows,
+            "exchanged": [{"special": name, "general": NESTED[name]} for name in self.exchanged],
+            "models": [
+                models.of_base(self.base),
+                models.of(self.starts[0], EVERY_EFFECT),
+                *(models.of(one, f"without {one.out}") for one in self.path[1:]),
+                models.of(chosen.fit, RETAINED, chosen.splines),
+                models.mean([one for _, one in self.left_out], MEAN),
+            ],
+            "starts": [{"objective": one.objective / unit, **models.errors(one)} for one in self.starts],
+            "bases": [self._base(one, models) for one in self.bases],
+            "leave_one_out": [
+                {"left_out": float(time[i]), "effects": sorted(one.active), **models.errors(one)}
+                for i, one in self.left_out
+            ],
+            "unfinished_fits": sum(not one.converged for one in self.fits),
+            "taken_out": [one.out for one in self.path[1:]],
+        }
+
+    def _base(self, one: Base, models: _Models) -> dict[str, Any]:
+        return {
+            "name": base_name(one.splines),
+            "penalised_misfit": one.penalised_misfit - self.bases[0].penalised_misfit,
+            "validation_error": one.validation_error,
+            "chosen": one is self.chosen,
+            **models.errors(one.fit, one.splines),
+        }
 
 
 def _without(problem: Problem, chosen: Base, name: str, unit: float, models: _Models, say: Say) -> dict[str, Any]:
@@ -155,7 +189,7 @@ def _without(problem: Problem, chosen: Base, name: str, unit: float, models: _Mo
     return {
         "effect": name,
         "rise": (one.loss - whole.loss) / unit,
-        "price": whole.penalty([name]),
+        "penalty": whole.penalty([name]),
         "doubtful": elimination.bic_rise(whole, one, unit) < DEFAULT.equal_scores,
         "imitated": whole.imitated[name],
         "decided_by": BY_NAME[name].decided_by,
@@ -177,13 +211,13 @@ def predicts(before: dict[str, dict[str, float]], after: dict[str, dict[str, flo
 
 
 def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, say: Say) -> list[dict[str, Any]]:
-    """Softening with strain against relaxation in time: what pays, beside bases with more functions, without relaxation.
+    """Softening with strain against relaxation in time: the retained effects, beside bases with more functions, without relaxation.
 
     On one ramp at one speed strain and time go together, so that both fit; what they predict differs.
     """
     split = Split.of(e, until)
     early = e.select(np.flatnonzero(split.fitted))
-    (model,) = members(next(m for m in learnt["models"] if m["name"] == WHAT_PAYS))
+    (model,) = members(entry(learnt, RETAINED))
     problem, _ = prepared(early, np.ones(early.n_increments, bool), spacing)
     models = _Models(e, early, split, spacing, until, problem)
     kept = tuple(a for a in models.of_early(model.additions) if not isinstance(a.effect, Viscosity))
@@ -203,23 +237,23 @@ def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, 
 
 @dataclass(frozen=True)
 class Base:
-    """What pays beside a base of some functions of I1. price: misfit and parameters; foresight: errors of force and field of the last
-    part of what is fitted, predicted from the rest."""
+    """The retained effects beside a base of some functions of I1. penalised_misfit: misfit and penalty; validation_error: of force and
+    field in the last part of the fitted increments, predicted from the rest."""
 
     splines: int
     fit: Joint
-    price: float
-    foresight: dict[str, float]
+    penalised_misfit: float
+    validation_error: dict[str, float]
 
-    def foreseen(self, other: Base) -> bool:
-        """Whether neither force nor field is foreseen worse than by another."""
-        return all(self.foresight[kind] <= other.foresight[kind] for kind in other.foresight)
+    def validates(self, other: Base) -> bool:
+        """Whether neither force nor field has a larger validation error than another."""
+        return all(self.validation_error[kind] <= other.validation_error[kind] for kind in other.validation_error)
 
 
 def _bases(problem: Problem, final: Joint, early: Experiment, unit: float, spacing: float, say: Say) -> list[Base]:
     """The same effects beside neo-Hooke and bases with more functions."""
     n = early.n_increments
-    first = np.arange(n) < n - max(n // FORESEEN, 1)
+    first = np.arange(n) < n - max(n // VALIDATION_PARTS, 1)
     short, _ = prepared(early, first, spacing)
     found = []
     for splines in (1, *SPLINES):
@@ -231,8 +265,8 @@ def _bases(problem: Problem, final: Joint, early: Experiment, unit: float, spaci
         )
         seen = joint_fit.fit(with_splines(short, splines), fit.c, fit.additions, fit.active)
         r = short.parts[0].chain.residual(seen.c, seen.present)
-        foresight = force_and_field(short.parts[0].system, r, ~first)
-        found.append(Base(splines, fit, price(splines, fit, unit), foresight))
+        validation_error = force_and_field(short.parts[0].system, r, ~first)
+        found.append(Base(splines, fit, penalised_misfit(splines, fit, unit), validation_error))
     return found
 
 
@@ -295,7 +329,7 @@ class _Models:
     def of_base(self, fit: Fit) -> dict[str, Any]:
         """Neo-Hooke alone."""
         model = self._model(fit.c, (), ())
-        return self._described([model], "neo-Hooke", 1, fit.loss / fit.n_rows, fit.loss / (fit.n_rows - 1))
+        return self._described([model], BASE, 1, fit.loss / fit.n_rows, fit.loss / (fit.n_rows - 1))
 
     def _described(
         self, found: Sequence[ExtendedModel], name: str, splines: int, chi_square: float, reduced: float
@@ -327,5 +361,5 @@ class _Models:
                 for p, v in zip(a.effect.shapes, a.shape, strict=True)
             ],
             "members": [model.to_dict() for model in found],
-            **account(self.whole, found, self.split, self.spacing),
+            **errors_of(self.whole, found, self.split, self.spacing),
         }

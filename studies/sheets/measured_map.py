@@ -1,4 +1,4 @@
-"""Where a measured sheet is stiffer or softer than the model that was carried to it.
+"""Where a measured sheet is stiffer or softer than the model that was transferred to it.
 
 In: an Experiment and a model. Out: the map of the stiffness factor and errors before and after, as plain numbers.
 """
@@ -18,7 +18,7 @@ from calibrate.effects.chain import Chain
 from calibrate.equations.equilibrium import Equilibrium, equilibrium
 from calibrate.equations.virtual_fields import bilinear_hats
 from calibrate.models.extended_model import ExtendedModel
-from studies.sheets.measured_account import Split, force, force_and_field
+from studies.sheets.model_errors import Split, force, force_and_field
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,7 +29,7 @@ FOLDS = 5  # of the virtual fields, drawn at random; each is left out once to ch
 def stiffness_map(
     e: Experiment, models: Sequence[ExtendedModel], until: float, spacing: float, cell: float
 ) -> dict[str, Any]:
-    """Stiffness of each place over that of the carried model, or the mean of several: bilinear on a grid of `cell` mm,
+    """Stiffness of each place over that of the transferred model, or the mean of several: bilinear on a grid of `cell` mm,
     smooth, above zero.
 
     The factors k of nodes minimise |sum_q k_q w_q - F|^2 / |F|^2 + weight |gradient k|^2, w_q the virtual work of the

@@ -14,15 +14,17 @@ from calibrate.data.experiment import Experiment
 from calibrate.equations import recovery
 
 Array = NDArray[np.float64]
+SHEETS = ("Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero")
+MANY = 40  # increments from which the record is described
 EARLY = (1.0, 12.0)  # s: strain is fitted with a parabola in the elongation
 BANDS = 12
 
 
-def record(name: str, e: Experiment) -> dict[str, Any]:
-    """Forces, missing frames, exponent of the force, ratio of contraction, and strain profiles of a sheet."""
-    from studies.commands.import_data import Frames, import_experiment
+def record(name: str, e: Experiment, many: Experiment) -> dict[str, Any]:
+    """Forces, missing frames, exponent of the force, ratio of contraction, and strain profiles of a sheet.
 
-    many = import_experiment(name, frames=Frames(40))
+    e: with the increments that are fitted; many: the same sheet with `MANY` increments.
+    """
     assert many.time is not None
     pull = np.abs(many.loaded[-1].force[:, 1])
     long = many.displacements[:, many.loaded[-1].nodes, 1].mean(axis=1)

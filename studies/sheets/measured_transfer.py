@@ -1,4 +1,4 @@
-"""What was learnt on one measured sheet, on another: carried with one factor.
+"""What was learnt on one measured sheet, on another: transferred with one factor.
 
 In: Experiments and models. Out: dictionaries of plain numbers.
 """
@@ -17,13 +17,13 @@ from calibrate.data.experiment import Experiment
 from calibrate.effects.chain import Chain
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.models.extended_model import ExtendedModel
-from studies.sheets.measured_account import Split, account, grip_rows, members
+from studies.sheets.model_errors import Split, errors_of, grip_rows, members
 
 Array = NDArray[np.float64]
 REFITTED = ", relaxation refitted"
 
 
-def carried(
+def transferred(
     e: Experiment, model: ExtendedModel, split: Split, spacing: float, strength: bool = False
 ) -> tuple[ExtendedModel, dict[str, float]]:
     """The model with the factor on its stiffness, and on the `strength` of its relaxation, that fits the forces best.
@@ -44,7 +44,7 @@ def carried(
     start = np.log([guess, 1.0] if strength else [guess])
     best = least_squares(residuals, start, x_scale=0.1, diff_step=1e-2, xtol=1e-4, max_nfev=20)
     if not best.success:
-        raise errors.FitError(f"{e.name}: the carried material cannot be scaled to its forces: {best.message}")
+        raise errors.FitError(f"{e.name}: the transferred material cannot be scaled to its forces: {best.message}")
     factors = [float(f) for f in np.exp(best.x)]
     return model.scaled(*factors), dict(zip(("stiffness", "relaxation"), factors, strict=False))
 
@@ -62,7 +62,7 @@ def transfer(e: Experiment, models: Sequence[dict[str, Any]], until: float, spac
     if all(model.relaxes for model in members(learnt[-1])):
         cases.append((learnt[-1], True))
     for one, strength in cases:
-        found = [carried(e, model, split, spacing, strength) for model in members(one)]
+        found = [transferred(e, model, split, spacing, strength) for model in members(one)]
         factors = {key: float(np.median([factors[key] for _, factors in found])) for key in found[0][1]}
         result["models"].append(
             {
@@ -70,7 +70,7 @@ def transfer(e: Experiment, models: Sequence[dict[str, Any]], until: float, spac
                 "factor": factors["stiffness"],
                 "factors": factors,
                 "members": [model.to_dict() for model, _ in found],
-                **account(e, [model for model, _ in found], split, spacing),
+                **errors_of(e, [model for model, _ in found], split, spacing),
             }
         )
     return result

@@ -68,9 +68,7 @@ def package_of(name: str) -> str:
 PENDING = pytest.mark.xfail(reason="the packages of the studies are still being taken apart", strict=False)
 
 
-@pytest.mark.parametrize(
-    "package", [pytest.param(p, marks=PENDING if p.startswith("studies.") else ()) for p in MAY_IMPORT]
-)
+@pytest.mark.parametrize("package", MAY_IMPORT)
 def test_arrows_point_one_way(package):
     wrong = []
     for name in modules():
@@ -84,7 +82,7 @@ def test_arrows_point_one_way(package):
     assert not wrong
 
 
-@pytest.mark.parametrize("package", ["meshes", "forward", "calibrate", pytest.param("studies", marks=PENDING)])
+@pytest.mark.parametrize("package", PACKAGES)
 def test_no_circle_of_imports(package):
     own = [name for name in modules() if f"{name}.".startswith(f"{package}.")]
     try:
@@ -110,7 +108,6 @@ def test_no_long_module():
     assert not {name: n for name, n in length.items() if n > MOST_LINES}
 
 
-@PENDING
 def test_no_long_function():
     long = {}
     for name, path in modules().items():

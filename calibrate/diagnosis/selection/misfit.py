@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis.problem import Part, Problem
 from calibrate.effects.chain import Additions
-from calibrate.equations.whitening import Whitening
+from calibrate.equations.weights import Weights
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class _Sums:
     noise: Sequence[float]
 
 
-def _sums(part: Part, weights: Whitening, c: Array, additions: Additions) -> _Sums:
+def _sums(part: Part, weights: Weights, c: Array, additions: Additions) -> _Sums:
     """Sums over the equations of one experiment."""
     r, load = part.residual(c, part.valid(additions)), np.nan_to_num(part.system.loads)
     loaded = np.broadcast_to(np.tile(part.system.fields.boundary >= 0, 2), r.shape)

@@ -16,7 +16,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.equations import noise_covariance, reduction
+from calibrate.equations import noise_covariance
 from calibrate.equations.basis import Basis, PlaneStrainBasis, basis_for
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke, equilibrium
@@ -173,7 +173,7 @@ def _expected(
         covariance = noise_covariance.residual_covariance(system, basis, c, F[i], system.loads[i], factor, noise)
         deviations[i] = np.sqrt(np.diag(covariance))
         known = np.isfinite(residual)
-        lower = reduction.whitening(covariance[np.ix_(known, known)])
+        lower = noise_covariance.cholesky_factor(covariance[np.ix_(known, known)])
         white = scipy.linalg.solve_triangular(lower, residual[known], lower=True)
         chi_square[i] = np.mean(white**2)
         if progress:

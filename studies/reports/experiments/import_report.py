@@ -14,7 +14,11 @@ import numpy as np
 
 from calibrate.data.experiment import Experiment
 from studies.importers.recording.series import Series
-from studies.output import Manifest, write_figure
+from studies.output import Manifest, style, write_figure
+from studies.output.report import Report
+from studies.output.words import Words
+
+WORDS = Words("experiment")
 
 
 def summary(experiment: Experiment) -> dict[str, Any]:
@@ -56,8 +60,6 @@ def report_lines(experiment: Experiment, target: Path) -> Iterator[str]:
 
 def picture(experiment: Experiment, series: Series, path: Path) -> None:
     """Deformed mesh of the last increment over the reference, and the force record with the chosen frames."""
-    from studies.output import style
-
     with style.figure(9.5, 4.5) as figure:
         left, right = figure.subplots(1, 2)
         moved = experiment.points + experiment.displacements[-1]
@@ -85,17 +87,12 @@ def picture(experiment: Experiment, series: Series, path: Path) -> None:
 
 def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Path:
     """``report.html``: the picture, what was read, and what to look at before going on."""
-    from studies.output.report import Report
-
     numbers = summary(experiment)
     noise, provenance = experiment.noise, experiment.provenance
     assert noise is not None
     page = Report(experiment.name, "What was read from the measurement")
-    page.paragraph(
-        "Look before you calibrate: squares must be where the grips hold, dots where the edge is free of traction; a side with "
-        "neither is the rim of the measured region. The marks on the force curve are the increments."
-    )
-    page.figure(folder / "experiment.png", "Left: mesh of the last increment over the reference. Right: force record.")
+    page.paragraph(WORDS.imported_boundaries())
+    page.figure(folder / "experiment.png", WORDS.imported_figure())
     width, height = numbers["size_mm"]
     unit = experiment.stress_unit
     rows: list[list[Any]] = [

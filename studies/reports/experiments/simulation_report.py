@@ -16,6 +16,9 @@ from calibrate.equations.kinematics import deformation_gradients, gradient_opera
 from forward.solution import SurfaceSolution
 from studies.output import Manifest, style, write_csv, write_figure
 from studies.output.report import Report
+from studies.output.words import Words
+
+WORDS = Words("experiment")
 
 
 def write_report(folder: Path, solution: SurfaceSolution, experiment: Experiment, manifest: Manifest) -> Path:
@@ -31,12 +34,10 @@ def write_report(folder: Path, solution: SurfaceSolution, experiment: Experiment
         f"Simulated test: {experiment.name}",
         f"Plane {experiment.plane} finite elements, synthetic camera and load cell",
     )
-    report.paragraph(_words(experiment))
-    report.figure(
-        fields, "Last increment as measured: displacement (left), first invariant I1 of its triangles (right)."
-    )
-    report.figure(forces, "Force of the grips on the specimen: exact (lines) and as the load cell reads it (dots).")
-    report.table(columns, rows, "Measured forces, N")
+    report.paragraph(WORDS.simulated_test(experiment=experiment, noise=experiment.noise))
+    report.figure(fields, WORDS.simulated_fields())
+    report.figure(forces, WORDS.simulated_forces())
+    report.table(columns, rows, WORDS.simulated_table())
     report.details("Settings", manifest.to_dict()["settings"])
     report.details("Versions", manifest.to_dict()["versions"])
     return report.save(folder / "report.html")
@@ -85,18 +86,3 @@ def force_table(experiment: Experiment) -> tuple[list[str], list[list[float]]]:
     time = experiment.time if experiment.time is not None else np.arange(1.0, experiment.n_increments + 1)
     forces = np.concatenate([b.force for b in experiment.loaded], axis=1)
     return columns, np.column_stack([time, forces]).tolist()
-
-
-def _words(experiment: Experiment) -> str:
-    noise = experiment.noise
-    text = (
-        f"{len(experiment.points)} measured points, {len(experiment.triangles)} triangles, "
-        f"{experiment.n_increments} increments, thickness {experiment.thickness:g} mm. "
-    )
-    if noise is None:
-        return text + "The fields are exact: no noise was added."
-    return text + (
-        f"Noise: standard deviation {noise.displacement_std:.3g} mm per component and increment, covariance "
-        f"exp(-r²/(2 l²)) with l = {noise.correlation_length:g} mm, unit variance; forces "
-        f"{noise.force_std_relative:.2g} relative."
-    )

@@ -28,7 +28,7 @@ from calibrate.effects.chain import Addition, Chain
 from calibrate.equations import discretisation_error, kinematics, noise_covariance
 from calibrate.equations.basis import SingleBasis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
-from calibrate.equations.whitening import Whitening
+from calibrate.equations.weights import Weights
 from calibrate.fitting import least_squares
 from studies.trials import blind_data
 
@@ -79,10 +79,10 @@ def test_whitening_gives_unit_covariance():
     draws = 20000
     noise = np.stack([rng.standard_normal((draws, rows)) @ low.T for low in lowers], axis=1)
     data = noise + np.einsum("trs,ns->ntr", source, rng.standard_normal((draws, 2)))
-    plain = Whitening(np.ones((t, rows), bool), lowers, np.zeros((t * rows, 0)), np.zeros(0))
+    plain = Weights(np.ones((t, rows), bool), lowers, np.zeros((t * rows, 0)), np.zeros(0))
     V = plain(np.moveaxis(source, -1, 0)).T
     U, s, _ = np.linalg.svd(V, full_matrices=False)
-    white = Whitening(plain.rows, lowers, U, 1 / np.sqrt(1 + s**2) - 1)
+    white = Weights(plain.rows, lowers, U, 1 / np.sqrt(1 + s**2) - 1)
     covariance = np.cov(white(data).T)
     np.testing.assert_allclose(covariance, np.eye(t * rows), atol=5 * np.sqrt(2 / draws))
     z, r = rng.standard_normal(t * rows), rng.standard_normal((t, rows))
@@ -101,7 +101,7 @@ def test_what_lies_beyond_columns_has_its_degrees_of_freedom():
     columns = rng.standard_normal((30, 4))
     columns = np.column_stack([columns, columns @ [1.0, 2.0, 0.0, -1.0]])
     r = rng.standard_normal(30)
-    loss, degrees = least_squares.beyond(r + columns @ rng.standard_normal(5), columns)
+    loss, degrees = least_squares.residual_outside(r + columns @ rng.standard_normal(5), columns)
     assert degrees == 26
     assert loss == pytest.approx(np.sum((r - columns @ np.linalg.lstsq(columns, r, rcond=None)[0]) ** 2), rel=1e-9)
 

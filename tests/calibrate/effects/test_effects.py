@@ -14,7 +14,7 @@ from made_up import made_up_chain
 
 from calibrate.data.experiment import Experiment, LoadedBoundary
 from calibrate.effects import CATALOGUE, KNOWN, Data
-from calibrate.effects.chain import Addition, gradients
+from calibrate.effects.chain import Addition
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.fibres import reinforcement
 from calibrate.effects.finite_thickness import Thickness
@@ -25,7 +25,7 @@ from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.permanent_set import PermanentSet
 from calibrate.effects.support.borders import nearest_lines, subset_moments
 from calibrate.effects.support.branches import motion
-from calibrate.effects.support.nodal_derivatives import second_derivatives
+from calibrate.effects.support.nodal_derivatives import gradients, second_derivatives
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import Viscosity

@@ -150,8 +150,8 @@ def test_excess_is_what_noise_adds_to_a_signature():
 
 def test_information_left_is_never_less_than_a_share():
     M, N = np.diag([4.0, 1.0]), np.diag([3.9, 0.25])
-    np.testing.assert_allclose(least_squares.less(M, N), np.diag([4 * least_squares.LEAST, 0.75]), atol=1e-12)
-    np.testing.assert_allclose(least_squares.less(M, np.zeros((2, 2))), M, atol=1e-12)
+    np.testing.assert_allclose(least_squares.subtract(M, N), np.diag([4 * least_squares.LEAST, 0.75]), atol=1e-12)
+    np.testing.assert_allclose(least_squares.subtract(M, np.zeros((2, 2))), M, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from calibrate import errors
 from calibrate.data.experiment import Noise
 from calibrate.equations import basis as bases
 from calibrate.equations import equilibrium as equations
-from calibrate.equations import kinematics, reduction
+from calibrate.equations import kinematics, noise_covariance, reduction
 from calibrate.equations.inputs import REFERENCE
 from calibrate.fitting import network_fit
 from calibrate.fitting.stopping import Stop
@@ -56,7 +56,7 @@ def test_quadratic_is_the_sum_of_squares_of_the_whitened_equations(arruda_boyce)
     c, _, equations_of_all = arruda_boyce
     quadratic = equations_of_all.quadratic(c)
     other = c * np.linspace(0.5, 1.5, c.size)
-    residuals = [G @ other - load for G, load in equations_of_all.whitened(c)]
+    residuals = [G @ other - load for G, load in equations_of_all.weighted_equations(c)]
     assert quadratic.loss(other) == pytest.approx(sum(r @ r for r in residuals), rel=1e-9)
     assert quadratic.n_rows == sum(r.size for r in residuals)
 
@@ -64,7 +64,7 @@ def test_quadratic_is_the_sum_of_squares_of_the_whitened_equations(arruda_boyce)
 def test_whitened_residuals_have_unit_covariance():
     rng = np.random.default_rng(0)
     root = rng.standard_normal((6, 9))
-    lower = reduction.whitening(root @ root.T)
+    lower = noise_covariance.cholesky_factor(root @ root.T)
     white = np.linalg.solve(lower, root)
     np.testing.assert_allclose(white @ white.T, np.eye(6), atol=1e-7)
 

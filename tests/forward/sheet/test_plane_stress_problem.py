@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from forward_helpers import MATERIALS, annulus
+from orders import taylor_rates
 
 from forward import ArrudaBoyce, Loading
 from forward._dolfinx import JIT_OPTIONS, MPI, dolfinx, ufl
@@ -72,12 +73,6 @@ def stretched(request):
     return problem, u, 0.2 * direction
 
 
-def taylor_rates(remainder, steps=0.5 ** np.arange(6, 11)):
-    """Observed orders of a remainder in the step."""
-    values = np.array([np.abs(remainder(step)) for step in steps])
-    return np.log2(values[:-1] / values[1:])
-
-
 def energy_at(problem, u):
     problem.unknowns = (u,)
     return problem.energy()
@@ -105,14 +100,14 @@ def tangent_times(problem, u, direction):
 def test_forces_are_the_slope_of_the_energy(stretched):
     problem, u, d = stretched
     E, slope = energy_at(problem, u), (forces_at(problem, u) * d).sum()
-    rates = taylor_rates(lambda s: energy_at(problem, u + s * d) - E - s * slope)
+    rates = taylor_rates(lambda s: energy_at(problem, u + s * d) - E - s * slope, 6)
     np.testing.assert_allclose(rates[-1], 2, atol=0.1)
 
 
 def test_tangent_is_the_slope_of_the_forces(stretched):
     problem, u, d = stretched
     R, Kd = forces_at(problem, u), tangent_times(problem, u, d)
-    rates = taylor_rates(lambda s: np.linalg.norm(forces_at(problem, u + s * d) - R - s * Kd))
+    rates = taylor_rates(lambda s: np.linalg.norm(forces_at(problem, u + s * d) - R - s * Kd), 6)
     np.testing.assert_allclose(rates[-1], 2, atol=0.1)
 
 
@@ -120,7 +115,7 @@ def test_energy_to_second_order(stretched):
     problem, u, d = stretched
     E, slope = energy_at(problem, u), (forces_at(problem, u) * d).sum()
     curvature = (tangent_times(problem, u, d) * d).sum()
-    rates = taylor_rates(lambda s: energy_at(problem, u + s * d) - E - s * slope - s**2 / 2 * curvature)
+    rates = taylor_rates(lambda s: energy_at(problem, u + s * d) - E - s * slope - s**2 / 2 * curvature, 6)
     np.testing.assert_allclose(rates[-1], 3, atol=0.15)
 
 

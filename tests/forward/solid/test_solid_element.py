@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from orders import taylor_rates
 from solid_helpers import MATERIALS, block, on_face, problem_on
 
 from forward import NeoHooke
@@ -154,12 +155,6 @@ def test_one_hex_at_a_time(state):
 # Taylor: the pressure that goes with u makes the potential a function of u alone, with slope g and curvature K
 
 
-def taylor_rates(remainder, steps=0.5 ** np.arange(3, 8)):
-    """Observed orders of a remainder in the step."""
-    values = np.array([np.abs(remainder(step)) for step in steps])
-    return np.log2(values[:-1] / values[1:])
-
-
 def with_pressure(problem, u):
     """The pressure that solves the volume equation at u, and the energy, nodal forces and tangent there."""
     q = np.zeros_like(problem.q)
@@ -189,20 +184,20 @@ def expansion(state):
 
 def test_forces_are_the_slope_of_the_energy(expansion):
     problem, u, d, E, f, _ = expansion
-    rates = taylor_rates(lambda s: with_pressure(problem, u + s * d)[0] - E - s * (f * d).sum())
+    rates = taylor_rates(lambda s: with_pressure(problem, u + s * d)[0] - E - s * (f * d).sum(), 3)
     np.testing.assert_allclose(rates[-1], 2, atol=0.1)
 
 
 def test_tangent_is_the_slope_of_the_forces(expansion):
     problem, u, d, _, f, Kd = expansion
-    rates = taylor_rates(lambda s: np.linalg.norm(with_pressure(problem, u + s * d)[1] - f - s * Kd))
+    rates = taylor_rates(lambda s: np.linalg.norm(with_pressure(problem, u + s * d)[1] - f - s * Kd), 3)
     np.testing.assert_allclose(rates[-1], 2, atol=0.1)
 
 
 def test_energy_to_second_order(expansion):
     problem, u, d, E, f, Kd = expansion
     slope, curvature = (f * d).sum(), (Kd * d).sum()
-    rates = taylor_rates(lambda s: with_pressure(problem, u + s * d)[0] - E - s * slope - s**2 / 2 * curvature)
+    rates = taylor_rates(lambda s: with_pressure(problem, u + s * d)[0] - E - s * slope - s**2 / 2 * curvature, 3)
     np.testing.assert_allclose(rates[-1], 3, atol=0.15)
 
 

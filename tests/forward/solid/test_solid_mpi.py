@@ -1,38 +1,15 @@
 """The same run of the solid on one rank and on two."""
 
-import os
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import solid_mpi_case
+from two_ranks import needs_mpi, on_two_ranks
 
 from forward import SolidSolution
 
-ROOT = Path(__file__).parents[3]
-MPIEXEC = shutil.which("mpiexec", path=str(Path(sys.executable).parent)) or shutil.which("mpiexec")
-pytestmark = pytest.mark.skipif(MPIEXEC is None, reason="no mpiexec beside this Python")
-
-
-def on_two_ranks(*arguments):
-    command = [
-        MPIEXEC,
-        "-n",
-        "2",
-        sys.executable,
-        str(ROOT / "tests" / "fixtures" / "solid_mpi_case.py"),
-        *map(str, arguments),
-    ]
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests" / "fixtures"))),
-        "OMP_NUM_THREADS": "1",
-    }
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+pytestmark = needs_mpi
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +27,7 @@ def check_same(two, one):
 
 
 def test_two_ranks_give_the_same(tmp_path, one):
-    run = on_two_ranks(tmp_path / "two.npz", tmp_path / "checkpoint.npz")
+    run = on_two_ranks("solid_mpi_case.py", tmp_path / "two.npz", tmp_path / "checkpoint.npz")
     assert run.returncode == 0, run.stderr
     check_same(SolidSolution.load(tmp_path / "two.npz"), one)
     check_same(SolidSolution.load(tmp_path / "checkpoint.npz"), one)
@@ -61,7 +38,7 @@ def test_two_ranks_go_on_where_one_stopped(tmp_path, one):
     """The checkpoint of a run on one rank, cut after two increments, is continued on two."""
     path = tmp_path / "checkpoint.npz"
     first_two(one).save(path)
-    run = on_two_ranks(tmp_path / "two.npz", path)
+    run = on_two_ranks("solid_mpi_case.py", tmp_path / "two.npz", path)
     assert run.returncode == 0, run.stderr
     check_same(SolidSolution.load(tmp_path / "two.npz"), one)
 
@@ -76,6 +53,6 @@ def first_two(solution):
 def test_an_unwritable_checkpoint_ends_both_ranks(tmp_path):
     """The rank that does not write learns of the error too; nothing hangs."""
     (tmp_path / "file").touch()
-    run = on_two_ranks(tmp_path / "two.npz", tmp_path / "file" / "below.npz")
+    run = on_two_ranks("solid_mpi_case.py", tmp_path / "two.npz", tmp_path / "file" / "below.npz")
     assert run.returncode != 0
     assert run.stderr.count("CheckpointError: ") >= 2

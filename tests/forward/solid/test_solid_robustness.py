@@ -5,12 +5,14 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from solid_helpers import PANN, grid
+from interrupted import interrupted
+from solid_helpers import PANN
 
 from forward import ArrudaBoyce, Loading, NeoHooke, SolidSolution
 from forward.errors import (
@@ -21,7 +23,7 @@ from forward.errors import (
     MaterialError,
     SolutionError,
 )
-from forward.run import Record
+from forward.run import Record  # noqa: F401  (of the killed process)
 from forward.solid.solid_model import Options, default_layers, solve
 from forward.solid.solid_problem import Outcome, SolidProblem
 from forward.stepping import REST, State, predict, proportional
@@ -64,23 +66,11 @@ def check_same(found, expected, tolerance):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("reached", range(INCREMENTS + 1))
-def test_resume_after_a_kill(mesh, references, tmp_path, monkeypatch, solver, reached):
+def test_resume_after_a_kill(mesh, references, tmp_path, solver, reached):
     """Cut off while working on any increment, or after the last, a run goes on to the same result."""
-    path, add, added = tmp_path / "run.npz", Record.add, []
-
-    def killed(record, *arguments):
-        if len(added) == reached:
-            raise KeyboardInterrupt
-        added.append(0)
-        add(record, *arguments)
-
-    monkeypatch.setattr(Record, "add", killed)
-    if reached < INCREMENTS:
-        with pytest.raises(KeyboardInterrupt):
-            run(mesh, path, solver)
-    else:
+    path = tmp_path / "run.npz"
+    with interrupted(reached) if reached < INCREMENTS else nullcontext():
         run(mesh, path, solver)
-    monkeypatch.undo()
     assert len(SolidSolution.load(path).time) == reached
     resumed = run(mesh, path, solver)
     check_same(resumed, references[solver], 1e-12)
@@ -96,12 +86,11 @@ def test_resume_after_the_process_died(mesh, references, tmp_path):
 import os, signal, sys
 sys.path[:0] = ["tests/forward/solid", "tests/fixtures"]
 import test_solid_robustness as case
-add, added = case.Record.add, []
-def killed(record, *arguments):
-    added.append(0)
-    if len(added) == 3:
+add = case.Record.add
+def killed(record, increment):
+    if record.reached == 2:
         os.kill(os.getpid(), signal.SIGKILL)
-    add(record, *arguments)
+    add(record, increment)
 case.Record.add = killed
 case.run(case.extrude(case.quads(case.PLATE, quarter=True, size_factor=4.0), 10.0, 1), {str(path)!r})
 """
@@ -315,26 +304,23 @@ def test_without_pardiso_mumps_is_used(mesh, references, monkeypatch):
 # input
 
 
-def test_wrong_input(mesh):
-    material = ArrudaBoyce()
-    with pytest.raises(LoadingError, match=r"the solid needs hexes; make the mesh with meshes\.extrude"):
-        solve(mesh.plane, material, LOADING)
-    with pytest.raises(LoadingError, match="0 increments: give a whole number, at least one"):
-        solve(mesh, material, LOADING, 0)
-    for kappa in (0.0, -1.0, np.nan, np.inf):
-        with pytest.raises(MaterialError, match=r"bulk modulus .* MPa: give a positive number"):
-            solve(mesh, material, LOADING, bulk_modulus=kappa)
-    with pytest.raises(MaterialError, match="calibrated without a thickness; a solid needs one in MPa"):
-        solve(mesh, replace(PANN, unit="N/mm"), LOADING)
-    with pytest.raises(LoadingError, match="right: 2 components of displacement, the mesh has 3"):
-        solve(mesh, material, Loading({"right": (1.0, 0.0)}))
-    with pytest.raises(LoadingError, match="boundary 'arm' is not on this mesh, which has"):
-        solve(mesh, material, Loading({"arm": (1.0, 0.0, None)}))
-    with pytest.raises(LoadingError, match=r"meets another boundary at \(60, 0, .*\) with a different displacement"):
-        solve(mesh, material, Loading({"right": (1.0, 1.0, None)}))
-    whole = extrude(grid((2, 1), (2.0, 1.0)), 1.0, 1, whole=True)
-    with pytest.raises(LoadingError, match="can move as a rigid body"):
-        solve(whole, material, Loading({"right": (1.0, 0.0, None)}))
+@pytest.mark.parametrize(
+    ("error", "changed"),
+    [
+        (LoadingError, {"n_increments": 0}),
+        (LoadingError, {"loading": Loading({"right": (1.0, 0.0)})}),
+        *((MaterialError, {"bulk_modulus": kappa}) for kappa in (0.0, -1.0, np.nan, np.inf)),
+        (MaterialError, {"material": replace(PANN, unit="N/mm")}),
+    ],
+)
+def test_wrong_input(mesh, error, changed):
+    with pytest.raises(error):
+        solve(**{"mesh": mesh, "material": ArrudaBoyce(), "loading": LOADING, **changed})
+
+
+def test_a_plane_mesh_is_refused(mesh):
+    with pytest.raises(LoadingError):
+        solve(mesh.plane, ArrudaBoyce(), LOADING)
 
 
 def test_default_layers():

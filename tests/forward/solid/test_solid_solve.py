@@ -1,5 +1,7 @@
 """Whole runs of the solid against closed forms, symmetry, work, the thin sheet and its own limit in kappa."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from forward_helpers import MATERIALS, energy_derivatives, nominal_stresses
@@ -10,7 +12,7 @@ from forward import ArrudaBoyce, Loading, NeoHooke, SolidSolution
 from forward.errors import SolutionError
 from forward.sheet import plane_stress as sheet
 from forward.solid.solid_model import Options, solve
-from meshes import Cross, PlateWithHole, extrude, quads
+from meshes import Cross, PlateWithHole, Strip, extrude, quads
 
 SHARP = Options(tolerance=1e-10, volume_tolerance=1e-12)
 MODES = {"uniaxial": (2.0, None), "biaxial": (1.5, 1.5), "unequal": (1.8, 0.9), "pure_shear": (1.7, 1.0)}
@@ -252,8 +254,6 @@ def test_file(eighth, tmp_path):
 
 def test_the_example_of_the_documentation_runs(tmp_path, monkeypatch, capsys):
     """The Python block of docs/forward.md, as it stands."""
-    from pathlib import Path
-
     text = (Path(__file__).parents[3] / "docs" / "forward.md").read_text()
     code = text.split("```python\n")[1].split("```")[0]
     monkeypatch.chdir(tmp_path)
@@ -264,25 +264,7 @@ def test_the_example_of_the_documentation_runs(tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(names["again"].displacements, names["solution"].displacements)
 
 
-def test_a_quarter_refuses_what_is_not_symmetric():
-    """A fixed and a moving grip, or a symmetry plane that moves, would be another test than the one asked for."""
-    from forward import Loading
-    from forward.errors import LoadingError
-    from meshes import Strip, extrude, quads
-
-    mesh = extrude(quads(Strip(), quarter=True), 4.0, 1)
-    with pytest.raises(LoadingError, match="no mirror image"):
-        Loading({"left": (0.0, 0.0, None), "right": (20.0, 0.0, None)}).on(mesh)
-    with pytest.raises(LoadingError, match="symmetry plane"):
-        Loading({"right": (20.0, 0.0, None), "symmetry_x": (1.0, None, None)}).on(mesh)
-    Loading.clamped(["left", "right"], 20.0, dimension=3).on(mesh)
-
-
 def test_no_load_needs_no_solve():
-    from forward import Loading, NeoHooke
-    from forward.solid.solid_model import solve
-    from meshes import Strip, extrude, quads
-
     mesh = extrude(quads(Strip(far_size=20.0), quarter=True), 4.0, 1)
     solution = solve(mesh, NeoHooke(), Loading.clamped(["right"], 0.0, dimension=3), 2)
     assert solution.iterations.sum() == 0

@@ -113,7 +113,7 @@ def test_stretch_noise_is_the_slope_times_its_deviation():
     system = equilibrium(experiment)
     assembled = reduction.assemble(system, basis())
     c = neo_hooke(basis(), MU)
-    for (_, load), x, force in zip(assembled.whitened(c), STRETCH, system.loads[:, 1], strict=True):
+    for (_, load), x, force in zip(assembled.weighted_equations(c), STRETCH, system.loads[:, 1], strict=True):
         y = x**-0.5
         along, across = 1 + 3 / (x**4 * y**2), 2 / (x**3 * y**3)  # of P = mu (x - 1 / (x^3 y^2))
         assert abs(force / load[0]) == pytest.approx(10 * MU * 0.01 * np.hypot(along, across), rel=1e-6)

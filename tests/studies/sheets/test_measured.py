@@ -1,4 +1,4 @@
-"""Measured sheets: gaps in the pictures, initial warp, carrying a material, locating a stiffer place, the command."""
+"""Measured sheets: gaps in the pictures, initial warp, transferring a material, locating a stiffer place, the command."""
 
 import argparse
 import json
@@ -25,15 +25,15 @@ from calibrate.models.extended_model import ExtendedModel
 from studies.commands import measured
 from studies.importers.recording.missing_frames import missing_frames
 from studies.sheets import (
-    measured_account,
+    leave_one_out,
     measured_loop,
     measured_map,
-    measured_searches,
     measured_transfer,
-    measured_words,
+    model_errors,
+    tables,
 )
-from studies.sheets.measured_account import Split
 from studies.sheets.measured_control import groups, interpolation
+from studies.sheets.model_errors import Split
 
 SIZE, MU = 40.0, 0.4
 TIME = np.linspace(1.0, 20.0, 10)
@@ -135,13 +135,11 @@ def test_a_sheet_that_was_bowed_is_flattened(uniaxial):
 
 
 def test_section_forces_of_a_uniform_sheet(uniaxial):
-    found = measured_account.section_forces(uniaxial, MATERIAL)
-    assert found == pytest.approx(
-        np.repeat(measured_account.force(uniaxial)[:, None], found.shape[1], axis=1), rel=2e-3
-    )
+    found = model_errors.section_forces(uniaxial, MATERIAL)
+    assert found == pytest.approx(np.repeat(model_errors.force(uniaxial)[:, None], found.shape[1], axis=1), rel=2e-3)
 
 
-def test_a_material_is_carried_with_one_factor(uniaxial):
+def test_a_material_is_transferred_with_one_factor(uniaxial):
     result = measured_transfer.transfer(
         uniaxial, [{"name": "base", "members": [MATERIAL.scaled(0.5).to_dict()]}], 10.0, 12.0
     )
@@ -151,13 +149,13 @@ def test_a_material_is_carried_with_one_factor(uniaxial):
     assert model["errors"]["scored"]["lower_over_upper"] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_the_strength_of_relaxation_is_carried_with_its_own_factor(uniaxial):
+def test_the_strength_of_relaxation_is_transferred_with_its_own_factor(uniaxial):
     """A force with twice the overstress that was learnt."""
     learnt = material(Addition(Viscosity(), (0.2,), (3.0,)))
-    pull = measured_account.section_forces(uniaxial, learnt.scaled(1.5, 2.0)).mean(axis=1)
+    pull = model_errors.section_forces(uniaxial, learnt.scaled(1.5, 2.0)).mean(axis=1)
     forces = np.stack([np.zeros(len(pull)), pull], axis=1)
     loaded = tuple(replace(b, force=sign * forces) for b, sign in zip(uniaxial.loaded, (-1, 1), strict=True))
-    _, factors = measured_transfer.carried(
+    _, factors = measured_transfer.transferred(
         replace(uniaxial, loaded=loaded), learnt, Split.of(uniaxial, 13.0), 12.0, strength=True
     )
     assert factors == pytest.approx({"stiffness": 1.5, "relaxation": 2.0}, rel=2e-2)
@@ -167,7 +165,7 @@ def test_the_strength_of_relaxation_is_carried_with_its_own_factor(uniaxial):
 def test_on_one_ramp_relaxation_is_seen_beside_neo_hooke_alone(uniaxial, base):
     """An energy of I1 of any shape can soften with strain as a branch relaxes with time."""
     learnt = material(Addition(Viscosity(), (0.5,), (3.0,)))
-    pull = measured_account.section_forces(uniaxial, learnt).mean(axis=1)
+    pull = model_errors.section_forces(uniaxial, learnt).mean(axis=1)
     forces = np.stack([np.zeros(len(pull)), pull], axis=1)
     loaded = tuple(replace(b, force=sign * forces) for b, sign in zip(uniaxial.loaded, (-1, 1), strict=True))
     e = replace(uniaxial, loaded=loaded)
@@ -186,8 +184,8 @@ def test_on_one_ramp_relaxation_is_seen_beside_neo_hooke_alone(uniaxial, base):
 def test_scaling_a_material_scales_its_stress(uniaxial):
     """beta in 1/MPa falls as the stiffness rises, so that the volume ratio stays."""
     soft = material(Addition(Compressibility(), (0.2,)))
-    assert measured_account.section_forces(uniaxial, soft.scaled(3.0)) == pytest.approx(
-        3 * measured_account.section_forces(uniaxial, soft), rel=1e-9
+    assert model_errors.section_forces(uniaxial, soft.scaled(3.0)) == pytest.approx(
+        3 * model_errors.section_forces(uniaxial, soft), rel=1e-9
     )
     assert ExtendedModel.from_dict(json.loads(json.dumps(soft.to_dict()))).additions == soft.additions
 
@@ -257,7 +255,7 @@ def test_absent_data_are_named_before_anything_is_made(tmp_path, monkeypatch):
 
 def relaxing(e):
     """The sheet pulled with the forces of neo-Hooke and a branch that relaxes."""
-    pull = measured_account.section_forces(e, material(Addition(Viscosity(), (0.5,), (3.0,)))).mean(axis=1)
+    pull = model_errors.section_forces(e, material(Addition(Viscosity(), (0.5,), (3.0,)))).mean(axis=1)
     forces = np.stack([np.zeros(len(pull)), pull], axis=1)
     loaded = tuple(replace(b, force=sign * forces) for b, sign in zip(e.loaded, (-1, 1), strict=True))
     return replace(e, loaded=loaded)
@@ -276,12 +274,13 @@ def test_a_sheet_that_relaxes_is_learnt(uniaxial, monkeypatch):
     assert after < 0.2 * before and after < 0.01
     without = next(line for line in result["without"] if line["effect"] == "viscoelasticity")
     assert without["force_scored"] > 5 * after
-    assert {row[0] for row in measured_words.effect_table(result)[1]} == set(names)
-    assert len(measured_words.variant_table(result)[1]) == 3 + 1 + len(measured_loop.SPLINES)
-    assert len(result["searches"]) == (TIME <= 13.0).sum()
-    assert measured_words.kept(result, "viscoelasticity") == f"{len(result['searches'])} of {len(result['searches'])}"
-    assert after <= measured_words.spread(result)["force"][1]
-    assert all(model.relaxes for entry in result["models"][-2:] for model in measured_account.members(entry))
+    assert {row[0] for row in tables.effect_table(result)[1]} == set(names)
+    assert len(tables.variant_table(result)[1]) == 3 + 1 + len(measured_loop.SPLINES)
+    assert len(result["leave_one_out"]) == (TIME <= 13.0).sum()
+    fits = len(result["leave_one_out"])
+    assert tables.kept(result, "viscoelasticity") == f"{fits} of {fits}"
+    assert after <= tables.spread(result)["force"][1]
+    assert all(model.relaxes for entry in result["models"][-2:] for model in model_errors.members(entry))
 
 
 def test_motion_out_of_plane_is_a_share_of_the_whole_loading(uniaxial):
@@ -302,16 +301,16 @@ def test_motion_out_of_plane_is_a_share_of_the_whole_loading(uniaxial):
 def test_one_family_of_fibres_is_started_where_two_were():
     general = Addition(measured_loop.BY_NAME["two fibre families"], (0.1,), (0.4, 0.3))
     special = measured_loop.BY_NAME["one fibre family"]
-    starts = measured_searches.special_starts(general, special)
+    starts = leave_one_out.special_starts(general, special)
     assert [(*one.amplitudes, *one.shape) for one in starts] == [
         pytest.approx(start) for start in ((0.2, 0.4), (0.1, 0.1), (0.1, 0.7))
     ]
-    (closed,) = measured_searches.special_starts(replace(general, shape=(0.4, 0.0)), special)
+    (closed,) = leave_one_out.special_starts(replace(general, shape=(0.4, 0.0)), special)
     F = np.array([[[1.3, 0.1], [0.0, 0.9]]])
     stresses = [a.effect.stress(None, F, 0.0, a.amplitudes, a.shape, None)
                 for a in (replace(general, shape=(0.4, 0.0)), closed)]  # fmt: skip
     np.testing.assert_allclose(*stresses, rtol=1e-12)  # two families that have closed up to one are that one
-    (still,) = measured_searches.special_starts(general, measured_loop.BY_NAME["stiffness gradient"])
+    (still,) = leave_one_out.special_starts(general, measured_loop.BY_NAME["stiffness gradient"])
     assert still.shape == () and not any(still.amplitudes)
 
 
@@ -319,17 +318,17 @@ def test_the_mean_of_models_predicts_the_mean_of_their_forces(uniaxial):
     """Too soft and too stiff by as much: the mean is right, each alone is not."""
     split = Split.of(uniaxial, 13.0)
     soft, stiff = MATERIAL.scaled(0.8), MATERIAL.scaled(1.2)
-    alone, both = (measured_account.account(uniaxial, models, split, 12.0) for models in ([soft], [soft, stiff]))
+    alone, both = (model_errors.errors_of(uniaxial, models, split, 12.0) for models in ([soft], [soft, stiff]))
     assert alone["errors"]["scored"]["force"] == pytest.approx(0.2, rel=0.02)
     assert both["errors"]["scored"]["force"] < 5e-3
     assert np.mean(both["sections"]) == pytest.approx(1.0, abs=2e-3)
 
 
-def test_a_finer_base_must_foresee_as_well():
+def test_a_finer_base_must_validate_as_well():
     known = measured_loop.Base(1, None, 10.0, {"force": 0.02, "field": 0.01})
-    assert known.foreseen(known)
-    assert not measured_loop.Base(5, None, 0.0, {"force": 0.05, "field": 0.005}).foreseen(known)
-    assert measured_loop.Base(2, None, 0.0, {"force": 0.01, "field": 0.01}).foreseen(known)
+    assert known.validates(known)
+    assert not measured_loop.Base(5, None, 0.0, {"force": 0.05, "field": 0.005}).validates(known)
+    assert measured_loop.Base(2, None, 0.0, {"force": 0.01, "field": 0.01}).validates(known)
 
 
 def test_what_fits_but_predicts_worse_is_no_explanation():

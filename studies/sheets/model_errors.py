@@ -26,6 +26,7 @@ from calibrate.models.extended_model import ExtendedModel
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FEWEST = 4  # increments that can be fitted
+BASE, EVERY_EFFECT, RETAINED, MEAN = "neo-Hooke", "every effect", "retained by BIC", "mean of the leave-one-out fits"
 SECTIONS = 9  # bands along the pull in which the section force is found
 
 
@@ -55,12 +56,23 @@ class Split:
         return {"fitted": self.fitted, "scored": self.scored}
 
 
+def entry(result: dict[str, Any], name: str) -> dict[str, Any]:
+    """The model of that name in the result of a sheet."""
+    return next(model for model in result["models"] if model["name"] == name)
+
+
+def final(result: dict[str, Any]) -> dict[str, Any]:
+    """The last model of a sheet: the mean, where its relaxation was refitted that one."""
+    last: dict[str, Any] = result["models"][-1]
+    return last
+
+
 def members(described: dict[str, Any]) -> tuple[ExtendedModel, ...]:
     """The model that a result describes, or those whose mean it is."""
     return tuple(ExtendedModel.from_dict(one) for one in described["members"])
 
 
-def account(e: Experiment, models: Sequence[ExtendedModel], split: Split, spacing: float) -> dict[str, Any]:
+def errors_of(e: Experiment, models: Sequence[ExtendedModel], split: Split, spacing: float) -> dict[str, Any]:
     """Errors of a model, or of the mean of several, on a sheet, the grips' forces, and the section forces over the
     measured force.
 

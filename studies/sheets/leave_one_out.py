@@ -1,9 +1,9 @@
-"""How much of what pays hangs on single pictures: the search again without each increment, and the mean of what all predict.
+"""Leave-one-out fits: which effects BIC retains without each increment, and how much hangs on single pictures.
 
-In: the increments that are fitted and a fit of every effect to them. Out: a `Joint` for each increment left out, beside neo-Hooke: a
-finer base is not searched for again. A choice among models
-that fit alike turns over with small changes of the data; the mean over such changes is steadier than any one of them (bagging;
-Breiman 1996), and their spread says how much the choice matters.
+In: the increments that are fitted and a fit of every effect to them. Out: a `Joint` for each increment left out, beside
+neo-Hooke; a finer base is not selected again. A choice among models that fit alike turns over with small changes of the data;
+the mean over such changes is steadier than any one of them (bagging; Breiman 1996), and their spread says how much the choice
+matters.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from calibrate.diagnosis.parameters import n_parameters
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition
-from studies.sheets.measured_account import equations
+from studies.sheets.model_errors import equations
 
 Mask = NDArray[np.bool_]
 Say = Callable[[str], None]
@@ -46,12 +46,12 @@ def with_splines(problem: Problem, n: int) -> Problem:
     )
 
 
-def price(n: int, one: Joint, unit: float) -> float:
-    """Misfit over dispersion and price of the n functions of the base and the parameters of the effects."""
+def penalised_misfit(n: int, one: Joint, unit: float) -> float:
+    """Misfit over dispersion, and log of the number of equations for each of the n functions of the base and each parameter (BIC)."""
     return one.loss / unit + (n + sum(map(n_parameters, one.present))) * float(np.log(one.n_rows))
 
 
-def what_pays(
+def retain(
     problem: Problem, start: Joint, special: dict[str, Effect], say: Say
 ) -> tuple[list[Joint], Joint, list[str]]:
     """Effects taken out one at a time (the path, `start` first), the fit it ends at with special effects in the place of general
@@ -63,7 +63,7 @@ def what_pays(
             continue
         say(f"{name} instead of {NESTED[name]}")
         best = _exchanged(problem, now, effect, NESTED[name])
-        if price(1, best, start.dispersion) < price(1, now, start.dispersion):
+        if penalised_misfit(1, best, start.dispersion) < penalised_misfit(1, now, start.dispersion):
             now = best
             exchanged.append(name)
     return path, now, exchanged
@@ -88,13 +88,13 @@ def special_starts(general: Addition, special: Effect) -> list[Addition]:
     return [Addition(special, (2 * k,), (axis,)), *apart]
 
 
-def without_each(
+def leave_one_out_fits(
     early: Experiment, every: Joint, special: dict[str, Effect], spacing: float, say: Say
 ) -> Iterator[tuple[int, Joint]]:
-    """Each increment of what is fitted, and what pays without it; every: the fit of all effects to all, where searches start."""
+    """Each fitted increment, and what is retained without it; every: the fit of all effects to all increments, the start."""
     for left_out in range(early.n_increments):
         fitted = np.arange(early.n_increments) != left_out
-        say(f"search without increment {left_out + 1} of {early.n_increments}")
+        say(f"fit without increment {left_out + 1} of {early.n_increments}")
         problem, _ = prepared(early, fitted, spacing)
         start = joint_fit.fit(problem, every.c, every.additions, every.active)
-        yield left_out, what_pays(problem, start, special, lambda text: None)[1]
+        yield left_out, retain(problem, start, special, lambda text: None)[1]

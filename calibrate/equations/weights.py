@@ -1,4 +1,4 @@
-"""Residuals of unit covariance: measurement noise of every increment, discrepancy common to all of them.
+"""Weights of the equations: residuals of unit covariance, from noise of every increment and a discrepancy common to all.
 
 In: the noise covariance of each increment and sources that act alike in all. Out: a linear map of residuals (..., t, 2 v)
 to rows (..., N). With V the sources after the noise is whitened, the covariance is I + V V^T and its inverse root
@@ -13,8 +13,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from calibrate.equations import noise_covariance, reduction
-from calibrate.equations.reduction import Assembled
+from calibrate.equations.noise_covariance import cholesky_factor
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,7 +22,7 @@ SMALL = 0.02  # variance of a discrepancy over that of noise, below which it is 
 
 
 @dataclass(frozen=True, eq=False)
-class Whitening:
+class Weights:
     """rows (t, 2 v): which equations are used. lowers: Cholesky factor of each increment's noise. U (N, s),
     shrink (s,): see above."""
 
@@ -77,25 +76,14 @@ class Whitening:
         return np.concatenate(parts, axis=1).reshape(*leading, -1)
 
 
-def covariances(assembled: Assembled, c: Array) -> list[Array]:
-    """Noise covariance (2 v, 2 v), N^2, of every increment at coefficients c (n,) of the base."""
-    system = assembled.system
-    return [
-        noise_covariance.residual_covariance(
-            system, assembled.basis, c, F, system.loads[i], assembled.noise_factor, assembled.noise
-        )
-        for i, F in enumerate(system.deformation_gradients)
-    ]
-
-
-def whitening(noise: list[Array], rows: Mask, sources: Array | None = None) -> Whitening:
-    """Weights for the equations `rows` (t, 2 v) of noise `covariances`; sources (t, 2 v, s) of a common discrepancy."""
+def weights_of(noise: list[Array], rows: Mask, sources: Array | None = None) -> Weights:
+    """Weights for the equations `rows` (t, 2 v) of `noise` covariances, one (2 v, 2 v), N^2, an increment; sources (t, 2 v, s) of a common discrepancy."""
     lowers = [
-        reduction.whitening(covariance[np.ix_(used, used)]) if used.any() else np.zeros((0, 0))
+        cholesky_factor(covariance[np.ix_(used, used)]) if used.any() else np.zeros((0, 0))
         for covariance, used in zip(noise, rows, strict=True)
     ]
     n = int(rows.sum())
-    plain = Whitening(rows, tuple(lowers), np.zeros((n, 0)), np.zeros(0))
+    plain = Weights(rows, tuple(lowers), np.zeros((n, 0)), np.zeros(0))
     if sources is None or n == 0:
         return plain
     V = plain(np.moveaxis(sources, -1, 0)).T
@@ -109,4 +97,4 @@ def whitening(noise: list[Array], rows: Mask, sources: Array | None = None) -> W
         keep = values > 1e-8 * max(values.max(), 1e-300)
         values, U = values[keep], V @ W[:, keep] / np.sqrt(values[keep])
     keep = values > SMALL
-    return Whitening(rows, tuple(lowers), U[:, keep], 1 / np.sqrt(1 + values[keep]) - 1)
+    return Weights(rows, tuple(lowers), U[:, keep], 1 / np.sqrt(1 + values[keep]) - 1)

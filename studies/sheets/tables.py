@@ -1,22 +1,16 @@
-"""Tables and sentences on measured data. Results of `studies.commands.measured` in, text out."""
+"""Tables of the report on measured data: results of the steps in, columns and rows out."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from calibrate.diagnosis.selection import DEFAULT
-from studies.commands.measured import SHEETS
-from studies.sheets.measured_account import members
-from studies.sheets.measured_searches import NESTED
+from studies.output.words import percent
+from studies.sheets.leave_one_out import NESTED
+from studies.sheets.measured_record import SHEETS
+from studies.sheets.model_errors import MEAN, RETAINED, entry, members
 
 Table = tuple[list[str], list[list[Any]]]
 PARTS = ("fitted", "scored")
-
-
-def percent(value: float) -> str:
-    """'2.6 %', '120 %'."""
-    text = f"{100 * value:.2g}"
-    return f"{float(text):.0f} %" if "e+" in text else f"{text} %"
 
 
 def error_table(models: list[dict[str, Any]]) -> Table:
@@ -56,15 +50,23 @@ def record_table(results: dict[str, Any]) -> Table:
     return columns, rows
 
 
-def amplitude_table(models: list[dict[str, Any]]) -> Table:
-    """Amplitudes of what pays, and their range over the searches."""
-    columns = ["effect", "amplitude", "value", "standard deviation", "unit", "told from zero", "over the searches"]
-    pays, searched = models[-2], [one.additions for one in members(models[-1])]
+def amplitude_table(learnt: dict[str, Any]) -> Table:
+    """Amplitudes of the retained effects, and their range over the leave-one-out fits."""
+    columns = [
+        "effect",
+        "amplitude",
+        "value",
+        "standard deviation",
+        "unit",
+        "told from zero",
+        "over the leave-one-out fits",
+    ]
+    left_out = [one.additions for one in members(entry(learnt, MEAN))]
     rows = []
-    for a in pays["amplitudes"]:
+    for a in entry(learnt, RETAINED)["amplitudes"]:
         values = [
             value
-            for additions in searched
+            for additions in left_out
             for one in additions
             if one.effect.name == a["effect"]
             for p, value in zip(one.effect.amplitudes, one.amplitudes, strict=True)
@@ -76,42 +78,42 @@ def amplitude_table(models: list[dict[str, Any]]) -> Table:
     return columns, rows
 
 
-def search_table(learnt: dict[str, Any]) -> Table:
-    """What pays without each increment, and how that predicts."""
+def leave_one_out_table(learnt: dict[str, Any]) -> Table:
+    """What is retained without each increment, and how that predicts."""
     columns = ["without the increment at (s)", "effects", "force, fitted", "force, scored", "field, scored"]
     keys = ("force_fitted", "force_scored", "field_scored")
     return columns, [
         [round(one["left_out"], 2), ", ".join(one["effects"]), *(percent(one[k]) for k in keys)]
-        for one in learnt["searches"]
+        for one in learnt["leave_one_out"]
     ]
 
 
 def kept(learnt: dict[str, Any], effect: str) -> str:
-    """In how many searches an effect, or one more general or special than it, is kept."""
+    """In how many leave-one-out fits an effect, or one more general or special than it, is kept."""
     alike = {effect, NESTED.get(effect, effect), *(s for s, general in NESTED.items() if general == effect)}
-    found = sum(bool(alike & set(one["effects"])) for one in learnt["searches"])
-    return f"{found} of {len(learnt['searches'])}"
+    found = sum(bool(alike & set(one["effects"])) for one in learnt["leave_one_out"])
+    return f"{found} of {len(learnt['leave_one_out'])}"
 
 
 def effect_table(learnt: dict[str, Any]) -> Table:
     """What each effect is worth: errors of the model that is fitted without it."""
-    columns = ["effect", "outcome", "kept in searches", "rise of the misfit without it", "price of its parameters",
+    columns = ["effect", "outcome", "kept in leave-one-out fits", "rise of the misfit without it", "penalty of its parameters",
                "imitated by the others", "force, scored, without it", "field, scored, without it", "decided by"]  # fmt: skip
     rows: list[list[Any]] = []
     for line in sorted(learnt["without"], key=lambda line: -line["rise"]):
         outcome = "in the model" + (", doubtful" if line["doubtful"] else "")
-        rows.append([line["effect"], outcome, kept(learnt, line["effect"]), line["rise"], line["price"],
+        rows.append([line["effect"], outcome, kept(learnt, line["effect"]), line["rise"], line["penalty"],
                      f"{100 * line['imitated']:.1f} %", percent(line["force_scored"]), percent(line["field_scored"]), line["decided_by"]])  # fmt: skip
     gone = [(pair["general"], f"{pair['special']} does as well") for pair in learnt["exchanged"]]
-    gone += [(name, "taken out: does not pay") for name in learnt["taken_out"]]
+    gone += [(name, "removed: not retained by BIC") for name in learnt["taken_out"]]
     rows += [[name, why, kept(learnt, name), *[None] * 6] for name, why in gone]
     rows += [[name, why, *[None] * 7] for name, why in learnt["not_testable"].items()]
     return columns, rows
 
 
 def variant_table(learnt: dict[str, Any]) -> Table:
-    """The whole from other starts, and what pays beside other bases."""
-    columns = ["variant", "misfit or price over the first", "force, fitted", "force, foreseen", "field, foreseen",
+    """Every effect from other starts, and the retained effects beside other bases."""
+    columns = ["variant", "misfit, of bases with penalty, over the first", "force, fitted", "force, validation", "field, validation",
                "force, scored", "field, scored"]  # fmt: skip
     first = learnt["starts"][0]["objective"]
     rows: list[list[Any]] = []
@@ -119,16 +121,16 @@ def variant_table(learnt: dict[str, Any]) -> Table:
         rows.append([f"every effect, start {i}", s["objective"] - first, percent(s["force_fitted"]), None, None,
                      percent(s["force_scored"]), percent(s["field_scored"])])  # fmt: skip
     for b in learnt["bases"]:
-        name = f"what pays, {b['name']}" + (" (chosen)" if b["chosen"] else "")
-        seen = (percent(b["foresight"][kind]) for kind in ("force", "field"))
-        rows.append([name, b["price"], percent(b["force_fitted"]), *seen, percent(b["force_scored"]),
+        name = f"retained, {b['name']}" + (" (chosen)" if b["chosen"] else "")
+        seen = (percent(b["validation_error"][kind]) for kind in ("force", "field"))
+        rows.append([name, b["penalised_misfit"], percent(b["force_fitted"]), *seen, percent(b["force_scored"]),
                      percent(b["field_scored"])])  # fmt: skip
     return columns, rows
 
 
 def spread(learnt: dict[str, Any]) -> dict[str, tuple[float, float]]:
-    """Smallest and largest error after the limit over the searches: models that the data fitted do not choose between."""
-    lines = learnt["searches"]
+    """Smallest and largest error after the limit over the leave-one-out fits: models that the data fitted do not choose between."""
+    lines = learnt["leave_one_out"]
     kinds = {kind: [line[f"{kind}_scored"] for line in lines] for kind in ("force", "field")}
     return {kind: (min(values), max(values)) for kind, values in kinds.items()}
 
@@ -176,54 +178,17 @@ def control_table(results: dict[str, Any]) -> Table:
     ], rows
 
 
+def loops_of(results: dict[str, Any]) -> list[dict[str, Any]]:
+    """Results of the homogeneous tests."""
+    return [r for key, r in results.items() if key.startswith("loop_")]
+
+
 def loop_table(results: dict[str, Any]) -> Table:
     """Homogeneous tests, before and after."""
     rows = []
-    for key, r in results.items():
-        if key.startswith("loop_"):
-            effects = ", ".join([*r["named"], *(f"({name})" for name in r["closest"])]) or "none"
-            for t in r["tests"]:
-                role = "fitted" if t["fitted"] else "held out"
-                rows.append(
-                    [r["name"], t["name"], role, percent(t["before"]), percent(t["after"]), r["verdict"], effects]
-                )
+    for r in loops_of(results):
+        effects = ", ".join([*r["named"], *(f"({name})" for name in r["closest"])]) or "none"
+        for t in r["tests"]:
+            role = "fitted" if t["fitted"] else "held out"
+            rows.append([r["name"], t["name"], role, percent(t["before"]), percent(t["after"]), r["verdict"], effects])
     return ["loop", "test", "role", "before", "after", "verdict", "effects"], rows
-
-
-def verdict(learnt: dict[str, Any]) -> str:
-    """One line on a sheet."""
-    base, pays, final = (learnt["models"][i]["errors"]["scored"] for i in (0, -2, -1))
-    effects = ", ".join(learnt["closest"])
-    (low, high), (lowest, highest) = spread(learnt).values()
-    text = f"{learnt['name']}: {learnt['verdict']}"
-    if effects:
-        text += f"; closest: {effects}"
-    if not learnt.get("predicts", True):
-        text += "; what was fitted is met, what comes after is predicted worse than by neo-Hooke"
-    if learnt.get("unfinished_fits"):
-        text += f"; fits stopped before they had converged: {learnt['unfinished_fits']}"
-    return (
-        f"{text}; on increments never used, force error {percent(base['force'])} -> {percent(final['force'])}, "
-        f"field error {percent(base['field'])} -> {percent(final['field'])} (mean of {len(learnt['searches'])} searches, each "
-        f"without one increment, that predict force to {percent(low)} to {percent(high)}, field to {percent(lowest)} to "
-        f"{percent(highest)}; the one search with all of them {percent(pays['force'])} and {percent(pays['field'])})"
-    )
-
-
-def answers(results: dict[str, Any]) -> list[str]:
-    """The findings, a line each."""
-    second, located = results["second"]["models"], results["map"]["errors"]["scored"]
-    carried = [percent(m["errors"]["scored"]["force"]) for m in (second[0], second[-1])]
-    controls = [results[f"control_{name}"] for name in SHEETS]
-    found = [c["name"] for c in controls if c["smallest_adjusted_p"] < DEFAULT.significance]
-    return [
-        verdict(results["first"]),
-        f"the same loop on its own: {verdict(results['own'])}",
-        f"carried to {results['second']['name']} with the stiffness times {second[-1]['factor']:.3g}: force error "
-        f"{carried[0]} -> {carried[1]}",
-        f"{results['map']['name']}: with a stiffness that varies, force error {percent(located['before']['force'])} -> "
-        f"{percent(located['after']['force'])}, field error {percent(located['before']['field'])} -> "
-        f"{percent(located['after']['field'])}",
-        "between neighbouring pictures: "
-        + (f"something significant in {', '.join(found)}" if found else "nothing significant"),
-    ]

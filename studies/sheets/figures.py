@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from studies.commands.measured import SHEETS
 from studies.output import style
+from studies.sheets.measured_record import SHEETS
+from studies.sheets.model_errors import BASE, MEAN, entry, final
 
-BEFORE, AFTER = "neo-Hooke", "mean of the searches"
 COLOURS = [style.COLOURS[name] for name in ("blue", "vermilion", "green")]
 
 
@@ -46,8 +46,8 @@ def sections(results: dict[str, Any]) -> Figure:
         for ax, key in zip(axes, ("first", "second"), strict=True):
             r = results[key]
             for model, name, linestyle, colour in (
-                (r["models"][0], BEFORE, "--", COLOURS[1]),
-                (r["models"][-1], AFTER, "-", COLOURS[0]),
+                (entry(r, BASE), BASE, "--", COLOURS[1]),
+                (final(r), MEAN, "-", COLOURS[0]),
             ):
                 values = np.array(model["sections"])
                 x = (np.arange(values.shape[1]) + 0.5) / values.shape[1]
@@ -67,7 +67,7 @@ def grips(results: dict[str, Any]) -> Figure:
         axes = figure.subplots(1, 3, sharey=True)
         for ax, key in zip(axes, ("first", "second", "hetero"), strict=True):
             r = results[key]
-            for model, name, linestyle in ((r["models"][0], BEFORE, "--"), (r["models"][-1], AFTER, "-")):
+            for model, name, linestyle in ((entry(r, BASE), BASE, "--"), (final(r), MEAN, "-")):
                 size = np.linalg.norm(np.array(model["grip_error"]), axis=1)
                 ax.plot(r["time"], 100 * size, linestyle=linestyle, color=COLOURS[0], label=name)
             ax.set(xlabel="time (s)", title=r["name"], yscale="log")
@@ -77,7 +77,7 @@ def grips(results: dict[str, Any]) -> Figure:
 
 
 def stiffness(results: dict[str, Any]) -> Figure:
-    """Map of the stiffness of the heterogeneous sheet over that of the carried material."""
+    """Map of the stiffness of the heterogeneous sheet over that of the transferred material."""
     r = results["map"]
     places = np.array(r["points"])
     with style.figure(5.0, 4.0) as figure:
@@ -86,7 +86,7 @@ def stiffness(results: dict[str, Any]) -> Figure:
         drawn = ax.tripcolor(
             places[:, 0], places[:, 1], r["triangles"], values, shading="gouraud", cmap=style.SEQUENTIAL
         )
-        figure.colorbar(drawn, label="stiffness / that of the carried material")
+        figure.colorbar(drawn, label="stiffness / that of the transferred material")
         ax.set(aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
         ax.grid(False)
         return figure
@@ -110,24 +110,11 @@ def homogeneous(results: dict[str, Any]) -> Figure | None:
         return figure
 
 
-FIGURES: dict[str, tuple[Callable[[dict[str, Any]], Figure | None], str]] = {
-    "records": (
-        records,
-        "Before any model. Above left: force against elongation; a hyperelastic sheet starts with slope 1. Above right: strain "
-        "that a parabola through the first 12 s leaves at no load. Below: profiles of strain at the end.",
-    ),
-    "sections": (
-        sections,
-        "Force through the sheet as base (dashed) and final model have it, over the measured force: 1 everywhere in equilibrium. "
-        "Band: range over the later half of the increments.",
-    ),
-    "grips": (
-        grips,
-        "Error of the force at the grips, before (dashed) and after. Increments up to the limit were fitted.",
-    ),
-    "stiffness": (
-        stiffness,
-        "Stiffness of the heterogeneous sheet, place by place, over that of the material carried to it.",
-    ),
-    "homogeneous": (homogeneous, "Homogeneous tests: error before and after."),
+# by name of the file; the caption of NAME is the macro figure_NAME of templates/measured.txt
+FIGURES: dict[str, Callable[[dict[str, Any]], Figure | None]] = {
+    "records": records,
+    "sections": sections,
+    "grips": grips,
+    "stiffness": stiffness,
+    "homogeneous": homogeneous,
 }

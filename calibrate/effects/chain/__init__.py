@@ -1,0 +1,10 @@
+"""The chain from measured displacements and forces to the residual of the virtual-work equations, with effects in it.
+
+`link`: one link, applied and differentiated. `linearisation`: links one after another. `stages`: which links there are, in
+which order. `composition`: the chain of an Experiment. `noise_spread`: what noise of the displacements does to it.
+"""
+
+from calibrate.effects.chain.additions import Addition, Additions, ordered
+from calibrate.effects.chain.composition import Chain
+
+__all__ = ["Addition", "Additions", "Chain", "ordered"]

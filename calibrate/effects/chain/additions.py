@@ -1,0 +1,30 @@
+"""Effects that are in a model, with the values of their parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calibrate.effects.effect import STAGES, Effect
+
+
+@dataclass(frozen=True)
+class Addition:
+    """An effect that is in the model: amplitudes (p,) and the values of its shapes."""
+
+    effect: Effect
+    amplitudes: tuple[float, ...]
+    shape: tuple[float, ...] = ()
+
+    @property
+    def is_null(self) -> bool:
+        """Whether it changes nothing."""
+        return self.amplitudes == tuple(p.null for p in self.effect.amplitudes)
+
+
+Additions = tuple[Addition, ...]
+
+
+def ordered(additions: Additions) -> Additions:
+    """From the material to the camera, the order in which effects act on the stress, and against which displacements and
+    loads are corrected."""
+    return tuple(sorted(additions, key=lambda a: (STAGES.index(a.effect.stage), a.effect.name)))

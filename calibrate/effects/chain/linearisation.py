@@ -1,0 +1,167 @@
+"""Links one after another: run from some quantities, and the derivatives of that run along and against its direction.
+
+Quantities, changes and duals are dictionaries by the names that links read and write. A link may write what it reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from calibrate.effects.chain.additions import Addition
+from calibrate.effects.chain.link import Link, Parameters, apply, pull, push, push_parameters
+from calibrate.effects.effect import Effect
+from calibrate.effects.support.effect_data import Data
+
+Quantities = dict[str, Any]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Constants:
+    """What links read beside their inputs. c (n,): coefficients of the base model; top: range of its basis."""
+
+    data: Data
+    top: Any
+    c: Any
+
+    def of(self, link: Link) -> Any:
+        """What one link needs, so that those without coefficients are compiled once for all bases."""
+        return self if link.uses_coefficients else self.data
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A link in its place. addition: the effect that it belongs to, with its values; None for a link of the base."""
+
+    link: Link
+    addition: Addition | None = None
+
+    @property
+    def effect(self) -> Effect | None:
+        """The effect that the link belongs to."""
+        return None if self.addition is None else self.addition.effect
+
+    @property
+    def parameters(self) -> Parameters:
+        """Amplitudes (p,) and shape (s,)."""
+        if self.addition is None:
+            return (), ()
+        return jnp.asarray(self.addition.amplitudes, float), jnp.asarray(self.addition.shape, float)
+
+    def inputs(self, quantities: Quantities) -> tuple[Any, ...]:
+        return tuple(quantities[name] for name in self.link.reads)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A stage that was run: what it read and wrote."""
+
+    stage: Stage
+    inputs: tuple[Any, ...]
+    output: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """A run of stages: everything that its derivatives need."""
+
+    constants: Constants
+    start: Quantities
+    steps: tuple[Step, ...]
+
+    @classmethod
+    def run(cls, stages: Sequence[Stage], constants: Constants, start: Mapping[str, Any]) -> Linearisation:
+        """Apply the stages in their order."""
+        quantities, steps = dict(start), []
+        for stage in stages:
+            inputs = stage.inputs(quantities)
+            output = apply(stage.link, inputs, constants.of(stage.link), stage.parameters)
+            quantities[stage.link.writes] = output
+            steps.append(Step(stage, inputs, output))
+        return cls(constants, dict(start), tuple(steps))
+
+    def with_null(self, stages: Sequence[Stage], null: Effect) -> Linearisation:
+        """The run of `stages`, which are those of this run and those of an effect that changes nothing."""
+        quantities, steps, known = dict(self.start), [], iter(self.steps)
+        for stage in stages:
+            inputs = stage.inputs(quantities)
+            output = quantities[stage.link.writes] if stage.effect == null else next(known).output
+            quantities[stage.link.writes] = output
+            steps.append(Step(stage, inputs, output))
+        return Linearisation(self.constants, self.start, tuple(steps))
+
+    @property
+    def quantities(self) -> Quantities:
+        """Every quantity, as it is at the end."""
+        return self.start | {step.stage.link.writes: step.output for step in self.steps}
+
+    def split_at(self, name: str) -> tuple[Linearisation, Linearisation]:
+        """The steps up to the first one that writes a quantity, and those behind it."""
+        place = 1 + next(i for i, step in enumerate(self.steps) if step.stage.link.writes == name)
+        first = Linearisation(self.constants, self.start, self.steps[:place])
+        return first, Linearisation(self.constants, first.quantities, self.steps[place:])
+
+    def push(self, changes: Quantities) -> Quantities:
+        """Changes (k, ...) of every quantity at the end, of those at the start; none where nothing changes."""
+        moved = dict(changes)
+        for step in self.steps:
+            _write(moved, step, self._pushed(step, moved))
+        return moved
+
+    def by_parameters(self, effect: Effect, with_shape: bool) -> Quantities:
+        """Derivatives (p, ...) of every quantity at the end by the amplitudes of an effect, and by its shape behind them."""
+        moved: Quantities = {}
+        for step in self.steps:
+            change = self._pushed(step, moved)
+            if step.stage.effect == effect:
+                link = step.stage.link
+                own = push_parameters(link, with_shape, step.inputs, self.constants.of(link), step.stage.parameters)
+                change = own if change is None else own + change
+            _write(moved, step, change)
+        return moved
+
+    def pull(self, duals: Quantities) -> Quantities:
+        """Duals (k, ...) of every quantity at the start, of those at the end."""
+        found = dict(duals)
+        for step in reversed(self.steps):
+            link = step.stage.link
+            dual = found.pop(link.writes, None)
+            if dual is None:
+                continue
+            backs = pull(link, step.inputs, self.constants.of(link), step.stage.parameters, dual)
+            for name, back in zip(link.reads, backs, strict=True):
+                found[name] = found[name] + back if name in found else back
+        return found
+
+    def _pushed(self, step: Step, changes: Quantities) -> Any:
+        """Changes (k, ...) of what a step writes; None if none of its inputs changes."""
+        given, link = tuple(changes.get(name) for name in step.stage.link.reads), step.stage.link
+        if all(change is None for change in given):
+            return None
+        return push(link, step.inputs, self.constants.of(link), step.stage.parameters, given)
+
+
+def _write(changes: Quantities, step: Step, change: Any) -> None:
+    if change is None:
+        changes.pop(step.stage.link.writes, None)
+    else:
+        changes[step.stage.link.writes] = change
+
+
+class Recent:
+    """The last linearisation that was asked for, as many effects are tried beside the same ones."""
+
+    def __init__(self) -> None:
+        self.key: Any = None
+        self.value: Linearisation | None = None
+
+    def get(self, key: Any, make: Callable[[], Linearisation]) -> Linearisation:
+        """That of `key`, made anew if it is not the last one."""
+        if self.value is None or key != self.key:
+            self.key, self.value = key, make()
+        return self.value
