@@ -6,7 +6,7 @@ In: an Experiment. Out: a dictionary of plain numbers with every model, its erro
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,8 @@ from calibrate.diagnosis.joint_fit import Joint
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection import DEFAULT, Verdict
 from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
-from calibrate.effects.chain import Addition
-from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
-from calibrate.models.extended_model import ExtendedModel, amplitude_unit
 from studies.reports.discovery.candidate_outcome import untested_words
 from studies.sheets.leave_one_out import NESTED, leave_one_out_fits, penalised_misfit, prepared, retain, with_splines
 from studies.sheets.model_errors import (
@@ -34,10 +31,10 @@ from studies.sheets.model_errors import (
     RETAINED,
     Split,
     entry,
-    errors_of,
     force_and_field,
     members,
 )
+from studies.sheets.sheet_models import SheetModels, base_name
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -76,11 +73,6 @@ EFFECTS = tuple(effect for effect in EVERY if effect.name not in (*KNOWN, *ROUGH
 BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 
-def base_name(splines: int) -> str:
-    """'neo-Hooke' or how many splines."""
-    return "neo-Hooke" if splines == 1 else f"{splines} splines"
-
-
 def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, Any]:
     """What is beyond neo-Hooke in the increments up to `until`, with errors after it; everything that the report shows.
 
@@ -104,7 +96,7 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
     tell(f"all {len(start)} effects")
     starts = elimination.fits_of_all(problem, base.c, start)
     path, reduced, exchanged = retain(problem, starts[0], special, tell)
-    models = _Models(e, early, split, spacing, until, problem)
+    models = SheetModels(e, early, split, spacing, until, problem)
     bases = _bases(problem, reduced, early, starts[0].dispersion, spacing, tell)
     chosen = min((one for one in bases if one.validates(bases[0])), key=lambda one: one.penalised_misfit)
     left_out = list(leave_one_out_fits(early, starts[0], special, spacing, tell))
@@ -147,7 +139,7 @@ class _Learnt:
         """Every fit that may have stopped early."""
         return [*self.starts, *self.path, *(one.fit for one in self.bases), *(one for _, one in self.left_out)]
 
-    def to_dict(self, models: _Models, time: Array) -> dict[str, Any]:
+    def to_dict(self, models: SheetModels, time: Array) -> dict[str, Any]:
         """Plain numbers. time: of the fitted increments, s."""
         unit, chosen = self.starts[0].dispersion, self.chosen
         return {
@@ -171,7 +163,7 @@ class _Learnt:
             "taken_out": [one.out for one in self.path[1:]],
         }
 
-    def _base(self, one: Base, models: _Models) -> dict[str, Any]:
+    def _base(self, one: Base, models: SheetModels) -> dict[str, Any]:
         return {
             "name": base_name(one.splines),
             "penalised_misfit": one.penalised_misfit - self.bases[0].penalised_misfit,
@@ -181,7 +173,7 @@ class _Learnt:
         }
 
 
-def _without(problem: Problem, chosen: Base, name: str, unit: float, models: _Models, say: Say) -> dict[str, Any]:
+def _without(problem: Problem, chosen: Base, name: str, unit: float, models: SheetModels, say: Say) -> dict[str, Any]:
     """What an effect is worth: everything else fitted again without it."""
     say(f"how much depends on {name}")
     whole = chosen.fit
@@ -219,7 +211,7 @@ def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, 
     early = e.select(np.flatnonzero(split.fitted))
     (model,) = members(entry(learnt, RETAINED))
     problem, _ = prepared(early, np.ones(early.n_increments, bool), spacing)
-    models = _Models(e, early, split, spacing, until, problem)
+    models = SheetModels(e, early, split, spacing, until, problem)
     kept = tuple(a for a in models.of_early(model.additions) if not isinstance(a.effect, Viscosity))
     found = []
     for n in (1, *SPLINES):
@@ -268,98 +260,3 @@ def _bases(problem: Problem, final: Joint, early: Experiment, unit: float, spaci
         validation_error = force_and_field(short.parts[0].system, r, ~first)
         found.append(Base(splines, fit, penalised_misfit(splines, fit, unit), validation_error))
     return found
-
-
-@dataclass(frozen=True)
-class _Models:
-    """Joint fits as model files, with their errors on the whole sheet."""
-
-    whole: Experiment
-    early: Experiment
-    split: Split
-    spacing: float
-    until: float
-    problem: Problem
-
-    def extended(self, one: Joint) -> ExtendedModel:
-        """The model file; an amplitude that is a share of the whole loading holds for all increments."""
-        present, deviations = list(one.present), list(one.errors)
-        for i, a in enumerate(present):
-            if a.effect.name == OutOfPlane.name:
-                present[i] = replace(a, amplitudes=(self.growth * a.amplitudes[0],))
-                deviations[i] = (self.growth * deviations[i][0],)
-        return self._model(one.c, present, deviations)
-
-    @property
-    def growth(self) -> float:
-        """Displacements of the whole loading over those of what was fitted."""
-        both = (np.sqrt((e.displacements**2).mean(axis=(1, 2))).max() for e in (self.whole, self.early))
-        return float(next(both) / next(both))
-
-    def of_early(self, additions: Sequence[Addition]) -> tuple[Addition, ...]:
-        """Additions of a model file as they are in a fit of the increments up to the limit."""
-        return tuple(
-            replace(a, amplitudes=(a.amplitudes[0] / self.growth,)) if a.effect.name == OutOfPlane.name else a
-            for a in additions
-        )
-
-    def _model(self, c: Array, additions: Sequence[Addition], deviations: Sequence[tuple[float, ...]]) -> ExtendedModel:
-        e = self.whole
-        training = ({"name": e.name, "fingerprint": e.fingerprint},)
-        held = f"increments after {self.until:g} s"
-        basis = self.problem.basis
-        return ExtendedModel(basis, c, tuple(additions), tuple(deviations), e.stress_unit, training, held)
-
-    def errors(self, one: Joint, splines: int = 1) -> dict[str, Any]:
-        """Errors of force and field on what was fitted and scored."""
-        found = self.of(one, "", splines)["errors"]
-        return {f"{kind}_{part}": found[part][kind] for part in found for kind in ("force", "field")}
-
-    def of(self, one: Joint, name: str, splines: int = 1) -> dict[str, Any]:
-        """A model with everything that the report shows of it."""
-        return self._described([self.extended(one)], name, splines, one.loss / one.n_rows, one.dispersion)
-
-    def mean(self, fits: Sequence[Joint], name: str) -> dict[str, Any]:
-        """Several models whose predictions are averaged."""
-        chi_square, reduced = (
-            float(np.mean(v)) for v in zip(*((f.loss / f.n_rows, f.dispersion) for f in fits), strict=True)
-        )
-        return self._described([self.extended(one) for one in fits], name, 1, chi_square, reduced)
-
-    def of_base(self, fit: Fit) -> dict[str, Any]:
-        """Neo-Hooke alone."""
-        model = self._model(fit.c, (), ())
-        return self._described([model], BASE, 1, fit.loss / fit.n_rows, fit.loss / (fit.n_rows - 1))
-
-    def _described(
-        self, found: Sequence[ExtendedModel], name: str, splines: int, chi_square: float, reduced: float
-    ) -> dict[str, Any]:
-        """One model, or several whose predictions are averaged; amplitudes are those of a single one."""
-        alone = found if len(found) == 1 else ()
-        return {
-            "name": name,
-            "base": base_name(splines),
-            "effects": sorted({a.effect.name for model in found for a in model.additions}),
-            "chi_square": chi_square,
-            "reduced_chi_square": reduced,
-            "amplitudes": [
-                {
-                    "effect": a.effect.name,
-                    "name": p.name,
-                    "unit": amplitude_unit(p, model.unit),
-                    "value": v,
-                    "deviation": d,
-                }
-                for model in alone
-                for a, deviations in zip(model.additions, model.errors, strict=True)
-                for p, v, d in zip(a.effect.amplitudes, a.amplitudes, deviations, strict=True)
-            ],
-            "shapes": [
-                {"effect": a.effect.name, "name": p.name, "unit": amplitude_unit(p, model.unit), "value": v}
-                for model in alone
-                for a in model.additions
-                for p, v in zip(a.effect.shapes, a.shape, strict=True)
-            ],
-            "members": [model.to_dict() for model in found],
-            **errors_of(self.whole, found, self.split, self.spacing),
-        }

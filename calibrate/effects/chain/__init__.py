@@ -4,7 +4,7 @@
 which order. `composition`: the chain of an Experiment. `noise_spread`: what noise of the displacements does to it.
 """
 
-from calibrate.effects.chain.additions import Addition, Additions, ordered
+from calibrate.effects.chain.addition import Addition, Additions, ordered
 from calibrate.effects.chain.composition import Chain
 
 __all__ = ["Addition", "Additions", "Chain", "ordered"]

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.effects.chain import noise_spread
-from calibrate.effects.chain.additions import Addition, Additions, ordered
+from calibrate.effects.chain.addition import Addition, Additions, ordered
 from calibrate.effects.chain.linearisation import Constants, Linearisation, Quantities, Recent, Stage
 from calibrate.effects.chain.stages import (
     DISPLACEMENTS,

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from calibrate.effects.chain.additions import Addition
+from calibrate.effects.chain.addition import Addition
 from calibrate.effects.chain.link import Link, Parameters, apply, pull, push, push_parameters
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data

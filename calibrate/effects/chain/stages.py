@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import jax
 
-from calibrate.effects.chain.additions import Additions, ordered
+from calibrate.effects.chain.addition import Additions, ordered
 from calibrate.effects.chain.base_law import base_law
 from calibrate.effects.chain.linearisation import Constants, Stage
 from calibrate.effects.chain.link import Link, Parameters

@@ -30,6 +30,7 @@ from studies.sheets import (
     measured_map,
     measured_transfer,
     model_errors,
+    sheet_models,
     tables,
 )
 from studies.sheets.measured_control import groups, interpolation
@@ -286,7 +287,7 @@ def test_a_sheet_that_relaxes_is_learnt(uniaxial, monkeypatch):
 def test_motion_out_of_plane_is_a_share_of_the_whole_loading(uniaxial):
     """Fitted to the first increments, whose last one is its unit, it is as much larger at the end as the displacements are."""
     early = uniaxial.select(np.arange(5))
-    models = measured_loop._Models(uniaxial, early, Split.of(uniaxial, 10.0), 12.0, 10.0, None)
+    models = sheet_models.SheetModels(uniaxial, early, Split.of(uniaxial, 10.0), 12.0, 10.0, None)
     growth = np.sqrt((uniaxial.displacements[-1] ** 2).mean() / (early.displacements[-1] ** 2).mean())
     assert models.growth == pytest.approx(growth)
     (back,) = models.of_early((Addition(OutOfPlane(), (0.01 * growth,)),))
