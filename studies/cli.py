@@ -63,7 +63,7 @@ COMMANDS = {
         "equigap predict results/calibrate/model.json\nequigap predict model.json --stretch 2.5 --against arruda_boyce",
     ),
     "discover": Command(
-        "studies.commands.discover",
+        "studies.commands.discover:discover",
         "find what a hyperelastic model leaves unexplained in a test",
         "equigap discover results/simulate/experiment.npz\nequigap discover pull_x.npz --hold-out pull_y.npz\n"
         "equigap discover sheet.npz --hold-out every:2 --without 'force offset' -o results/sheet",

@@ -6,96 +6,121 @@ Out: ``report.html``, its figures as PNG, the same as data (``discovery.json``, 
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
-from studies.commands.options import add_output, nearest, output_folder, positive, seed
+from cyclopts import Parameter
 
-if TYPE_CHECKING:
-    from calibrate.data.experiment import Experiment
-    from calibrate.diagnosis.hold_out import HoldOut
-    from calibrate.diagnosis.selection import Discovery
-    from calibrate.effects import Effect
-    from calibrate.models.extended_model import ExtendedModel
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis import distillation, selection
+from calibrate.diagnosis.effect_fit import bulk_modulus
+from calibrate.diagnosis.hold_out import HoldOut, Kind
+from calibrate.diagnosis.selection import Discovery
+from calibrate.effects import CATALOGUE, Effect
+from calibrate.errors import ConfigError
+from calibrate.models.extended_model import ExtendedModel
+from studies.commands.option_types import (
+    OutputFolder,
+    Overwrite,
+    Positive,
+    Repeated,
+    Seed,
+    default_folder,
+    nearest,
+)
+from studies.commands.outcome import Outcome
+from studies.errors import OptionError
+from studies.output import Manifest, open_output_folder, released_if_refused
+from studies.reports.discovery.report import write
+from studies.reports.discovery.statement import network_words, verdict
+from studies.reports.discovery.statement import remarks as all_remarks
+from studies.reports.discovery.view import View
 
-DESCRIPTION = """\
-Test what a hyperelastic model of I1 leaves unexplained: which effect of material, camera or load cell it looks
-like, whether data that were not used for fitting confirm it, and what cannot be told from it. Effects are added one
-by one until nothing is significant, or nothing that is known explains it. Takes some minutes for each model."""
 INTERVAL = 20.0  # s between lines of progress in a log
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `equigap discover`."""
-    parser.add_argument(
-        "experiments", type=Path, nargs="+", metavar="EXPERIMENT.npz", help="tests of one material, fitted together"
-    )
-    parser.add_argument(
-        "--hold-out", action="append", default=[], metavar="WHAT",
-        help="what confirms: another EXPERIMENT.npz (may be repeated), every:N, after:SECONDS, "
-        "half:left|right|bottom|top, or none (default: the files given here, else every:3)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--base", choices=("positive", "convex", "neo-Hooke"), default="positive",
-        help="base model: energy of I1 that rises (default), one that is convex too, as a network is, or neo-Hooke",
-    )  # fmt: skip
-    parser.add_argument(
-        "--spacing", type=positive, metavar="MM", help="of the virtual fields (default: from the noise)"
-    )
-    parser.add_argument(
-        "--without", action="append", default=[], metavar="EFFECT", help="leave a candidate out (may be repeated)"
-    )
-    parser.add_argument("--seed", type=seed, default=0, help="of the simulated search (default: 0)")
-    parser.add_argument(
-        "--quick", action="store_true", help="refit only candidates that are tried, draw fewer pictures"
-    )
-    add_output(parser, "discover")
+@Parameter(name="*", group="Diagnosis")
+@dataclass(frozen=True)
+class Diagnosis:
+    """What is tested, and what confirms it."""
+
+    hold_out: Repeated = ()
+    """what confirms: another EXPERIMENT.npz (may be repeated), every:N, after:SECONDS, half:left|right|bottom|top, or none
+    (default: the files given here, else every:3)"""
+    base: Literal["positive", "convex", "neo-Hooke"] = "positive"
+    """base model: energy of I1 that rises, one that is convex too, as a network is, or neo-Hooke"""
+    spacing: Positive | None = None
+    """of the virtual fields, mm (default: from the noise)"""
+    without: Repeated = ()
+    """leave a candidate out (may be repeated)"""
+    seed: Seed = 0
+    """of the simulated search"""
 
 
-def main(args: argparse.Namespace) -> int:
-    """Find, write everything, print the verdict. Raises the named errors of `calibrate` and `studies`."""
-    from studies.output import Manifest, open_output_folder, released_if_refused
+@dataclass(frozen=True)
+class Discovered(Outcome):
+    """A diagnosis. folder: with ``model.json``."""
 
+    folder: Path
+    view: View
+    report: Path
+
+    def lines(self) -> Iterable[str]:
+        """The verdict, what to know of it, and the files."""
+        yield f"{verdict(self.view)}."
+        yield from (f"- {line}" for line in all_remarks(self.view))
+        yield f"model: {self.folder / 'model.json'}"
+        yield f"report: {self.report}"
+
+
+def discover(
+    *experiments: Path,
+    diagnosis: Diagnosis = Diagnosis(),
+    quick: bool = False,
+    output: OutputFolder = None,
+    overwrite: Overwrite = False,
+) -> Discovered:
+    """Test what a hyperelastic model of I1 leaves unexplained.
+
+    Which effect of material, camera or load cell it looks like, whether data that were not used for fitting confirm it, and what
+    cannot be told from it. Effects are added one by one until nothing is significant, or nothing that is known explains it. Takes
+    some minutes for each model.
+
+    Args:
+        experiments: tests of one material (.npz), fitted together
+        quick: refit only candidates that are tried, draw fewer pictures
+
+    Raises:
+        OptionError: no experiment, unknown effect.
+        ConfigError: experiments or hold-outs that do not go together.
+    """
     started = time.time()
-    rule, files = hold_outs(args.hold_out)
-    effects = candidates(args.without)
-    trained, held, remarks = read(args.experiments, files, rule)
-    settings = {k: v for k, v in vars(args).items() if k not in ("output", "overwrite", "experiments", "command")}
-    settings["hold_out"] = list(map(str, args.hold_out)) or ["(default)"]
-    manifest = Manifest(args.seed, settings, [*args.experiments, *files], started)
+    if not experiments:
+        raise OptionError("EXPERIMENT.npz: give at least one test; see `equigap discover --help`")
+    rule, files = hold_outs(diagnosis.hold_out)
+    effects = candidates(diagnosis.without)
+    trained, held, remarks = read(experiments, files, rule)
+    settings = {**asdict(diagnosis), "quick": quick, "hold_out": list(diagnosis.hold_out) or ["(default)"]}
+    manifest = Manifest(diagnosis.seed, settings, [*experiments, *files], started)
     key = {**settings, "experiments": manifest.to_dict()["inputs"]}
-    folder = open_output_folder(output_folder(args, "discover"), args.overwrite, key)
-
-    from calibrate.diagnosis.selection import discover
-    from studies.reports.discovery.report import write
-    from studies.reports.discovery.statement import remarks as all_remarks
-    from studies.reports.discovery.statement import verdict
-    from studies.reports.discovery.view import View
-
+    folder = open_output_folder(output or default_folder("discover", quick), overwrite, key)
     with released_if_refused(folder), Stages() as say:
-        found = discover(trained, rule, held, effects, args.spacing, args.base, not args.quick, args.seed, say)
-        view = View(found, held_out_words(rule, trained, held), remarks, args.quick)
+        found = selection.discover(
+            trained, rule, held, effects, diagnosis.spacing, diagnosis.base, not quick, diagnosis.seed, say
+        )
+        view = View(found, held_out_words(rule, trained, held), remarks, quick)
         say("network of the base")
         model = extended(found, view.hold_out, manifest.to_dict())
         say("writing the report")
-        report = write(folder, view, model, manifest)
-    print(f"{verdict(view)}.")
-    for line in all_remarks(view):
-        print(f"- {line}")
-    print(f"model: {folder / 'model.json'}\nreport: {report}")
-    return 0
+        return Discovered(folder, view, write(folder, view, model, manifest))
 
 
 def hold_outs(texts: Sequence[str]) -> tuple[HoldOut | None, list[Path]]:
     """The rule (None: the default) and the files among the values of --hold-out. Raises `ConfigError`."""
-    from calibrate.diagnosis.hold_out import HoldOut
-    from calibrate.errors import ConfigError
-
     files = [Path(text) for text in texts if text.endswith(".npz") or Path(text).is_file()]
     rules = [text for text in texts if Path(text) not in files]
     if len(rules) > 1:
@@ -105,9 +130,6 @@ def hold_outs(texts: Sequence[str]) -> tuple[HoldOut | None, list[Path]]:
 
 def candidates(without: Sequence[str]) -> tuple[Effect, ...]:
     """The catalogue but the effects named. Raises `OptionError`."""
-    from calibrate.effects import CATALOGUE
-    from studies.errors import OptionError
-
     names = [effect.name for effect in CATALOGUE]
     for name in without:
         if name not in names:
@@ -124,9 +146,6 @@ def read(
 
     Where one has no time, all do without: an effect of time cannot be carried over.
     """
-    from calibrate.data.experiment import Experiment
-    from calibrate.errors import ConfigError
-
     loaded = [(path, Experiment.load(path)) for path in (*paths, *held_paths)]
     seen: dict[str, tuple[Path, bool]] = {}
     for i, (path, experiment) in enumerate(loaded):
@@ -156,8 +175,6 @@ def read(
 
 def held_out_words(rule: HoldOut | None, trained: Sequence[Experiment], held: Sequence[Experiment]) -> str:
     """What is held out: 'every third increment', 'pull_y', ...; as `discover` chooses where there is no rule."""
-    from calibrate.diagnosis.hold_out import HoldOut, Kind
-
     rule = rule or HoldOut.default(min(e.n_increments for e in trained), bool(held))
     words = [e.name for e in held] + ([str(rule)] if rule.kind != Kind.NONE else [])
     return " and ".join(words) or "nothing"
@@ -165,11 +182,6 @@ def held_out_words(rule: HoldOut | None, trained: Sequence[Experiment], held: Se
 
 def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
     """The final model of a discovery as a model file, with a network distilled from its base."""
-    from calibrate.diagnosis.distillation import distil
-    from calibrate.diagnosis.effect_fit import bulk_modulus
-    from calibrate.models.extended_model import ExtendedModel
-    from studies.reports.discovery.statement import network_words
-
     parts, final = found.problem.parts, found.final
     bulk = bulk_modulus(found.problem, final)
     model = ExtendedModel(
@@ -186,7 +198,7 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         provenance={key: record[key] for key in ("command", "settings", "inputs", "versions", "revision")},
         bulk_modulus_deviation=None if bulk is None else bulk[1],
     )
-    distilled = distil(found.problem, final)
+    distilled = distillation.distil(found.problem, final)
     loss = {
         "network": distilled.network_loss, "spline": distilled.spline_loss, "equations": distilled.n_rows,
         "good": distilled.good, "remark": network_words(distilled),

@@ -17,19 +17,14 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
 from studies.commands.option_types import CountOrList, OutputFolder, Overwrite, default_folder
 from studies.commands.outcome import Outcome
-from studies.importers import column_import, column_map, measured_data, printed_sheets
-from studies.importers.missing_frames import with_missing_frames
-from studies.importers.printed_sheets import SheetOptions
-from studies.importers.series import Series, to_experiment
-from studies.importers.synchronise import Selection
+from studies.importers import Processing, Recording, SheetOptions, importer_of, importers
+from studies.importers.recording.synchronise import Selection
 from studies.output import Manifest, open_output_folder
 from studies.output.viewer import write_viewer_file
 from studies.reports.experiments.import_report import picture, report_lines, summary, write_report
 
 SHEETS_ONLY = "not for column maps, which say this in the TOML"
-SOURCE = (
-    f"a published sheet ({', '.join(measured_data.SHEETS)}), a packed .npz, a folder of frames, or a column map .toml"
-)
+SOURCE = ", ".join(importer.source for importer in importers())
 
 
 @Parameter(name="*", group=f"Which frames ({SHEETS_ONLY})")
@@ -131,17 +126,17 @@ def import_data(
     Raises:
         EquigapError: whatever the reader of the source and `series.to_experiment` find.
     """
-    series, selection, stated, kind, inputs = read(str(source), Request(name, record, frames, sheet, noise))
-    experiment = to_experiment(series, selection, stated, kind)
+    recording = read(source, Request(name, record, frames, sheet, noise))
+    experiment = recording.experiment(Processing(frames.selection, noise.stated, noise.noise))
     settings = {"source": source, "name": name, "record": record, **asdict(frames), **asdict(sheet), **asdict(noise)}
     folder = open_output_folder(
         output or default_folder(f"import-{experiment.name}"), overwrite, {"study": "import", **settings}
     )
-    manifest = Manifest(settings=settings, inputs=inputs)
+    manifest = Manifest(settings=settings, inputs=recording.inputs)
     target = folder / "experiment.npz"
     experiment.save(target)
     write_viewer_file(experiment, target.with_suffix(".vtu"))
-    picture(experiment, series, folder / "experiment.png")
+    picture(experiment, recording.series, folder / "experiment.png")
     manifest.beside(target, folder / "experiment.png", **summary(experiment))
     return Imported(experiment, target, write_report(experiment, folder, manifest))
 
@@ -151,67 +146,17 @@ def import_experiment(source: str | Path, **options: Any) -> Experiment:
 
     Raises whatever the reader of the source and `series.to_experiment` find.
     """
-    series, selection, noise, kind, _ = read(str(source), Request(**options))
-    return to_experiment(series, selection, noise, kind)
+    request = Request(**options)
+    recording = read(str(source), request)
+    return recording.experiment(Processing(request.frames.selection, request.noise.stated, request.noise.noise))
 
 
-Read = tuple[Series, Selection, Noise | None, str, list[Path]]
-
-
-def read(text: str, request: Request) -> Read:
-    """Whatever a source names, as a Series, with what is to be made of it and the files that were read.
-
-    Raises `FileFormatError`, `DataNotFoundError`, `MissingForceError`, `ConfigError`.
-    """
-    source = Path(text)
-    if source.suffix == ".toml":
-        return _read_map(request, source)
-    if source.is_file() and source.suffix != ".npz":
-        raise errors.FileFormatError(f"{source}: give a packed .npz, a folder of frames, or a column map .toml")
-    reader = _read_packed
-    if text in measured_data.SHEETS and not source.exists():
-        source = measured_data.sheet(text)
-    elif source.is_dir():
-        reader = _read_folder
-    elif source.suffix != ".npz":
-        raise errors.DataNotFoundError(
-            f"{source}: neither a published sheet ({', '.join(measured_data.SHEETS)}) nor a file or folder that exists"
-        )
-    frames, record, inputs = reader(source, request.record)
-    series = printed_sheets.sheet_series(frames, record, request.sheet, request.name or source.stem)
-    series.provenance["source"] = source.name
-    series = with_missing_frames(series)
-    return series, request.frames.selection, request.noise.stated, request.noise.noise, inputs
-
-
-def _read_packed(source: Path, record_file: Path | None) -> tuple[Any, Any, list[Path]]:
-    frames, record = printed_sheets.read_packed(source)
-    inputs = [source]
-    if record_file is not None:
-        record = printed_sheets.read_record(record_file)
-        inputs.append(record_file)
-    if record is None:
-        raise errors.MissingForceError(f"{source} holds no force record; give one with --record")
-    return frames, record, inputs
-
-
-def _read_folder(source: Path, record_file: Path | None) -> tuple[Any, Any, list[Path]]:
-    if record_file is None:
-        record_file = source / "force_disp.csv"
-        if not record_file.is_file():
-            raise errors.MissingForceError(f"{source} holds no force_disp.csv; give the machine record with --record")
-    record = printed_sheets.read_record(record_file)
-    return printed_sheets.read_frames(source), record, [*printed_sheets.frame_files(source), record_file]
-
-
-def _read_map(request: Request, source: Path) -> Read:
-    for name in request.given():
-        raise errors.ConfigError(
-            f"--{name.replace('_', '-')} is not for a column map; say it in {source.name} (docs/import.md)"
-        )
-    columns = column_map.read_map(source)
-    series = column_import.column_series(columns, source.parent)
-    series.provenance.update(source=source.name, map=columns.model_dump())
-    if columns.frames.rate_hz is not None:
-        series = with_missing_frames(series)
-    return series, columns.selection, columns.stated_noise, columns.noise.kind, [source]
+def read(source: str, request: Request) -> Recording:
+    """What the importer of a source reads. Raises its errors, `ConfigError` for options that the source states itself."""
+    importer = importer_of(source)
+    if importer.states_everything:
+        for name in request.given():
+            raise errors.ConfigError(
+                f"--{name.replace('_', '-')} is not for {importer.source}; say it in {Path(source).name} (docs/import.md)"
+            )
+    return importer.read(source, request.sheet, request.name, request.record)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +24,37 @@ from studies.importers.column_map import (
     ColumnMap,
     EdgesTable,
     PointsTable,
+    read_map,
 )
-from studies.importers.series import Grip, Series
-from studies.importers.synchronise import ForceRecord
+from studies.importers.recording.importer import Importer, Processing, Recording, SheetOptions
+from studies.importers.recording.missing_frames import with_missing_frames
+from studies.importers.recording.series import Grip, Series
+from studies.importers.recording.synchronise import ForceRecord
 from studies.importers.text_tables import Layout, read_table
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+class ColumnMapped(Importer):
+    """A column map (TOML), which states everything itself."""
+
+    source: ClassVar[str] = "a column map .toml"
+    states_everything: ClassVar[bool] = True
+
+    def reads(self, source: str) -> bool:
+        """A path that ends with .toml."""
+        return Path(source).suffix == ".toml"
+
+    def read(self, source: str, options: SheetOptions, name: str | None, record: Path | None) -> Recording:
+        """Raises `ConfigError` for a map that cannot be, and the errors of its tables."""
+        path = Path(source)
+        columns = read_map(path)
+        series = column_series(columns, path.parent)
+        series.provenance.update(source=path.name, map=columns.model_dump())
+        if columns.frames.rate_hz is not None:
+            series = with_missing_frames(series)
+        return Recording(series, (path,), Processing(columns.selection, columns.stated_noise, columns.noise.kind))
 
 
 def column_series(m: ColumnMap, folder: str | Path) -> Series:

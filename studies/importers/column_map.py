@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from calibrate import errors
 from calibrate.data.experiment import Noise
-from studies.importers.synchronise import Selection
+from studies.importers.recording.synchronise import Selection
 
 LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}
 FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}

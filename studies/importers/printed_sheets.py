@@ -16,61 +16,22 @@ from __future__ import annotations
 import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from studies.importers.series import Grip, Series
-from studies.importers.synchronise import ForceRecord
+from studies.importers.recording.importer import Importer, Recording, SheetOptions
+from studies.importers.recording.missing_frames import with_missing_frames
+from studies.importers.recording.series import Grip, Series
+from studies.importers.recording.synchronise import ForceRecord
 from studies.importers.text_tables import Layout, read_table
 
 Array = NDArray[np.float64]
-SCALE_MM_PER_PIXEL, FRAME_RATE_HZ = 0.0432, 5.0
+FRAME_RATE_HZ = 5.0
 FRAME_COLUMNS = ("x [pixel]", "y [pixel]", "x-displacement [pixel]", "y-displacement [pixel]")
 RECORD_COLUMNS = ("Time", "Displacement", "Force")
-type EdgeColumns = Literal["extrapolate", "drop", "keep"]
-type FreeEdges = Literal["auto", "yes", "no"]
-
-
-@dataclass(frozen=True)
-class SheetOptions:
-    """How pixels become a specimen. Raises `ConfigError` for what cannot be.
-
-    edge_columns: 'extrapolate' replaces the displacements of the unreliable columns by a quadratic through the next seven of the
-    same row, so that the sheet keeps its width; 'drop' leaves a strip unmeasured; 'keep' trusts them. free_edges: 'auto' = yes
-    (the true edge is there, or at most two pitches away); 'no' makes them the rim of the measured region.
-    """
-
-    scale: float = SCALE_MM_PER_PIXEL
-    """mm per pixel"""
-    frame_rate: float | None = None
-    """frames per second (default: file's own, else 5)"""
-    offset: float = 0.0
-    """time of frame 0 on the clock of the machine, s"""
-    drop_rows: int = 2
-    """unreliable rows a side"""
-    drop_columns: int = 2
-    """unreliable columns a side"""
-    edge_columns: EdgeColumns = "extrapolate"
-    """unreliable columns are replaced from their neighbours, left out, or trusted"""
-    free_edges: FreeEdges = "auto"
-    """whether the left and right rim carry no traction (auto: yes)"""
-    thickness: float | None = None
-    """mm (default: unknown)"""
-
-    def __post_init__(self) -> None:
-        for name, choices in (
-            ("edge_columns", get_args(EdgeColumns.__value__)),
-            ("free_edges", get_args(FreeEdges.__value__)),
-        ):
-            if getattr(self, name) not in choices:
-                raise errors.ConfigError(f"{name} '{getattr(self, name)}' unknown; choose one of {', '.join(choices)}")
-        if not self.scale > 0 or (self.frame_rate is not None and not self.frame_rate > 0):
-            raise errors.ConfigError("scale (mm per pixel) and frame rate (Hz) must be positive")
-        if self.drop_rows < 0 or self.drop_columns < 0:
-            raise errors.ConfigError("numbers of rows and columns to drop cannot be negative")
 
 
 @dataclass(frozen=True)
@@ -215,6 +176,42 @@ def sheet_series(
             "side_edges": "traction-free" if options.free_edges != "no" else "rim of the measured region",
         },
     )
+
+
+class PrintedSheets(Importer):
+    """A packed ``.npz``, or a folder of frames with ``force_disp.csv`` or a machine record of its own."""
+
+    source: ClassVar[str] = "a packed .npz, a folder of frames"
+
+    def reads(self, source: str) -> bool:
+        """A folder, or a path that ends with .npz."""
+        return Path(source).suffix == ".npz" or Path(source).is_dir()
+
+    def read(self, source: str, options: SheetOptions, name: str | None, record: Path | None) -> Recording:
+        """Frames and machine record; frames that the camera left out are found. Raises `MissingForceError` without a record."""
+        path = Path(source)
+        frames, forces, inputs = (_read_folder if path.is_dir() else _read_npz)(path, record)
+        series = sheet_series(frames, forces, options, name or path.stem)
+        series.provenance["source"] = path.name
+        return Recording(with_missing_frames(series), inputs)
+
+
+def _read_npz(path: Path, record_file: Path | None) -> tuple[Frames, ForceRecord, tuple[Path, ...]]:
+    frames, record = read_packed(path)
+    if record_file is not None:
+        return frames, read_record(record_file), (path, record_file)
+    if record is None:
+        raise errors.MissingForceError(f"{path} holds no force record; give one with --record")
+    return frames, record, (path,)
+
+
+def _read_folder(path: Path, record_file: Path | None) -> tuple[Frames, ForceRecord, tuple[Path, ...]]:
+    if record_file is None:
+        record_file = path / "force_disp.csv"
+        if not record_file.is_file():
+            raise errors.MissingForceError(f"{path} holds no force_disp.csv; give the machine record with --record")
+    record = read_record(record_file)
+    return read_frames(path), record, (*frame_files(path), record_file)
 
 
 def grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from calibrate.data.experiment import Experiment
-from studies.importers.series import Series
+from studies.importers.recording.series import Series
 from studies.output import Manifest, style, write_figure
 from studies.output.report import Report
 from studies.output.words import Words

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from functools import partial
 
@@ -59,16 +57,6 @@ def other(tmp_path, name="other.npz", **changes):
     path = tmp_path / name
     replace(sheet(seed=2), name="other", **changes).save(path)
     return path
-
-
-def test_help_needs_no_heavy_package():
-    code = (
-        "import argparse, sys; from studies import discovery; "
-        "discovery.add_arguments(argparse.ArgumentParser()); "
-        "print([m for m in ('jax', 'numpy', 'matplotlib', 'scipy') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def test_everything_is_written_and_the_verdict_is_said(run, asked):

@@ -22,7 +22,7 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.triangulation import signed_areas
 from studies.importers import column_import, column_map
 from studies.importers.column_map import EdgesTable
-from studies.importers.series import to_experiment
+from studies.importers.recording.series import to_experiment
 
 
 def from_map(path: Path) -> Experiment:

@@ -22,9 +22,10 @@ from sheets import (
 
 from calibrate import errors
 from calibrate.data.triangulation import signed_areas
-from studies.importers import printed_sheets, series
-from studies.importers.series import to_experiment
-from studies.importers.synchronise import ForceRecord, Selection
+from studies.importers import printed_sheets
+from studies.importers.recording import series
+from studies.importers.recording.series import to_experiment
+from studies.importers.recording.synchronise import ForceRecord, Selection
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibrate import errors
-from studies.importers import noise_estimate
+from studies.importers.recording import noise_estimate
 
 STD = 0.004
 

@@ -23,7 +23,7 @@ from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import equilibrium, neo_hooke
 from calibrate.models.extended_model import ExtendedModel
 from studies.commands import measured
-from studies.importers.missing_frames import missing_frames
+from studies.importers.recording.missing_frames import missing_frames
 from studies.sheets import (
     leave_one_out,
     measured_loop,

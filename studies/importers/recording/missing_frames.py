@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.importers.series import Series
+from studies.importers.recording.series import Series
 
 Array = NDArray[np.float64]
 WINDOW = 15  # steps on either side that tell the length of a step

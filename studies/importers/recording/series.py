@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from calibrate import errors
 from calibrate.data import points
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
-from studies.importers import noise_estimate
-from studies.importers.synchronise import (
+from studies.importers.recording import noise_estimate
+from studies.importers.recording.synchronise import (
     DEFAULT_SELECTION,
     ForceRecord,
     Selection,

@@ -1,0 +1,1 @@
+"""From a recorded test to an Experiment: `Recording` of an importer, its `Series`, clocks, missing frames, noise."""

@@ -1,0 +1,102 @@
+"""What an importer is: it recognises a source, and reads it into a `Recording`. One vendor or layout, one file.
+
+A class in a module of `studies/importers` that derives from `Importer` is found by `studies.importers.importer_of`; so is one
+that a script defines.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Literal, get_args
+
+from calibrate import errors
+from calibrate.data.experiment import Experiment, Noise
+from studies.importers.recording.series import Series, to_experiment
+from studies.importers.recording.synchronise import DEFAULT_SELECTION, Selection
+
+type EdgeColumns = Literal["extrapolate", "drop", "keep"]
+type FreeEdges = Literal["auto", "yes", "no"]
+type NoiseKind = Literal["total", "temporal"]
+SCALE_MM_PER_PIXEL = 0.0432
+
+
+@dataclass(frozen=True)
+class SheetOptions:
+    """How pixels become a specimen. Raises `ConfigError` for what cannot be.
+
+    edge_columns: 'extrapolate' replaces the displacements of the unreliable columns by a quadratic through the next seven of the
+    same row, so that the sheet keeps its width; 'drop' leaves a strip unmeasured; 'keep' trusts them. free_edges: 'auto' = yes
+    (the true edge is there, or at most two pitches away); 'no' makes them the rim of the measured region.
+    """
+
+    scale: float = SCALE_MM_PER_PIXEL
+    """mm per pixel"""
+    frame_rate: float | None = None
+    """frames per second (default: file's own, else 5)"""
+    offset: float = 0.0
+    """time of frame 0 on the clock of the machine, s"""
+    drop_rows: int = 2
+    """unreliable rows a side"""
+    drop_columns: int = 2
+    """unreliable columns a side"""
+    edge_columns: EdgeColumns = "extrapolate"
+    """unreliable columns are replaced from their neighbours, left out, or trusted"""
+    free_edges: FreeEdges = "auto"
+    """whether the left and right rim carry no traction (auto: yes)"""
+    thickness: float | None = None
+    """mm (default: unknown)"""
+
+    def __post_init__(self) -> None:
+        for name, choices in (
+            ("edge_columns", get_args(EdgeColumns.__value__)),
+            ("free_edges", get_args(FreeEdges.__value__)),
+        ):
+            if getattr(self, name) not in choices:
+                raise errors.ConfigError(f"{name} '{getattr(self, name)}' unknown; choose one of {', '.join(choices)}")
+        if not self.scale > 0 or (self.frame_rate is not None and not self.frame_rate > 0):
+            raise errors.ConfigError("scale (mm per pixel) and frame rate (Hz) must be positive")
+        if self.drop_rows < 0 or self.drop_columns < 0:
+            raise errors.ConfigError("numbers of rows and columns to drop cannot be negative")
+
+
+@dataclass(frozen=True)
+class Processing:
+    """What is made of a Series. selection: which frames; noise: stated, None: estimated, as noise_kind says."""
+
+    selection: Selection = DEFAULT_SELECTION
+    noise: Noise | None = None
+    noise_kind: NoiseKind = "total"
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What an importer reads. inputs: files that were read. processing: as the source states it; None: the user chooses."""
+
+    series: Series
+    inputs: tuple[Path, ...]
+    processing: Processing | None = None
+
+    def experiment(self, processing: Processing = Processing()) -> Experiment:
+        """The Experiment. Raises whatever `to_experiment` finds."""
+        chosen = self.processing or processing
+        return to_experiment(self.series, chosen.selection, chosen.noise, chosen.noise_kind)
+
+
+class Importer(ABC):
+    """One vendor or layout. source: its sources in words. states_everything: its source says all; options are refused."""
+
+    source: ClassVar[str]
+    states_everything: ClassVar[bool] = False
+
+    @abstractmethod
+    def reads(self, source: str) -> bool:
+        """Whether a source, as given on the command line, is one of these."""
+
+    @abstractmethod
+    def read(self, source: str, options: SheetOptions, name: str | None, record: Path | None) -> Recording:
+        """Read it. name: of the experiment, None: from the source; record: machine record in a file of its own.
+
+        Raises the named errors of `calibrate.errors`.
+        """
