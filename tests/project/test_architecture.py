@@ -32,7 +32,7 @@ STUDIES = [{"errors"}, {"output"}, {"importers", "synthetic", "accuracy"}, {"rep
 FOUNDATIONS = {"meshes", "forward", "calibrate"}
 for level, names in enumerate(STUDIES):
     below = {f"studies.{name}" for lower in STUDIES[:level] for name in lower}
-    for name in names:
+    for name in sorted(names):
         MAY_IMPORT[f"studies.{name}"] = FOUNDATIONS | below | {f"studies.{n}" for n in names}
 
 
