@@ -14,8 +14,8 @@ from calibrate.errors import ConfigError
 from studies.commands.option_types import OutputFolder, Overwrite, default_folder, nearest
 from studies.commands.outcome import Outcome
 from studies.output import Manifest, open_output_folder
-from studies.sheets.homogeneous_experiments import EXPERIMENTS, from_file
-from studies.sheets.homogeneous_report import write_report
+from studies.sheets.homogeneous.homogeneous_experiments import EXPERIMENTS, from_file
+from studies.sheets.homogeneous.homogeneous_report import write_report
 
 SOURCE = "a .csv with the columns stretch, stress (time) or lambda1, lambda2, P1_MPa, P2_MPa, or one of: " + ", ".join(
     EXPERIMENTS

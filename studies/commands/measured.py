@@ -91,7 +91,7 @@ class Steps:
         for name in SHEETS:
             results[f"control_{name}"] = self.step(f"control_{name}", partial(self.control, name))
         if not self.args.quick:
-            from studies.sheets.homogeneous_loops import loops
+            from studies.sheets.homogeneous.homogeneous_loops import loops
 
             for loop in loops():
                 key = f"loop_{loop.name}"
@@ -164,7 +164,7 @@ class Steps:
 
     def homogeneous(self, loop: Any) -> dict[str, Any]:
         """A loop on homogeneous tests, see `measured_homogeneous.close`."""
-        from studies.sheets.measured_homogeneous import close
+        from studies.sheets.homogeneous.measured_homogeneous import close
 
         return close(loop, self.say)
 

@@ -6,7 +6,6 @@ what differs is named. With --same-as: the data files of two runs, byte by byte.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import statistics
 from collections.abc import Collection, Iterable, Sequence
@@ -21,6 +20,7 @@ from studies.commands.option_types import Overwrite
 from studies.commands.outcome import Outcome
 from studies.errors import OutputFolderError, StudyError
 from studies.output import write_json
+from studies.output.manifest import sha256_of
 
 FORMAT = "equigap-verification"
 DATA = (".csv", ".npz", ".msh")
@@ -231,7 +231,7 @@ def reference_from(folders: Sequence[Path]) -> dict[str, dict[str, dict[str, flo
 
 def different_files(here: Path, there: Path) -> list[str]:
     """Data files of two runs whose bytes differ, or that only one has. Raises `StudyError` where `here` has none."""
-    hashes = [{str(p.relative_to(folder)): _hash(p) for p in _data(folder)} for folder in (here, there)]
+    hashes = [{str(p.relative_to(folder)): sha256_of(p) for p in _data(folder)} for folder in (here, there)]
     if not hashes[0]:
         raise StudyError(f"{here}: holds no data files")
     names = sorted({*hashes[0], *hashes[1]})
@@ -240,7 +240,3 @@ def different_files(here: Path, there: Path) -> list[str]:
 
 def _data(folder: Path) -> list[Path]:
     return [p for p in sorted(folder.glob("*/**/*")) if p.suffix in DATA and "cache" not in p.relative_to(folder).parts]
-
-
-def _hash(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -76,10 +76,15 @@ def command_line() -> list[str]:
 def file_hash(path: str | Path) -> str | None:
     """SHA-256 of a file; None if it cannot be read."""
     try:
-        with Path(path).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return sha256_of(path)
     except OSError:
         return None
+
+
+def sha256_of(path: str | Path) -> str:
+    """SHA-256 of a file. Raises `OSError`."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @cache

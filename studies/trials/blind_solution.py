@@ -23,20 +23,10 @@ from forward.solid.solid_model import solve as solve_in_3d
 from forward.solution import SurfaceSolution
 from meshes import Mesh, quads, specimen_from_dict, triangles
 from meshes.extrusion import extrude
-from studies.synthetic.disturbances import (
-    Disturbance,
-    ForceGain,
-    ForceOffset,
-    Lag,
-    LensDistortion,
-    OutOfPlane,
-    Rotation,
-    Scale,
-    SubsetSmoothing,
-    UnmeasuredStrip,
-    Warp,
-    observe,
-)
+from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation, Scale
+from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
+from studies.synthetic.disturbances import Disturbance, observe
+from studies.synthetic.load_cell_disturbances import ForceGain, ForceOffset, Lag
 from studies.trials.blind_effects import SOLID
 from studies.trials.blind_trial import SPECIMENS, Trial
 

@@ -102,7 +102,6 @@ def test_no_name_of_a_module_twice():
     assert not {stem for stem, n in count.items() if n > 1}
 
 
-@PENDING
 def test_no_long_module():
     length = {name: len(path.read_text().splitlines()) for name, path in modules().items()}
     assert not {name: n for name, n in length.items() if n > MOST_LINES}

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.models.parameter_covariance import MISFIT
 from studies.output.findings import Finding
 from studies.reports.calibration.fit_review import Review
 from studies.reports.experiments.experiment_findings import experiment_findings
@@ -40,7 +41,7 @@ class Thresholds:
     """
 
     overestimated: float = 0.6
-    misfit: float = 1.5
+    misfit: float = MISFIT
     far: float = 10.0
     few_starts: tuple[int, int] = (5, 2)
     factor: float = 1.3

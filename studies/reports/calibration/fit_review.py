@@ -12,15 +12,15 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.equations import noise_covariance
 from calibrate.equations.basis import Basis, PlaneStrainBasis, basis_for
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke, equilibrium
 from calibrate.equations.inputs import REFERENCE
+from calibrate.equations.reduction import assemble
+from calibrate.equations.weights import weights_of
 from calibrate.fitting.calibration import Calibration, predict_forces, relative_force_error
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
@@ -166,15 +166,11 @@ def _expected(
         return None, None
     F = system.deformation_gradients
     basis = basis_for(calibration.options.inputs, F.reshape(-1, 2, 2), plane=system.experiment.plane)
-    c = coefficients(calibration.model, basis)
-    factor = noise_covariance.noise_factor(system.experiment.points, noise)
+    covariances = assemble(system, basis).noise_covariances(coefficients(calibration.model, basis))
     deviations, chi_square = np.empty_like(residuals), np.empty(len(F))
-    for i, residual in enumerate(residuals):
-        covariance = noise_covariance.residual_covariance(system, basis, c, F[i], system.loads[i], factor, noise)
+    for i, (residual, covariance) in enumerate(zip(residuals, covariances, strict=True)):
         deviations[i] = np.sqrt(np.diag(covariance))
-        known = np.isfinite(residual)
-        lower = noise_covariance.cholesky_factor(covariance[np.ix_(known, known)])
-        white = scipy.linalg.solve_triangular(lower, residual[known], lower=True)
+        white = weights_of([covariance], np.isfinite(residual)[None])(residual[None])
         chi_square[i] = np.mean(white**2)
         if progress:
             progress(i + 1, len(F))

@@ -8,19 +8,10 @@ import pytest
 from forward.solution import SurfaceSolution
 from meshes import Mesh, PlateWithHole, SquareSheet, quads, triangles
 from studies.errors import OptionError
-from studies.synthetic.disturbances import (
-    ForceGain,
-    ForceOffset,
-    Lag,
-    LensDistortion,
-    OutOfPlane,
-    Rotation,
-    Scale,
-    SubsetSmoothing,
-    UnmeasuredStrip,
-    Warp,
-    observe,
-)
+from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation, Scale
+from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
+from studies.synthetic.disturbances import observe
+from studies.synthetic.load_cell_disturbances import ForceGain, ForceOffset, Lag
 from studies.synthetic.specimen_edges import inside
 
 SHEET = SquareSheet(half_length=20.0, half_width=20.0, far_size=4.0)

@@ -11,7 +11,7 @@ from calibrate.data.experiment import Experiment
 from studies.output import Manifest, style, write_figure
 from studies.output.report import Report
 from studies.output.words import Words
-from studies.sheets.homogeneous_sheet import CROSS_SECTION, WIDTH, stresses, stretches
+from studies.sheets.homogeneous.homogeneous_sheet import CROSS_SECTION, WIDTH, stresses, stretches
 
 WORDS = Words("homogeneous")
 

@@ -1,6 +1,6 @@
 """Measured homogeneous tests of rubber as Experiments.
 
-In: the name of a test. Out: an Experiment on 10 mm x 1 mm of cross-section (`studies.sheets.homogeneous_sheet`).
+In: the name of a test. Out: an Experiment on 10 mm x 1 mm of cross-section (`studies.sheets.homogeneous.homogeneous_sheet`).
 
 What is assumed: in uniaxial tests the lateral stretch was not measured and is 1 / sqrt(stretch), that of an
 incompressible isotropic rubber; the free edge is then no equation. In pure shear it is 1 and the lateral force is not
@@ -30,8 +30,8 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.deformation_modes import MODES, stretches_to_gradient
 from studies.importers import homogeneous_curves, measured_data
 from studies.importers.text_tables import Layout, read_table
-from studies.sheets import homogeneous_sheet
-from studies.sheets.homogeneous_sheet import CROSS_SECTION, WIDTH
+from studies.sheets.homogeneous import homogeneous_sheet
+from studies.sheets.homogeneous.homogeneous_sheet import CROSS_SECTION, WIDTH
 
 Array = NDArray[np.float64]
 AXES = dict(zip(MODES, ("x", "xy", "xy"), strict=True))  # pulled

@@ -11,7 +11,7 @@ import numpy as np
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis import selection
 from studies.reports.discovery.candidate_outcome import round_remarks, untested_words
-from studies.sheets.homogeneous_loops import Loop
+from studies.sheets.homogeneous.homogeneous_loops import Loop
 
 RELATIVE = {"hnbr50": 0.02}  # noise of a smoothed record, from two cycles of one test that should be alike
 

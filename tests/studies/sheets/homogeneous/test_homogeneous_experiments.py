@@ -15,8 +15,8 @@ from calibrate.fitting.calibration import Options, calibrate
 from calibrate.fitting.network_fit import convex_spline
 from studies import cli
 from studies.importers import measured_data
-from studies.sheets import homogeneous_experiments as tests
-from studies.sheets import homogeneous_loops, homogeneous_sheet
+from studies.sheets.homogeneous import homogeneous_experiments as tests
+from studies.sheets.homogeneous import homogeneous_loops, homogeneous_sheet
 
 MU = 0.4
 STRETCH = np.array([0.8, 0.9, 1.2, 1.6, 2.1, 3.0])

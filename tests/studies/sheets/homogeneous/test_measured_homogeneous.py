@@ -9,7 +9,7 @@ import pytest
 
 from calibrate.diagnosis.selection import DEFAULT
 from calibrate.diagnosis.selection.misfit import Misfit, is_larger
-from studies.sheets import homogeneous_loops, measured_homogeneous
+from studies.sheets.homogeneous import homogeneous_loops, measured_homogeneous
 
 DATA = os.environ.get("EQUIGAP_DATA")
 needs_data = pytest.mark.skipif(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibrate.data.experiment import Experiment
-from studies.sheets.homogeneous_experiments import MODES, hnbr50, kawabata_biaxial, treloar
+from studies.sheets.homogeneous.homogeneous_experiments import MODES, hnbr50, kawabata_biaxial, treloar
 
 
 @dataclass(frozen=True)

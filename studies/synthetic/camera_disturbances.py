@@ -1,0 +1,58 @@
+"""What a camera gets wrong: its lens, its distance, its angle and its scale.
+
+In: an exact solution and a mesh of the camera. Out: small classes with their amplitudes, see `studies.synthetic.disturbances`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from studies.synthetic.disturbances import Disturbance
+
+
+@dataclass(frozen=True)
+class LensDistortion(Disturbance):
+    """A point at x from the middle is seen at x (1 + k |x|^2 / R^2), R half the extent, in every picture."""
+
+    k: float
+    name: ClassVar[str] = "lens distortion"
+
+    def see(self, x, share, size):
+        return x * (1 + self.k * (x**2).sum(axis=-1, keepdims=True) / (0.5 * size) ** 2)
+
+
+@dataclass(frozen=True)
+class OutOfPlane(Disturbance):
+    """The specimen comes nearer as it is loaded: the picture grows by m at the largest load."""
+
+    m: float
+    name: ClassVar[str] = "out-of-plane motion"
+
+    def see(self, x, share, size):
+        return x * (1 + self.m * share)
+
+
+@dataclass(frozen=True)
+class Rotation(Disturbance):
+    """The camera is turned against the load axes, so that it sees everything turned by phi, rad."""
+
+    phi: float
+    name: ClassVar[str] = "image rotation"
+
+    def see(self, x, share, size):
+        c, s = np.cos(self.phi), np.sin(self.phi)
+        return x @ np.array([[c, s], [-s, c]])
+
+
+@dataclass(frozen=True)
+class Scale(Disturbance):
+    """Lengths in the picture are too large by the factor 1 + e."""
+
+    e: float
+    name: ClassVar[str] = "DIC scale"
+
+    def see(self, x, share, size):
+        return x * (1 + self.e)

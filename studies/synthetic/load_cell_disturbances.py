@@ -1,0 +1,77 @@
+"""What a load cell gets wrong: its zero, its gain and its time.
+
+In: an exact solution and a mesh of the camera. Out: small classes with their amplitudes, see `studies.synthetic.disturbances`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forward.solution import SurfaceSolution
+from studies.errors import OptionError
+from studies.synthetic.disturbances import Disturbance
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ForceOffset(Disturbance):
+    """Every load cell reads f0, N, too much in the direction of its largest force."""
+
+    f0: float
+    name: ClassVar[str] = "force offset"
+
+    def forces(self, force):
+        sizes = np.linalg.norm(force, axis=1)
+        return force + self.f0 * force[sizes.argmax()] / sizes.max()
+
+
+@dataclass(frozen=True)
+class ForceGain(Disturbance):
+    """True forces are 1 + g times those that the load cells read."""
+
+    g: float
+    name: ClassVar[str] = "force gain"
+
+    def forces(self, force):
+        return force / (1 + self.g)
+
+
+@dataclass(frozen=True)
+class Lag(Disturbance):
+    """Forces are read dt, s, after the picture. The solution must hold both instants: `schedule` before, `split` after."""
+
+    dt: float
+    name: ClassVar[str] = "lag between force and image"
+
+    def schedule(self, factors: Sequence[float] | Array, times: Sequence[float] | Array) -> tuple[Array, Array]:
+        """Load factors and times, s, of all pictures and readings, rising; the last straight line is continued.
+
+        factors (t,) at times (t,), s, of the pictures. Raises `OptionError` for a reading before the test begins.
+        """
+        knots, values = np.concatenate([[0.0], times]), np.concatenate([[0.0], factors])
+        late = np.asarray(times) + self.dt
+        if late[0] <= 0:
+            raise OptionError(f"a lag of {self.dt:g} s reads a force before the test begins at 0 s")
+        slope = (values[-1] - values[-2]) / (knots[-1] - knots[-2])
+        read = np.where(late > knots[-1], values[-1] + slope * (late - knots[-1]), np.interp(late, knots, values))
+        every, first = np.unique(np.concatenate([times, late]), return_index=True)
+        return np.concatenate([factors, read])[first], every
+
+    def split(self, solution: SurfaceSolution, times: Sequence[float] | Array) -> SurfaceSolution:
+        """Displacements at the pictures, taken at times (t,), s, and forces at the readings."""
+        pictures = np.searchsorted(solution.time, times)
+        readings = np.searchsorted(solution.time, np.asarray(times) + self.dt)
+        return replace(
+            solution,
+            displacements=solution.displacements[pictures],
+            reactions={side: force[readings] for side, force in solution.reactions.items()},
+            time=solution.time[pictures],
+            energy=solution.energy[pictures],
+            iterations=solution.iterations[pictures],
+        )
