@@ -6,62 +6,96 @@ Out: ``report.html``, ``measured.json`` (every number), ``errors.csv``, ``effect
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from studies.commands.options import add_output, count, output_folder, positive, settings
+import jax
+import numpy as np
+from cyclopts import Parameter
+
+from calibrate.data.experiment import Experiment
+from studies.commandline.option_types import Count, OutputFolder, Overwrite, Positive, default_folder
+from studies.commandline.outcome import Outcome
+from studies.commands.discover import Stages
+from studies.commands.import_data import Frames, NoiseChoice, import_experiment
+from studies.importers import measured_data
+from studies.output import Manifest, open_output_folder
+from studies.output.writing import plain, write_json
+from studies.sheets import measured_control, measured_loop
+from studies.sheets.homogeneous import measured_homogeneous
+from studies.sheets.homogeneous.homogeneous_loops import loops
+from studies.sheets.measured_map import stiffness_map
 from studies.sheets.measured_record import MANY, SHEETS, record
-from studies.sheets.model_errors import BASE, EVERY_EFFECT, MEAN, RETAINED, entry
+from studies.sheets.measured_transfer import transfer
+from studies.sheets.model_errors import BASE, EVERY_EFFECT, MEAN, RETAINED, entry, members
+from studies.sheets.report import write
 
-if TYPE_CHECKING:
-    from calibrate.data.experiment import Experiment
-
-DESCRIPTION = """\
-What measured sheets and measured homogeneous tests do beyond a hyperelastic model of I1. Learns on Soft_Homo, transfers
-that to Stiff2_Homo with one factor refitted, learns on Stiff2_Homo alone for comparison, locates what differs in
-Stiff2_Hetero; runs the loops of Treloar, Kawabata and HNBR50; and looks for effects where there can be none. Takes about
-three quarters of an hour on one core; a stopped run goes on where it was."""
 FIRST, SECOND, HETERO = SHEETS
 FINE, CELL = 5.0, 3.5  # mm: virtual fields and grid of the map of stiffness
-LOCAL_FRAMES, COMPARED = 12, 14
+LOCAL_FRAMES, COMPARED, QUICK_FRAMES = 12, 14, 15
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `equigap measured`."""
-    parser.add_argument(
-        "--until", type=positive, default=15.0, metavar="S", help="fitted up to then, scored after (15)"
-    )
-    parser.add_argument("--frames", type=count, default=24, help="of each sheet (default: %(default)s)")
-    parser.add_argument(
-        "--spacing", type=positive, default=12.0, metavar="MM", help="of the virtual fields on the sheets (12)"
-    )
-    parser.add_argument("--quick", action="store_true", help="the sheets alone, with 15 frames")
-    add_output(parser, "measured")
+@Parameter(name="*", group="Sheets")
+@dataclass(frozen=True)
+class SheetStudy:
+    """What is used of every sheet."""
+
+    until: Positive = 15.0
+    """fitted up to then, scored after, s"""
+    frames: Count = 24
+    """of each sheet; with --quick 15"""
+    spacing: Positive = 12.0
+    """of the virtual fields, mm"""
 
 
-def main(args: argparse.Namespace) -> int:
-    """Run every step that is not there yet, write the report. Raises `DataNotFoundError` and errors of an Experiment."""
-    from studies.commands.discover import Stages
-    from studies.importers import measured_data
-    from studies.output import Manifest, open_output_folder
-    from studies.sheets.report import write
+@dataclass(frozen=True)
+class Measured(Outcome):
+    """A finished study. answer: its findings in words."""
 
+    answer: str
+    report: Path
+
+    def lines(self) -> Iterable[str]:
+        """The findings and the report."""
+        yield self.answer
+        yield f"report: {self.report}"
+
+
+def measured(
+    *,
+    sheets: SheetStudy = SheetStudy(),
+    quick: bool = False,
+    output: OutputFolder = None,
+    overwrite: Overwrite = False,
+) -> Measured:
+    """What measured sheets and measured homogeneous tests do beyond a hyperelastic model of I1.
+
+    Learns on Soft_Homo, transfers that to Stiff2_Homo with one factor refitted, learns on Stiff2_Homo alone for comparison,
+    locates what differs in Stiff2_Hetero; runs the loops of Treloar, Kawabata and HNBR50; and looks for effects where there can
+    be none. Takes about three quarters of an hour on one core; a stopped run goes on where it was.
+
+    Args:
+        quick: the sheets alone, with 15 frames
+
+    Raises:
+        DataNotFoundError: a sheet is neither there nor to be fetched.
+        EquigapError: an Experiment that cannot be.
+    """
     started = time.time()
     sources = [measured_data.sheet(name) for name in SHEETS]  # before anything is made: are the data there?
-    key = settings(args)
-    folder = open_output_folder(output_folder(args, "measured"), args.overwrite, {"study": "measured", **key})
+    key = dict(sorted({"command": "measured", **asdict(sheets), "quick": quick}.items()))
+    folder = open_output_folder(output or default_folder("measured", quick), overwrite, {"study": "measured", **key})
     manifest = Manifest(0, key, sources, started)
     with Stages() as say:
-        results = Steps(folder, args, say).all()
+        results = Steps(folder, sheets, quick, say).all()
         say("writing the report")
         report, answer = write(folder, results, manifest)
-    print(f"{answer}\nreport: {report}")
-    return 0
+    return Measured(answer, report)
 
 
 def shown(learnt: dict[str, Any]) -> list[dict[str, Any]]:
@@ -72,9 +106,9 @@ def shown(learnt: dict[str, Any]) -> list[dict[str, Any]]:
 class Steps:
     """The steps of the study; each returns plain numbers, kept as JSON under ``steps/``."""
 
-    def __init__(self, folder: Path, args: argparse.Namespace, say: Callable[[str], None]) -> None:
-        self.folder, self.args, self.say = folder, args, say
-        self.frames = 15 if args.quick else args.frames
+    def __init__(self, folder: Path, options: SheetStudy, quick: bool, say: Callable[[str], None]) -> None:
+        self.folder, self.options, self.quick, self.say = folder, options, quick, say
+        self.frames = QUICK_FRAMES if quick else options.frames
         self._sheets: dict[str, Experiment] = {}
 
     def all(self) -> dict[str, Any]:
@@ -90,9 +124,7 @@ class Steps:
         results["map"] = self.step("map", lambda: self.locate(results["hetero"]))
         for name in SHEETS:
             results[f"control_{name}"] = self.step(f"control_{name}", partial(self.control, name))
-        if not self.args.quick:
-            from studies.sheets.homogeneous.homogeneous_loops import loops
-
+        if not self.quick:
             for loop in loops():
                 key = f"loop_{loop.name}"
                 results[key] = self.step(key, partial(self.homogeneous, loop))
@@ -100,10 +132,6 @@ class Steps:
 
     def step(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """The result kept from an earlier run, or a new one."""
-        import jax
-
-        from studies.output.writing import plain, write_json
-
         path = self.folder / "steps" / f"{name}.json"
         if path.exists():
             return json.loads(path.read_text())
@@ -117,68 +145,49 @@ class Steps:
 
     def sheet(self, name: str) -> Experiment:
         """The sheet with its increments."""
-        from studies.commands.import_data import Frames, import_experiment
-
         if name not in self._sheets:
             self._sheets[name] = import_experiment(name, frames=Frames(self.frames))
         return self._sheets[name]
 
     def record(self, name: str) -> dict[str, Any]:
         """What the record of a sheet says, see `measured_record.record`."""
-        from studies.commands.import_data import Frames, import_experiment
-
         return record(name, self.sheet(name), import_experiment(name, frames=Frames(MANY)))
 
     def learn(self, name: str) -> dict[str, Any]:
         """What a sheet does beyond hyperelasticity, see `measured_loop.learn`."""
-        from studies.sheets.measured_loop import learn
-
-        return learn(self.sheet(name), self.args.until, self.args.spacing, self.say)
+        return measured_loop.learn(self.sheet(name), self.options.until, self.options.spacing, self.say)
 
     def rivals(self, learnt: dict[str, Any]) -> dict[str, Any]:
         """Softening against relaxation on the first sheet, see `measured_loop.rivals`."""
-        from studies.sheets.measured_loop import rivals
-
-        return {"models": rivals(self.sheet(FIRST), learnt, self.args.until, self.args.spacing, self.say)}
+        return {
+            "models": measured_loop.rivals(
+                self.sheet(FIRST), learnt, self.options.until, self.options.spacing, self.say
+            )
+        }
 
     def transfer(self, name: str, models: list[dict[str, Any]]) -> dict[str, Any]:
         """Models of another sheet on this one, see `measured_transfer.transfer`."""
-        from studies.sheets.measured_transfer import transfer
-
-        return transfer(self.sheet(name), models, self.args.until, self.args.spacing)
+        return transfer(self.sheet(name), models, self.options.until, self.options.spacing)
 
     def locate(self, transferred: dict[str, Any]) -> dict[str, Any]:
         """Where the heterogeneous sheet differs from what was transferred to it, see `measured_map.stiffness_map`."""
-        from studies.commands.import_data import Frames, import_experiment
-        from studies.sheets.measured_map import stiffness_map
-        from studies.sheets.model_errors import members
-
         e = import_experiment(HETERO, frames=Frames(LOCAL_FRAMES))
-        return stiffness_map(e, members(transferred["models"][-1]), self.args.until, FINE, CELL)
+        return stiffness_map(e, members(transferred["models"][-1]), self.options.until, FINE, CELL)
 
     def control(self, name: str) -> dict[str, Any]:
         """Negative control on a sheet, see `measured_control.split_half`."""
-        from studies.sheets.measured_control import split_half
-
-        return split_half(neighbouring_pictures(name, COMPARED), self.args.spacing)
+        return measured_control.split_half(neighbouring_pictures(name, COMPARED), self.options.spacing)
 
     def homogeneous(self, loop: Any) -> dict[str, Any]:
         """A loop on homogeneous tests, see `measured_homogeneous.close`."""
-        from studies.sheets.homogeneous.measured_homogeneous import close
-
-        return close(loop, self.say)
+        return measured_homogeneous.close(loop, self.say)
 
 
 def neighbouring_pictures(name: str, count: int) -> Experiment:
     """A published sheet as groups of frames, with the noise from picture to picture."""
-    import numpy as np
-
-    from studies.commands.import_data import Frames, NoiseChoice, import_experiment
-    from studies.sheets.measured_control import groups
-
     temporal = NoiseChoice("temporal")
     everything = import_experiment(name, frames=Frames(1000000), noise=temporal)  # every frame under load
     frames = np.array(everything.provenance["frames"])
     assert everything.time is not None
-    chosen = tuple(int(frames[i]) for i in groups(everything.time, count))
+    chosen = tuple(int(frames[i]) for i in measured_control.groups(everything.time, count))
     return import_experiment(name, frames=Frames(chosen), noise=temporal)
