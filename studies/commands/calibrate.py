@@ -17,7 +17,8 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.hold_out import HoldOut, Kind
+from calibrate.errors import ConfigError
 from calibrate.fitting.calibration import Options
 from calibrate.fitting.calibration import calibrate as fit_network
 from studies.commands.option_types import Count, Integers, OutputFolder, Overwrite, Positive, Seed, default_folder
@@ -26,7 +27,6 @@ from studies.output import Manifest, callback, open_output_folder, released_if_r
 from studies.reports.calibration.fit_review import Review, review
 from studies.reports.calibration.report import summary_lines, write
 
-HOLD_OUT = 0.3
 QUICK_STARTS, QUICK_INCREMENTS = 4, 6
 
 
@@ -118,7 +118,12 @@ def held_in(experiment: Experiment, hold_out: str | None, seed: int) -> NDArray[
     """
     if hold_out is None:
         return np.ones(experiment.n_increments, bool)
-    return HoldOut.parse(hold_out, seed).increments(experiment)
+    rule = HoldOut.parse(hold_out, seed)
+    if rule.kind == Kind.HALF:
+        raise ConfigError(
+            f"--hold-out {hold_out}: a calibration holds out increments; give last, random:0.3, every:3 or after:SECONDS"
+        )
+    return rule.increments(experiment)
 
 
 def _spread(n: int, most: int) -> NDArray[np.int64]:

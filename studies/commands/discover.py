@@ -101,7 +101,7 @@ def discover(
     started = time.time()
     if not experiments:
         raise OptionError("EXPERIMENT.npz: give at least one test; see `equigap discover --help`")
-    rule, files = hold_outs(diagnosis.hold_out)
+    rule, files = hold_outs(diagnosis.hold_out, diagnosis.seed)
     effects = candidates(diagnosis.without)
     trained, held, remarks = read(experiments, files, rule)
     settings = {**asdict(diagnosis), "quick": quick, "hold_out": list(diagnosis.hold_out) or ["(default)"]}
@@ -119,13 +119,13 @@ def discover(
         return Discovered(folder, view, write(folder, view, model, manifest))
 
 
-def hold_outs(texts: Sequence[str]) -> tuple[HoldOut | None, list[Path]]:
+def hold_outs(texts: Sequence[str], seed: int = 0) -> tuple[HoldOut | None, list[Path]]:
     """The rule (None: the default) and the files among the values of --hold-out. Raises `ConfigError`."""
     files = [Path(text) for text in texts if text.endswith(".npz") or Path(text).is_file()]
     rules = [text for text in texts if Path(text) not in files]
     if len(rules) > 1:
         raise ConfigError(f"--hold-out {' and '.join(rules)}: give one rule; only files may be repeated")
-    return HoldOut.parse(rules[0]) if rules else None, files
+    return HoldOut.parse(rules[0], seed) if rules else None, files
 
 
 def candidates(without: Sequence[str]) -> tuple[Effect, ...]:

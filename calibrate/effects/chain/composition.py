@@ -121,17 +121,18 @@ class Chain:
 
     def derivative(self, c: Any, additions: Additions) -> Array:
         """d residual / d amplitudes of the last addition, (p, t, 2 v), at the values they have."""
-        last = additions[-1]
+        last, place = additions[-1], place_of(additions[-1], additions)
         if last.is_null:  # it changes nothing yet, so that the run without it is known
-            run = self.linearised(c, additions[:-1]).with_null(stages(self.base, additions), last.effect)
+            run = self.linearised(c, additions[:-1]).with_null(stages(self.base, additions), place)
         else:
             run = self.linearised(c, additions)
-        return self._change(run, last)
+        return self._change(run, last, place)
 
     def jacobian(self, c: Any, additions: Additions) -> Array:
         """d residual / d amplitudes and shapes of all additions, (k, t, 2 v): of each its amplitudes, then its shapes."""
         run = self.linearised(c, additions)
-        return np.concatenate([self._change(run, one, with_shape=True) for one in additions])
+        changes = [self._change(run, one, place_of(one, additions), with_shape=True) for one in additions]
+        return np.concatenate(changes)
 
     def linearised(self, c: Any, additions: Additions) -> Linearisation:
         """The run of the whole chain; the last one is kept."""
@@ -203,9 +204,9 @@ class Chain:
         corrections = displacement_stages(additions)
         return self._run((*corrections, self._gradients), (), self._displacements) if corrections else self._uncorrected
 
-    def _change(self, run: Linearisation, addition: Addition, with_shape: bool = False) -> Array:
+    def _change(self, run: Linearisation, addition: Addition, place: int, with_shape: bool = False) -> Array:
         """d residual / d amplitudes of an addition, and shapes behind them, (p, t, 2 v)."""
-        changes = run.by_parameters(addition.effect, with_shape)
+        changes = run.by_parameters(place, with_shape)
         size = len(addition.amplitudes) + with_shape * len(addition.shape)
         result = np.zeros((size, *self.system.loads.shape))
         if STRESS in changes:
@@ -213,6 +214,11 @@ class Chain:
         if LOADS in changes:
             result -= self.spread(changes[LOADS])
         return result
+
+
+def place_of(addition: Addition, additions: Additions) -> int:
+    """Place of an addition among all in their order."""
+    return next(i for i, one in enumerate(ordered(additions)) if one is addition)
 
 
 def in_material(additions: Additions) -> Additions:

@@ -14,7 +14,6 @@ import jax.numpy as jnp
 
 from calibrate.effects.chain.addition import Addition
 from calibrate.effects.chain.link import Link, Parameters, apply, pull, push, push_parameters
-from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
 
 Quantities = dict[str, Any]
@@ -36,15 +35,12 @@ class Constants:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A link in its place. addition: the effect that it belongs to, with its values; None for a link of the base."""
+    """A link in its place. addition: the effect that it belongs to, with its values, None for a link of the base; place: of
+    this addition among all in their order, which tells two of one effect apart."""
 
     link: Link
     addition: Addition | None = None
-
-    @property
-    def effect(self) -> Effect | None:
-        """The effect that the link belongs to."""
-        return None if self.addition is None else self.addition.effect
+    place: int | None = None
 
     @property
     def parameters(self) -> Parameters:
@@ -85,12 +81,12 @@ class Linearisation:
             steps.append(Step(stage, inputs, output))
         return cls(constants, dict(start), tuple(steps))
 
-    def with_null(self, stages: Sequence[Stage], null: Effect) -> Linearisation:
-        """The run of `stages`, which are those of this run and those of an effect that changes nothing."""
+    def with_null(self, stages: Sequence[Stage], null: int) -> Linearisation:
+        """The run of `stages`, which are those of this run and those of the addition at place `null`, which changes nothing."""
         quantities, steps, known = dict(self.start), [], iter(self.steps)
         for stage in stages:
             inputs = stage.inputs(quantities)
-            output = quantities[stage.link.writes] if stage.effect == null else next(known).output
+            output = quantities[stage.link.writes] if stage.place == null else next(known).output
             quantities[stage.link.writes] = output
             steps.append(Step(stage, inputs, output))
         return Linearisation(self.constants, self.start, tuple(steps))
@@ -113,12 +109,12 @@ class Linearisation:
             _write(moved, step, self._pushed(step, moved))
         return moved
 
-    def by_parameters(self, effect: Effect, with_shape: bool) -> Quantities:
-        """Derivatives (p, ...) of every quantity at the end by the amplitudes of an effect, and by its shape behind them."""
+    def by_parameters(self, place: int, with_shape: bool) -> Quantities:
+        """Derivatives (p, ...) of every quantity at the end by the amplitudes of the addition at a place, and by its shape behind them."""
         moved: Quantities = {}
         for step in self.steps:
             change = self._pushed(step, moved)
-            if step.stage.effect == effect:
+            if step.stage.place == place:
                 link = step.stage.link
                 own = push_parameters(link, with_shape, step.inputs, self.constants.of(link), step.stage.parameters)
                 change = own if change is None else own + change

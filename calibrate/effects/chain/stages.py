@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import jax
 
-from calibrate.effects.chain.addition import Additions, ordered
+from calibrate.effects.chain.addition import Addition, Additions, ordered
 from calibrate.effects.chain.base_law import base_law
 from calibrate.effects.chain.linearisation import Constants, Stage
 from calibrate.effects.chain.link import Link, Parameters
@@ -160,13 +160,13 @@ def gradients_link(base: Base) -> Link:
 
 def displacement_stages(additions: Additions) -> tuple[Stage, ...]:
     """Those that correct displacements, the camera's first."""
-    acting = (a for a in reversed(ordered(additions)) if acts(a.effect, "displacements"))
-    return tuple(Stage(CorrectedDisplacements(a.effect), a) for a in acting)
+    acting = reversed(acting_on("displacements", additions))
+    return tuple(Stage(CorrectedDisplacements(a.effect), a, place) for place, a in acting)
 
 
 def stress_stages(base: Base, additions: Additions) -> tuple[Stage, ...]:
     """Those from F to P, the material's first."""
-    changes = [Stage(ChangedStress(a.effect, base), a) for a in ordered(additions) if acts(a.effect, "stress")]
+    changes = [Stage(ChangedStress(a.effect, base), a, place) for place, a in acting_on("stress", additions)]
     if not base.plane_strain:
         return Stage(BaseStress(base)), *changes
     return Stage(IsochoricPart()), Stage(BaseStress(base)), *changes, Stage(PlaneStrainStress())
@@ -174,9 +174,11 @@ def stress_stages(base: Base, additions: Additions) -> tuple[Stage, ...]:
 
 def load_stages(additions: Additions) -> tuple[Stage, ...]:
     """Those that correct loads, the camera's first."""
-    return tuple(Stage(CorrectedLoads(a.effect), a) for a in reversed(ordered(additions)) if acts(a.effect, "loads"))
+    acting = reversed(acting_on("loads", additions))
+    return tuple(Stage(CorrectedLoads(a.effect), a, place) for place, a in acting)
 
 
-def acts(effect: Effect, quantity: str) -> bool:
-    """Whether an effect changes 'displacements', 'stress' or 'loads'."""
-    return getattr(type(effect), quantity) is not getattr(Effect, quantity)
+def acting_on(quantity: str, additions: Additions) -> list[tuple[int, Addition]]:
+    """Additions that change 'displacements', 'stress' or 'loads', with their places in the order of all."""
+    plain = getattr(Effect, quantity)
+    return [(i, a) for i, a in enumerate(ordered(additions)) if getattr(type(a.effect), quantity) is not plain]

@@ -124,6 +124,13 @@ def test_derivative_between_other_effects(chain, c, name):
         np.testing.assert_allclose(found[i], slope, atol=2e-6 * np.abs(slope).max())
 
 
+def test_an_effect_beside_itself_is_told_apart(chain, c):
+    """The slope by a second one of the same effect is that by the first, not by both."""
+    effect = next(e for e in EVERY if e.name == "second invariant")
+    twice = chain.signature(c, effect, (), (Addition(effect, (0.02,)),))
+    np.testing.assert_allclose(twice, chain.signature(c, effect, ()), rtol=1e-12, atol=1e-12)
+
+
 def test_names_and_units_are_stated():
     assert len(set(NAMES)) == len(EVERY)
     for effect in CATALOGUE:
