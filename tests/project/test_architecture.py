@@ -71,9 +71,6 @@ def package_of(name: str) -> str:
     return max((key for key in MAY_IMPORT if f"{name}.".startswith(f"{key}.")), key=len)
 
 
-PENDING = pytest.mark.xfail(reason="the packages of the studies are still being taken apart", strict=False)
-
-
 @pytest.mark.parametrize("package", MAY_IMPORT)
 def test_arrows_point_one_way(package):
     wrong = []

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from studies.grid.results import Results
 
 def settings_of(*words: str):
     given = parsed("resolution", *words)
+    given["execution"].config(Path())
     return resolution.settings_of(given["options"], given["quick"])
 
 
