@@ -1,6 +1,6 @@
 """Types of options that several commands share: how a value is read from words or TOML, and what is refused.
 
-`Count`, `Seed`, `Positive`: numbers within their range. `Names`, `Integers`, `Numbers`: values with commas between, or a TOML
+`Count`, `NonNegative`, `Seed`, `Positive`: numbers within their range. `Names`, `Integers`, `Numbers`: values with commas between, or a TOML
 list. `Assignments`: NAME=VALUE. `Repeated`: an option that may be given several times. `Several`: an option with one or more values after it.
 """
 
@@ -79,7 +79,10 @@ def _list_parameter(read: Callable[[str], Any], form: str) -> Parameter:
 
 CountOrList = Annotated[int | tuple[int, ...], Parameter(converter=_count_or_list, n_tokens=1, consume_multiple=False)]
 Count = Annotated[int, Parameter(converter=_whole, validator=within("a whole number of at least 1", lambda n: n >= 1))]
-Seed = Annotated[int, Parameter(converter=_whole, validator=within("a whole number of at least 0", lambda n: n >= 0))]
+NonNegative = Annotated[
+    int, Parameter(converter=_whole, validator=within("a whole number of at least 0", lambda n: n >= 0))
+]
+Seed = NonNegative
 Positive = Annotated[float, Parameter(validator=within("a number above 0", lambda x: 0 < x < math.inf))]
 Integers = Annotated[tuple[int, ...], _list_parameter(int, "whole numbers with commas between, such as 4,4")]
 Numbers = Annotated[tuple[float, ...], _list_parameter(float, "numbers with commas between, such as 10,20")]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from studies.commandline.option_types import Count, Names, OutputFolder, Overwrite, Seed, default_folder
+from studies.commandline.option_types import Count, Names, NonNegative, OutputFolder, Overwrite, Seed, default_folder
 from studies.commandline.outcome import Outcome
 from studies.errors import StudyError
 from studies.output.folder import open_output_folder
@@ -30,11 +30,11 @@ MOST_FAILURES = 0.1  # share of the trials
 class Trials:
     """How many are made, and of what."""
 
-    trials: int = 20
+    trials: NonNegative = 20
     """for each effect"""
-    nulls: int = 100
+    nulls: NonNegative = 100
     """without an effect"""
-    pairs: int = 20
+    pairs: NonNegative = 20
     """with two effects"""
     only: Names = ()
     """effects to hide, with commas between (default: all that can be found)"""

@@ -41,7 +41,8 @@ def test_the_page_on_extending_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert set(found.groups[found.named[0]]) == {"second invariant", "logarithm of the second invariant"}
     c01, deviation = found.final.additions[0].amplitudes[0], found.final.errors[0][0]
     assert abs(c01 - 0.05) < 3 * deviation < 0.005
-    assert names["experiment"].n_increments == 3 and (tmp_path / "mine.npz").exists()
+    assert names["experiment"].noise.displacement_std == pytest.approx(0.005, rel=0.3)
+    assert names["experiment"].loaded[1].force[-1, 0] == pytest.approx(names["force"][-1])
 
 
 def test_the_new_effect_changes_nothing_at_its_null_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

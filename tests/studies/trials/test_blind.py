@@ -16,6 +16,7 @@ from calibrate.errors import ConfigError
 from studies import cli
 from studies.cli import main
 from studies.commandline import application
+from studies.errors import OptionError
 from studies.trials import blind_case, blind_data, blind_plans, blind_report
 from studies.trials.blind_case import Plan
 from studies.trials.blind_data import draw
@@ -112,10 +113,10 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words", [["--only", "gravity"], ["--trials", "-1"], ["--trials", "0", "--nulls", "0", "--pairs", "0"]]
+    "words", [["--only", "gravity"], ["--trials", "-1"], ["--nulls", "1.5"], ["--trials", "0", "--nulls", "0", "--pairs", "0"]]
 )
 def test_nonsense_is_refused(words):
-    with pytest.raises(ConfigError):
+    with pytest.raises((ConfigError, OptionError)):
         plans(*words)
 
 
