@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from studies.errors import OptionError, StudyError
 
 if TYPE_CHECKING:
-    from studies.commands.outcome import Outcome
+    from studies.commandline.outcome import Outcome
 
 
 @dataclass(frozen=True)
@@ -139,12 +139,12 @@ def run(words: Sequence[str]) -> Outcome | None:
         raise OptionError(f"unknown command '{name}'{hint}; choose from {', '.join(COMMANDS)}")
     if ":" not in COMMANDS[name].target:
         return importlib.import_module("studies.commands.arguments").run(name, COMMANDS[name], words[1:])
-    application = importlib.import_module("studies.commands.application")  # cyclopts alone takes 0.3 s
+    application = importlib.import_module("studies.commandline.application")  # cyclopts alone takes 0.3 s
     return application.run(targets(name), words)
 
 
 def targets(name: str) -> dict[str, tuple[str, str]]:
-    """What `studies.commands.application` takes to run a command."""
+    """What `studies.commandline.application` takes to run a command."""
     return {name: (COMMANDS[name].target, COMMANDS[name].examples)}
 
 

@@ -73,6 +73,20 @@ class HoldOut:
 
     def increments(self, experiment: Experiment) -> Mask:
         """Increments (t,) that are used for fitting; all for the kind 'half'. Raises `ConfigError` where none or all would be."""
+        fitted = self.fitted(experiment)
+        if not fitted.any():
+            raise errors.ConfigError(
+                f"{experiment.name}: holding out {self} leaves nothing to fit; use none, or another rule"
+            )
+        if fitted.all() and self.kind not in (Kind.NONE, Kind.HALF):
+            raise errors.ConfigError(
+                f"{experiment.name}: holding out {self} holds out nothing; use none, or every:N with N no "
+                "larger than the number of increments"
+            )
+        return fitted
+
+    def fitted(self, experiment: Experiment) -> Mask:
+        """The same where none or all may be. Raises `ConfigError` without the time that the rule needs."""
         n = experiment.n_increments
         fitted = np.ones(n, bool)
         match self.kind:
@@ -84,15 +98,6 @@ class HoldOut:
                 fitted[experiment.time > float(self.value or 0.0)] = False
             case Kind.LAST | Kind.RANDOM:
                 fitted[self._share(n)] = False
-        if not fitted.any():
-            raise errors.ConfigError(
-                f"{experiment.name}: holding out {self} leaves nothing to fit; use none, or another rule"
-            )
-        if fitted.all() and self.kind not in (Kind.NONE, Kind.HALF):
-            raise errors.ConfigError(
-                f"{experiment.name}: holding out {self} holds out nothing; use none, or every:N with N no "
-                "larger than the number of increments"
-            )
         return fitted
 
     def training(self, system: Equilibrium) -> Mask:

@@ -21,8 +21,8 @@ from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.errors import ConfigError
 from calibrate.fitting.calibration import Options
 from calibrate.fitting.calibration import calibrate as fit_network
-from studies.commands.option_types import Count, Integers, OutputFolder, Overwrite, Positive, Seed, default_folder
-from studies.commands.outcome import Outcome
+from studies.commandline.option_types import Count, Integers, OutputFolder, Overwrite, Positive, Seed, default_folder
+from studies.commandline.outcome import Outcome
 from studies.output import Manifest, callback, open_output_folder, released_if_refused
 from studies.reports.calibration.fit_review import Review, review
 from studies.reports.calibration.report import summary_lines, write

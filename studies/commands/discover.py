@@ -23,7 +23,7 @@ from calibrate.diagnosis.selection import Discovery
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.errors import ConfigError
 from calibrate.models.extended_model import ExtendedModel
-from studies.commands.option_types import (
+from studies.commandline.option_types import (
     OutputFolder,
     Overwrite,
     Positive,
@@ -32,7 +32,7 @@ from studies.commands.option_types import (
     default_folder,
     nearest,
 )
-from studies.commands.outcome import Outcome
+from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder, released_if_refused
 from studies.reports.discovery.report import write

@@ -16,8 +16,8 @@ from cyclopts import Parameter
 from meshes import Specimen, quads, triangles
 from meshes.picture import draw
 from meshes.specimens import SPECIMENS
-from studies.commands.option_types import Assignments, OutputFolder, Overwrite, Several, default_folder, nearest
-from studies.commands.outcome import Outcome
+from studies.commandline.option_types import Assignments, OutputFolder, Overwrite, Several, default_folder, nearest
+from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 from studies.output import Manifest, atomic_path, open_output_folder, track, write_csv
 from studies.output.report import Report

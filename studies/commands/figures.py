@@ -19,8 +19,8 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from calibrate.errors import DataNotFoundError
-from studies.commands.option_types import Count, Names, OutputFolder, Overwrite, default_folder, nearest
-from studies.commands.outcome import Outcome
+from studies.commandline.option_types import Count, Names, OutputFolder, Overwrite, default_folder, nearest
+from studies.commandline.outcome import Outcome
 from studies.errors import OptionError, StudyError
 from studies.importers import measured_data
 from studies.output import open_output_folder, write_json, write_text

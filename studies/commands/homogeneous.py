@@ -11,8 +11,8 @@ from cyclopts import Parameter
 
 from calibrate.data.experiment import Experiment
 from calibrate.errors import ConfigError
-from studies.commands.option_types import OutputFolder, Overwrite, default_folder, nearest
-from studies.commands.outcome import Outcome
+from studies.commandline.option_types import OutputFolder, Overwrite, default_folder, nearest
+from studies.commandline.outcome import Outcome
 from studies.output import Manifest, open_output_folder
 from studies.sheets.homogeneous.homogeneous_experiments import EXPERIMENTS, from_file
 from studies.sheets.homogeneous.homogeneous_report import write_report

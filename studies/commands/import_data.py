@@ -15,8 +15,8 @@ from cyclopts import Parameter
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
-from studies.commands.option_types import CountOrList, OutputFolder, Overwrite, default_folder
-from studies.commands.outcome import Outcome
+from studies.commandline.option_types import CountOrList, OutputFolder, Overwrite, default_folder
+from studies.commandline.outcome import Outcome
 from studies.importers import Processing, Recording, SheetOptions, importer_of, importers
 from studies.importers.recording.synchronise import Selection
 from studies.output import Manifest, open_output_folder

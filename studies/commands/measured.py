@@ -9,17 +9,27 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from studies.commands.options import add_output, count, output_folder, positive, settings
 from studies.sheets.measured_record import MANY, SHEETS, record
-from studies.sheets.model_errors import BASE, EVERY_EFFECT, MEAN, RETAINED, entry
+from studies.sheets.measured_results import (
+    ControlResult,
+    HomogeneousResult,
+    MapResult,
+    MeasuredResults,
+    RecordResult,
+    RivalResult,
+)
+from studies.sheets.sheet_results import NamedModel, SheetResult, StepResult, TransferResult
 
 if TYPE_CHECKING:
     from calibrate.data.experiment import Experiment
+    from studies.sheets.homogeneous.homogeneous_loops import Loop
 
 DESCRIPTION = """\
 What measured sheets and measured homogeneous tests do beyond a hyperelastic model of I1. Learns on Soft_Homo, transfers
@@ -64,56 +74,48 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def shown(learnt: dict[str, Any]) -> list[dict[str, Any]]:
-    """Of the models of a sheet the base, the one with every effect, the one retained by BIC, and the mean of the leave-one-out fits."""
-    return [entry(learnt, name) for name in (BASE, EVERY_EFFECT, RETAINED, MEAN)]
-
-
 class Steps:
-    """The steps of the study; each returns plain numbers, kept as JSON under ``steps/``."""
+    """The steps of the study; each returns a `StepResult`, kept as JSON under ``steps/``."""
 
     def __init__(self, folder: Path, args: argparse.Namespace, say: Callable[[str], None]) -> None:
         self.folder, self.args, self.say = folder, args, say
         self.frames = 15 if args.quick else args.frames
         self._sheets: dict[str, Experiment] = {}
 
-    def all(self) -> dict[str, Any]:
-        """Every step's result by name."""
-        results: dict[str, Any] = {}
-        for name in SHEETS:
-            results[f"record_{name}"] = self.step(f"record_{name}", partial(self.record, name))
-        results["first"] = self.step("first", lambda: self.learn(FIRST))
-        results["rivals"] = self.step("rivals", lambda: self.rivals(results["first"]))
-        results["second"] = self.step("second", lambda: self.transfer(SECOND, shown(results["first"])))
-        results["own"] = self.step("own", lambda: self.learn(SECOND))
-        results["hetero"] = self.step("hetero", lambda: self.transfer(HETERO, results["second"]["models"]))
-        results["map"] = self.step("map", lambda: self.locate(results["hetero"]))
-        for name in SHEETS:
-            results[f"control_{name}"] = self.step(f"control_{name}", partial(self.control, name))
-        if not self.args.quick:
-            from studies.sheets.homogeneous.homogeneous_loops import loops
+    def all(self) -> MeasuredResults:
+        """Every step's result."""
+        records = {name: self.step(f"record_{name}", RecordResult, partial(self.record, name)) for name in SHEETS}
+        first = self.step("first", SheetResult, lambda: self.learn(FIRST))
+        rivals = self.step("rivals", RivalResult, lambda: self.rivals(first))
+        second = self.step("second", TransferResult, lambda: self.transfer(SECOND, first.named))
+        own = self.step("own", SheetResult, lambda: self.learn(SECOND))
+        hetero = self.step("hetero", TransferResult, lambda: self.transfer(HETERO, second.named))
+        located = self.step("map", MapResult, lambda: self.locate(hetero))
+        controls = {name: self.step(f"control_{name}", ControlResult, partial(self.control, name)) for name in SHEETS}
+        return MeasuredResults(records, first, rivals, second, own, hetero, located, controls, self.loops())
 
-            for loop in loops():
-                key = f"loop_{loop.name}"
-                results[key] = self.step(key, partial(self.homogeneous, loop))
-        return results
+    def loops(self) -> list[HomogeneousResult]:
+        """Results of the homogeneous tests; none of a quick run."""
+        if self.args.quick:
+            return []
+        from studies.sheets.homogeneous.homogeneous_loops import loops
 
-    def step(self, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        return [self.step(f"loop_{loop.name}", HomogeneousResult, partial(self.homogeneous, loop)) for loop in loops()]
+
+    def step[R: StepResult](self, name: str, kind: type[R], make: Callable[[], R]) -> R:
         """The result kept from an earlier run, or a new one."""
         import jax
 
-        from studies.output.writing import plain, write_json
+        from studies.output.writing import write_json
 
         path = self.folder / "steps" / f"{name}.json"
-        if path.exists():
-            return json.loads(path.read_text())
-        self.say(name.replace("_", " "))
-        began = time.monotonic()
-        result = plain({**make(), "seconds": None})
-        result["seconds"] = round(time.monotonic() - began, 1)
-        write_json(path, result)
-        jax.clear_caches()  # compiled code of all steps together takes more memory maps than a process may have
-        return result
+        if not path.exists():
+            self.say(name.replace("_", " "))
+            began = time.monotonic()
+            result = make()
+            write_json(path, replace(result, seconds=round(time.monotonic() - began, 1)).to_dict())
+            jax.clear_caches()  # compiled code of all steps together takes more memory maps than a process may have
+        return kind.from_dict(json.loads(path.read_text()))
 
     def sheet(self, name: str) -> Experiment:
         """The sheet with its increments."""
@@ -123,46 +125,45 @@ class Steps:
             self._sheets[name] = import_experiment(name, frames=Frames(self.frames))
         return self._sheets[name]
 
-    def record(self, name: str) -> dict[str, Any]:
+    def record(self, name: str) -> RecordResult:
         """What the record of a sheet says, see `measured_record.record`."""
         from studies.commands.import_data import Frames, import_experiment
 
         return record(name, self.sheet(name), import_experiment(name, frames=Frames(MANY)))
 
-    def learn(self, name: str) -> dict[str, Any]:
+    def learn(self, name: str) -> SheetResult:
         """What a sheet does beyond hyperelasticity, see `measured_loop.learn`."""
         from studies.sheets.measured_loop import learn
 
         return learn(self.sheet(name), self.args.until, self.args.spacing, self.say)
 
-    def rivals(self, learnt: dict[str, Any]) -> dict[str, Any]:
+    def rivals(self, learnt: SheetResult) -> RivalResult:
         """Softening against relaxation on the first sheet, see `measured_loop.rivals`."""
         from studies.sheets.measured_loop import rivals
 
-        return {"models": rivals(self.sheet(FIRST), learnt, self.args.until, self.args.spacing, self.say)}
+        return rivals(self.sheet(FIRST), learnt, self.args.until, self.args.spacing, self.say)
 
-    def transfer(self, name: str, models: list[dict[str, Any]]) -> dict[str, Any]:
+    def transfer(self, name: str, models: Sequence[NamedModel]) -> TransferResult:
         """Models of another sheet on this one, see `measured_transfer.transfer`."""
         from studies.sheets.measured_transfer import transfer
 
         return transfer(self.sheet(name), models, self.args.until, self.args.spacing)
 
-    def locate(self, transferred: dict[str, Any]) -> dict[str, Any]:
+    def locate(self, transferred: TransferResult) -> MapResult:
         """Where the heterogeneous sheet differs from what was transferred to it, see `measured_map.stiffness_map`."""
         from studies.commands.import_data import Frames, import_experiment
         from studies.sheets.measured_map import stiffness_map
-        from studies.sheets.model_errors import members
 
         e = import_experiment(HETERO, frames=Frames(LOCAL_FRAMES))
-        return stiffness_map(e, members(transferred["models"][-1]), self.args.until, FINE, CELL)
+        return stiffness_map(e, transferred.final.models, self.args.until, FINE, CELL)
 
-    def control(self, name: str) -> dict[str, Any]:
+    def control(self, name: str) -> ControlResult:
         """Negative control on a sheet, see `measured_control.split_half`."""
         from studies.sheets.measured_control import split_half
 
         return split_half(neighbouring_pictures(name, COMPARED), self.args.spacing)
 
-    def homogeneous(self, loop: Any) -> dict[str, Any]:
+    def homogeneous(self, loop: Loop) -> HomogeneousResult:
         """A loop on homogeneous tests, see `measured_homogeneous.close`."""
         from studies.sheets.homogeneous.measured_homogeneous import close
 

@@ -17,8 +17,8 @@ from cyclopts import Parameter
 
 from calibrate.data.experiment import Experiment
 from calibrate.models.network_model import Model
-from studies.commands.option_types import Assignments, Count, OutputFolder, Overwrite, default_folder, within
-from studies.commands.outcome import Outcome
+from studies.commandline.option_types import Assignments, Count, OutputFolder, Overwrite, default_folder, within
+from studies.commandline.outcome import Outcome
 from studies.commands.simulate import read_material
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder

@@ -22,7 +22,7 @@ from forward.sheet.plane_stress import solve as solve_plane_stress
 from forward.solution import SurfaceSolution
 from meshes import Mesh, quads, triangles
 from meshes.specimens import SPECIMENS
-from studies.commands.option_types import (
+from studies.commandline.option_types import (
     Assignments,
     Count,
     OutputFolder,
@@ -32,7 +32,7 @@ from studies.commands.option_types import (
     default_folder,
     nearest,
 )
-from studies.commands.outcome import Outcome
+from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 from studies.grid.axes import EXTENT
 from studies.output import Manifest, open_output_folder

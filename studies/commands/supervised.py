@@ -14,8 +14,8 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from calibrate import errors
-from studies.commands.option_types import Count, Integers, OutputFolder, Overwrite, Seed, Several, default_folder
-from studies.commands.outcome import Outcome
+from studies.commandline.option_types import Count, Integers, OutputFolder, Overwrite, Seed, Several, default_folder
+from studies.commandline.outcome import Outcome
 from studies.importers import homogeneous_curves
 from studies.output import Manifest, open_output_folder, track
 from studies.reports.supervised.report import write

@@ -16,8 +16,8 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from studies.commands.option_types import Overwrite
-from studies.commands.outcome import Outcome
+from studies.commandline.option_types import Overwrite
+from studies.commandline.outcome import Outcome
 from studies.errors import OutputFolderError, StudyError
 from studies.output import write_json
 from studies.output.manifest import sha256_of

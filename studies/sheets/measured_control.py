@@ -9,7 +9,6 @@ leaves the curvature of fast relaxation in); what is left is the noise that chan
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from calibrate.equations import reduction
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.weights import weights_of
 from studies.sheets.measured_loop import EVERY
+from studies.sheets.measured_results import ControlResult, EffectScore
 
 Array = NDArray[np.float64]
 AROUND = (-3, -1, 1, 3)  # even pictures around an odd one
@@ -49,7 +49,7 @@ def interpolation(at: Array, times: Array) -> Array:
     return weights
 
 
-def split_half(e: Experiment, spacing: float, seed: int = 0) -> dict[str, Any]:
+def split_half(e: Experiment, spacing: float, seed: int = 0) -> ControlResult:
     """Score tests of the difference between odd pictures and the even ones around them.
 
     e: its increments are those of `groups`, its noise is that from picture to picture. spacing: of the virtual
@@ -73,15 +73,13 @@ def split_half(e: Experiment, spacing: float, seed: int = 0) -> dict[str, Any]:
     tested = [s for s in scores if s.is_tested]
     U = fit.columns
     rest = white - U @ (U.T @ white)
-    return {
-        "name": e.name,
-        "pictures": odd.n_increments,
-        "reduced_chi_square": float(rest @ rest / (len(white) - U.shape[1])),
-        "smallest_adjusted_p": min((s.adjusted for s in tested), default=1.0),
-        "effects": [
-            {"effect": s.effect.name, "score": s.score, "degrees": s.degrees, "adjusted_p": s.adjusted} for s in tested
-        ],
-    }
+    return ControlResult(
+        name=e.name,
+        pictures=odd.n_increments,
+        reduced_chi_square=float(rest @ rest / (len(white) - U.shape[1])),
+        smallest_adjusted_p=min((s.adjusted for s in tested), default=1.0),
+        effects=[EffectScore(s.effect.name, s.score, s.degrees, s.adjusted) for s in tested],
+    )
 
 
 def _with_noise(problem: Problem, c: Array, e: Experiment) -> Problem:

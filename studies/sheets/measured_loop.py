@@ -1,12 +1,12 @@
 """What a measured sheet does beyond hyperelasticity: all effects fitted at once, and those that BIC does not retain removed.
 
-In: an Experiment. Out: a dictionary of plain numbers with every model, its errors and what each effect is worth.
+In: an Experiment. Out: `SheetResult` with every model, its errors and what each effect is worth.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,21 +20,28 @@ from calibrate.diagnosis.joint_fit import Joint
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection import DEFAULT, Verdict
 from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
+from calibrate.effects.chain import Addition
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
 from studies.reports.discovery.candidate_outcome import untested_words
 from studies.sheets.leave_one_out import NESTED, leave_one_out_fits, penalised_misfit, prepared, retain, with_splines
-from studies.sheets.model_errors import (
-    BASE,
-    EVERY_EFFECT,
-    MEAN,
-    RETAINED,
-    Split,
-    entry,
-    force_and_field,
-    members,
-)
+from studies.sheets.measured_results import Rival, RivalResult
+from studies.sheets.model_errors import Split, force_and_field
 from studies.sheets.sheet_models import SheetModels, base_name
+from studies.sheets.sheet_results import (
+    BaseResult,
+    EffectWorth,
+    ErrorsOfParts,
+    Exchange,
+    FittedModel,
+    ForceAndField,
+    Increments,
+    LeftOut,
+    ModelName,
+    SheetResult,
+    Start,
+    model_of,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -73,7 +80,7 @@ EFFECTS = tuple(effect for effect in EVERY if effect.name not in (*KNOWN, *ROUGH
 BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 
-def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, Any]:
+def learn(e: Experiment, until: float, spacing: float, say: Say) -> SheetResult:
     """What is beyond neo-Hooke in the increments up to `until`, with errors after it; everything that the report shows.
 
     All candidates are fitted at once, from several starts; those that BIC does not retain are removed (`calibrate.diagnosis.joint_fit`); a general
@@ -91,38 +98,63 @@ def learn(e: Experiment, until: float, spacing: float, say: Say) -> dict[str, An
     early = e.select(np.flatnonzero(split.fitted))
     problem, base = prepared(early, np.ones(early.n_increments, bool), spacing)
     scores = score_tests.score(problem, base, EFFECTS)
-    start = elimination.candidates(scores, tuple(NESTED))
+    fits = _fits(problem, base, elimination.candidates(scores, tuple(NESTED)), early, spacing, tell)
+    models = SheetModels(e, early, split, spacing, until, problem)
+    untested = {s.effect.name: untested_words(s) for s in scores if not s.is_tested}
+    return _result(fits, models, untested, tell)
+
+
+def _fits(
+    problem: Problem, base: Fit, start: tuple[Addition, ...], early: Experiment, spacing: float, tell: Say
+) -> _Fits:
     special = {name: BY_NAME[name] for name in NESTED if name in BY_NAME}
     tell(f"all {len(start)} effects")
     starts = elimination.fits_of_all(problem, base.c, start)
     path, reduced, exchanged = retain(problem, starts[0], special, tell)
-    models = SheetModels(e, early, split, spacing, until, problem)
     bases = _bases(problem, reduced, early, starts[0].dispersion, spacing, tell)
     chosen = min((one for one in bases if one.validates(bases[0])), key=lambda one: one.penalised_misfit)
     left_out = list(leave_one_out_fits(early, starts[0], special, spacing, tell))
-    found = _Learnt(base, starts, path, exchanged, bases, chosen, left_out)
-    result = {
-        "name": e.name,
-        "spacing": spacing,
-        "time": e.time,
-        "split": {name: np.flatnonzero(mask).tolist() for name, mask in split.parts().items()},
-        "not_testable": {s.effect.name: untested_words(s) for s in scores if not s.is_tested},
-        **found.to_dict(models, e.time[split.fitted]),
-    }
-    first, retained, mean = (entry(result, name)["errors"] for name in (BASE, RETAINED, MEAN))
-    result["predicts"] = predicts(first, retained) and predicts(first, mean)
-    result["verdict"] = verdict(chosen.fit, result["predicts"])
-    for model in result["models"][-2:]:
-        for member in model["members"]:
-            member["verdict"] = result["verdict"]
-    unit, effects = starts[0].dispersion, sorted(chosen.fit.active)
-    result["without"] = [_without(problem, chosen, name, unit, models, tell) for name in effects]
-    result["closest"] = [line["effect"] for line in sorted(result["without"], key=lambda line: -line["rise"])]
-    return result
+    return _Fits(base, starts, path, exchanged, bases, chosen, left_out)
+
+
+def _result(fits: _Fits, models: SheetModels, untested: dict[str, str], tell: Say) -> SheetResult:
+    e, split, chosen, unit = models.whole, models.split, fits.chosen, fits.starts[0].dispersion
+    assert e.time is not None
+    time = e.time[split.fitted]
+    described = fits.models(models)
+    first, retained, mean = (
+        model_of(described, name).errors for name in (ModelName.BASE, ModelName.RETAINED, ModelName.MEAN)
+    )
+    good = predicts(first, retained) and predicts(first, mean)
+    answer = verdict(chosen.fit, good)
+    without = [_without(chosen, name, unit, models, tell) for name in sorted(chosen.fit.active)]
+    return SheetResult(
+        name=e.name,
+        spacing=models.spacing,
+        time=e.time.tolist(),
+        split=Increments(**{name: np.flatnonzero(mask).tolist() for name, mask in split.parts().items()}),
+        not_testable=untested,
+        dispersion=unit,
+        equations=fits.starts[0].n_rows,
+        exchanged=[Exchange(name, NESTED[name]) for name in fits.exchanged],
+        models=[with_verdict(one, answer) for one in described],
+        starts=[Start(objective=one.objective / unit, **models.errors(one)) for one in fits.starts],
+        bases=[fits.base_result(one, models) for one in fits.bases],
+        leave_one_out=[
+            LeftOut(left_out=float(time[i]), effects=sorted(one.active), **models.errors(one))
+            for i, one in fits.left_out
+        ],
+        unfinished_fits=sum(not one.converged for one in fits.all),
+        taken_out=[one.out for one in fits.path if one.out is not None],
+        predicts=good,
+        verdict=answer,
+        without=without,
+        closest=[line.effect for line in sorted(without, key=lambda line: -line.rise)],
+    )
 
 
 @dataclass(frozen=True)
-class _Learnt:
+class _Fits:
     """All fits to one sheet: the base, starts with every effect, the path of effects removed, special effects in the place of general
     ones, bases, the one chosen, and the leave-one-out fits with their increments."""
 
@@ -135,58 +167,54 @@ class _Learnt:
     left_out: Sequence[tuple[int, Joint]]
 
     @property
-    def fits(self) -> list[Joint]:
+    def all(self) -> list[Joint]:
         """Every fit that may have stopped early."""
         return [*self.starts, *self.path, *(one.fit for one in self.bases), *(one for _, one in self.left_out)]
 
-    def to_dict(self, models: SheetModels, time: Array) -> dict[str, Any]:
-        """Plain numbers. time: of the fitted increments, s."""
-        unit, chosen = self.starts[0].dispersion, self.chosen
-        return {
-            "dispersion": unit,
-            "equations": self.starts[0].n_rows,
-            "exchanged": [{"special": name, "general": NESTED[name]} for name in self.exchanged],
-            "models": [
-                models.of_base(self.base),
-                models.of(self.starts[0], EVERY_EFFECT),
-                *(models.of(one, f"without {one.out}") for one in self.path[1:]),
-                models.of(chosen.fit, RETAINED, chosen.splines),
-                models.mean([one for _, one in self.left_out], MEAN),
-            ],
-            "starts": [{"objective": one.objective / unit, **models.errors(one)} for one in self.starts],
-            "bases": [self._base(one, models) for one in self.bases],
-            "leave_one_out": [
-                {"left_out": float(time[i]), "effects": sorted(one.active), **models.errors(one)}
-                for i, one in self.left_out
-            ],
-            "unfinished_fits": sum(not one.converged for one in self.fits),
-            "taken_out": [one.out for one in self.path[1:]],
-        }
+    def models(self, models: SheetModels) -> list[FittedModel]:
+        """The base, every effect, the path, what is retained, and the mean."""
+        return [
+            models.of_base(self.base),
+            models.of(self.starts[0], ModelName.EVERY_EFFECT),
+            *(models.of(one, f"without {one.out}") for one in self.path[1:]),
+            models.of(self.chosen.fit, ModelName.RETAINED, self.chosen.splines),
+            models.mean([one for _, one in self.left_out], ModelName.MEAN),
+        ]
 
-    def _base(self, one: Base, models: SheetModels) -> dict[str, Any]:
-        return {
-            "name": base_name(one.splines),
-            "penalised_misfit": one.penalised_misfit - self.bases[0].penalised_misfit,
-            "validation_error": one.validation_error,
-            "chosen": one is self.chosen,
-            **models.errors(one.fit, one.splines),
-        }
+    def base_result(self, one: Base, models: SheetModels) -> BaseResult:
+        """One of the bases with its errors."""
+        return BaseResult(
+            name=base_name(one.splines),
+            penalised_misfit=one.penalised_misfit - self.bases[0].penalised_misfit,
+            validation_error=one.validation_error,
+            chosen=one is self.chosen,
+            **models.errors(one.fit),
+        )
 
 
-def _without(problem: Problem, chosen: Base, name: str, unit: float, models: SheetModels, say: Say) -> dict[str, Any]:
+def with_verdict(model: FittedModel, answer: Verdict) -> FittedModel:
+    """The model with the verdict in its files, where it is a result."""
+    if model.name not in (ModelName.RETAINED, ModelName.MEAN):
+        return model
+    return replace(model, members=[{**member, "verdict": str(answer)} for member in model.members])
+
+
+def _without(chosen: Base, name: str, unit: float, models: SheetModels, say: Say) -> EffectWorth:
     """What an effect is worth: everything else fitted again without it."""
     say(f"how much depends on {name}")
     whole = chosen.fit
-    one = joint_fit.fit(with_splines(problem, chosen.splines), whole.c, whole.additions, whole.active - {name}, name)
-    return {
-        "effect": name,
-        "rise": (one.loss - whole.loss) / unit,
-        "penalty": whole.penalty([name]),
-        "doubtful": elimination.bic_rise(whole, one, unit) < DEFAULT.equal_scores,
-        "imitated": whole.imitated[name],
-        "decided_by": BY_NAME[name].decided_by,
-        **models.errors(one, chosen.splines),
-    }
+    one = joint_fit.fit(
+        with_splines(models.problem, chosen.splines), whole.c, whole.additions, whole.active - {name}, name
+    )
+    return EffectWorth(
+        effect=name,
+        rise=(one.loss - whole.loss) / unit,
+        penalty=whole.penalty([name]),
+        doubtful=bool(elimination.bic_rise(whole, one, unit) < DEFAULT.equal_scores),
+        imitated=float(whole.imitated[name]),
+        decided_by=BY_NAME[name].decided_by,
+        **models.errors(one),
+    )
 
 
 def verdict(one: Joint, good: bool) -> Verdict:
@@ -197,19 +225,19 @@ def verdict(one: Joint, good: bool) -> Verdict:
     return Verdict.EXPLAINED if p > DEFAULT.misfit_p and good else Verdict.NOT_EXPLAINED
 
 
-def predicts(before: dict[str, dict[str, float]], after: dict[str, dict[str, float]]) -> bool:
+def predicts(before: ErrorsOfParts, after: ErrorsOfParts) -> bool:
     """Whether neither force nor field is predicted worse than by the base: what fits to noise may still be wrong."""
-    return all(after["scored"][kind] <= before["scored"][kind] for kind in ("force", "field"))
+    return after.scored.is_no_larger_than(before.scored)
 
 
-def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, say: Say) -> list[dict[str, Any]]:
+def rivals(e: Experiment, learnt: SheetResult, until: float, spacing: float, say: Say) -> RivalResult:
     """Softening with strain against relaxation in time: the retained effects, beside bases with more functions, without relaxation.
 
     On one ramp at one speed strain and time go together, so that both fit; what they predict differs.
     """
     split = Split.of(e, until)
     early = e.select(np.flatnonzero(split.fitted))
-    (model,) = members(entry(learnt, RETAINED))
+    (model,) = learnt.model(ModelName.RETAINED).models
     problem, _ = prepared(early, np.ones(early.n_increments, bool), spacing)
     models = SheetModels(e, early, split, spacing, until, problem)
     kept = tuple(a for a in models.of_early(model.additions) if not isinstance(a.effect, Viscosity))
@@ -217,14 +245,9 @@ def rivals(e: Experiment, learnt: dict[str, Any], until: float, spacing: float, 
     for n in (1, *SPLINES):
         say(f"{e.name}: {base_name(n)} that do not relax")
         one = joint_fit.fit(with_splines(problem, n), model.c, kept, frozenset(a.effect.name for a in kept))
-        found.append(
-            {
-                "name": f"{base_name(n)}, not relaxing",
-                "misfit": one.loss / learnt["dispersion"],
-                **models.errors(one, n),
-            }
-        )
-    return found
+        misfit = one.loss / learnt.dispersion
+        found.append(Rival(name=f"{base_name(n)}, not relaxing", misfit=misfit, **models.errors(one)))
+    return RivalResult(found)
 
 
 @dataclass(frozen=True)
@@ -235,11 +258,11 @@ class Base:
     splines: int
     fit: Joint
     penalised_misfit: float
-    validation_error: dict[str, float]
+    validation_error: ForceAndField
 
     def validates(self, other: Base) -> bool:
         """Whether neither force nor field has a larger validation error than another."""
-        return all(self.validation_error[kind] <= other.validation_error[kind] for kind in other.validation_error)
+        return self.validation_error.is_no_larger_than(other.validation_error)
 
 
 def _bases(problem: Problem, final: Joint, early: Experiment, unit: float, spacing: float, say: Say) -> list[Base]:

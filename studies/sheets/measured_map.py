@@ -1,12 +1,11 @@
 """Where a measured sheet is stiffer or softer than the model that was transferred to it.
 
-In: an Experiment and a model. Out: the map of the stiffness factor and errors before and after, as plain numbers.
+In: an Experiment and a model. Out: `MapResult`, the stiffness factor of each place and errors before and after.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,6 +17,7 @@ from calibrate.effects.chain import Chain
 from calibrate.equations.equilibrium import Equilibrium, equilibrium
 from calibrate.equations.virtual_fields import bilinear_hats
 from calibrate.models.extended_model import ExtendedModel
+from studies.sheets.measured_results import Change, ErrorChange, ErrorChangeOfParts, MapResult
 from studies.sheets.model_errors import Split, force, force_and_field
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ FOLDS = 5  # of the virtual fields, drawn at random; each is left out once to ch
 
 def stiffness_map(
     e: Experiment, models: Sequence[ExtendedModel], until: float, spacing: float, cell: float
-) -> dict[str, Any]:
+) -> MapResult:
     """Stiffness of each place over that of the transferred model, or the mean of several: bilinear on a grid of `cell` mm,
     smooth, above zero.
 
@@ -69,22 +69,21 @@ def stiffness_map(
     k = _smooth_fit(flat(A, known), flat(b, known), weight * D)
     after = np.einsum("trk,k->tr", stress_work, k) - loads
     before = stress_work.sum(axis=2) - loads
-    result: dict[str, Any] = {
-        "name": e.name,
-        "cell": cell,
-        "spacing": spacing,
-        "weight": weight,
-        "map": (hats @ k).tolist(),
-        "points": e.points.tolist(),
-        "triangles": e.triangles.tolist(),
-        "left_out": {"before": left_out(None), "after": min(scores)},
-        "errors": {},
+    changes = {
+        part: ErrorChange(force_and_field(system, before, mask), force_and_field(system, after, mask))
+        for part, mask in split.parts().items()
     }
-    for name, mask in split.parts().items():
-        result["errors"][name] = {
-            when: force_and_field(system, r, mask) for when, r in (("before", before), ("after", after))
-        }
-    return result
+    return MapResult(
+        name=e.name,
+        cell=cell,
+        spacing=spacing,
+        weight=weight,
+        map=(hats @ k).tolist(),
+        points=e.points.tolist(),
+        triangles=e.triangles.tolist(),
+        left_out=Change(left_out(None), min(scores)),
+        errors=ErrorChangeOfParts(**changes),
+    )
 
 
 def _work_by_place(

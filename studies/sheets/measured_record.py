@@ -1,17 +1,16 @@
 """What a sheet's record says before any model: forces, gaps, contraction and the pattern that does not grow with the load.
 
-In: a published sheet. Out: plain numbers.
+In: a published sheet. Out: `RecordResult`.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.equations import recovery
+from studies.sheets.measured_results import RecordResult
 
 Array = NDArray[np.float64]
 SHEETS = ("Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero")
@@ -20,7 +19,7 @@ EARLY = (1.0, 12.0)  # s: strain is fitted with a parabola in the elongation
 BANDS = 12
 
 
-def record(name: str, e: Experiment, many: Experiment) -> dict[str, Any]:
+def record(name: str, e: Experiment, many: Experiment) -> RecordResult:
     """Forces, missing frames, exponent of the force, ratio of contraction, and strain profiles of a sheet.
 
     e: with the increments that are fitted; many: the same sheet with `MANY` increments.
@@ -40,21 +39,21 @@ def record(name: str, e: Experiment, many: Experiment) -> dict[str, Any]:
     middle = inner.all(axis=1)
     half = len(long) // 2
     slope = np.polyfit(np.log(long[2:half]), np.log(pull[2:half]), 1)[0]
-    return {
-        "name": name,
-        "time": many.time.tolist(),
-        "force": pull.tolist(),
-        "elongation": long.tolist(),
-        "force_exponent": float(slope),
-        "contraction": float(-np.log1p(lateral[middle, -1].mean()) / np.log1p(axial[middle, -1].mean())),
-        "bands_mm": (low[1] + (np.arange(BANDS) + 0.5) * (high[1] - low[1]) / BANDS).tolist(),
-        "axial": profiles[0].tolist(),
-        "lateral": profiles[1].tolist(),
-        "at_rest": [_intercept(many.time, long, part).tolist() for part in profiles],
-        "missing_frames": e.provenance.get("missing_frames", {}),
-        "noise": e.provenance["noise"],
-        "notes": e.provenance["notes"],
-    }
+    return RecordResult(
+        name=name,
+        time=many.time.tolist(),
+        force=pull.tolist(),
+        elongation=long.tolist(),
+        force_exponent=float(slope),
+        contraction=float(-np.log1p(lateral[middle, -1].mean()) / np.log1p(axial[middle, -1].mean())),
+        bands_mm=(low[1] + (np.arange(BANDS) + 0.5) * (high[1] - low[1]) / BANDS).tolist(),
+        axial=profiles[0].tolist(),
+        lateral=profiles[1].tolist(),
+        at_rest=[_intercept(many.time, long, part).tolist() for part in profiles],
+        missing_frames=e.provenance.get("missing_frames", {}),
+        noise=e.provenance["noise"],
+        notes=e.provenance["notes"],
+    )
 
 
 def _intercept(time: Array, elongation: Array, strain: Array) -> Array:

@@ -1,12 +1,11 @@
 """What was learnt on one measured sheet, on another: transferred with one factor.
 
-In: Experiments and models. Out: dictionaries of plain numbers.
+In: Experiments and models. Out: `TransferResult`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,8 @@ from calibrate.data.experiment import Experiment
 from calibrate.effects.chain import Chain
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.models.extended_model import ExtendedModel
-from studies.sheets.model_errors import Split, errors_of, grip_rows, members
+from studies.sheets.model_errors import Split, grip_rows, prediction
+from studies.sheets.sheet_results import ModelName, NamedModel, TransferredModel, TransferResult
 
 Array = NDArray[np.float64]
 REFITTED = ", relaxation refitted"
@@ -49,28 +49,30 @@ def transferred(
     return model.scaled(*factors), dict(zip(("stiffness", "relaxation"), factors, strict=False))
 
 
-def transfer(e: Experiment, models: Sequence[dict[str, Any]], until: float, spacing: float) -> dict[str, Any]:
-    """Every model learnt on another sheet, on this one, with one factor refitted; the last also with its relaxation.
+def transfer(e: Experiment, models: Sequence[NamedModel], until: float, spacing: float) -> TransferResult:
+    """Every model learnt on another sheet, on this one, with one factor refitted; the mean also with its relaxation.
 
     Of a mean of several models each is refitted; the factor shown is their median. until: s; spacing: of the virtual
     fields, mm. Raises `ConfigError` where the sheet cannot be split there, `FitError`.
     """
     split = Split.of(e, until)
-    result: dict[str, Any] = {"name": e.name, "time": e.time, "models": []}
-    learnt = [one for one in models if not one["name"].endswith(REFITTED)]
-    cases = [(one, False) for one in learnt]
-    if all(model.relaxes for model in members(learnt[-1])):
-        cases.append((learnt[-1], True))
-    for one, strength in cases:
-        found = [transferred(e, model, split, spacing, strength) for model in members(one)]
-        factors = {key: float(np.median([factors[key] for _, factors in found])) for key in found[0][1]}
-        result["models"].append(
-            {
-                "name": one["name"] + (REFITTED if strength else ""),
-                "factor": factors["stiffness"],
-                "factors": factors,
-                "members": [model.to_dict() for model, _ in found],
-                **errors_of(e, [model for model, _ in found], split, spacing),
-            }
-        )
-    return result
+    cases = [(one, False) for one in models]
+    cases += [
+        (one, True) for one in models if one.name == ModelName.MEAN and all(model.relaxes for model in one.models)
+    ]
+    found = [_transferred_model(e, one, split, spacing, strength) for one, strength in cases]
+    return TransferResult(e.name, [] if e.time is None else e.time.tolist(), found)
+
+
+def _transferred_model(
+    e: Experiment, one: NamedModel, split: Split, spacing: float, strength: bool
+) -> TransferredModel:
+    found = [transferred(e, model, split, spacing, strength) for model in one.models]
+    factors = {key: float(np.median([factors[key] for _, factors in found])) for key in found[0][1]}
+    return TransferredModel(
+        name=one.name + (REFITTED if strength else ""),
+        members=[model.to_dict() for model, _ in found],
+        factor=factors["stiffness"],
+        factors=factors,
+        **vars(prediction(e, [model for model, _ in found], split, spacing)),
+    )

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,15 +17,16 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
+from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations.equilibrium import Equilibrium, equilibrium
 from calibrate.equations.virtual_fields import VirtualFields
 from calibrate.models.extended_model import ExtendedModel
+from studies.sheets.sheet_results import ErrorsOfParts, ForceAndField, ModelErrors, Prediction
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FEWEST = 4  # increments that can be fitted
-BASE, EVERY_EFFECT, RETAINED, MEAN = "neo-Hooke", "every effect", "retained by BIC", "mean of the leave-one-out fits"
 SECTIONS = 9  # bands along the pull in which the section force is found
 
 
@@ -43,7 +43,7 @@ class Split:
         small."""
         if e.time is None:
             raise errors.ConfigError(f"{e.name}: has no time, so that no first part can be fitted")
-        fitted = e.time <= until
+        fitted = HoldOut(Kind.AFTER, until).fitted(e)
         if fitted.sum() < FEWEST or fitted.all():
             raise errors.ConfigError(
                 f"{e.name}: {fitted.sum()} of {e.n_increments} increments are before {until:g} s; give more --frames or "
@@ -56,23 +56,7 @@ class Split:
         return {"fitted": self.fitted, "scored": self.scored}
 
 
-def entry(result: dict[str, Any], name: str) -> dict[str, Any]:
-    """The model of that name in the result of a sheet."""
-    return next(model for model in result["models"] if model["name"] == name)
-
-
-def final(result: dict[str, Any]) -> dict[str, Any]:
-    """The last model of a sheet: the mean, where its relaxation was refitted that one."""
-    last: dict[str, Any] = result["models"][-1]
-    return last
-
-
-def members(described: dict[str, Any]) -> tuple[ExtendedModel, ...]:
-    """The model that a result describes, or those whose mean it is."""
-    return tuple(ExtendedModel.from_dict(one) for one in described["members"])
-
-
-def errors_of(e: Experiment, models: Sequence[ExtendedModel], split: Split, spacing: float) -> dict[str, Any]:
+def prediction(e: Experiment, models: Sequence[ExtendedModel], split: Split, spacing: float) -> Prediction:
     """Errors of a model, or of the mean of several, on a sheet, the grips' forces, and the section forces over the
     measured force.
 
@@ -86,20 +70,21 @@ def errors_of(e: Experiment, models: Sequence[ExtendedModel], split: Split, spac
     pull = force(e)
     thirds = sections.shape[1] // 3
     lower, upper = sections[:, :thirds].mean(axis=1), sections[:, -thirds:].mean(axis=1)
-    result: dict[str, Any] = {
-        "errors": {},
-        "grip_error": (r[:, grips] / np.linalg.norm(measured, axis=1)[:, None]).tolist(),
+    parts = {
+        name: ModelErrors(
+            **vars(force_and_field(system, r, rows)),
+            mean_force=float(np.sqrt(np.mean((sections[rows].mean(axis=1) / pull[rows] - 1) ** 2))),
+            section_scatter=float(np.sqrt(np.mean((sections[rows] / pull[rows, None] - 1) ** 2))),
+            lower_over_upper=float(np.mean(lower[rows] / upper[rows])),
+        )
+        for name, rows in split.parts().items()
     }
-    for name, rows in split.parts().items():
-        result["errors"][name] = {
-            **force_and_field(system, r, rows),
-            "mean_force": float(np.sqrt(np.mean((sections[rows].mean(axis=1) / pull[rows] - 1) ** 2))),
-            "section_scatter": float(np.sqrt(np.mean((sections[rows] / pull[rows, None] - 1) ** 2))),
-            "lower_over_upper": float(np.mean(lower[rows] / upper[rows])),
-        }
-    result["force"] = pull.tolist()
-    result["sections"] = (sections / pull[:, None]).tolist()
-    return result
+    return Prediction(
+        errors=ErrorsOfParts(**parts),
+        grip_error=(r[:, grips] / np.linalg.norm(measured, axis=1)[:, None]).tolist(),
+        force=pull.tolist(),
+        sections=(sections / pull[:, None]).tolist(),
+    )
 
 
 def equations(system: Equilibrium, increments: Mask) -> Mask:
@@ -112,13 +97,12 @@ def grip_rows(system: Equilibrium) -> Mask:
     return np.tile(system.fields.boundary >= 0, 2) & np.isfinite(system.loads).all(axis=0)
 
 
-def force_and_field(system: Equilibrium, r: Array, increments: Mask) -> dict[str, float]:
+def force_and_field(system: Equilibrium, r: Array, increments: Mask) -> ForceAndField:
     """Relative errors of residuals r (t, 2 v), N, in some increments (t,), see the top of this module."""
     fields = np.tile(system.fields.boundary < 0, 2)
     grips = grip_rows(system)
     size = np.linalg.norm(system.loads[increments][:, grips])
-    parts = (("force", grips), ("field", fields))
-    return {name: float(np.linalg.norm(r[increments][:, rows]) / size) for name, rows in parts}
+    return ForceAndField(*(float(np.linalg.norm(r[increments][:, rows]) / size) for rows in (grips, fields)))
 
 
 def force(e: Experiment) -> Array:

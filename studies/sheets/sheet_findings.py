@@ -7,8 +7,8 @@ from typing import Any
 
 from calibrate.diagnosis.selection import DEFAULT
 from studies.output.findings import Finding
-from studies.sheets.measured_record import SHEETS
-from studies.sheets.model_errors import BASE, MEAN, RETAINED, entry
+from studies.sheets.measured_results import MeasuredResults
+from studies.sheets.sheet_results import ModelName, SheetResult
 from studies.sheets.tables import spread
 
 
@@ -22,30 +22,31 @@ class SheetCode(StrEnum):
     CONTROL = "control"
 
 
-def sheet(learnt: dict[str, Any]) -> Finding:
+def sheet(learnt: SheetResult) -> Finding:
     """The verdict on a sheet, with its errors in increments never used."""
-    base, retained, final = (entry(learnt, name)["errors"]["scored"] for name in (BASE, RETAINED, MEAN))
+    base, retained, final = (
+        learnt.model(name).errors.scored.to_dict() for name in (ModelName.BASE, ModelName.RETAINED, ModelName.MEAN)
+    )
     ranges = spread(learnt)
     data = {
-        "name": learnt["name"], "verdict": learnt["verdict"], "closest": learnt["closest"],
-        "predicts": learnt["predicts"], "unfinished": learnt["unfinished_fits"],
-        "base": base, "final": final, "retained": retained, "fits": len(learnt["leave_one_out"]),
+        "name": learnt.name, "verdict": learnt.verdict, "closest": learnt.closest,
+        "predicts": learnt.predicts, "unfinished": learnt.unfinished_fits,
+        "base": base, "final": final, "retained": retained, "fits": len(learnt.leave_one_out),
         "force_range": ranges["force"], "field_range": ranges["field"],
     }  # fmt: skip
     return Finding("measured", SheetCode.SHEET, data)
 
 
-def findings(results: dict[str, Any]) -> list[Finding]:
+def findings(results: MeasuredResults) -> list[Finding]:
     """The answer of the study."""
-    second, located = results["second"]["models"], results["map"]["errors"]["scored"]
-    before, after = (m["errors"]["scored"]["force"] for m in (second[0], second[-1]))
-    controls = [results[f"control_{name}"] for name in SHEETS]
-    significant = [c["name"] for c in controls if c["smallest_adjusted_p"] < DEFAULT.significance]
-    transferred = {"name": results["second"]["name"], "factor": second[-1]["factor"], "before": before, "after": after}
+    second, located = results.second, results.map.errors.scored
+    before, after = (one.errors.scored.force for one in (second.model(ModelName.BASE), second.final))
+    significant = [c.name for c in results.controls.values() if c.smallest_adjusted_p < DEFAULT.significance]
+    transferred = {"name": second.name, "factor": second.final.factor, "before": before, "after": after}
     lines: list[tuple[SheetCode, dict[str, Any]]] = [
-        (SheetCode.ALONE, {"text": sheet(results["own"]).text}),
+        (SheetCode.ALONE, {"text": sheet(results.own).text}),
         (SheetCode.TRANSFERRED, transferred),
-        (SheetCode.STIFFNESS, {"name": results["map"]["name"], **located}),
+        (SheetCode.STIFFNESS, {"name": results.map.name, **located.to_dict()}),
         (SheetCode.CONTROL, {"found": significant}),
     ]
-    return [sheet(results["first"]), *(Finding("measured", code, data) for code, data in lines)]
+    return [sheet(results.first), *(Finding("measured", code, data) for code, data in lines)]

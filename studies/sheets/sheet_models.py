@@ -1,10 +1,9 @@
-"""Joint fits to a measured sheet as model files, with their errors on the whole sheet; plain numbers out."""
+"""Joint fits to a measured sheet as model files, with their errors on the whole sheet: a `Joint` in, a `FittedModel` out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +15,8 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Addition
 from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.models.extended_model import ExtendedModel, amplitude_unit
-from studies.sheets.model_errors import (
-    BASE,
-    Split,
-    errors_of,
-)
+from studies.sheets.model_errors import Split, prediction
+from studies.sheets.sheet_results import Amplitude, FittedModel, ModelName, Shape
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -72,56 +68,55 @@ class SheetModels:
         basis = self.problem.basis
         return ExtendedModel(basis, c, tuple(additions), tuple(deviations), e.stress_unit, training, held)
 
-    def errors(self, one: Joint, splines: int = 1) -> dict[str, Any]:
-        """Errors of force and field on what was fitted and scored."""
-        found = self.of(one, "", splines)["errors"]
-        return {f"{kind}_{part}": found[part][kind] for part in found for kind in ("force", "field")}
+    def errors(self, one: Joint) -> dict[str, float]:
+        """Errors of force and field on what was fitted and scored: the fields of `PartErrors`."""
+        found = prediction(self.whole, [self.extended(one)], self.split, self.spacing).errors
+        return {
+            "force_fitted": found.fitted.force,
+            "field_fitted": found.fitted.field,
+            "force_scored": found.scored.force,
+            "field_scored": found.scored.field,
+        }
 
-    def of(self, one: Joint, name: str, splines: int = 1) -> dict[str, Any]:
+    def of(self, one: Joint, name: str, splines: int = 1) -> FittedModel:
         """A model with everything that the report shows of it."""
         return self._described([self.extended(one)], name, splines, one.loss / one.n_rows, one.dispersion)
 
-    def mean(self, fits: Sequence[Joint], name: str) -> dict[str, Any]:
+    def mean(self, fits: Sequence[Joint], name: str) -> FittedModel:
         """Several models whose predictions are averaged."""
         chi_square, reduced = (
             float(np.mean(v)) for v in zip(*((f.loss / f.n_rows, f.dispersion) for f in fits), strict=True)
         )
         return self._described([self.extended(one) for one in fits], name, 1, chi_square, reduced)
 
-    def of_base(self, fit: Fit) -> dict[str, Any]:
+    def of_base(self, fit: Fit) -> FittedModel:
         """Neo-Hooke alone."""
         model = self._model(fit.c, (), ())
-        return self._described([model], BASE, 1, fit.loss / fit.n_rows, fit.loss / (fit.n_rows - 1))
+        return self._described([model], ModelName.BASE, 1, fit.loss / fit.n_rows, fit.loss / (fit.n_rows - 1))
 
     def _described(
         self, found: Sequence[ExtendedModel], name: str, splines: int, chi_square: float, reduced: float
-    ) -> dict[str, Any]:
+    ) -> FittedModel:
         """One model, or several whose predictions are averaged; amplitudes are those of a single one."""
         alone = found if len(found) == 1 else ()
-        return {
-            "name": name,
-            "base": base_name(splines),
-            "effects": sorted({a.effect.name for model in found for a in model.additions}),
-            "chi_square": chi_square,
-            "reduced_chi_square": reduced,
-            "amplitudes": [
-                {
-                    "effect": a.effect.name,
-                    "name": p.name,
-                    "unit": amplitude_unit(p, model.unit),
-                    "value": v,
-                    "deviation": d,
-                }
+        return FittedModel(
+            name=name,
+            members=[model.to_dict() for model in found],
+            base=base_name(splines),
+            effects=sorted({a.effect.name for model in found for a in model.additions}),
+            chi_square=chi_square,
+            reduced_chi_square=reduced,
+            amplitudes=[
+                Amplitude(a.effect.name, p.name, amplitude_unit(p, model.unit), v, d)
                 for model in alone
                 for a, deviations in zip(model.additions, model.errors, strict=True)
                 for p, v, d in zip(a.effect.amplitudes, a.amplitudes, deviations, strict=True)
             ],
-            "shapes": [
-                {"effect": a.effect.name, "name": p.name, "unit": amplitude_unit(p, model.unit), "value": v}
+            shapes=[
+                Shape(a.effect.name, p.name, amplitude_unit(p, model.unit), v)
                 for model in alone
                 for a in model.additions
                 for p, v in zip(a.effect.shapes, a.shape, strict=True)
             ],
-            "members": [model.to_dict() for model in found],
-            **errors_of(self.whole, found, self.split, self.spacing),
-        }
+            **vars(prediction(self.whole, found, self.split, self.spacing)),
+        )

@@ -2,47 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from studies.output.words import percent
+from studies.output.words import Words, percent
 from studies.sheets.leave_one_out import NESTED
 from studies.sheets.measured_record import SHEETS
-from studies.sheets.model_errors import MEAN, RETAINED, entry, members
+from studies.sheets.measured_results import ControlResult, HomogeneousResult, MapResult, MeasuredResults, RecordResult
+from studies.sheets.sheet_results import ModelName, PartErrors, ScoredModel, SheetResult, TransferredModel
 
+WORDS = Words("measured")
 Table = tuple[list[str], list[list[Any]]]
-PARTS = ("fitted", "scored")
 
 
-def error_table(models: list[dict[str, Any]]) -> Table:
+def error_table(models: Sequence[ScoredModel]) -> Table:
     """One row a model: errors on what was fitted and on what was scored."""
     columns = ["model", "factors", "force, fitted", "force, scored", "mean force, fitted", "mean force, scored",
                "field, fitted", "field, scored", "section scatter, scored", "lower / upper third, scored"]  # fmt: skip
     rows = []
     for m in models:
-        fitted, scored = m["errors"]["fitted"], m["errors"]["scored"]
-        factors = ", ".join(f"{name} {value:.3g}" for name, value in m.get("factors", {}).items())
-        rows.append([m["name"], factors, percent(fitted["force"]), percent(scored["force"]),
-                     percent(fitted["mean_force"]), percent(scored["mean_force"]),
-                     percent(fitted["field"]), percent(scored["field"]), percent(scored["section_scatter"]),
-                     round(scored["lower_over_upper"], 3)])  # fmt: skip
+        fitted, scored = m.errors.fitted, m.errors.scored
+        found = m.factors if isinstance(m, TransferredModel) else {}
+        factors = ", ".join(f"{name} {value:.3g}" for name, value in found.items())
+        rows.append([m.name, factors, percent(fitted.force), percent(scored.force),
+                     percent(fitted.mean_force), percent(scored.mean_force),
+                     percent(fitted.field), percent(scored.field), percent(scored.section_scatter),
+                     round(scored.lower_over_upper, 3)])  # fmt: skip
     return columns, rows
 
 
-def record_table(results: dict[str, Any]) -> Table:
+def record_table(records: dict[str, RecordResult]) -> Table:
     """What each record says before any model."""
     columns = ["sheet", "missing frames", "exponent of the force", "contraction in the middle",
                "largest axial strain left at no load", "lateral"]  # fmt: skip
     rows = []
     for name in SHEETS:
-        r = results[f"record_{name}"]
-        gaps = ", ".join(f"{n} before frame {k}" for k, n in r["missing_frames"].items()) or "none"
-        inner = [max(map(abs, part[1:-1])) for part in r["at_rest"]]
+        r = records[name]
+        inner = [max(map(abs, part[1:-1])) for part in r.at_rest]
         rows.append(
             [
                 name,
-                gaps,
-                round(r["force_exponent"], 3),
-                round(r["contraction"], 3),
+                WORDS.gaps(missing_frames=r.missing_frames),
+                round(r.force_exponent, 3),
+                round(r.contraction, 3),
                 percent(inner[0]),
                 percent(inner[1]),
             ]
@@ -50,7 +52,7 @@ def record_table(results: dict[str, Any]) -> Table:
     return columns, rows
 
 
-def amplitude_table(learnt: dict[str, Any]) -> Table:
+def amplitude_table(learnt: SheetResult) -> Table:
     """Amplitudes of the retained effects, and their range over the leave-one-out fits."""
     columns = [
         "effect",
@@ -61,134 +63,128 @@ def amplitude_table(learnt: dict[str, Any]) -> Table:
         "told from zero",
         "over the leave-one-out fits",
     ]
-    left_out = [one.additions for one in members(entry(learnt, MEAN))]
+    left_out = [one.additions for one in learnt.model(ModelName.MEAN).models]
     rows = []
-    for a in entry(learnt, RETAINED)["amplitudes"]:
+    for a in learnt.model(ModelName.RETAINED).amplitudes:
         values = [
             value
             for additions in left_out
             for one in additions
-            if one.effect.name == a["effect"]
+            if one.effect.name == a.effect
             for p, value in zip(one.effect.amplitudes, one.amplitudes, strict=True)
-            if p.name == a["name"]
+            if p.name == a.name
         ]
-        told = "yes" if abs(a["value"]) > 2 * a["deviation"] else "no"
-        over = f"{min(values):.3g} to {max(values):.3g}" if values else "in none"
-        rows.append([a["effect"], a["name"], a["value"], a["deviation"], a["unit"], told, over])
+        told, over = WORDS.told_from_zero(told=a.is_told_from_zero), WORDS.over_fits(values=values)
+        rows.append([a.effect, a.name, a.value, a.deviation, a.unit, told, over])
     return columns, rows
 
 
-def leave_one_out_table(learnt: dict[str, Any]) -> Table:
+def leave_one_out_table(learnt: SheetResult) -> Table:
     """What is retained without each increment, and how that predicts."""
     columns = ["without the increment at (s)", "effects", "force, fitted", "force, scored", "field, scored"]
-    keys = ("force_fitted", "force_scored", "field_scored")
     return columns, [
-        [round(one["left_out"], 2), ", ".join(one["effects"]), *(percent(one[k]) for k in keys)]
-        for one in learnt["leave_one_out"]
+        [
+            round(one.left_out, 2),
+            ", ".join(one.effects),
+            *map(percent, (one.force_fitted, one.force_scored, one.field_scored)),
+        ]
+        for one in learnt.leave_one_out
     ]
 
 
-def kept(learnt: dict[str, Any], effect: str) -> str:
+def kept(learnt: SheetResult, effect: str) -> str:
     """In how many leave-one-out fits an effect, or one more general or special than it, is kept."""
     alike = {effect, NESTED.get(effect, effect), *(s for s, general in NESTED.items() if general == effect)}
-    found = sum(bool(alike & set(one["effects"])) for one in learnt["leave_one_out"])
-    return f"{found} of {len(learnt['leave_one_out'])}"
+    found = sum(bool(alike & set(one.effects)) for one in learnt.leave_one_out)
+    return f"{found} of {len(learnt.leave_one_out)}"
 
 
-def effect_table(learnt: dict[str, Any]) -> Table:
+def effect_table(learnt: SheetResult) -> Table:
     """What each effect is worth: errors of the model that is fitted without it."""
     columns = ["effect", "outcome", "kept in leave-one-out fits", "rise of the misfit without it", "penalty of its parameters",
                "imitated by the others", "force, scored, without it", "field, scored, without it", "decided by"]  # fmt: skip
     rows: list[list[Any]] = []
-    for line in sorted(learnt["without"], key=lambda line: -line["rise"]):
-        outcome = "in the model" + (", doubtful" if line["doubtful"] else "")
-        rows.append([line["effect"], outcome, kept(learnt, line["effect"]), line["rise"], line["penalty"],
-                     f"{100 * line['imitated']:.1f} %", percent(line["force_scored"]), percent(line["field_scored"]), line["decided_by"]])  # fmt: skip
-    gone = [(pair["general"], f"{pair['special']} does as well") for pair in learnt["exchanged"]]
-    gone += [(name, "removed: not retained by BIC") for name in learnt["taken_out"]]
+    for line in sorted(learnt.without, key=lambda line: -line.rise):
+        outcome = WORDS.in_the_model(doubtful=line.doubtful)
+        rows.append([line.effect, outcome, kept(learnt, line.effect), line.rise, line.penalty,
+                     f"{100 * line.imitated:.1f} %", percent(line.force_scored), percent(line.field_scored), line.decided_by])  # fmt: skip
+    gone = [(pair.general, WORDS.exchanged(special=pair.special)) for pair in learnt.exchanged]
+    gone += [(name, WORDS.removed()) for name in learnt.taken_out]
     rows += [[name, why, kept(learnt, name), *[None] * 6] for name, why in gone]
-    rows += [[name, why, *[None] * 7] for name, why in learnt["not_testable"].items()]
+    rows += [[name, why, *[None] * 7] for name, why in learnt.not_testable.items()]
     return columns, rows
 
 
-def variant_table(learnt: dict[str, Any]) -> Table:
+def variant_table(learnt: SheetResult) -> Table:
     """Every effect from other starts, and the retained effects beside other bases."""
     columns = ["variant", "misfit, of bases with penalty, over the first", "force, fitted", "force, validation", "field, validation",
                "force, scored", "field, scored"]  # fmt: skip
-    first = learnt["starts"][0]["objective"]
+    first = learnt.starts[0].objective
     rows: list[list[Any]] = []
-    for i, s in enumerate(learnt["starts"], start=1):
-        rows.append([f"every effect, start {i}", s["objective"] - first, percent(s["force_fitted"]), None, None,
-                     percent(s["force_scored"]), percent(s["field_scored"])])  # fmt: skip
-    for b in learnt["bases"]:
-        name = f"retained, {b['name']}" + (" (chosen)" if b["chosen"] else "")
-        seen = (percent(b["validation_error"][kind]) for kind in ("force", "field"))
-        rows.append([name, b["penalised_misfit"], percent(b["force_fitted"]), *seen, percent(b["force_scored"]),
-                     percent(b["field_scored"])])  # fmt: skip
+    for i, s in enumerate(learnt.starts, start=1):
+        rows.append([WORDS.start(number=i), s.objective - first, percent(s.force_fitted), None, None,
+                     percent(s.force_scored), percent(s.field_scored)])  # fmt: skip
+    for b in learnt.bases:
+        seen = map(percent, (b.validation_error.force, b.validation_error.field))
+        rows.append([WORDS.base(name=b.name, chosen=b.chosen), b.penalised_misfit, percent(b.force_fitted), *seen,
+                     percent(b.force_scored), percent(b.field_scored)])  # fmt: skip
     return columns, rows
 
 
-def spread(learnt: dict[str, Any]) -> dict[str, tuple[float, float]]:
+def spread(learnt: SheetResult) -> dict[str, tuple[float, float]]:
     """Smallest and largest error after the limit over the leave-one-out fits: models that the data fitted do not choose between."""
-    lines = learnt["leave_one_out"]
-    kinds = {kind: [line[f"{kind}_scored"] for line in lines] for kind in ("force", "field")}
+    lines = learnt.leave_one_out
+    kinds = {"force": [line.force_scored for line in lines], "field": [line.field_scored for line in lines]}
     return {kind: (min(values), max(values)) for kind, values in kinds.items()}
 
 
-def rival_table(results: dict[str, Any]) -> Table:
+def rival_table(results: MeasuredResults) -> Table:
     """Softening with strain against relaxation in time."""
     columns = ["base", "force, fitted", "field, fitted", "force, scored", "field, scored"]
-    lines = [{**b, "name": f"{b['name']}, relaxing"} for b in results["first"]["bases"]]
-    keys = ("force_fitted", "field_fitted", "force_scored", "field_scored")
-    return columns, [[m["name"], *(percent(m[k]) for k in keys)] for m in [*lines, *results["rivals"]["models"]]]
-
-
-def map_table(located: dict[str, Any]) -> Table:
-    """Errors of the heterogeneous sheet before and after."""
-    rows = [
-        [
-            part,
-            *(
-                percent(located["errors"][part][when][what])
-                for what in ("force", "field")
-                for when in ("before", "after")
-            ),
-        ]
-        for part in PARTS
+    lines: list[tuple[str, PartErrors]] = [(WORDS.relaxing(name=b.name), b) for b in results.first.bases]
+    lines += [(m.name, m) for m in results.rivals.models]
+    return columns, [
+        [name, *map(percent, (m.force_fitted, m.field_fitted, m.force_scored, m.field_scored))] for name, m in lines
     ]
+
+
+def map_table(located: MapResult) -> Table:
+    """Errors of the heterogeneous sheet before and after."""
+    rows = []
+    for part, change in (("fitted", located.errors.fitted), ("scored", located.errors.scored)):
+        errors = (change.before.force, change.after.force, change.before.field, change.after.field)
+        rows.append([part, *map(percent, errors)])
     return ["increments", "force before", "force after", "field before", "field after"], rows
 
 
-def control_table(results: dict[str, Any]) -> Table:
+def control_table(controls: dict[str, ControlResult]) -> Table:
     """The negative control."""
+    columns = ["sheet", "pictures compared", "reduced chi-square", "effects tested", "smallest adjusted p", "highest score"]  # fmt: skip
     rows = []
     for name in SHEETS:
-        r = results[f"control_{name}"]
-        first = max(r["effects"], key=lambda e: e["score"], default={"effect": None})
+        r = controls[name]
+        first = max(r.effects, key=lambda e: e.score, default=None)
         rows.append(
-            [name, r["pictures"], r["reduced_chi_square"], len(r["effects"]), r["smallest_adjusted_p"], first["effect"]]
+            [name, r.pictures, r.reduced_chi_square, len(r.effects), r.smallest_adjusted_p, first and first.effect]
         )
-    return [
-        "sheet",
-        "pictures compared",
-        "reduced chi-square",
-        "effects tested",
-        "smallest adjusted p",
-        "highest score",
-    ], rows
+    return columns, rows
 
 
-def loops_of(results: dict[str, Any]) -> list[dict[str, Any]]:
-    """Results of the homogeneous tests."""
-    return [r for key, r in results.items() if key.startswith("loop_")]
-
-
-def loop_table(results: dict[str, Any]) -> Table:
+def loop_table(loops: Sequence[HomogeneousResult]) -> Table:
     """Homogeneous tests, before and after."""
     rows = []
-    for r in loops_of(results):
-        effects = ", ".join([*r["named"], *(f"({name})" for name in r["closest"])]) or "none"
-        for t in r["tests"]:
-            role = "fitted" if t["fitted"] else "held out"
-            rows.append([r["name"], t["name"], role, percent(t["before"]), percent(t["after"]), r["verdict"], effects])
+    for r in loops:
+        effects = WORDS.effects(named=r.named, closest=r.closest)
+        for t in r.tests:
+            rows.append(
+                [
+                    r.name,
+                    t.name,
+                    WORDS.role(fitted=t.fitted),
+                    percent(t.before),
+                    percent(t.after),
+                    str(r.verdict),
+                    effects,
+                ]
+            )
     return ["loop", "test", "role", "before", "after", "verdict", "effects"], rows

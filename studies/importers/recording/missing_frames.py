@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.importers.recording.series import Series
+from studies.output.words import Words
 
+WORDS = Words("experiment")
 Array = NDArray[np.float64]
 WINDOW = 15  # steps on either side that tell the length of a step
 STEADY = 0.15  # of their length, by which those may differ
@@ -32,7 +34,7 @@ def with_missing_frames(series: Series) -> Series:
     time = series.time.copy()
     for frame, count in gaps.items():
         time[frame:] += count * interval
-    notes = [f"{count} frame(s) missing before frame {frame}: later times corrected" for frame, count in gaps.items()]
+    notes = [WORDS.note_missing_frames(count=count, frame=frame) for frame, count in gaps.items()]
     provenance = {
         **series.provenance,
         "missing_frames": {str(frame): count for frame, count in gaps.items()},

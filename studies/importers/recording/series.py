@@ -28,7 +28,9 @@ from studies.importers.recording.synchronise import (
     find_break,
     forces_at,
 )
+from studies.output.words import Words
 
+WORDS = Words("experiment")
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been longer than its chosen frames show
@@ -104,7 +106,7 @@ def to_experiment(
     notes += unseen_peak(elongation(series), frames)
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
-        notes.append(f"{kept.lost.size} of {len(series.points)} points failed in a chosen frame and were left out")
+        notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))
     report: dict[str, Any] = {"kind": "stated"}
     if noise is None:
         noise, report = estimate_noise(series, kept.indices, frames, noise_kind)
@@ -141,10 +143,7 @@ def unseen_peak(lengths: Array, frames: Index) -> list[str]:
     if not missed[worst] > UNSEEN * np.ptp(lengths[np.isfinite(lengths)]):
         return []
     peak = int(np.argmax(known[: frames[worst] + 1]))
-    return [
-        f"the specimen was longest in frame {peak}, {missed[worst]:.3g} mm longer than in any frame chosen before frame "
-        f"{frames[worst]}: softening and permanent set know only the chosen frames; name every turning point with --frames"
-    ]
+    return [WORDS.note_unseen_peak(peak=peak, longer=missed[worst], frame=frames[worst])]
 
 
 def _component(force: Array, direction: float) -> Array:

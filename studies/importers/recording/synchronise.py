@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
+from studies.output.words import Words
 
+WORDS = Words("experiment")
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 BREAK_LEVEL, BREAK_DURATION = 0.5, 0.05
@@ -98,12 +100,12 @@ def choose_frames(
     end = min(float(time[-1]), float(record.time[-1]))
     if broke is not None and broke < end:
         end = broke
-        notes.append(f"force falls abruptly after {broke:.2f} s: later frames are left out as failure")
+        notes.append(WORDS.note_failure(time=broke))
     if selection.frames is not None:
         return _explicit(time, record, selection.frames), notes
     if selection.until is not None:
         if selection.until > end + 1e-9:
-            notes.append(f"--until {selection.until:g} s lies after the last usable frame ({end:.2f} s)")
+            notes.append(WORDS.note_until(until=selection.until, end=end))
         end = min(end, selection.until)
     force = forces_at(record, np.clip(time, record.time[0], record.time[-1]))
     usable = np.flatnonzero((time >= record.time[0]) & (time <= end + 1e-9) & (np.arange(len(time)) > 0))

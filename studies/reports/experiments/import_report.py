@@ -41,18 +41,12 @@ def report_lines(experiment: Experiment, target: Path) -> Iterator[str]:
     """What a terminal shows of an import."""
     size, noise = np.ptp(experiment.points, axis=0), experiment.noise
     assert noise is not None
-    yield (
-        f"{experiment.name}: {len(experiment.points)} points, {size[0]:.1f} x {size[1]:.1f} mm, "
-        f"{experiment.n_increments} increments"
-    )
+    yield WORDS.imported_size(experiment=experiment, width=size[0], height=size[1])
     for b in experiment.loaded:
-        yield f"  {b.name}: {len(b.nodes)} nodes, force up to {np.nanmax(np.abs(b.force)):.3g} N"
-    yield (
-        f"  noise: {1e3 * noise.displacement_std:.2g} um over {noise.correlation_length:.2g} mm, "
-        f"force {noise.force_std:.2g} N ({experiment.provenance['noise']['kind']})"
-    )
+        yield f"  {WORDS.imported_boundary(boundary=b, force=np.nanmax(np.abs(b.force)))}"
+    yield f"  {WORDS.imported_noise(noise=noise, kind=experiment.provenance['noise']['kind'])}"
     if experiment.thickness is None:
-        yield "  thickness unknown: stiffness times thickness (N/mm) can be identified"
+        yield f"  {WORDS.imported_without_thickness()}"
     for note in experiment.provenance["notes"]:
         yield f"  note: {note}"
     yield f"wrote {target}"

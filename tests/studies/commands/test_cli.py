@@ -13,8 +13,8 @@ import pytest
 from cyclopts import Parameter
 
 from studies import cli
-from studies.commands.option_types import Count, Integers, Repeated
-from studies.commands.outcome import Outcome
+from studies.commandline.option_types import Count, Integers, Repeated
+from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 
 

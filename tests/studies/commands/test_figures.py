@@ -9,7 +9,8 @@ import pytest
 from PIL import Image
 
 from studies import cli
-from studies.commands import application, figures
+from studies.commandline import application
+from studies.commands import figures
 from studies.errors import OptionError
 
 

@@ -28,13 +28,16 @@ from studies.sheets import (
     leave_one_out,
     measured_loop,
     measured_map,
+    measured_results,
     measured_transfer,
     model_errors,
     sheet_models,
     tables,
 )
 from studies.sheets.measured_control import groups, interpolation
+from studies.sheets.measured_results import RivalResult
 from studies.sheets.model_errors import Split
+from studies.sheets.sheet_results import ErrorsOfParts, ForceAndField, ModelErrors, ModelName, NamedModel, SheetResult
 
 SIZE, MU = 40.0, 0.4
 TIME = np.linspace(1.0, 20.0, 10)
@@ -141,13 +144,11 @@ def test_section_forces_of_a_uniform_sheet(uniaxial):
 
 
 def test_a_material_is_transferred_with_one_factor(uniaxial):
-    result = measured_transfer.transfer(
-        uniaxial, [{"name": "base", "members": [MATERIAL.scaled(0.5).to_dict()]}], 10.0, 12.0
-    )
-    model = result["models"][0]
-    assert model["factor"] == pytest.approx(2.0, rel=5e-3)
-    assert model["errors"]["scored"]["force"] < 5e-3
-    assert model["errors"]["scored"]["lower_over_upper"] == pytest.approx(1.0, abs=1e-6)
+    learnt = NamedModel(ModelName.BASE, [MATERIAL.scaled(0.5).to_dict()])
+    model = measured_transfer.transfer(uniaxial, [learnt], 10.0, 12.0).model(ModelName.BASE)
+    assert model.factor == pytest.approx(2.0, rel=5e-3)
+    assert model.errors.scored.force < 5e-3
+    assert model.errors.scored.lower_over_upper == pytest.approx(1.0, abs=1e-6)
 
 
 def test_the_strength_of_relaxation_is_transferred_with_its_own_factor(uniaxial):
@@ -194,12 +195,13 @@ def test_scaling_a_material_scales_its_stress(uniaxial):
 def test_the_stiffer_half_is_located(layered):
     found = measured_map.stiffness_map(layered, [MATERIAL], 10.0, 8.0, 8.0)
     y = layered.points[:, 1]
-    values = np.array(found["map"])
+    values = np.array(found.map)
     inner = np.abs(layered.points[:, 0] - SIZE / 2) < SIZE / 4
     assert np.median(values[inner & (y < 0.3 * SIZE)]) == pytest.approx(1.0, abs=0.1)
     assert np.median(values[inner & (y > 0.7 * SIZE)]) == pytest.approx(2.0, abs=0.2)
-    scored = found["errors"]["scored"]
-    assert scored["after"]["force"] < 0.2 * scored["before"]["force"]
+    scored = found.errors.scored
+    assert scored.after.force < 0.2 * scored.before.force
+    assert measured_results.MapResult.from_dict(json.loads(json.dumps(found.to_dict()))) == found
 
 
 def test_increments_are_fitted_or_scored(uniaxial):
@@ -237,8 +239,8 @@ def steps(folder):
 def test_a_step_is_made_once(tmp_path):
     made = []
     for _ in range(2):
-        result = steps(tmp_path).step("one", lambda: {"value": made.append(1) or 3.0})
-    assert result["value"] == 3.0 and len(made) == 1
+        result = steps(tmp_path).step("one", RivalResult, lambda: RivalResult(made.append(1) or []))
+    assert result.models == [] and result.seconds == 0.0 and len(made) == 1
 
 
 def test_absent_data_are_named_before_anything_is_made(tmp_path, monkeypatch):
@@ -269,19 +271,20 @@ def test_a_sheet_that_relaxes_is_learnt(uniaxial, monkeypatch):
     monkeypatch.setattr(measured_loop, "EFFECTS", tuple(measured_loop.BY_NAME[name] for name in names))
     monkeypatch.setattr(measured_loop, "NESTED", {})
     result = measured_loop.learn(relaxing(uniaxial), 13.0, 12.0, lambda text: None)
-    assert "viscoelasticity" in result["closest"]
-    assert set(result["taken_out"]) | set(result["closest"]) | set(result["not_testable"]) == set(names)
-    before, after = (result["models"][i]["errors"]["scored"]["force"] for i in (0, -1))
+    assert "viscoelasticity" in result.closest
+    assert set(result.taken_out) | set(result.closest) | set(result.not_testable) == set(names)
+    assert SheetResult.from_dict(json.loads(json.dumps(result.to_dict()))) == result
+    before, after = (one.errors.scored.force for one in (result.model(ModelName.BASE), result.final))
     assert after < 0.2 * before and after < 0.01
-    without = next(line for line in result["without"] if line["effect"] == "viscoelasticity")
-    assert without["force_scored"] > 5 * after
+    without = next(line for line in result.without if line.effect == "viscoelasticity")
+    assert without.force_scored > 5 * after
     assert {row[0] for row in tables.effect_table(result)[1]} == set(names)
     assert len(tables.variant_table(result)[1]) == 3 + 1 + len(measured_loop.SPLINES)
-    assert len(result["leave_one_out"]) == (TIME <= 13.0).sum()
-    fits = len(result["leave_one_out"])
+    fits = len(result.leave_one_out)
+    assert fits == (TIME <= 13.0).sum()
     assert tables.kept(result, "viscoelasticity") == f"{fits} of {fits}"
     assert after <= tables.spread(result)["force"][1]
-    assert all(model.relaxes for entry in result["models"][-2:] for model in model_errors.members(entry))
+    assert all(model.relaxes for name in (ModelName.RETAINED, ModelName.MEAN) for model in result.model(name).models)
 
 
 def test_motion_out_of_plane_is_a_share_of_the_whole_loading(uniaxial):
@@ -319,20 +322,23 @@ def test_the_mean_of_models_predicts_the_mean_of_their_forces(uniaxial):
     """Too soft and too stiff by as much: the mean is right, each alone is not."""
     split = Split.of(uniaxial, 13.0)
     soft, stiff = MATERIAL.scaled(0.8), MATERIAL.scaled(1.2)
-    alone, both = (model_errors.errors_of(uniaxial, models, split, 12.0) for models in ([soft], [soft, stiff]))
-    assert alone["errors"]["scored"]["force"] == pytest.approx(0.2, rel=0.02)
-    assert both["errors"]["scored"]["force"] < 5e-3
-    assert np.mean(both["sections"]) == pytest.approx(1.0, abs=2e-3)
+    alone, both = (model_errors.prediction(uniaxial, models, split, 12.0) for models in ([soft], [soft, stiff]))
+    assert alone.errors.scored.force == pytest.approx(0.2, rel=0.02)
+    assert both.errors.scored.force < 5e-3
+    assert np.mean(both.sections) == pytest.approx(1.0, abs=2e-3)
 
 
 def test_a_finer_base_must_validate_as_well():
-    known = measured_loop.Base(1, None, 10.0, {"force": 0.02, "field": 0.01})
+    known = measured_loop.Base(1, None, 10.0, ForceAndField(0.02, 0.01))
     assert known.validates(known)
-    assert not measured_loop.Base(5, None, 0.0, {"force": 0.05, "field": 0.005}).validates(known)
-    assert measured_loop.Base(2, None, 0.0, {"force": 0.01, "field": 0.01}).validates(known)
+    assert not measured_loop.Base(5, None, 0.0, ForceAndField(0.05, 0.005)).validates(known)
+    assert measured_loop.Base(2, None, 0.0, ForceAndField(0.01, 0.01)).validates(known)
 
 
 def test_what_fits_but_predicts_worse_is_no_explanation():
-    base = {"scored": {"force": 0.05, "field": 0.04}}
-    assert measured_loop.predicts(base, {"scored": {"force": 0.01, "field": 0.02}})
-    assert not measured_loop.predicts(base, {"scored": {"force": 0.13, "field": 0.01}})
+    base, better, worse = (
+        ErrorsOfParts(*[ModelErrors(force, field, 0.0, 0.0, 1.0)] * 2)
+        for force, field in ((0.05, 0.04), (0.01, 0.02), (0.13, 0.01))
+    )
+    assert measured_loop.predicts(base, better)
+    assert not measured_loop.predicts(base, worse)

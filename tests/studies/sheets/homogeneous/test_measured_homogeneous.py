@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from calibrate.diagnosis.selection import DEFAULT
+from calibrate.diagnosis.selection import DEFAULT, Verdict
 from calibrate.diagnosis.selection.misfit import Misfit, is_larger
 from studies.sheets.homogeneous import homogeneous_loops, measured_homogeneous
 
@@ -43,6 +43,6 @@ def test_filled_rubber_at_the_rate_between_is_not_made_worse() -> None:
     """No energy of I1 is near it, so that effects beside a base with any energy, a negative one too, fit where none may be used."""
     loop = next(one for one in homogeneous_loops.hnbr50_loops() if one.name == "hnbr50-rates")
     found = measured_homogeneous.close(loop, lambda text: None)
-    assert found["verdict"] == "significant, not explained"
-    for line in found["tests"]:
-        assert line["after"] < 0.6 * line["before"], line["name"]
+    assert found.verdict is Verdict.NOT_EXPLAINED
+    for line in found.tests:
+        assert line.after < 0.6 * line.before, line.name

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 from cyclopts import App, ArgumentCollection, CycloptsError, Parameter
 from cyclopts.config import Toml
 
-from studies.commands.option_types import nearest
-from studies.commands.outcome import Outcome
+from studies.commandline.option_types import nearest
+from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 
 Targets = Mapping[str, tuple[str, str]]  # {name: ('module:function', examples)}

@@ -1,0 +1,1 @@
+"""How a command line becomes one call: the application, types of options, and what a command returns."""
