@@ -69,28 +69,28 @@ COMMANDS = {
         "equigap discover sheet.npz --hold-out every:2 --without 'force offset' -o results/sheet",
     ),
     "resolution": Command(
-        "studies.commands.resolution",
+        "studies.commands.resolution:resolution",
         "study: how camera resolution and noise limit what is identified",
         "equigap resolution --quick\nequigap resolution --jobs 8 --output results/resolution",
     ),
     "thickness": Command(
-        "studies.commands.thickness",
+        "studies.commands.thickness:thickness",
         "study: how thick a specimen may be before a plane-stress calibration misleads",
         "equigap thickness --quick\nequigap thickness --thicknesses 5,30 --seeds 20\nequigap thickness --fine --profile my-cluster",
     ),
     "sweep": Command(
-        "studies.commands.sweep",
+        "studies.commands.sweep:sweep",
         "study: a thousand calibrations over specimen, thickness, resolution, noise and seed",
         "equigap sweep --quick\nequigap sweep --dry-run\nequigap sweep --thicknesses 2D,5,30 --noises 0.1 --seeds 20 --jobs 8\n"
         "equigap sweep --profile my-cluster --container equigap.sif",
     ),
     "blind": Command(
-        "studies.commands.blind",
+        "studies.commands.blind:blind",
         "study: does the diagnosis find hidden effects, and nothing where nothing is?",
         "equigap blind --quick\nequigap blind --trials 5 --nulls 20 --jobs 8",
     ),
     "measured": Command(
-        "studies.commands.measured",
+        "studies.commands.measured:measured",
         "study: what measured sheets and homogeneous tests do beyond hyperelasticity",
         "equigap measured --quick\nequigap measured --until 15 --frames 24 -o results/measured",
     ),
@@ -137,8 +137,6 @@ def run(words: Sequence[str]) -> Outcome | None:
         close = difflib.get_close_matches(name, COMMANDS, 1, 0.5)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise OptionError(f"unknown command '{name}'{hint}; choose from {', '.join(COMMANDS)}")
-    if ":" not in COMMANDS[name].target:
-        return importlib.import_module("studies.commands.arguments").run(name, COMMANDS[name], words[1:])
     application = importlib.import_module("studies.commandline.application")  # cyclopts alone takes 0.3 s
     return application.run(targets(name), words)
 

@@ -76,9 +76,10 @@ def run(targets: Targets, words: Sequence[str]) -> Outcome | None:
 
 
 def parse(targets: Targets, words: Sequence[str]) -> dict[str, Any]:
-    """Arguments that a command line gives to the function of its command, which is not called. Raises `OptionError`."""
+    """Arguments that a command line gives to the function of its command, defaults included; it is not called. Raises `OptionError`."""
     with _mendable(words[0]):
         _, bound, _ = application(targets).parse_args(words, exit_on_error=False, print_error=False)
+    bound.apply_defaults()
     return dict(bound.arguments)
 
 

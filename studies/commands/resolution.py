@@ -5,25 +5,40 @@ In: command-line options. Out: a folder with every Experiment, model and case of
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 
-from studies.commands import study_options
+from studies.commandline.option_types import OutputFolder, Overwrite
+from studies.commandline.outcome import Outcome
 from studies.grid.axes import Settings
 from studies.grid.presets.resolution_study import RESOLUTION, losses_with
+from studies.grid.study import Execution
+from studies.grid.study_options import ExecutionOptions, LossOptions, Target, run_study
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `equigap resolution`."""
-    study_options.add_study_arguments(parser, RESOLUTION, "2 meshes, 2 noise seeds")
+def resolution(
+    *,
+    quick: bool = False,
+    options: LossOptions = LossOptions(),
+    dry_run: bool = False,
+    execution: ExecutionOptions = Execution(),
+    output: OutputFolder = None,
+    overwrite: Overwrite = False,
+) -> Outcome:
+    """Study how the resolution of a camera and its noise limit what is identified.
+
+    Args:
+        quick: 2 meshes, 2 noise seeds: shows the path, proves nothing
+        dry_run: only say how many jobs are missing; makes no file
+
+    Raises:
+        ConfigError: options that cannot be.
+        WorkflowError: a job failed.
+    """
+    target = Target("resolution", quick, output, overwrite, dry_run)
+    return run_study(RESOLUTION, settings_of(options, quick), execution, target)
 
 
-def settings_from(arguments: argparse.Namespace) -> Settings:
-    """Settings of the command line. Raises `ConfigError`."""
-    settings = study_options.settings_from(arguments, RESOLUTION)
+def settings_of(options: LossOptions, quick: bool = False) -> Settings:
+    """Settings of the study. Raises `ConfigError`."""
+    settings = options.settings(RESOLUTION, quick)
     return replace(settings, losses=losses_with(settings.dependent_seeds))
-
-
-def main(arguments: argparse.Namespace) -> int:
-    """Run or resume the study and write its report."""
-    return study_options.run_study(arguments, RESOLUTION, settings_from(arguments))

@@ -6,87 +6,110 @@ figures, tables, report; or, with --convergence, what the settings of the 3D mod
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from math import inf
+from typing import Annotated, Any
+
+from cyclopts import Parameter
 
 from calibrate.errors import ConfigError
-from studies.commands import study_options
-from studies.commands.options import output_folder
+from studies.commandline.option_types import Names, OutputFolder, Overwrite
+from studies.commandline.outcome import Outcome
 from studies.grid.axes import PLANE, Settings
 from studies.grid.convergence import run_convergence
 from studies.grid.presets.thickness_study import FINE, THICKNESS
+from studies.grid.study import Execution
+from studies.grid.study_options import ExecutionOptions, LossOptions, StudyReport, Target, run_study
 
-DESCRIPTION = """\
-Pull crosses of several thicknesses in 3D, record their surfaces with a synthetic camera, calibrate them as if they were
-thin (plane stress), and report where and how much this misleads. Lengths in mm, forces in N, stresses in MPa."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `equigap thickness`."""
-    default = THICKNESS.default
-    shown = ",".join(h for h in default.thicknesses if h != PLANE)
-    parser.add_argument(
-        "--fine", action="store_true", help="0.6 mm elements at the holes instead of 1.2 mm, much longer"
-    )
-    parser.add_argument(
-        "--convergence", action="store_true", help="write the table of what each setting is worth, instead"
-    )
-    parser.add_argument("--thicknesses", metavar="H,H,...", help=f"in mm, rising (default: {shown})")
-    parser.add_argument(
-        "--displacement", type=float, metavar="MM", help=f"of each arm (default: {default.displacement:g})"
-    )
-    study_options.add_study_arguments(parser, THICKNESS, "2 thicknesses, 2 noise seeds")
+USUAL = ",".join(h for h in THICKNESS.default.thicknesses if h != PLANE)
 
 
-def settings_from(arguments: argparse.Namespace) -> Settings:
-    """Settings of the command line. Raises `ConfigError`."""
-    settings = study_options.settings_from(arguments, THICKNESS)
-    if arguments.quick and arguments.fine:
+@Parameter(name="*", group="Specimens")
+@dataclass(frozen=True)
+class Pull:
+    """What is pulled, and on which mesh."""
+
+    thicknesses: Annotated[Names, Parameter(help=f"in mm, rising, with commas between (default: {USUAL})")] = ()
+    displacement: float | None = None
+    """of each arm, mm (default: 60)"""
+    fine: bool = False
+    """0.6 mm elements at the holes instead of 1.2 mm, much longer"""
+
+
+def thickness(
+    *,
+    quick: bool = False,
+    convergence: bool = False,
+    pull: Pull = Pull(),
+    options: LossOptions = LossOptions(),
+    dry_run: bool = False,
+    execution: ExecutionOptions = Execution(),
+    output: OutputFolder = None,
+    overwrite: Overwrite = False,
+) -> Outcome:
+    """Pull crosses of several thicknesses in 3D and calibrate them as if they were thin.
+
+    Their surfaces are recorded with a synthetic camera and calibrated in plane stress; the report says where and how much this
+    misleads. Lengths in mm, forces in N, stresses in MPa.
+
+    Args:
+        quick: 2 thicknesses, 2 noise seeds: shows the path, proves nothing
+        convergence: write the table of what each setting is worth, instead
+        dry_run: only say how many jobs are missing; makes no file
+
+    Raises:
+        ConfigError: options that cannot be.
+        WorkflowError: a job failed.
+    """
+    settings = settings_of(options, pull, quick)
+    if convergence:
+        _refuse_given(pull, options, replace(execution, jobs=None))
+        if dry_run:
+            raise ConfigError("--convergence runs its own series; leave out --dry-run")
+        target = Target("thickness-convergence", quick, output)
+        return StudyReport(run_convergence(target.folder, quick, overwrite))
+    name = "thickness-fine" if pull.fine else "thickness"
+    return run_study(THICKNESS, settings, execution, Target(name, quick, output, overwrite, dry_run))
+
+
+def settings_of(options: LossOptions, pull: Pull = Pull(), quick: bool = False) -> Settings:
+    """Settings of the study. Raises `ConfigError`."""
+    settings = options.settings(THICKNESS, quick)
+    if quick and pull.fine:
         raise ConfigError("--quick and --fine exclude each other; leave one out")
-    if arguments.fine:
+    if pull.fine:
         settings = replace(settings, forward_size=FINE)
-    if arguments.thicknesses is not None:
-        settings = replace(settings, thicknesses=(PLANE, *thicknesses_from(arguments.thicknesses)))
-    if arguments.displacement is not None:
-        settings = replace(settings, displacement=arguments.displacement)
-    if not 0 < settings.displacement < float("inf"):
+    if pull.thicknesses:
+        settings = replace(settings, thicknesses=(PLANE, *thicknesses_from(pull.thicknesses)))
+    if pull.displacement is not None:
+        settings = replace(settings, displacement=pull.displacement)
+    if not 0 < settings.displacement < inf:
         raise ConfigError(f"--displacement {settings.displacement:g}: give a positive number of mm")
     return settings
 
 
-def thicknesses_from(text: str) -> tuple[str, ...]:
-    """'10,20.0' -> ('10', '20'). Raises `ConfigError` unless they are positive, rising and told apart by their names."""
+def thicknesses_from(words: Sequence[str]) -> tuple[str, ...]:
+    """('10', '20.0') -> ('10', '20'). Raises `ConfigError` unless they are positive, rising and told apart by their names."""
+    option = f"--thicknesses {','.join(words)}"
     try:
-        found = tuple(float(word) for word in text.split(","))
+        found = tuple(float(word) for word in words)
     except ValueError as error:
-        raise ConfigError(f"--thicknesses {text}: give numbers of mm separated by commas, e.g. 10,15,20,40") from error
-    if not all(0 < h < float("inf") for h in found):
-        raise ConfigError(f"--thicknesses {text}: every thickness must be a positive number of mm")
+        raise ConfigError(f"{option}: give numbers of mm separated by commas, e.g. 10,15,20,40") from error
+    if not all(0 < h < inf for h in found):
+        raise ConfigError(f"{option}: every thickness must be a positive number of mm")
     named = [f"{h:g}" for h in found]
     if any(float(a) >= float(b) for a, b in pairwise(named)):
         right = ",".join(sorted(set(named), key=float))
-        raise ConfigError(f"--thicknesses {text}: write each one once, rising, with at most six digits: {right}")
+        raise ConfigError(f"{option}: write each one once, rising, with at most six digits: {right}")
     return tuple(named)
 
 
-def main(arguments: argparse.Namespace) -> int:
-    """Run or resume the study and write its report."""
-    settings = settings_from(arguments)
-    if arguments.convergence:
-        _check_convergence(arguments)
-        folder = output_folder(arguments, "thickness-convergence")
-        print(f"report: {run_convergence(folder, arguments.quick, arguments.overwrite)}")
-        return 0
-    return study_options.run_study(arguments, THICKNESS, settings, "thickness-fine" if arguments.fine else None)
-
-
-def _check_convergence(arguments: argparse.Namespace) -> None:
-    """Raise `ConfigError` for options that `--convergence` does not follow."""
-    followed = {"quick", "convergence", "output", "overwrite", "jobs", "command"}
-    default = argparse.ArgumentParser()
-    add_arguments(default)
-    for action in default._actions:
-        given = getattr(arguments, action.dest, action.default)
-        if action.dest not in followed and given != action.default:
-            raise ConfigError(f"--convergence runs its own series; leave out {action.option_strings[-1]}")
+def _refuse_given(*parts: Any) -> None:
+    """Raise `ConfigError` for an option that `--convergence` does not follow."""
+    for part in parts:
+        for field in fields(part):
+            if getattr(part, field.name) != field.default:
+                option = field.name.replace("_", "-")
+                raise ConfigError(f"--convergence runs its own series; leave out --{option}")

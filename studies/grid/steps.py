@@ -15,7 +15,6 @@ Run as ``python -m studies.grid.steps STEP FOLDER [KEYS]``. Files are written wh
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Callable
@@ -188,15 +187,14 @@ STEPS: dict[str, Callable[..., None]] = {
 }  # fmt: skip
 
 
-def main() -> None:
+def main(words: list[str]) -> None:
     """Run one step: its name, the folder, and keys."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("step", choices=STEPS)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("key", nargs="*")
-    arguments = parser.parse_args()
-    STEPS[arguments.step](arguments.folder, Settings.read(arguments.folder), *arguments.key)
+    if len(words) < 2 or words[0] not in STEPS:
+        print(f"usage: python -m studies.grid.steps {'|'.join(STEPS)} FOLDER [KEY ...]", file=sys.stderr)
+        raise SystemExit(2)
+    step, folder = words[0], Path(words[1])
+    STEPS[step](folder, Settings.read(folder), *words[2:])
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

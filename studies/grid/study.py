@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from studies.commandline.option_types import Count
 from studies.errors import OptionError
 from studies.grid import report, workflow
 from studies.grid.axes import Settings
@@ -38,18 +39,20 @@ class Preset:
 
 @dataclass(frozen=True)
 class Execution:
-    """Where and how many jobs run; it changes no result. jobs: at a time (default: cores). profile: of Snakemake.
+    """Where and how many jobs run; it changes no result."""
 
-    ranks: MPI ranks of each 3D solution. container: image in which Apptainer runs every job.
-    """
-
-    jobs: int | None = None
+    jobs: Count | None = None
+    """jobs at a time (default: number of cores, or what the profile says)"""
     profile: Path | None = None
-    ranks: int = 1
+    """folder of a Snakemake profile that submits the jobs, e.g. to SLURM: docs/cluster.md"""
+    ranks: Count = 1
+    """MPI ranks of each 3D solution"""
     container: str | None = None
+    """run every job by Apptainer in this image, such as equigap.sif: docker/README.md"""
 
     def config(self, folder: Path) -> tuple[list[str], list[str]]:
-        """'key=value' for the snakefile and options of Snakemake. Raises `OptionError`."""
+        """'key=value' for the snakefile and options of Snakemake. Raises `ConfigError`, `OptionError`."""
+        workflow.check(self.jobs, self.profile)
         own = [f"ranks={self.ranks}"]
         image = self.container
         if image is None:

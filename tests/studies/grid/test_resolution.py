@@ -1,6 +1,5 @@
 """Resolution study: scores against closed forms, settings, table, findings, and (slow) a run that is killed and resumed."""
 
-import argparse
 import json
 import os
 import signal
@@ -8,10 +7,11 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from study_stand_in import fit_with, result_of, results_with
+from study_stand_in import fit_with, parsed, result_of, results_with
 
 from calibrate.equations.deformation_modes import largest_stretch, nominal_stress
 from calibrate.errors import ConfigError
@@ -19,6 +19,7 @@ from calibrate.models import pann
 from calibrate.models.network_model import Model
 from studies.accuracy import metrics
 from studies.commands import resolution
+from studies.errors import OptionError
 from studies.grid.axes import Loss
 from studies.grid.claims import ClaimVerdict, Statement
 from studies.grid.presets import resolution_study
@@ -27,9 +28,9 @@ from studies.grid.results import Results
 
 
 def settings_of(*words: str):
-    parser = argparse.ArgumentParser()
-    resolution.add_arguments(parser)
-    return resolution.settings_from(parser.parse_args(words))
+    given = parsed("resolution", *words)
+    given["execution"].config(Path())
+    return resolution.settings_of(given["options"], given["quick"])
 
 
 def neo_hooke(mu: float) -> Model:
@@ -89,7 +90,7 @@ def test_dependent_scaling_is_fitted_for_clean_data_and_the_first_seeds_only():
     ],
 )
 def test_impossible_options_are_named(words):
-    with pytest.raises(ConfigError):
+    with pytest.raises((ConfigError, OptionError)):
         settings_of(*words)
 
 

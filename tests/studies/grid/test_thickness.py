@@ -1,6 +1,5 @@
 """Thickness study: settings, jobs, steps that skip what exists, truthful Experiments, and (slow) a run killed and resumed."""
 
-import argparse
 import os
 import re
 import signal
@@ -9,14 +8,17 @@ import sys
 import time
 from dataclasses import replace
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 import pytest
-from study_stand_in import fit_with, folder_of, stretched_sheet
+from study_stand_in import fit_with, folder_of, parsed, stretched_sheet
 
 from calibrate.data.experiment import Experiment
 from calibrate.errors import ConfigError
+from studies import cli
 from studies.commands import thickness
+from studies.errors import OptionError
 from studies.grid import report, steps, workflow
 from studies.grid.axes import PLANE, Case, Loss, Settings
 from studies.grid.case import CaseResult
@@ -27,9 +29,9 @@ SMALL = replace(THICKNESS.default, nodes=900, seeds=(0, 1), thicknesses=(PLANE, 
 
 
 def settings_of(*words: str) -> Settings:
-    parser = argparse.ArgumentParser()
-    thickness.add_arguments(parser)
-    return thickness.settings_from(parser.parse_args(words))
+    given = parsed("thickness", *words)
+    given["execution"].config(Path())
+    return thickness.settings_of(given["options"], given["pull"], given["quick"])
 
 
 def test_options_become_settings():
@@ -55,17 +57,17 @@ def test_options_become_settings():
         ("--thicknesses 10,10.000001", "rising, with at most six digits: 10"),
         ("--displacement -1", "positive number of mm"),
         ("--displacement nan", "positive number of mm"),
-        ("--ranks 0", "--ranks 0: at least 1"),
-        ("--jobs 0", "--jobs 0: at least 1"),
+        ("--ranks 0", "at least 1"),
+        ("--jobs 0", "at least 1"),
         ("--profile /nowhere", "no folder with a config.yaml"),
         ("--quick --fine", "exclude each other"),
-        ("--seeds 0", "one seed"),
+        ("--seeds 0", "at least 1"),
         ("--layers 4,x", "whole numbers"),
         ("--nodes 10", "at least 800 nodes"),
     ],
 )
 def test_impossible_options_are_named(words, message):
-    with pytest.raises(ConfigError, match=re.escape(message)):
+    with pytest.raises((ConfigError, OptionError), match=re.escape(message)):
         settings_of(*words.split())
 
 
@@ -219,10 +221,8 @@ def test_a_finished_study_starts_nothing_and_writes_its_report(tmp_path, monkeyp
     monkeypatch.setattr(subprocess, "Popen", None)
     monkeypatch.setattr(report, "write", lambda results, page: results.folder / f"{len(results.settings.seeds)}.html")
     monkeypatch.setattr(thickness, "THICKNESS", replace(THICKNESS, page=lambda results: None))
-    parser = argparse.ArgumentParser()
-    thickness.add_arguments(parser)
     words = ["--quick", "--nodes", "900", "--seeds", "1", "-o", str(folder)]
-    assert thickness.main(parser.parse_args(words)) == 0
+    assert cli.main(["thickness", *words]) == 0
     assert capsys.readouterr().out == f"report: {folder / '1.html'}\n"
 
 

@@ -1,6 +1,5 @@
 """Measured sheets: gaps in the pictures, initial warp, transferring a material, locating a stiffer place, the command."""
 
-import argparse
 import json
 from dataclasses import replace
 
@@ -231,9 +230,7 @@ def test_what_grows_as_a_cubic_drops_out_of_the_difference():
 
 
 def steps(folder):
-    parser = argparse.ArgumentParser()
-    measured.add_arguments(parser)
-    return measured.Steps(folder, parser.parse_args([]), lambda text: None)
+    return measured.Steps(folder, measured.SheetStudy(), False, lambda text: None)
 
 
 def test_a_step_is_made_once(tmp_path):
@@ -250,9 +247,8 @@ def test_absent_data_are_named_before_anything_is_made(tmp_path, monkeypatch):
         raise errors.DataNotFoundError(f"data file {name} not found")
 
     monkeypatch.setattr(measured_data, "sheet", absent)
-    args = argparse.Namespace(output=tmp_path / "out", overwrite=False, quick=True)
     with pytest.raises(errors.DataNotFoundError, match="Soft_Homo"):
-        measured.main(args)
+        measured.measured(quick=True, output=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from itertools import batched, pairwise
 
@@ -14,17 +13,17 @@ from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.effects.force_offset import ForceOffset
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.errors import ConfigError
+from studies import cli
 from studies.cli import main
-from studies.commands import blind
-from studies.trials import blind_case, blind_data, blind_report
+from studies.commandline import application
+from studies.trials import blind_case, blind_data, blind_plans, blind_report
 from studies.trials.blind_case import Plan
 from studies.trials.blind_data import draw
 
 
-def arguments(*words):
-    parser = argparse.ArgumentParser()
-    blind.add_arguments(parser)
-    return parser.parse_args(words)
+def plans(*words):
+    given = application.parse(cli.targets("blind"), ["blind", *words])
+    return given["trials"].plans(given["quick"])
 
 
 def trial(
@@ -62,19 +61,17 @@ def trial(
 
 
 def test_every_trial_has_its_own_seed_and_kinds_are_mixed():
-    plans = blind.plans(
-        arguments("--trials", "2", "--nulls", "4", "--pairs", "2", "--only", "force offset,viscoelasticity")
-    )
-    assert len({p.seed for p in plans}) == len({p.name for p in plans}) == len(plans) == 10
-    assert {len(p.effects) for p in plans[:5]} == {0, 1, 2}
-    assert [p.effects for p in plans if p.absent] == [("force offset",), ("viscoelasticity",)]  # the first of each
+    todo = plans("--trials", "2", "--nulls", "4", "--pairs", "2", "--only", "force offset,viscoelasticity")
+    assert len({p.seed for p in todo}) == len({p.name for p in todo}) == len(todo) == 10
+    assert {len(p.effects) for p in todo[:5]} == {0, 1, 2}
+    assert [p.effects for p in todo if p.absent] == [("force offset",), ("viscoelasticity",)]  # the first of each
 
 
 def test_trials_of_one_size_follow_each_other():
-    todo = blind.plans(arguments("--trials", "2", "--nulls", "10", "--pairs", "0"))
-    ordered = blind.in_order_of_size(todo)
+    todo = plans("--trials", "2", "--nulls", "10", "--pairs", "0")
+    ordered = blind_plans.in_order_of_size(todo)
     assert sorted(p.name for p in ordered) == sorted(p.name for p in todo)
-    for window in batched(ordered, blind.WINDOW):
+    for window in batched(ordered, blind_plans.WINDOW):
         trials = [draw(p.seed, *(p.effects or (None,))) for p in window]
         sizes = [(t.specimen, len(t.factors)) for t in trials]
         assert sum(a != b for a, b in pairwise(sizes)) == len(set(sizes)) - 1
@@ -119,14 +116,14 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
 )
 def test_nonsense_is_refused(words):
     with pytest.raises(ConfigError):
-        blind.plans(arguments(*words))
+        plans(*words)
 
 
 def test_trials_of_another_run_are_not_made_again(tmp_path, capsys):
-    todo = blind.plans(arguments())
+    todo = plans()
     path = tmp_path / "trials.json"
     path.write_text(json.dumps([{"trial": todo[3].name}, {"trial": "something else-1"}]))
-    assert list(blind.read_known(path, todo)) == [todo[3].name]
+    assert list(blind_plans.read_known(path, todo)) == [todo[3].name]
     path.write_text(json.dumps([{"trial": "something else-1"}]))
     assert main(["blind", "--known", str(path), "-o", str(tmp_path / "out")]) == 2
     assert "none of its trials is one of this run" in capsys.readouterr().err

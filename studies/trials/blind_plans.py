@@ -1,0 +1,89 @@
+"""Which blind trials are made, and in which order. In: how many of each kind. Out: a list of `Plan`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import batched, count
+from pathlib import Path
+from typing import Any
+
+from calibrate.errors import ConfigError
+from studies.errors import StudyError
+from studies.trials.blind_case import Plan
+from studies.trials.blind_data import draw
+from studies.trials.blind_effects import FREQUENT, LATER
+
+PAIRS = (
+    ("second invariant", "force offset"),
+    ("viscoelasticity", "stiffness gradient"),
+    ("one fibre family", "unmeasured strip"),
+    ("compressibility", "image rotation"),
+    ("Mullins softening", "second invariant"),
+)
+ABSENT = 3  # of so many trials of an effect, one is diagnosed once more without the effect in the catalogue
+WINDOW = 72  # trials that are put in an order of their own
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Trials of each effect, without an effect, and with two."""
+
+    trials: int = 20
+    nulls: int = 100
+    pairs: int = 20
+
+    def __post_init__(self) -> None:
+        counts = (self.trials, self.nulls, self.pairs)
+        if min(counts) < 0 or sum(counts) == 0:
+            raise ConfigError("--trials, --nulls and --pairs count trials; give numbers that are not negative")
+
+
+QUICK = Numbers(1, 2, 1)
+
+
+def plans(numbers: Numbers, only: Sequence[str] = (), seed: int = 20000) -> list[Plan]:
+    """All trials, mixed so that a run that is stopped has some of each. only: effects to hide, () for all that can be found.
+
+    seed: of the first trial. Raises `ConfigError` for an effect that cannot be found.
+    """
+    for name in only:
+        if name not in FREQUENT:
+            raise ConfigError(f"--only {name}: choose from {', '.join(FREQUENT)}")
+    effects = list(only or FREQUENT)
+    seeds = count(seed)  # every trial its own: effects of one seed would share material, specimen and noise
+
+    def hiding(names: Sequence[str]) -> list[Plan]:
+        return [Plan(next(seeds), (name,), k % ABSENT == 0) for k in range(numbers.trials) for name in names]
+
+    single = hiding([name for name in effects if name not in LATER])
+    none = [Plan(next(seeds)) for _ in range(numbers.nulls)]
+    both = [Plan(next(seeds), PAIRS[i % len(PAIRS)]) for i in range(numbers.pairs)]
+    later = hiding([name for name in effects if name in LATER])
+    ranked = [(k / max(len(group), 1), plan) for group in (single, none, both, later) for k, plan in enumerate(group)]
+    return [plan for _, plan in sorted(ranked, key=lambda pair: pair[0])]
+
+
+def in_order_of_size(todo: Sequence[Plan]) -> list[Plan]:
+    """Trials of one specimen and number of increments in a row, within a `WINDOW`: they share compiled code."""
+
+    def size(plan: Plan) -> tuple[str, int]:
+        trial = draw(plan.seed, *(plan.effects or (None,)))
+        return trial.specimen, len(trial.factors)
+
+    return [plan for window in batched(todo, WINDOW) for plan in sorted(window, key=size)]
+
+
+def read_known(path: Path | None, todo: Sequence[Plan]) -> dict[str, dict[str, Any]]:
+    """Judged trials of an earlier run by name, those of this plan. Raises `StudyError`."""
+    if path is None:
+        return {}
+    try:
+        known = {one["trial"]: one for one in json.loads(path.read_text())}
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise StudyError(f"--known {path}: give the trials.json of a blind run ({error})") from None
+    found = {plan.name: known[plan.name] for plan in todo if plan.name in known}
+    if not found:
+        raise StudyError(f"--known {path}: none of its trials is one of this run; give the same --seed and numbers")
+    return found
