@@ -113,7 +113,8 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words", [["--only", "gravity"], ["--trials", "-1"], ["--nulls", "1.5"], ["--trials", "0", "--nulls", "0", "--pairs", "0"]]
+    "words",
+    [["--only", "gravity"], ["--trials", "-1"], ["--nulls", "1.5"], ["--trials", "0", "--nulls", "0", "--pairs", "0"]],
 )
 def test_nonsense_is_refused(words):
     with pytest.raises((ConfigError, OptionError)):
