@@ -28,6 +28,7 @@ def plain(block: str) -> CodeType:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_page_on_extending_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Material, specimen, effect and importer as they stand; the effect that was put in is the one that is found."""
     monkeypatch.chdir(tmp_path)
