@@ -10,27 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from discoveries import sheet
+from skip_network import MU, neo_hooke
 
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
 from calibrate.models.extended_model import ExtendedModel
-from calibrate.models.network_model import Model
-from calibrate.models.pann import Architecture
 from calibrate.models.parameter_covariance import Uncertainty
 from studies import cli
 from studies.reports.prediction import predicted_curves as prediction
 
-MU = 0.3
 STRETCH = np.linspace(1.0, 2.5, 31)
-
-
-def neo_hooke(unit: str = "MPa", top: float | None = 6.0) -> Model:
-    """A network whose skip connection alone acts: psi = MU / 2 (I1 - 3)."""
-    architecture = Architecture("I1", (1,))
-    parameters = np.zeros(architecture.n_parameters)
-    parameters[-1] = MU / 2
-    return Model(architecture, parameters, unit, {} if top is None else {"I1": (3.0, top), "I2": (3.0, 99.0)})
 
 
 @pytest.fixture

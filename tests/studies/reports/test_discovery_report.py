@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from discoveries import C01, explained, held, nothing, sheet, view
+from discovery_stand_in import StandInManifest, StandInModel
 from matplotlib.figure import Figure
 
 from calibrate.diagnosis.residual_tests import ChiSquare
@@ -224,23 +225,6 @@ def test_figures_show_both_models():
     assert len(figures.scores(found).axes) == 2
     assert isinstance(figures.intervals(found), Figure)
     assert figures.intervals(view(nothing())) is None
-
-
-class StandInModel:
-    """Instead of a model with a network, which is tested elsewhere."""
-
-    unit, additions, network = "MPa", (), None
-
-    def save(self, path):
-        path.write_text("{}")
-
-
-class StandInManifest:
-    def to_dict(self):
-        return {"settings": {}, "versions": {}}
-
-    def beside(self, *outputs, **results):
-        self.outputs, self.results = [path.name for path in outputs], results
 
 
 def test_report_and_data_are_written(tmp_path):

@@ -241,7 +241,7 @@ def test_specimens(chromium: Browser, tmp_path: Path) -> None:
 
 
 def test_predict(chromium: Browser, tmp_path: Path) -> None:
-    from test_predict import neo_hooke
+    from skip_network import neo_hooke
 
     neo_hooke().save(tmp_path / "model.json")
     words = [
@@ -265,7 +265,7 @@ def test_supervised(chromium: Browser, tmp_path: Path) -> None:
 
 
 def test_blind(chromium: Browser, tmp_path: Path) -> None:
-    from test_blind import trial
+    from judged_trials import trial
 
     from studies.trials import blind_report
 
@@ -327,7 +327,7 @@ def test_simulate_calibrate_and_predict_another_test(chromium: Browser, tmp_path
 
 def test_discover(chromium: Browser, tmp_path: Path) -> None:
     from discoveries import explained, view
-    from test_discovery_report import StandInManifest, StandInModel
+    from discovery_stand_in import StandInManifest, StandInModel
 
     from studies.reports.discovery import report as discovery_report
 

@@ -6,6 +6,7 @@ import json
 from itertools import batched, pairwise
 
 import pytest
+from judged_trials import trial
 
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_fit, score_tests
@@ -25,40 +26,6 @@ from studies.trials.blind_data import draw
 def plans(*words):
     given = application.parse(cli.targets("blind"), ["blind", *words])
     return given["trials"].plans(given["quick"])
-
-
-def trial(
-    tmp_path,
-    name,
-    hidden,
-    named=(),
-    verdict="explained",
-    score=50.0,
-    value=1.0,
-    deviation=0.1,
-    absent=None,
-    closest=(),
-    beside=50.0,
-):
-    """A folder with a label and a diagnosis: `hidden` with amplitude 1."""
-    home = tmp_path / name
-    (home / "sealed").mkdir(parents=True)
-    effects = [{"name": n, "amplitudes": {"a": 1.0}, "shape": {}, "more": {}} for n in hidden]
-    (home / "sealed" / "label.json").write_text(json.dumps({"effects": effects}))
-    if len(hidden) > 1:
-        (home / "sealed" / "beside.json").write_text(json.dumps(dict.fromkeys(hidden, beside)))
-    scores = {n: {"score": score, "adjusted": 0.0, "admissible": True, "amplitudes": [1.0], "like": {"twin": 0.95}}
-              for n in hidden}  # fmt: skip
-    full = {
-        "verdict": verdict, "named": list(named), "closest": list(closest), "groups": {n: [n, "twin"] for n in named},
-        "additions": [{"effect": n, "amplitudes": {"a": value}, "deviations": {"a": deviation}, "shape": {}} for n in named],
-        "rounds": [{"scores": scores}],
-    }  # fmt: skip
-    content = {"full": full, "seconds": 1.0}
-    if absent is not None:
-        content["absent"] = {"verdict": "explained", "named": absent, "closest": []}
-    (home / "diagnosis.json").write_text(json.dumps(content))
-    return home
 
 
 def test_every_trial_has_its_own_seed_and_kinds_are_mixed():
