@@ -119,7 +119,7 @@ class TTd(PerforatedSheet):
     """Four slits in a sheet whose grips hinder its contraction."""
 
     half_length: float = 20.0
-    perforation: tuple[Ellipse, ...] = (Ellipse(0.0, 8.0, 4.5, 2.5, pi / 2), Ellipse(10.0, 0.0, 6.0, 2.5, pi / 2))
+    perforation: tuple[Ellipse, ...] = (Ellipse(0.0, 7.5, 4.0, 2.5, pi / 2), Ellipse(10.0, 0.0, 6.0, 2.5, pi / 2))
     name: ClassVar[str] = "TTd"
 
 
@@ -128,7 +128,7 @@ class TTe(PerforatedSheet):
     """Two slits in a square: much of the middle in pure shear."""
 
     half_length: float = 15.0
-    perforation: tuple[Ellipse, ...] = (Ellipse(0.0, 7.5, 4.5, 2.5, pi / 2),)
+    perforation: tuple[Ellipse, ...] = (Ellipse(0.0, 7.0, 4.5, 2.5, pi / 2),)
     name: ClassVar[str] = "TTe"
 
 
