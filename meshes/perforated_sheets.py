@@ -75,7 +75,9 @@ class PerforatedSheet(Rectangle):
         for hole in self.perforation:
             where = f"{self.name}: the hole at ({hole.x:g}, {hole.y:g})"
             if hole.x < 0 or hole.y < 0 or not hole.a >= hole.b > 0:
-                raise SpecimenError(f"{where}: give x and y of at least 0 and semi-axes a >= b > 0; the rest is mirrored")
+                raise SpecimenError(
+                    f"{where}: give x and y of at least 0 and semi-axes a >= b > 0; the rest is mirrored"
+                )
             along = any(isclose(abs(hole.angle), turn, abs_tol=1e-9) for turn in (0, pi / 2, pi))
             if (hole.x == 0 or hole.y == 0) and hole.a != hole.b and not along:
                 raise SpecimenError(f"{where} lies on an axis of symmetry; turn it by 0 or pi/2, not {hole.angle:g}")
