@@ -3,7 +3,8 @@ r"""Bounded, damped least squares in JAX, from many starts at once.
 In: a residual function, its data, starts and lower bounds. Out: `Solutions`, with the reason why each start stopped.
 Minimises |residual(theta)|^2 + decay |theta|^2 for theta >= lower by Levenberg-Marquardt with the scaling of Marquardt (1963):
 steps go through the active bounds' complement and are cut off at the bounds. Compiled once for each residual function and
-shape of the data, so that residual functions are hashable and hold no arrays.
+shape of the data, so that residual functions are hashable and hold no arrays. One that knows a short way to its derivative has a
+method `jacobian(theta, data)` (rows, p).
 """
 
 from __future__ import annotations
@@ -71,6 +72,8 @@ def _damped_step(J: jax.Array, g: jax.Array, diagonal: jax.Array) -> jax.Array:
 def _solve(residual, data, starts, lower, limit: int, decay, floor):
     """Parameters, objectives, iterations, small steps at the end and last damping of every start."""
 
+    jacobian = getattr(residual, "jacobian", jax.jacfwd(residual))
+
     def objective(theta):
         r = residual(theta, data)
         return r @ r + decay * (theta @ theta)
@@ -81,7 +84,7 @@ def _solve(residual, data, starts, lower, limit: int, decay, floor):
 
     def step(state):
         theta, value, damping, count, small = state
-        r, J = residual(theta, data), jax.jacfwd(residual)(theta, data)
+        r, J = residual(theta, data), jacobian(theta, data)
         g = J.T @ r + decay * theta
         free = ~((theta <= lower) & (g > 0))  # active bounds stay where they are
         J, g = J * free, g * free

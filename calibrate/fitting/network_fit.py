@@ -73,7 +73,7 @@ def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24) -> Array:
 @dataclass(frozen=True)
 class NetworkFit:
     """Result of `fit_network`: best parameters (n_parameters,), their spline coefficients (n_functions,) and loss; of
-    every start (n_starts,) its loss, its iterations, and why it stopped."""
+    every start (n_starts,) its loss, its iterations, why it stopped, and its parameters (n_starts, n_parameters)."""
 
     parameters: Array
     coefficients: Array
@@ -81,6 +81,7 @@ class NetworkFit:
     losses: Array
     iterations: NDArray[np.int64]
     reasons: tuple[Stop, ...]
+    all_parameters: Array
 
 
 @dataclass(frozen=True)
@@ -97,15 +98,22 @@ class NetworkResidual:
             return ((sampled - target) * weights).ravel()
         return R @ sampled.ravel() - d
 
+    def jacobian(self, theta, data):
+        """(rows, n_parameters): site by site, backwards, which costs a large network much less than forwards through all rows."""
+        sites, weights, _, R, _, scales = data
+        slopes = jax.vmap(lambda site: jax.jacrev(lambda t: self._at(t, site, scales))(theta))(sites)
+        if self.distil:
+            return (slopes * weights[:, :, None]).reshape(-1, slopes.shape[-1])
+        return R @ slopes.reshape(-1, slopes.shape[-1])
+
     def derivatives(self, theta, sites, scales):
         """psi_k at the sites (n, 2): derivative by J_k, zero for an input that is not used."""
-        index = list(INPUT_SETS[self.architecture.inputs])
-        x = (sites * scales)[:, jnp.array(index)]
-        gradient = jax.vmap(jax.grad(lambda y: pann._network(self.architecture, theta, y)))(x)
-        result = jnp.zeros(sites.shape)
-        for position, k in enumerate(index):
-            result = result.at[:, k].set(gradient[:, position] * scales[k])
-        return result
+        return jax.vmap(lambda site: self._at(theta, site, scales))(sites)
+
+    def _at(self, theta, site, scales):
+        index = jnp.array(INPUT_SETS[self.architecture.inputs])
+        gradient = jax.grad(lambda y: pann._network(self.architecture, theta, y))((site * scales)[index])
+        return jnp.zeros(2).at[index].set(gradient * scales[index])
 
 
 def fit_network(
@@ -116,12 +124,13 @@ def fit_network(
     n_starts: int = 20,
     seed: int = 0,
     limit: int = 300,
+    distillation_limit: int | None = None,
 ) -> tuple[pann.Architecture, NetworkFit]:
     """Fit PANN_inputs^layers to a reduced loss, starting from `spline` coefficients of `convex_spline`.
 
     n_starts random starts (JAX key `seed`) are distilled from the spline and polished on the loss; the one with
     the lowest loss is returned. In plane strain every network has the bulk modulus that suits it best, the last of its
-    coefficients. limit: iterations of each stage. Raises `FitError` when no start converged to a finite loss.
+    coefficients. limit: iterations on the loss; distillation_limit: on the spline, as many where it is None. Raises `FitError` when no start converged to a finite loss.
     """
     whole, quadratic = quadratic, quadratic.of_energy()
     problem = _scaled_problem(quadratic, inputs, spline[: quadratic.basis.n_functions])
@@ -130,7 +139,7 @@ def fit_network(
     keys = jax.random.split(jax.random.key(seed), n_starts)
     starts = jnp.stack([unit.random_start(key) for key in keys])
     distilled = levenberg_marquardt(
-        NetworkResidual(unit, True), problem.data, starts, lower, limit, DISTILLATION_DECAY
+        NetworkResidual(unit, True), problem.data, starts, lower, distillation_limit or limit, DISTILLATION_DECAY
     ).parameters
     magnitude, offset = problem.magnitude, quadratic.constant - problem.magnitude**2
     floor = max(offset, 0.0) / magnitude**2
@@ -151,6 +160,7 @@ def fit_network(
         losses=losses * magnitude**2 + offset,
         iterations=found.iterations,
         reasons=found.reasons,
+        all_parameters=found.parameters,
     )
     return pann.Architecture(inputs, tuple(layers), problem.scales, problem.level), result
 
