@@ -13,7 +13,7 @@ Losses of independent tests add: their noise is independent, and each is weighte
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,24 +32,26 @@ from calibrate.fitting.stopping import Stop
 from calibrate.models import pann
 
 Array = NDArray[np.float64]
-PASSES = 2  # of the weighting
+FIRST = slice(None, None, -3)  # increments that tell the law at which all are weighted
 ITERATIONS, DISTILLATION = 150, 40  # of each start, on the loss and on the spline before
+TOLERANCE = 2e-5  # of a small step: some tenths of the loss, where noise leaves `LIKELY` undecided
 LIKELY = 9.0  # rise of the loss, in units of its mean over the equations, up to which a start counts as good as the best: three deviations
 
 
 @dataclass(frozen=True)
 class WeightedTest:
-    """A test and the Cholesky factors (r, r), N, of the noise of its equations, those with a measured load, increment by increment."""
+    """A test and the Cholesky factors (r, r), N, of the noise of its equations, those with a measured load, by increment."""
 
     system: Equilibrium
-    lowers: tuple[Array, ...]
+    lowers: Mapping[int, Array]
     noise_is_known: bool
 
     def quadratic(self, basis: Basis) -> Quadratic:
         """The noise-weighted loss in a basis that covers the test."""
         n = basis.n_functions
         loss = Quadratic(basis, np.zeros((n, n)), np.zeros(n), 0.0, 0)
-        for F, load, lower in zip(self.system.deformation_gradients, self.system.loads, self.lowers, strict=True):
+        for i, lower in self.lowers.items():
+            F, load = self.system.deformation_gradients[i], self.system.loads[i]
             known = np.isfinite(load)
             both = np.column_stack([self.system.matrix(basis, F)[known], load[known]])
             G, d = np.split(scipy.linalg.solve_triangular(lower, both, lower=True), [-1], axis=1)
@@ -57,7 +59,7 @@ class WeightedTest:
         return loss
 
 
-def weighted_test(system: Equilibrium, passes: int = PASSES) -> WeightedTest:
+def weighted_test(system: Equilibrium) -> WeightedTest:
     """The equations of a test with their weights. Raises `FitError`, see `calibrate.fitting.network_fit.convex_spline`."""
     experiment = system.experiment
     noise = experiment.noise
@@ -68,14 +70,14 @@ def weighted_test(system: Equilibrium, passes: int = PASSES) -> WeightedTest:
     factor = noise_covariance.noise_factor(experiment.points, noise)
     of_points = sp.csr_array(factor @ factor.T)
     c = best_neo_hooke(system, basis)
-    for k in range(passes):
-        lowers = []
-        for i, load in enumerate(system.loads):
+    for increments in (range(experiment.n_increments)[FIRST], range(experiment.n_increments)):
+        lowers = {}
+        for i in increments:
             covariance = residual_covariance(system, basis, c, i, of_points, noise)
-            measured = np.isfinite(load)
-            lowers.append(noise_covariance.cholesky_factor(covariance[np.ix_(measured, measured)]))
-        test = WeightedTest(system, tuple(lowers), known)
-        if k + 1 < passes:
+            measured = np.isfinite(system.loads[i])
+            lowers[i] = noise_covariance.cholesky_factor(covariance[np.ix_(measured, measured)])
+        test = WeightedTest(system, lowers, known)
+        if increments != range(experiment.n_increments):
             c = network_fit.convex_spline(test.quadratic(basis), "I1")
     return test
 
@@ -147,7 +149,7 @@ class JointFit:
 def fit(reduced: Reduced, layers: tuple[int, ...], starts: int = 20, seed: int = 0) -> JointFit:
     """Fit one size of network. Raises `FitError` when no start reached a finite loss."""
     architecture, found = network_fit.fit_network(
-        reduced.quadratic, reduced.inputs, layers, reduced.spline, starts, seed, ITERATIONS, DISTILLATION
+        reduced.quadratic, reduced.inputs, layers, reduced.spline, starts, seed, ITERATIONS, DISTILLATION, TOLERANCE
     )
     best = int(np.nanargmin(found.losses))
     per_equation = found.loss / reduced.quadratic.n_rows

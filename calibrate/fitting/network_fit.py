@@ -23,7 +23,7 @@ from calibrate import errors
 from calibrate.equations.basis import PlaneStrainBasis, Spline
 from calibrate.equations.inputs import INPUT_SETS
 from calibrate.equations.reduction import Quadratic
-from calibrate.fitting.levenberg_marquardt import levenberg_marquardt
+from calibrate.fitting.levenberg_marquardt import TOLERANCE, levenberg_marquardt
 from calibrate.fitting.stopping import Stop
 from calibrate.models import pann
 
@@ -125,12 +125,14 @@ def fit_network(
     seed: int = 0,
     limit: int = 300,
     distillation_limit: int | None = None,
+    tolerance: float = TOLERANCE,
 ) -> tuple[pann.Architecture, NetworkFit]:
     """Fit PANN_inputs^layers to a reduced loss, starting from `spline` coefficients of `convex_spline`.
 
     n_starts random starts (JAX key `seed`) are distilled from the spline and polished on the loss; the one with
     the lowest loss is returned. In plane strain every network has the bulk modulus that suits it best, the last of its
-    coefficients. limit: iterations on the loss; distillation_limit: on the spline, as many where it is None. Raises `FitError` when no start converged to a finite loss.
+    coefficients. limit: iterations on the loss; distillation_limit: on the spline, as many where it is None. tolerance: relative
+    decrease of a small step. Raises `FitError` when no start converged to a finite loss.
     """
     whole, quadratic = quadratic, quadratic.of_energy()
     problem = _scaled_problem(quadratic, inputs, spline[: quadratic.basis.n_functions])
@@ -145,7 +147,7 @@ def fit_network(
     floor = max(offset, 0.0) / magnitude**2
     decay = floor / max(quadratic.n_rows, 1) / PRIOR_STD**2 + 1e-14
     polish = NetworkResidual(unit, False)
-    found = levenberg_marquardt(polish, problem.data, jnp.asarray(distilled), lower, limit, decay, floor)
+    found = levenberg_marquardt(polish, problem.data, jnp.asarray(distilled), lower, limit, decay, floor, tolerance)
     losses = found.objectives - decay * (found.parameters**2).sum(axis=1)
     if not np.isfinite(losses).any():
         raise errors.FitError("no start reached a finite loss; check the data for extreme deformations")

@@ -47,7 +47,7 @@ class Preset[S: StudySettings]:
     default: S
     quick: S
     page: Callable[[Any], Page]
-    results: Callable[[Path, S], Any] = Results
+    results: Callable[[Path, Any], Any] = Results
     snakefile: Path = SNAKEFILE
 
     @property

@@ -81,10 +81,20 @@ def predictions(fit: JointFit, end_I1: float) -> dict[str, Prediction]:
         sites = np.stack([values[:, 0], values[:, 1] ** 1.5], axis=1) - REFERENCE
         slopes = slopes_of(fit.architecture, fit.parameters, sites)
         slopes = slopes * np.stack([np.ones(len(values)), 1.5 * np.sqrt(values[:, 1])], axis=1)  # by I1 and I2
-        stress = np.array([nominal_stress(lambda _, s=one: s, mode, stretch) for one in slopes])
+        stress = np.array([nominal_stress(_Known(one), mode, stretch) for one in slopes])
         likely = stress[fit.likely]
         found[mode] = Prediction(stress[fit.best].tolist(), likely.min(axis=0).tolist(), likely.max(axis=0).tolist())
     return found
+
+
+@dataclass(frozen=True)
+class _Known:
+    """d psi / d(I1, I2) (k, 2), MPa, at invariants that were chosen before."""
+
+    slopes: Array
+
+    def __call__(self, invariants: Array) -> Array:
+        return self.slopes
 
 
 def slopes_of(architecture: pann.Architecture, parameters: Array, sites: Array) -> Array:

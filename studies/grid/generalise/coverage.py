@@ -65,4 +65,6 @@ def to_arrays(found: Mapping[str, States]) -> dict[str, Array]:
 def from_arrays(content: Mapping[str, Array]) -> dict[str, States]:
     """Of what `to_arrays` gave."""
     names = [key.removeprefix("points_") for key in content if key.startswith("points_")]
-    return {n: States(content[f"points_{n}"], content[f"cells_{n}"], content[f"limits_{n}"]) for n in names}
+    return {
+        n: States(content[f"points_{n}"], content[f"cells_{n}"].astype(bool), content[f"limits_{n}"]) for n in names
+    }

@@ -25,7 +25,7 @@ INPUTS = {
     "I2": {"color": style.COLOURS["vermilion"], "linestyle": "--", "label": r"$I_2$"},
     "I1I2": {"color": style.COLOURS["green"], "linestyle": "-.", "label": r"$I_1$ and $I_2$"},
 }
-POINTS = dict(s=1.2, linewidths=0, alpha=0.5, rasterized=True)
+POINTS = {"s": 1.2, "linewidths": 0, "alpha": 0.5, "rasterized": True}
 TICKS = {"uniaxial": (1.5, 2, 2.5, 3, 3.5, 4), "equibiaxial": (1.2, 1.4, 1.6, 1.8, 2, 2.2, 2.4), "pure_shear": (2, 3)}
 WORST_SHOWN = 0.0
 
@@ -182,8 +182,7 @@ def draw_ambiguity(results: GeneraliseResults, truth: str) -> Any:
                 x, y = [], []
                 for tests in settings.sets:
                     x.append(100 * results.coverage(truth, tests))
-                    y.append(100 * results.spread(truth, lambda seed, t=tests, i=inputs, m=mode: results.ambiguity(
-                        truth, results.chosen(truth, seed, tests=t, inputs=i), m)).median)  # fmt: skip
+                    y.append(100 * results.spread(results.set_ambiguity, truth, tests, inputs, mode).median)
                 look = INPUTS[inputs]
                 axes.plot(
                     x,

@@ -59,15 +59,15 @@ class GeneraliseResults:
 
     def limits(self, truth: str, tests: str) -> Array:
         """(2,): ends of the calibrated range of I1 and I2 of a set."""
-        return np.max([self.states[truth][name].limits for name in tests.split("+")], axis=0)
+        return np.array([self.states[truth][name].limits for name in tests.split("+")]).max(axis=0)
 
     def chosen(self, truth: str, seed: int, **keys: Any) -> list[CalibratedSet]:
         """Calibrations of a seed whose `tests`, `inputs`, `layers` are those of `keys`."""
         return [one for one in self.calibrations[truth, seed] if all(getattr(one, k) == v for k, v in keys.items())]
 
-    def spread(self, truth: str, number: Callable[[int], float]) -> Spread:
-        """Median and range over seeds of a number."""
-        return Spread.of(number(seed) for seed in self.settings.seeds)
+    def spread(self, number: Callable[..., float], *arguments: Any) -> Spread:
+        """Median and range over seeds of number(seed, *arguments)."""
+        return Spread.of(number(seed, *arguments) for seed in self.settings.seeds)
 
     def inputs(self) -> list[Path]:
         """Files that the report is made of."""
@@ -88,6 +88,10 @@ class GeneraliseResults:
         """Relative error at the last stretch, with its sign."""
         return float(one.predictions[mode].stress[-1] / self.truth_curves[truth, mode][-1] - 1)
 
+    def set_ambiguity(self, seed: int, truth: str, tests: str, inputs: str, mode: str) -> float:
+        """Of all sizes and their likely starts."""
+        return self.ambiguity(truth, self.chosen(truth, seed, tests=tests, inputs=inputs), mode)
+
     def ambiguity(self, truth: str, group: Sequence[CalibratedSet], mode: str, beyond: str = "") -> float:
         """Half the width of the band over calibrations and their likely starts. beyond: a set; only stretches out of its range count."""
         low, high = band(group, mode)
@@ -101,8 +105,8 @@ class GeneraliseResults:
 
 def band(group: Sequence[CalibratedSet], mode: str) -> tuple[Array, Array]:
     """Lowest and highest stress (k,) over calibrations and their likely starts."""
-    low = np.min([one.predictions[mode].low for one in group], axis=0)
-    return low, np.max([one.predictions[mode].high for one in group], axis=0)
+    low, high = (np.array([getattr(one.predictions[mode], end) for one in group]) for end in ("low", "high"))
+    return low.min(axis=0), high.max(axis=0)
 
 
 def mean_score(one: CalibratedSet, specimens: Iterable[str] = SHEETS) -> float:

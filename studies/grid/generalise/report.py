@@ -10,6 +10,7 @@ from studies.grid.generalise.generalise_results import GeneraliseResults, mean_s
 from studies.grid.generalise.generalise_settings import CROSS, MEASURED, MIDDLE
 from studies.grid.generalise.statements import MODE_NAMES, RULES, Judged, judge
 from studies.grid.report import Page, Part, Picture, Section, Table, Text
+from studies.grid.results import Spread
 from studies.output.words import Words
 
 WORDS = Words("generalise")
@@ -82,11 +83,10 @@ def set_rows(results: GeneraliseResults, truth: str) -> list[list[Any]]:
     rows = []
     for tests in results.settings.sets:
         for inputs in results.settings.inputs:
-            numbers = [set_numbers(results, truth, seed, tests, inputs) for seed in results.settings.seeds]
-            spreads = [
-                results.spread(truth, lambda seed, k=k: numbers[results.settings.seeds.index(seed)][k])
-                for k in range(len(numbers[0]))
-            ]
+            numbers = zip(
+                *(set_numbers(results, truth, seed, tests, inputs) for seed in results.settings.seeds), strict=True
+            )
+            spreads = [Spread.of(values) for values in numbers]
             texts = [spread.text(4 if k == 0 else 1) for k, spread in enumerate(spreads)]
             rows.append([truth, tests, inputs, round(100 * results.coverage(truth, tests), 1), *texts])
     return rows

@@ -80,8 +80,8 @@ class _Case:
     results: GeneraliseResults
     truth: str
 
-    def over_seeds(self, number: Callable[[int], float]) -> Spread:
-        return self.results.spread(self.truth, number)
+    def over_seeds(self, number: Callable[..., float], *arguments: Any) -> Spread:
+        return self.results.spread(number, *arguments)
 
     def score(self, seed: int, tests: str, specimen: str, inputs: str = BOTH) -> float:
         """Median over sizes of r2_F."""
@@ -152,7 +152,7 @@ def _rich_clearer(case: _Case) -> Found:
 
 
 def _best_partner(case: _Case) -> Found:
-    means = {tests: case.over_seeds(lambda seed, t=tests: case.mean(seed, t)) for tests in PAPER_SETS}
+    means = {tests: case.over_seeds(case.mean, tests) for tests in PAPER_SETS}
     own = means["UT+TTd"]
     rival = max((tests for tests in PAPER_SETS if tests != "UT+TTd"), key=lambda tests: means[tests].median)
     ahead = case.over_seeds(lambda seed: case.mean(seed, "UT+TTd") - case.mean(seed, rival))
@@ -169,14 +169,14 @@ def _ut_and_ps(case: _Case) -> Found:
 
 def _ps_alone(case: _Case) -> Found:
     sheets = [name for name in case.results.settings.specimens if name != CROSS]
-    on_ut = case.over_seeds(lambda seed: case.score(seed, "PS", "UT"))
+    on_ut = case.over_seeds(case.score, "PS", "UT")
     worst = case.over_seeds(lambda seed: min(case.score(seed, "PS", name) for name in sheets if name != "UT"))
     confirmed = on_ut.median < RULES.insufficient and on_ut.median < worst.median
     return three_way(confirmed, on_ut.median >= RULES.good), {"UT": on_ut, "worst other sheet": worst}
 
 
 def _few_holes(case: _Case) -> Found:
-    found = {tests: case.over_seeds(lambda seed, t=tests: case.score(seed, t, "UT")) for tests in ("TTa", "TTb")}
+    found = {tests: case.over_seeds(case.score, tests, "UT") for tests in ("TTa", "TTb")}
     medians = [spread.median for spread in found.values()]
     return three_way(max(medians) < RULES.insufficient, min(medians) >= RULES.good), found
 
@@ -200,7 +200,7 @@ def _both_best(case: _Case) -> Found:
     def overall(seed: int, inputs: str) -> float:
         return float(np.mean([case.mean(seed, tests, inputs) for tests in PAPER_SETS]))
 
-    found = {inputs: case.over_seeds(lambda seed, i=inputs: overall(seed, i)) for inputs in ("I1", "I2", BOTH)}
+    found = {inputs: case.over_seeds(overall, inputs) for inputs in ("I1", "I2", BOTH)}
     rival = max(found["I1"].median, found["I2"].median)
     ahead = found[BOTH].median - rival
     return three_way(ahead >= -RULES.margin / 10, ahead < -RULES.margin), found
