@@ -25,9 +25,9 @@ INPUTS = {
     "I2": {"color": style.COLOURS["vermilion"], "linestyle": "--", "label": r"$I_2$"},
     "I1I2": {"color": style.COLOURS["green"], "linestyle": "-.", "label": r"$I_1$ and $I_2$"},
 }
-POINTS = {"s": 1.2, "linewidths": 0, "alpha": 0.5, "rasterized": True}
+POINTS = {"s": 2.5, "linewidths": 0, "alpha": 0.6, "rasterized": True, "zorder": 3}
 TICKS = {"uniaxial": (1.5, 2, 2.5, 3, 3.5, 4), "equibiaxial": (1.2, 1.4, 1.6, 1.8, 2, 2.2, 2.4), "pure_shear": (2, 3)}
-WORST_SHOWN = 0.0
+WORST_SHOWN = 0.9  # r2_F at the end of the colours
 
 
 def draw_states(results: GeneraliseResults, truth: str) -> Any:
@@ -134,7 +134,7 @@ def draw_matrix(results: GeneraliseResults, truth: str, inputs: str, layers: tup
         image = matrix(axes, results, values)
         for (row, column), value in np.ndenumerate(values):
             shown = f"{value:.3f}" if value > -9.995 else "<-10"
-            colour = "white" if value < 0.6 else "black"
+            colour = "white" if value < 0.95 else "black"
             axes.text(column, row, shown, ha="center", va="center", fontsize=7, color=colour)
         axes.set_xticks(range(len(settings.specimens)), settings.specimens)
         axes.set_yticks(range(len(settings.sets)), [tests.replace("+", " & ") for tests in settings.sets])

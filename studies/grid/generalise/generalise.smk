@@ -5,7 +5,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from studies.grid.generalise.generalise_settings import GeneraliseSettings
+from studies.grid.generalise.generalise_settings import MEASURED, GeneraliseSettings
 
 folder = Path(config["folder"])
 settings = GeneraliseSettings.read(folder)
@@ -31,7 +31,7 @@ rule forward:
     shell: step + " forward {folder:q} {wildcards.truth} {wildcards.specimen}"
 
 rule observe:
-    input: f"{folder}/forward/{{truth}}_{{specimen}}.npz"
+    input: lambda wildcards: [] if wildcards.truth == MEASURED else [f"{folder}/forward/{wildcards.truth}_{wildcards.specimen}.npz"]
     output: f"{folder}/clean/{{truth}}_{{specimen}}.npz"
     priority: 50
     resources: mem_mb=1000

@@ -25,6 +25,7 @@ from meshes import quads
 from studies.grid.generalise import calibrated_set, coverage, windows
 from studies.grid.generalise.force_prediction import PredictedTest, fine_basis, predicted_test
 from studies.grid.generalise.generalise_settings import MEASURED, MIDDLE, GeneraliseSettings
+from studies.importers import abbasi_sheets
 from studies.output import write_json, write_npz
 from studies.synthetic import camera
 
@@ -41,13 +42,16 @@ def forward(folder: Path, settings: GeneraliseSettings, truth: str, specimen: st
 
 
 def observe(folder: Path, settings: GeneraliseSettings, truth: str, specimen: str) -> None:
-    """What the camera sees of it without noise."""
+    """What the camera sees of it without noise; or the measured test."""
+    path = settings.clean_path(folder, truth, specimen)
+    path.parent.mkdir(exist_ok=True)
+    if truth == MEASURED:
+        abbasi_sheets.sheet(specimen).save(path)
+        return
     solution = SurfaceSolution.load(folder / "forward" / f"{truth}_{specimen}.npz").mirrored()
     mesh = windows.camera_mesh(specimen, settings.margin, settings.nodes)
     known = {"specimen": windows.specimen(specimen).to_dict(), "material": MATERIALS[truth]().to_dict(),
              "margin_mm": settings.margin, "solution": solution.description}  # fmt: skip
-    path = settings.clean_path(folder, truth, specimen)
-    path.parent.mkdir(exist_ok=True)
     windows.observe(solution, mesh, specimen, known).save(path)
 
 

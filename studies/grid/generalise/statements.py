@@ -128,8 +128,12 @@ Found = tuple[ClaimVerdict, dict[str, Spread]]
 def _with_coverage(case: _Case, number: Callable[[int, str], float]) -> Found:
     sets = case.results.settings.sets
     covered = [case.results.coverage(case.truth, tests) for tests in sets]
-    rank = case.over_seeds(lambda seed: float(spearmanr(covered, [number(seed, tests) for tests in sets])[0]))
-    limit = RULES.correlation
+
+    def correlation(seed: int) -> float:
+        numbers = [number(seed, tests) for tests in sets]
+        return float(spearmanr(covered, numbers)[0]) if np.ptp(numbers) > 0 else 0.0
+
+    rank, limit = case.over_seeds(correlation), RULES.correlation
     return three_way(rank.median <= -limit, rank.median > -limit / 2), {"rank correlation with coverage": rank}
 
 
