@@ -48,18 +48,21 @@ def fine_basis(inputs: str, systems: list[Equilibrium]) -> SingleBasis | TensorB
 def predicted_test(system: Equilibrium, basis: SingleBasis | TensorBasis) -> PredictedTest:
     """Of the grips whose force along their outward direction was measured; mean over them."""
     experiment, fields = system.experiment, system.fields
-    middle = experiment.points.mean(axis=0)
-    columns = np.flatnonzero(fields.boundary >= 0)
-    weights = np.zeros((len(columns), 2))
-    for row, column in enumerate(columns):
-        outward = experiment.points[experiment.loaded[fields.boundary[column]].nodes].mean(axis=0) - middle
-        weights[row, np.argmax(np.abs(outward))] = np.sign(outward[np.argmax(np.abs(outward))]) / len(columns)
+    middle, columns, rows = experiment.points.mean(axis=0), [], []
+    for column in np.flatnonzero(fields.boundary >= 0):
+        grip = experiment.loaded[fields.boundary[column]]
+        outward = experiment.points[grip.nodes].mean(axis=0) - middle
+        axis = int(np.argmax(np.abs(outward)))
+        if np.isfinite(grip.force[:, axis]).all():
+            columns.append(column)
+            rows.append(np.sign(outward[axis]) * np.eye(2)[axis])
+    weights = np.array(rows) / len(columns)
     slopes = system.virtual_gradients[columns].toarray().reshape(len(columns), -1, 2)
     virtual = np.einsum("bi,bmj->mij", weights, slopes)  # of the mean force along the pull
     used = np.flatnonzero(np.abs(virtual).max(axis=(1, 2)) > 0)
     matrix = np.array([_row(basis, F[used], virtual[used]) for F in system.deformation_gradients])
     forces = np.array([experiment.loaded[fields.boundary[column]].force for column in columns])
-    return PredictedTest(matrix, np.einsum("bi,bti->t", weights, forces))
+    return PredictedTest(matrix, np.einsum("bi,bti->t", weights, np.where(weights[:, None] == 0, 0.0, forces)))
 
 
 def _row(basis: SingleBasis | TensorBasis, F: Array, virtual: Array) -> Array:
