@@ -222,20 +222,3 @@ class PlateWithHole(Rectangle):
 
     def holes(self) -> list[Ellipse]:
         return [Ellipse(0, 0, self.hole_radius, self.hole_radius)]
-
-
-SPECIMENS: dict[str, type[Specimen]] = {
-    kind.name: kind for kind in (Cross, Strip, PureShearSheet, SquareSheet, PlateWithHole)
-}
-
-
-def specimen_from_dict(content: dict[str, Any]) -> Specimen:
-    """Specimen from `Specimen.to_dict()`. Raises `SpecimenError` naming an unknown specimen or dimension."""
-    dimensions = dict(content)
-    name = dimensions.pop("specimen", None)
-    if name not in SPECIMENS:
-        raise SpecimenError(f"specimen '{name}' is unknown; choose one of {', '.join(SPECIMENS)}")
-    try:
-        return SPECIMENS[name](**dimensions)
-    except TypeError as error:
-        raise SpecimenError(f"{name}: {error}") from error

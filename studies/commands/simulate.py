@@ -21,7 +21,7 @@ from forward.materials.network_energy import Pann
 from forward.sheet.plane_stress import solve as solve_plane_stress
 from forward.solution import SurfaceSolution
 from meshes import Mesh, quads, triangles
-from meshes.specimens import SPECIMENS
+from meshes.known_specimens import SPECIMENS
 from studies.commandline.option_types import (
     Assignments,
     Count,
