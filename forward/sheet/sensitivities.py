@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forward import interpolation
-from forward._dolfinx import JIT_OPTIONS, MPI, QUADRATURE_DEGREE, compiler_needed, dolfinx, ufl
+from forward._dolfinx import MPI, QUADRATURE_DEGREE, dolfinx, ufl
+from forward.compilation import compiled_form
 from forward.errors import SolutionError
 from forward.loading import SYMMETRY, Loading
 from forward.materials import Material
@@ -85,8 +86,7 @@ def sensitivities(
         )
     loading = loading.on(solution.mesh)
     sides = [name for name in loading.displacements if name not in SYMMETRY]
-    with compiler_needed():
-        problem = _Linearised(solution, material, loading, varied or material, comm)
+    problem = _Linearised(solution, material, loading, varied or material, comm)
     displacements: list[Array] = []
     reactions: dict[str, list[Array]] = {side: [] for side in sides}
     for u in solution.displacements:
@@ -107,7 +107,7 @@ class _Linearised(PlaneStressProblem):
         held, values = loading.prescribed(solution.mesh)
         super().__init__(solution.mesh, material, solution.thickness, held, values, 1e-10, 25, comm)
         self.direction = dolfinx.fem.Constant(self.domain, np.zeros(len(varied.parameters)))
-        self._change = dolfinx.fem.form(self._parameter_forces(varied, solution.thickness), jit_options=JIT_OPTIONS)
+        self._change = compiled_form(self._parameter_forces(varied, solution.thickness))
         self._whole = dolfinx.fem.petsc.create_matrix(self.problem.J)
         self._held = self._held_entries()
 
