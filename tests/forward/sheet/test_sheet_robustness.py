@@ -182,5 +182,5 @@ def test_many_problems_in_one_process():
     """A solve takes 15 communicators of the 2046 that MPI has; before they were freed, the 136th ended the process."""
     mesh = quads(Strip(), quarter=True, size_factor=4.0)
     loading = Loading.clamped(["left", "right"], 5.0)
-    forces = [solve(mesh, NeoHooke(0.3), loading, 1).reactions["right"][-1, 0] for _ in range(200)]
+    forces = [solve(mesh, NeoHooke(0.3), loading, 1).reactions["right"][-1, 0] for _ in range(140)]
     np.testing.assert_allclose(forces, forces[0], rtol=1e-9)
