@@ -311,7 +311,7 @@ def test_a_fit_that_runs_away_is_named_and_refuses_its_effect(monkeypatch):
     """An effect that multiplies the stress of a base of which nothing is left."""
     problem, state = prepared(0.02)
     payne = Addition(effect("Payne softening"), (5.0,), (1.0,))
-    with pytest.raises(errors.FitError, match="Payne softening ran away"):
+    with pytest.raises(errors.FitError, match="Payne softening"):
         effect_fit.refit(problem, 0 * state.c, (payne,))
     model = Model(problem, state)
     now = scored_round(model, [effect("second invariant")], False, 0, lambda text: None)
@@ -386,7 +386,7 @@ def test_nonsense_is_refused(text):
 
 
 def test_holding_out_everything_is_refused():
-    with pytest.raises(errors.ConfigError, match="leaves nothing"):
+    with pytest.raises(errors.ConfigError, match="nothing"):
         HoldOut.parse("after:0.5").training(equilibrium(sheet()))
 
 
