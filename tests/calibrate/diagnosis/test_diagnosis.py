@@ -286,10 +286,10 @@ def test_a_single_increment_is_not_explained_by_an_offset_of_its_force():
     one = sheet(0.02)
     last = tuple(replace(b, force=b.force[-1:]) for b in one.loaded)
     one = replace(one, displacements=one.displacements[-1:], loaded=last, time=one.time[-1:])
-    result = discover([one], HoldOut("none", None), effects=FEW, whole_table=False)
-    scores = {row.name: row.score for row in result.rounds[0].candidates}
-    assert scores["force offset"].status is Status.NOT_TESTABLE
-    assert "more increments" in scores["force offset"].missing
+    result = discover([one], HoldOut("none", None), effects=[effect("force offset")], whole_table=False)
+    (row,) = result.rounds[0].candidates
+    assert row.score.status is Status.NOT_TESTABLE
+    assert "increments" in row.score.missing
 
 
 def test_without_forces_among_what_is_held_out_there_is_no_force_error():
