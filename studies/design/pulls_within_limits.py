@@ -19,13 +19,15 @@ from forward.loading import Loading
 from forward.materials import Material
 from forward.sheet.plane_stress import solve
 from forward.solution import SurfaceSolution
-from meshes import Specimen, quads
+from meshes import Mesh, Specimen, quads
+from meshes.errors import MeshQualityError
 from meshes.ligaments import narrowest_ligament
 from studies.design.design_plan import AXES, CameraTable, Plan
 from studies.errors import DesignError
 
 Array = NDArray[np.float64]
 MARGIN = 0.995  # of the displacement at which a limit is met
+FINER = (1.0, 0.75, 0.5)  # sizes that are tried
 FIELD_MARGIN = 1.05  # of the camera's field, over the stretched specimen
 
 
@@ -80,7 +82,7 @@ class Pull:
 def limited_pull(specimen: Specimen, law: Material, plan: Plan, size_factor: float | None = None) -> Pull:
     """Pull a specimen as far as the plan's limits allow. Raises `DesignError` where it cannot be tested, `MeshError`, `ForwardError`."""
     check_feasible(specimen, plan)
-    mesh = quads(specimen, quarter=True, size_factor=size_factor or plan.size_factor)
+    mesh = meshed(specimen, size_factor or plan.size_factor)
     bounds = displacement_bounds(specimen, plan)
     limit = min(bounds, key=lambda name: bounds[name])
     displacement = bounds[limit]
@@ -101,6 +103,17 @@ def limited_pull(specimen: Specimen, law: Material, plan: Plan, size_factor: flo
             return pull
         limit, displacement = met, MARGIN * share * displacement
     raise DesignError(f"{specimen.name}: no displacement was found that keeps the limits")
+
+
+def meshed(specimen: Specimen, size_factor: float) -> Mesh:
+    """A quarter in quads; finer where these sizes make bad cells, as at the tips of slits. Raises `MeshQualityError`."""
+    for finer in FINER:
+        try:
+            return quads(specimen, quarter=True, size_factor=finer * size_factor)
+        except MeshQualityError:
+            if finer == FINER[-1]:
+                raise
+    raise AssertionError
 
 
 def check_feasible(specimen: Specimen, plan: Plan) -> None:

@@ -32,12 +32,13 @@ from forward.errors import ForwardError
 from forward.loading import Loading
 from forward.materials import Material
 from forward.sheet.plane_stress import solve
-from meshes import quads, triangles
+from meshes import triangles
+from meshes.errors import MeshError
 from studies.design.candidates import Candidate, Ranking, file_name
 from studies.design.design_plan import Plan
 from studies.design.expected_information import camera_points
 from studies.design.law_family import LawFamily
-from studies.design.pulls_within_limits import view_of
+from studies.design.pulls_within_limits import meshed, view_of
 from studies.output import Progress, write_json
 from studies.synthetic.camera import Camera, GaussianField, observe
 
@@ -129,11 +130,11 @@ def actual_errors(candidate: Candidate, truth: Material, family: LawFamily, plan
     """Of one candidate, for every seed."""
     assert candidate.end is not None
     specimen, displacement, seeds = candidate.specimen, candidate.end.displacement, range(plan.validation.seeds)
-    mesh = quads(specimen, quarter=True, size_factor=FINER * plan.size_factor)
     loading = Loading.clamped(specimen.loaded, displacement)
     try:
+        mesh = meshed(specimen, FINER * plan.size_factor)
         solution = solve(mesh, truth, loading, plan.camera.pictures, plan.sheet.thickness_mm).mirrored()
-    except ForwardError as error:
+    except (ForwardError, MeshError) as error:
         return [ActualError(candidate.title, seed, {}, str(error)) for seed in seeds]
     view = view_of(specimen, displacement, plan)
     camera = Camera(
