@@ -33,7 +33,8 @@ from calibrate.equations.reduction import assemble
 from forward.materials import Material
 from forward.sheet.sensitivities import sensitivities
 from forward.solution import SurfaceSolution
-from meshes import Specimen, triangles
+from meshes import Mesh, Specimen, triangles
+from meshes.errors import MeshQualityError
 from studies.design.design_plan import AXES, Plan
 from studies.design.information import Information
 from studies.design.law_family import LawFamily
@@ -43,6 +44,7 @@ from studies.synthetic.specimen_edges import inside
 
 Array = NDArray[np.float64]
 FEWEST = 150  # camera points of a specimen
+MORE = (1.0, 1.15, 1.35, 1.6, 2.0)  # shares of points that are tried, where holes ask for more
 
 
 def force_std(plan: Plan) -> float:
@@ -85,13 +87,20 @@ def equation_information(pull: Pull, family: LawFamily, plan: Plan) -> Informati
 
 def clean_experiment(solution: SurfaceSolution, specimen: Specimen, view: View, plan: Plan) -> Experiment:
     """What the camera records of a whole specimen without noise, with the noise that it would have stated."""
-    experiment = observe(solution, triangles(specimen, n_nodes=camera_points(specimen, view)), name=specimen.name)
+    experiment = observe(solution, camera_mesh(specimen, view), name=specimen.name)
     return replace(experiment, noise=Noise(view.std, view.correlation_length, force_std(plan)))
 
 
-def camera_points(specimen: Specimen, view: View) -> int:
-    """Number of points that the camera has on a specimen."""
-    return max(FEWEST, round(specimen.exact_area() / view.pitch**2))
+def camera_mesh(specimen: Specimen, view: View) -> Mesh:
+    """Triangles whose nodes are the camera's points, as many as it has on the specimen, or a few more. Raises `MeshQualityError`."""
+    least = max(FEWEST, round(specimen.exact_area() / view.pitch**2))
+    for more in MORE:
+        try:
+            return triangles(specimen, n_nodes=round(more * least))
+        except MeshQualityError:
+            if more == MORE[-1]:
+                raise
+    raise AssertionError
 
 
 def quadrant_points(specimen: Specimen, pitch: float) -> Array:

@@ -32,11 +32,10 @@ from forward.errors import ForwardError
 from forward.loading import Loading
 from forward.materials import Material
 from forward.sheet.plane_stress import solve
-from meshes import triangles
 from meshes.errors import MeshError
 from studies.design.candidates import Candidate, Ranking, file_name
 from studies.design.design_plan import Plan
-from studies.design.expected_information import camera_points
+from studies.design.expected_information import camera_mesh
 from studies.design.law_family import LawFamily
 from studies.design.pulls_within_limits import meshed, view_of
 from studies.output import Progress, write_json
@@ -130,17 +129,16 @@ def actual_errors(candidate: Candidate, truth: Material, family: LawFamily, plan
     """Of one candidate, for every seed."""
     assert candidate.end is not None
     specimen, displacement, seeds = candidate.specimen, candidate.end.displacement, range(plan.validation.seeds)
-    loading = Loading.clamped(specimen.loaded, displacement)
+    loading, view = Loading.clamped(specimen.loaded, displacement), view_of(specimen, displacement, plan)
     try:
+        points = camera_mesh(specimen, view)
         mesh = meshed(specimen, FINER * plan.size_factor)
         solution = solve(mesh, truth, loading, plan.camera.pictures, plan.sheet.thickness_mm).mirrored()
     except (ForwardError, MeshError) as error:
         return [ActualError(candidate.title, seed, {}, str(error)) for seed in seeds]
-    view = view_of(specimen, displacement, plan)
     camera = Camera(
         GaussianField(view.correlation_length, GRID), plan.camera.noise, view.field, plan.machine.force_noise
     )
-    points = triangles(specimen, n_nodes=camera_points(specimen, view))
     found = []
     for seed in seeds:
         try:
