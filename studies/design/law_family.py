@@ -16,10 +16,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.equations.deformation_modes import mode_invariants, nominal_stress
+from calibrate.equations.deformation_modes import mode_invariants, nominal_stress, stretches_to_gradient
+from calibrate.equations.kinematics import invariants_and_derivatives
 from forward.materials import Material
 from forward.materials.tabulated import Tabulated
 
@@ -72,7 +74,7 @@ class LawFamily:
         x = np.linspace(0, 1, self.knots)
         one = np.exp(-((x[:, None] - x) ** 2) / (2 * self.correlation_length**2)) + JITTER * np.eye(self.knots)
         size = self.deviation * self.base.shear_modulus / 2
-        return size * np.kron(np.eye(2), np.linalg.cholesky(one))
+        return np.kron(np.eye(2), size * np.linalg.cholesky(one)).astype(np.float64)
 
     def derivatives(self, invariants: Array) -> Array:
         """d psi / d(I1, I2) (..., 2) of the expected law, MPa, at invariants (..., 2), by central differences."""
@@ -100,7 +102,6 @@ class LawFamily:
 
     def stress_sensitivity(self, mode: str) -> Array:
         """Derivatives (p, k) of the nominal stress along the pull to the parameters."""
-        columns = []
-        for j in range(self.size):
-            columns.append(nominal_stress(lambda I, j=j: self.hats(I)[..., j], mode, self.stretch(mode)))
-        return np.stack(columns, axis=1)
+        stretch = self.stretch(mode)
+        values, first = map(np.asarray, invariants_and_derivatives(jnp.asarray(stretches_to_gradient(mode, stretch))))
+        return np.einsum("pik,pi->pk", self.hats(values), first[:, :, 0, 0])
