@@ -94,6 +94,11 @@ COMMANDS = {
         "study: what measured sheets and homogeneous tests do beyond hyperelasticity",
         "equigap measured --quick\nequigap measured --until 15 --frames 24 -o results/measured",
     ),
+    "design": Command(
+        "studies.commands.design:design",
+        "which specimen to cut next, and what it would tell of the law",
+        "equigap design --quick\nequigap design family.toml --validate --output results/next",
+    ),
     "figures": Command(
         "studies.commands.figures:figures",
         "every figure and table of all studies, in one folder",

@@ -15,23 +15,22 @@ from meshes import (
     MeshError,
     PerforatedSheet,
     PlateWithHole,
-    PureShearSheet,
-    SquareSheet,
     Strip,
     _gmsh,
     area_excess,
+    known_specimens,
     quads,
     specimen_from_dict,
     triangles,
 )
 from meshes.errors import MeshDataError, MissingLibraryError, SpecimenError
 from meshes.mesh import QUAD_NODES, boundary_edges, quad_shape_gradients, quad_shapes
-from meshes.perforated_sheets import SHEETS, TTc, TTd
+from meshes.perforated_sheets import SHEETS, TTc
 from meshes.picture import draw
 from meshes.shapes import Ellipse
 
 ROOT = Path(__file__).parents[2]
-SPECIMENS = [Cross(), Strip(), PureShearSheet(), SquareSheet(), PlateWithHole(), TTd()]
+SPECIMENS = [kind() for kind in known_specimens.SPECIMENS.values()]
 NAMES = [specimen.name for specimen in SPECIMENS]
 
 
