@@ -80,6 +80,12 @@ class Fit:
         return self.free_loss / max(self.degrees, 1)
 
     @property
+    def likelihood(self) -> float:
+        """Minus twice the log-likelihood of what no I1 energy can absorb; see `Misfit.likelihood`."""
+        dispersion = max(1.0, self.reduced_chi_square)
+        return self.free_loss / dispersion + self.degrees * float(np.log(dispersion)) + self.log_determinant
+
+    @property
     def p_value(self) -> float:
         """Probability of a misfit as large, if there is nothing but noise, from all three (Bonferroni).
 
@@ -177,7 +183,7 @@ class _Linearised:
 def refit(problem: Problem, c: Array, additions: Additions, iterations: int = ITERATIONS) -> Fit:
     """Base, amplitudes and shapes together, by Gauss-Newton on the exact residual; c (n,): where it starts.
 
-    Steps that raise the misfit are halved. Raises `FitError` where a fit runs away.
+    Steps that raise the misfit are halved, those to what is not finite too. Raises `FitError` where a fit runs away.
     """
     w = np.maximum(np.linalg.lstsq(problem.cone, c, rcond=None)[0], 0.0)
     last: list[_Linearised] = []
@@ -187,11 +193,14 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = IT
         last[:] = [_linearised(problem, point, known)]
         return last[0]
 
-    found = gauss_newton.minimise(linearise, _point(problem, w, additions), Halving(), iterations)
-    if found.reason is Stop.NOT_FINITE:
-        raise _ran_away(additions)
-    step = found.step.fraction * found.linear.length(found.step.unknowns)
-    return replace(_finished(problem, found.linear, found.point), last_step=step, stop=found.reason)
+    try:
+        found = gauss_newton.minimise(linearise, _point(problem, w, additions), Halving(), iterations)
+        if found.reason is Stop.NOT_FINITE:
+            raise _ran_away(additions)
+        step = found.step.fraction * found.linear.length(found.step.unknowns)
+        return replace(_finished(problem, found.linear, found.point), last_step=step, stop=found.reason)
+    except np.linalg.LinAlgError:
+        raise _ran_away(additions) from None
 
 
 def _point(problem: Problem, w: Array, additions: Additions) -> _Point:
@@ -201,6 +210,7 @@ def _point(problem: Problem, w: Array, additions: Additions) -> _Point:
 def _linearised(problem: Problem, point: _Point, known: _Linearised | None) -> _Linearised:
     """known: where the estimate of the true displacements, and with it the columns of the base, are taken from."""
     c, r = problem.cone @ point.w, point.residual
+    _check(r, point.additions)
     dispersion = max(1.0, float(r @ r) / len(r))
     if known is None:
         chains = tuple(denoised(problem, c, point.additions, r, dispersion))
@@ -241,6 +251,7 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
         c = (1 + (1 - 1 / linear.dispersion) * (equations.stiffness_factor(problem, c, additions) - 1)) * c
     _check(c, additions)
     r = equations.residual(problem, c, additions)
+    _check(r, additions)
     U = orthonormal(np.concatenate([linear.span, linear.S], axis=1))
     uncertain = residual_tests.uncertain_directions([part.train for part in problem.trained])
     smooth = residual_tests.smooth_disturbances(problem)

@@ -190,7 +190,11 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         final.additions,
         final.errors,
         parts[0].experiment.stress_unit,
-        tuple({"name": p.experiment.name, "fingerprint": p.experiment.fingerprint} for p in parts if p.train.size),
+        tuple(
+            {"name": p.experiment.name, "fingerprint": p.experiment.fingerprint, "spacing": p.system.fields.spacing}
+            for p in parts
+            if p.train.size
+        ),
         hold_out,
         tuple(p.experiment.name for p in parts if not p.train.size),
         found.verdict,
