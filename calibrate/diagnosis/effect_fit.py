@@ -27,6 +27,7 @@ from calibrate.fitting.stopping import Stop
 Array = NDArray[np.float64]
 ITERATIONS = 6
 FOLLOWED = 3  # iterations of a fit in which the estimate of the true displacements follows it
+BEYOND = 1e100  # no quantity of a fit
 SMALL_STEP = 1e-2  # norm, in standard deviations of an equation, at which a fit ends
 
 
@@ -107,7 +108,8 @@ class _Point:
     @property
     def objective(self) -> float:
         """|residual|^2; the prior on the base is no part of what a step must not raise."""
-        return float(self.residual @ self.residual)
+        with np.errstate(over="ignore", invalid="ignore"):  # a step to what is not finite is halved
+            return float(self.residual @ self.residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,8 +236,8 @@ def _linearised(problem: Problem, point: _Point, known: _Linearised | None) -> _
 
 
 def _check(values: Array, additions: Additions) -> None:
-    """Raises `FitError` where values are not finite."""
-    if not np.isfinite(values).all():
+    """Raises `FitError` where values are not finite, or their squares would not be."""
+    if not np.abs(values).max(initial=0.0) < BEYOND:
         raise _ran_away(additions)
 
 
