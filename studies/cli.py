@@ -48,7 +48,7 @@ COMMANDS = {
         "equigap import Soft_Homo\nequigap import columns.toml --output results/my-sheet",
     ),
     "unpack": Command(
-        "studies.commands.unpack:unpack",
+        "studies.commands.import_data:unpack",
         "write a packed test between two pads as tables of columns",
         "equigap unpack monolithic.npz\nequigap unpack monolithic.npz --name skin -o results/skin-tables",
     ),

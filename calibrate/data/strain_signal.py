@@ -50,7 +50,9 @@ def strain_signal(points: Array, triangles: Indices, displacements: Array) -> St
     if not inner.any():  # a homogeneous test of one triangle
         return StrainSignal(float(sizes[largest]), 0.0, largest)
     e = strains[largest]
-    mean = np.stack([np.bincount(one, e[other, k], len(triangles)) for k in range(3)], axis=1)[inner] / count[inner, None]
+    mean = (
+        np.stack([np.bincount(one, e[other, k], len(triangles)) for k in range(3)], axis=1)[inner] / count[inner, None]
+    )
     away = np.abs(e[inner] - mean) / np.sqrt(1 + 1 / count[inner, None])
     # each of the three components is a normal number; their sizes add up as squares
     scatter = [TO_DEVIATION * _median(away[:, k], areas[inner]) for k in range(3)]

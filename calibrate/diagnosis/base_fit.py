@@ -136,7 +136,9 @@ def _not_converged(experiments: Sequence[Experiment], change: float) -> str:
             "the weights follow the noise: fit the frame with the largest strain alone, mask spurious points at import (docs/ugly_data.md), "
             "or take --base neo-Hooke"
         )
-    return text + "a diagnosis of it would be one of the fit: check forces, units and free edges, or take --base neo-Hooke"
+    return (
+        text + "a diagnosis of it would be one of the fit: check forces, units and free edges, or take --base neo-Hooke"
+    )
 
 
 def _weighted(

@@ -33,7 +33,11 @@ Array = NDArray[np.float64]
 PRIOR_STD = 5.0
 DISTILLATION_DECAY = 1e-6
 STRAIGHT = 1e-4  # relative change of the derivatives of an energy that is called a straight line
-CLEARLY_LOWER, CLEAR_SHARE, RESTARTS = 10.0, 0.02, 2  # loss of a convex spline, absolute and relative, that calls for new starts
+CLEARLY_LOWER, CLEAR_SHARE, RESTARTS = (
+    10.0,
+    0.02,
+    2,
+)  # loss of a convex spline, absolute and relative, that calls for new starts
 
 
 def monotone_functions(basis, k: int, n: int = 24) -> Array:

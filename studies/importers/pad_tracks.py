@@ -63,7 +63,9 @@ class PadTest:
         content = _arrays(path)
         missing = [key for key in KEYS if key not in content]
         if missing:
-            raise errors.FileFormatError(f"{path}: has no {', '.join(missing)}; a test between pads has {', '.join(KEYS)}")
+            raise errors.FileFormatError(
+                f"{path}: has no {', '.join(missing)}; a test between pads has {', '.join(KEYS)}"
+            )
         positions = content["xt_dic_mm"]
         pad = np.linalg.norm(content["xt_pad_mov_mm"] - content["xt_pad_mov_mm"][0], axis=1)
         moved, force = np.abs(content["ux_pad_mm"]), np.abs(content["fx_pad_N"])

@@ -32,7 +32,9 @@ USUAL = Misfit(0.3, 0.3, 20.0, 100, (1e-4, 1e-4), -5.0)
 
 @cache
 def prepared():
-    sheet = synthetic.with_noise(synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.0), n_increments=4), NOISE, 1)
+    sheet = synthetic.with_noise(
+        synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.0), n_increments=4), NOISE, 1
+    )
     return base_fit.prepare([sheet], [HoldOut().training])
 
 

@@ -96,7 +96,9 @@ def test_signal_to_noise_of_the_strain():
 
 def test_a_turned_force_is_told():
     experiment = view().experiment
-    loaded = tuple(LoadedBoundary(b.name, b.nodes, b.force * (1.3 if i else 1.0)) for i, b in enumerate(experiment.loaded))
+    loaded = tuple(
+        LoadedBoundary(b.name, b.nodes, b.force * (1.3 if i else 1.0)) for i, b in enumerate(experiment.loaded)
+    )
     found = headline(replace(view(), experiment=replace(experiment, loaded=loaded)))
     assert Reason.IMBALANCE in codes(found) or experiment.force_imbalance is None
 
