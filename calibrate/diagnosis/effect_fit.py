@@ -18,7 +18,6 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.residual_tests import ChiSquare, Misfits
 from calibrate.diagnosis.signature_noise import denoised, excess, hidden_noise
 from calibrate.effects.chain import Additions, Chain
-from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.fitting import gauss_newton
 from calibrate.fitting.gauss_newton import Halving
 from calibrate.fitting.least_squares import CONDITION, bounded, orthonormal, residual_outside, subtract
@@ -296,14 +295,3 @@ def _noise_of_signatures(problem: Problem, linear: _Linearised, fit: Fit) -> Arr
             )
         start += size
     return N
-
-
-def bulk_modulus(problem: Problem, fit: Fit) -> tuple[float, float] | None:
-    """Bulk modulus of a fit in plane strain and its standard deviation, MPa (N/mm without a thickness); None in plane stress."""
-    if not isinstance(problem.basis, PlaneStrainBasis):
-        return None
-    G = equations.base_columns(problem, fit.chains)
-    S = equations.signatures(problem, fit.chains, fit.c, fit.additions) if fit.additions else G[:, :0]
-    others = orthonormal(np.concatenate([G[:, :-1], S], axis=1))
-    outside = G[:, -1] - others @ (others.T @ G[:, -1])
-    return float(fit.c[-1]), float(np.sqrt(max(1.0, fit.reduced_chi_square)) / np.linalg.norm(outside))

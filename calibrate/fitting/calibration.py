@@ -196,7 +196,6 @@ def calibrate(
         loss = quadratic.loss(right)
         architecture = replace(architecture, energy_scale=factor * architecture.energy_scale)
     freedom = max(1, quadratic.n_rows - architecture.n_parameters)
-    best = int(np.nanargmin(result.losses))
     return _collect(
         system,
         basis,
@@ -207,7 +206,7 @@ def calibrate(
         result.losses,
         result.loss,
         loss / freedom if known else np.nan,
-        result.reasons[best],
+        result.reasons[int(np.nanargmin(result.losses))],
         confidence,
         bulk,
         factor,

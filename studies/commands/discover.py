@@ -17,7 +17,7 @@ from cyclopts import Parameter
 
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import distillation, selection
-from calibrate.diagnosis.effect_fit import bulk_modulus
+from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects import CATALOGUE, Effect

@@ -48,9 +48,15 @@ def _grows(before: Misfit, after: Misfit, thresholds: Thresholds) -> bool:
 
 
 def _falls_clearly(before: Misfit, after: Misfit, thresholds: Thresholds) -> bool:
-    """Whether force or field error falls by a clear share of its square above noise; true where neither stands clearly above it."""
+    """Whether force or field error falls by a clear share of its square above noise.
+
+    True where both are so small that they say nothing: near noise, or below what an explanation may leave. There the weights of either
+    model alone decide.
+    """
     pairs = zip((before.force, before.field), (after.force, after.field), before.noise, strict=True)
     falls = [
-        (old**2 - new**2) / (old**2 - noise) for old, new, noise in pairs if old**2 > thresholds.above_noise**2 * noise
+        (old**2 - new**2) / (old**2 - noise)
+        for old, new, noise in pairs
+        if old**2 > max(thresholds.above_noise**2 * noise, thresholds.small_force_error**2)
     ]
     return not falls or max(falls) > thresholds.clear_fall

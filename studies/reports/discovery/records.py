@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from calibrate.diagnosis.effect_fit import Fit, bulk_modulus
+from calibrate.diagnosis.distillation import bulk_modulus
+from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Part
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Status

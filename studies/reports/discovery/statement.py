@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calibrate.diagnosis.distillation import Distilled
-from calibrate.diagnosis.effect_fit import Fit, bulk_modulus
+from calibrate.diagnosis.distillation import Distilled, bulk_modulus
+from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Doubt, Round
 from calibrate.models.extended_model import amplitude_unit

@@ -122,16 +122,12 @@ def test_an_amplitude_at_the_end_of_what_is_possible():
     assert not at_bounds(Addition(effect("second invariant"), (0.0,)))  # none at all is its own reason
 
 
-@pytest.mark.parametrize("amplitude", [1e30, 1e250])
+@pytest.mark.parametrize("amplitude", [1e120, 1e250])
 def test_a_fit_that_starts_beyond_all_numbers_is_refused_by_name(amplitude):
     problem, fit = prepared()
     start = (Addition(effect("one fibre family"), (amplitude,), (0.3,)),)
-    try:
-        found = effect_fit.refit(problem, fit.c, start)
-    except FitError as error:
-        assert "one fibre family" in str(error)
-    else:
-        assert np.isfinite(found.residual).all()
+    with pytest.raises(FitError, match="one fibre family ran away"):
+        effect_fit.refit(problem, fit.c, start)
 
 
 def test_weights_of_a_material_that_ran_away_are_refused_by_name():
