@@ -27,7 +27,8 @@ import numpy as np
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests" / "fixtures")]
 
 from forward import ArrudaBoyce, Loading
-from forward._dolfinx import JIT_OPTIONS, MPI, PETSc, dolfinx, ufl
+from forward._dolfinx import MPI, PETSc, dolfinx, ufl
+from forward.compilation import JIT_OPTIONS
 from forward.solid import pardiso
 from forward.solid.element import PRESSURES, Solid
 from forward.solid.solid_forms import centre_function, potential, pressure_basis

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from calibrate.effects import CATALOGUE, Effect
+from studies.trials.judgement import JudgedTrial, read
 from studies.trials.trial_summary import FIELD, summary
 
 FOLDER = Path(__file__).parent
@@ -22,7 +23,7 @@ FEW = 5
 NEVER = "never: a common factor of modulus, force, thickness and DIC scale"
 
 
-def numbers(trials: list[dict[str, Any]]) -> dict[str, Any]:
+def numbers(trials: list[JudgedTrial]) -> dict[str, Any]:
     """What the pages state."""
     found = summary(trials)
     plain, endings, removed = found.to_dict(), found.endings, found.removed
@@ -69,7 +70,7 @@ def rates(n: dict[str, Any]) -> list[list[str]]:
     return [["question", "found", "aim"], *aims]
 
 
-def effects(trials: list[dict[str, Any]]) -> list[list[str]]:
+def effects(trials: list[JudgedTrial]) -> list[list[str]]:
     """A line for each effect: how the strong ones ended, intervals, and what happens without it in the catalogue."""
     head = ["hidden", "strong", "right", "wrong name beside", "only its group", "missed", "wrong", "amplitude within",
             "removed: explained (strong)", "removed: wrong name (all)"]  # fmt: skip
@@ -85,7 +86,7 @@ def effects(trials: list[dict[str, Any]]) -> list[list[str]]:
 
 def trials() -> dict[str, Any]:
     """`trials.json`."""
-    judged = json.loads((FOLDER / "blind.json").read_text())
+    judged = read(FOLDER / "blind.json")
     n = numbers(judged)
     return {
         "command": "python docs/derive_numbers.py, from docs/blind.json of equigap blind --seed 20000",

@@ -37,3 +37,7 @@ class LinearSolverError(ForwardError, RuntimeError):
 
 class MissingSolverError(ForwardError, RuntimeError):
     """DOLFINx or its PETSc is not installed."""
+
+
+class FormsCacheError(ForwardError, RuntimeError):
+    """The folder of compiled forms cannot be used."""

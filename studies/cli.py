@@ -74,17 +74,17 @@ COMMANDS = {
         "equigap discover sheet.npz --hold-out every:2 --without 'force offset' -o results/sheet",
     ),
     "resolution": Command(
-        "studies.commands.resolution:resolution",
+        "studies.commands.grid_studies.resolution:resolution",
         "study: how camera resolution and noise limit what is identified",
         "equigap resolution --quick\nequigap resolution --jobs 8 --output results/resolution",
     ),
     "thickness": Command(
-        "studies.commands.thickness:thickness",
+        "studies.commands.grid_studies.thickness:thickness",
         "study: how thick a specimen may be before a plane-stress calibration misleads",
         "equigap thickness --quick\nequigap thickness --thicknesses 5,30 --seeds 20\nequigap thickness --fine --profile my-cluster",
     ),
     "sweep": Command(
-        "studies.commands.sweep:sweep",
+        "studies.commands.grid_studies.sweep:sweep",
         "study: a thousand calibrations over specimen, thickness, resolution, noise and seed",
         "equigap sweep --quick\nequigap sweep --dry-run\nequigap sweep --thicknesses 2D,5,30 --noises 0.1 --seeds 20 --jobs 8\n"
         "equigap sweep --profile my-cluster --container equigap.sif",
@@ -98,6 +98,11 @@ COMMANDS = {
         "studies.commands.measured:measured",
         "study: what measured sheets and homogeneous tests do beyond hyperelasticity",
         "equigap measured --quick\nequigap measured --until 15 --frames 24 -o results/measured",
+    ),
+    "design": Command(
+        "studies.commands.design:design",
+        "which specimen to cut next, and what it would tell of the law",
+        "equigap design --quick\nequigap design family.toml --validate --output results/next",
     ),
     "figures": Command(
         "studies.commands.figures:figures",

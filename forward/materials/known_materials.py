@@ -6,14 +6,18 @@ from typing import Any
 
 from forward.errors import MaterialError
 from forward.materials.arruda_boyce import ArrudaBoyce
+from forward.materials.carroll import Carroll
 from forward.materials.mooney_rivlin import MooneyRivlin
 from forward.materials.neo_hooke import NeoHooke
 from forward.materials.network_energy import Pann
 from forward.materials.strain_energy import Material
+from forward.materials.tabulated import Tabulated
 from forward.materials.yeoh import Yeoh
 
-MATERIALS: dict[str, type[Material]] = {kind.name: kind for kind in (ArrudaBoyce, NeoHooke, MooneyRivlin, Yeoh)}
-_ALL: dict[str, type[Material]] = {**MATERIALS, Pann.name: Pann}
+MATERIALS: dict[str, type[Material]] = {
+    kind.name: kind for kind in (ArrudaBoyce, NeoHooke, MooneyRivlin, Yeoh, Carroll)
+}
+_ALL: dict[str, type[Material]] = {**MATERIALS, Pann.name: Pann, Tabulated.name: Tabulated}
 
 
 def material_from_dict(content: dict[str, Any]) -> Material:

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forward._dolfinx import JIT_OPTIONS, MPI, QUADRATURE_DEGREE, PETSc, basix, dolfinx, ufl
+from forward._dolfinx import MPI, QUADRATURE_DEGREE, PETSc, basix, dolfinx, ufl
+from forward.compilation import JIT_OPTIONS, compilation, compiled_form
 from forward.materials import Material
 from forward.stepping import Elastic
 from meshes import Mesh
@@ -122,16 +123,17 @@ class PlaneStressProblem(Elastic):
         self.nodes = self._nodes()
         self.supports = self._make_supports(held, values)
         energy, forces, tangent = self._forms(material, thickness)
-        self._energy = dolfinx.fem.form(energy, jit_options=JIT_OPTIONS)
-        self.problem = dolfinx.fem.petsc.NonlinearProblem(
-            forces,
-            self.u,
-            bcs=[support.bc for support in self.supports],
-            petsc_options_prefix=f"plane_stress_{next(_numbers)}_",
-            J=tangent,
-            petsc_options=PETSC_OPTIONS if self.symmetric else {**PETSC_OPTIONS, "pc_type": "lu"},
-            jit_options=JIT_OPTIONS,
-        )
+        self._energy = compiled_form(energy)
+        with compilation():
+            self.problem = dolfinx.fem.petsc.NonlinearProblem(
+                forces,
+                self.u,
+                bcs=[support.bc for support in self.supports],
+                petsc_options_prefix=f"plane_stress_{next(_numbers)}_",
+                J=tangent,
+                petsc_options=PETSC_OPTIONS if self.symmetric else {**PETSC_OPTIONS, "pc_type": "lu"},
+                jit_options=JIT_OPTIONS,
+            )
         self._prepare_factorisation()
         self._raw = self.problem.b.duplicate()
         self._is_held = self._held_entries()

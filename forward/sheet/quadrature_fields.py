@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forward._dolfinx import JIT_OPTIONS, QUADRATURE_DEGREE, basix, dolfinx
+from forward._dolfinx import QUADRATURE_DEGREE, basix, dolfinx
+from forward.compilation import compiled_expression
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,7 @@ def quadrature_function(domain: Any, shape: tuple[int, ...]) -> Any:
 def quadrature_expression(value: Any) -> Any:
     """Compiled UFL `value` at the Gauss points."""
     points, _ = basix.make_quadrature(basix.CellType.quadrilateral, QUADRATURE_DEGREE)
-    return dolfinx.fem.Expression(value, points, jit_options=JIT_OPTIONS)
+    return compiled_expression(value, points)
 
 
 def evaluate(expression: Any, domain: Any) -> Array:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from forward._dolfinx import compiler_needed, versions
+from forward._dolfinx import versions
 from forward.errors import LoadingError, MaterialError
 from forward.loading import Loading
 from forward.materials import Material
@@ -64,8 +64,7 @@ def run_sheet(
     )
 
     def make() -> Problem:
-        with compiler_needed():
-            return make_problem(mesh, supports)
+        return make_problem(mesh, supports)
 
     return run(record, make, SurfaceSolution.load, label, max_bisections, control, substeps)
 

@@ -1,7 +1,7 @@
 """Compiled Q2-P1 hexes: a mesh and a material in; nodal forces, pressure steps and condensed tangents out.
 
 The integration over a hex is `element.c`, for any material; stress and tangent at a point are derived from the
-material's energy in UFL and compiled by FFCx. Both are kept in DOLFINx's cache.
+material's energy in UFL and compiled by FFCx. Both are kept by `forward.compilation`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from forward._dolfinx import FLAGS, JIT_OPTIONS, MPI, dolfinx, ufl
+from forward._dolfinx import MPI, dolfinx, ufl
+from forward.compilation import FLAGS, FOLDER, compilation, compiled_expression
+from forward.errors import ForwardError
 from forward.materials import Material
 from meshes.extrusion import HEX_NODES, hex_shape_gradients, hex_shapes
 from meshes.mesh import Array
@@ -184,27 +186,26 @@ def compiled_law(domain: Any, material: Material) -> tuple[Any, int]:
     parameters = dolfinx.fem.Constant(domain, np.array(material.parameters))
     F = ufl.as_matrix([[state[3 * i + j] for j in range(3)] for i in range(3)])
     law = point_law(F, state[9], material, parameters)
-    expression = dolfinx.fem.Expression(law, np.full((1, 3), 0.5), jit_options=JIT_OPTIONS)
+    expression = compiled_expression(law, np.full((1, 3), 0.5))
     function = expression.ufcx_expression.tabulate_tensor_float64
     return expression, int(cffi.FFI().cast("uintptr_t", function))
 
 
 def library(comm: Any = MPI.COMM_WORLD) -> tuple[Any, Any]:
     """Compiled `element.c` and its cffi interface; compiled once per processor kind and version of the source."""
-    cache = Path(dolfinx.jit.get_options(JIT_OPTIONS)["cache_dir"])
-    flags = JIT_OPTIONS["cffi_extra_compile_args"]
-    digest = hashlib.sha256((SOURCE.read_text() + DECLARATIONS + " ".join(flags)).encode()).hexdigest()[:16]
+    digest = hashlib.sha256((SOURCE.read_text() + DECLARATIONS + " ".join(FLAGS)).encode()).hexdigest()[:16]
     name = f"equigap_element_{digest}"
     problem = None
-    if comm.rank == 0 and not list(cache.glob(f"{name}.*.so")):
+    if comm.rank == 0 and not list(FOLDER.glob(f"{name}.*.so")):
         try:
-            _compile(cache, name, flags)
-        except cffi.VerificationError as error:
+            with compilation():
+                _compile(FOLDER, name, FLAGS)
+        except ForwardError as error:
             problem = error
     problem = comm.bcast(problem)
     if problem is not None:
         raise problem
-    module = _load(next(cache.glob(f"{name}.*.so")), name)
+    module = _load(next(FOLDER.glob(f"{name}.*.so")), name)
     return module.lib, module.ffi
 
 
@@ -229,4 +230,4 @@ def _load(path: Path, name: str) -> ModuleType:
     return module
 
 
-__all__ = ["CENTRE", "FLAGS", "GAUSS", "PRESSURES", "Solid", "compiled_law", "isochoric_invariants", "library"]
+__all__ = ["CENTRE", "GAUSS", "PRESSURES", "Solid", "compiled_law", "isochoric_invariants", "library"]

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forward._dolfinx import JIT_OPTIONS, PETSc, dolfinx, ufl
+from forward._dolfinx import PETSc, dolfinx, ufl
+from forward.compilation import compiled_form
 from forward.errors import LinearSolverError
 from forward.solid.element import Solid
 from forward.solid.linear_solver import ACCURACY
@@ -26,7 +27,7 @@ class Mumps:
         self.solid, self.V, self.negative = solid, V, -1
         dx = ufl.dx(metadata={"quadrature_degree": 0})
         pattern = ufl.inner(ufl.TrialFunction(V), ufl.TestFunction(V)) * dx
-        self.A = dolfinx.fem.petsc.create_matrix(dolfinx.fem.form(pattern, jit_options=JIT_OPTIONS))
+        self.A = dolfinx.fem.petsc.create_matrix(compiled_form(pattern))
         self.A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         owned = V.dofmap.index_map.size_local
         self._held = np.flatnonzero(held.ravel()[: 3 * owned]).astype(np.int32)

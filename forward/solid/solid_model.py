@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from forward._dolfinx import MPI, compiler_needed, versions
+from forward._dolfinx import MPI, versions
 from forward.errors import LoadingError, MaterialError
 from forward.loading import Loading
 from forward.materials import Material
@@ -83,8 +83,7 @@ def solve(
     def make_problem() -> SolidProblem:
         given = mesh, material, kappa, *record.supports
         accuracy = options.tolerance, options.volume_tolerance
-        with compiler_needed():
-            return SolidProblem(*given, *accuracy, options.max_iterations, options.solver, comm)
+        return SolidProblem(*given, *accuracy, options.max_iterations, options.solver, comm)
 
     label, control = f"solid {mesh.thickness:g} mm", Control(progress, checkpoint, comm)
     return run(record, make_problem, SolidSolution.load, label, options.max_bisections, control)

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forward._dolfinx import JIT_OPTIONS, MPI, basix, dolfinx, ufl
+from forward._dolfinx import MPI, basix, dolfinx, ufl
+from forward.compilation import compiled_form
 from forward.errors import LinearSolverError
 from forward.materials import Material
 from forward.solid.element import PRESSURES, Solid
@@ -159,7 +160,7 @@ class SolidProblem(Elastic):
         p = ufl.dot(q, pressure_basis(self.domain, centres))
         bulk_modulus = dolfinx.fem.Constant(self.domain, float(kappa))
         form = potential(u, p, material, parameters, bulk_modulus, self.domain)
-        return (u, q), dolfinx.fem.form(form, jit_options=JIT_OPTIONS)
+        return (u, q), compiled_form(form)
 
     def _imbalance(self, u: Array, q: Array) -> _Imbalance:
         forces, volume, inverted = self.solid.forces(u, q)

@@ -106,7 +106,7 @@ def discover(
     trained, held, remarks = read(experiments, files, rule)
     settings = {**asdict(diagnosis), "quick": quick, "hold_out": list(diagnosis.hold_out) or ["(default)"]}
     manifest = Manifest(diagnosis.seed, settings, [*experiments, *files], started)
-    key = {**settings, "experiments": manifest.to_dict()["inputs"]}
+    key = {"command": "discover", **settings, "experiments": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output or default_folder("discover", quick), overwrite, key)
     with released_if_refused(folder), Stages() as say:
         found = selection.discover(

@@ -14,8 +14,8 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from meshes import Specimen, quads, triangles
+from meshes.known_specimens import SPECIMENS
 from meshes.picture import draw
-from meshes.specimens import SPECIMENS
 from studies.commandline.option_types import Assignments, OutputFolder, Overwrite, Several, default_folder, nearest
 from studies.commandline.outcome import Outcome
 from studies.errors import OptionError

@@ -32,7 +32,7 @@ from forward.solid.solid_solution import SolidSolution
 from forward.solution import SurfaceSolution
 from meshes import Mesh, quads, triangles
 from meshes.extrusion import GRADING, extrude
-from meshes.specimens import SPECIMENS
+from meshes.known_specimens import SPECIMENS
 from studies.accuracy.epsilon import epsilon_field
 from studies.accuracy.stress_error import Reference, States
 from studies.grid import case

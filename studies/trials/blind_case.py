@@ -1,7 +1,7 @@
 """One blind trial: write it, diagnose it, and never both with the label in hand.
 
 In: a `Plan`. Out: ``experiment.npz`` and ``sealed/label.json``, then ``diagnosis.json``, for which the label is not opened. Of
-two hidden effects ``sealed/beside.json`` says how strong each is beside the other. `judge` alone compares both.
+two hidden effects ``sealed/beside.json`` says how strong each is beside the other. `judgement.judge` alone compares both.
 """
 
 from __future__ import annotations
@@ -13,10 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 
 from calibrate.data.experiment import Experiment
-from calibrate.data.triangulation import signed_areas
 from calibrate.diagnosis import base_fit, model_weights, score_tests, selection, weighted_fit
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.selection import Discovery
@@ -143,72 +141,3 @@ def _round(now: Round) -> dict[str, Any]:
         "held": None if now.held is None else asdict(now.held),
         "scores": scores,
     }
-
-
-def judge(home: Path) -> dict[str, Any]:
-    """Compare a diagnosis with its label: the only place where both are open."""
-    label = json.loads((home / "sealed" / "label.json").read_text())
-    content = json.loads((home / "diagnosis.json").read_text())
-    full = content["full"]
-    hidden = label["effects"]
-    names = [h["name"] for h in hidden]
-    first = full["rounds"][0]
-    scores = {n: first["scores"].get(n, {}).get("score", 0.0) for n in names}
-    file = home / "sealed" / "beside.json"
-    strength = json.loads(file.read_text()) if file.exists() else scores
-    reach = {n: {n, *full["groups"].get(n, [])} for n in full["named"]}
-    result = {
-        "trial": home.name,
-        "hidden": names,
-        "verdict": full["verdict"],
-        "named": full["named"],
-        "closest": full["closest"],
-        "scores": scores,
-        **({"beside": strength} if file.exists() else {}),
-        "strong": bool(names) and min(strength.values()) > GLOBAL_LIMIT,
-        "hit": [any(n in group for group in reach.values()) for n in names],
-        "exact": [n in full["named"] for n in names],
-        "amplitudes": [_amplitude(h, full["additions"]) for h in hidden],
-        "field": [_field(h, full["additions"], home) for h in hidden],
-        "seconds": content["seconds"],
-    }
-    if "absent" in content:
-        partners = {n for n, v in first["scores"].get(names[0], {}).get("like", {}).items() if v > 0.9}
-        result["absent"] = {
-            "verdict": content["absent"]["verdict"],
-            "named": content["absent"]["named"],
-            "closest": content["absent"]["closest"],
-            "wrong": [n for n in content["absent"]["named"] if n not in partners],
-            "partners": sorted(partners),
-        }
-    return result
-
-
-def _field(hidden: dict[str, Any], additions: list[dict[str, Any]], home: Path) -> float | None:
-    """Correlation of fitted and hidden stiffness over the specimen, by area; a patch has no coefficients of cosines."""
-
-    fitted = next((a["amplitudes"] for a in additions if a["effect"] == hidden["name"]), None)
-    if fitted is None or "height" not in hidden["more"]:
-        return None
-    e = Experiment.load(home / "experiment.npz")
-    places, patch = e.points[e.triangles].mean(axis=1), hidden["more"]
-    low, high = e.points.min(axis=0), e.points.max(axis=0)
-    x = np.pi * (places - low) / (high - low)
-    waves = [v * np.cos(int(k[1]) * x[:, 0]) * np.cos(int(k[2]) * x[:, 1]) for k, v in fitted.items()]
-    distance = ((places - [patch["x"], patch["y"]]) ** 2).sum(axis=1)
-    true = patch["height"] * np.exp(-distance / (2 * patch["width"] ** 2))
-    spread = np.cov(np.sum(waves, axis=0), true, aweights=np.abs(signed_areas(e.points, e.triangles)))
-    return float(spread[0, 1] / np.sqrt(spread[0, 0] * spread[1, 1]))
-
-
-def _amplitude(hidden: dict[str, Any], additions: list[dict[str, Any]]) -> dict[str, Any] | None:
-    """Pull (fitted - true) / deviation of each amplitude of an effect that is in the model, else None."""
-    for addition in additions:
-        if addition["effect"] == hidden["name"]:
-            pulls = {
-                name: (addition["amplitudes"][name] - true) / max(addition["deviations"][name], 1e-300)
-                for name, true in hidden["amplitudes"].items()
-                if name in addition["amplitudes"]
-            }
-            return {"true": hidden["amplitudes"], **addition, "pulls": pulls}
-    return None

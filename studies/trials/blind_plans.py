@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import batched, count
 from pathlib import Path
-from typing import Any
 
 from calibrate.errors import ConfigError
 from studies.errors import StudyError
 from studies.trials.blind_case import Plan
 from studies.trials.blind_data import draw
 from studies.trials.blind_effects import FREQUENT, LATER
+from studies.trials.judgement import JudgedTrial, read
 
 PAIRS = (
     ("second invariant", "force offset"),
@@ -75,14 +74,16 @@ def in_order_of_size(todo: Sequence[Plan]) -> list[Plan]:
     return [plan for window in batched(todo, WINDOW) for plan in sorted(window, key=size)]
 
 
-def read_known(path: Path | None, todo: Sequence[Plan]) -> dict[str, dict[str, Any]]:
+def read_known(path: Path | None, todo: Sequence[Plan]) -> dict[str, JudgedTrial]:
     """Judged trials of an earlier run by name, those of this plan. Raises `StudyError`."""
     if path is None:
         return {}
     try:
-        known = {one["trial"]: one for one in json.loads(path.read_text())}
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise StudyError(f"--known {path}: give the trials.json of a blind run ({error})") from None
+        known = {one.trial: one for one in read(path)}
+    except (OSError, ValueError) as error:
+        raise StudyError(
+            f"--known {path}: give the trials.json of a blind run ({str(error).splitlines()[0]})"
+        ) from None
     found = {plan.name: known[plan.name] for plan in todo if plan.name in known}
     if not found:
         raise StudyError(f"--known {path}: none of its trials is one of this run; give the same --seed and numbers")

@@ -17,8 +17,8 @@ from studies.output.manifest import Manifest
 from studies.output.report import Report
 from studies.output.words import Words
 from studies.output.writing import write_csv, write_json
-from studies.trials.blind_case import judge
-from studies.trials.trial_summary import EFFECT_COLUMNS, Judged, pulls, summary
+from studies.trials.judgement import JudgedTrial, judge
+from studies.trials.trial_summary import EFFECT_COLUMNS, pulls, summary
 
 NOTHING, UNEXPLAINED = "nothing", "unexplained"
 TRIAL_COLUMNS = ["trial", "hidden", "score", "verdict", "named", "closest", "pulls", "seconds"]
@@ -26,7 +26,7 @@ WORDS = Words("blind")
 
 
 def write_report(
-    folder: Path, homes: Sequence[Path], failures: Mapping[str, str], known: Mapping[str, dict[str, Any]] | None = None
+    folder: Path, homes: Sequence[Path], failures: Mapping[str, str], known: Mapping[str, JudgedTrial] | None = None
 ) -> str:
     """Judge every trial that is not `known` by its name, write tables and report, and return the answer in words."""
     known = known or {}
@@ -42,7 +42,7 @@ def write_report(
     write_csv(folder / "confusion.csv", ["hidden", *columns], rows)
     write_csv(folder / "effects.csv", EFFECT_COLUMNS, effects)
     write_csv(folder / "trials.csv", TRIAL_COLUMNS, lines)
-    write_json(folder / "trials.json", judged)
+    write_json(folder / "trials.json", [one.to_dict() for one in judged])
     write_json(folder / "summary.json", {**found.to_dict(), "failures": dict(failures)})
     text = WORDS.rates(n=found, failures=failures)
     report = Report("Blind trials")
@@ -57,28 +57,28 @@ def write_report(
     return text
 
 
-def confusion(judged: Sequence[Judged]) -> tuple[list[str], np.ndarray, list[str]]:
+def confusion(judged: Sequence[JudgedTrial]) -> tuple[list[str], np.ndarray, list[str]]:
     """Hidden names, counts (hidden, named), column names, of trials with at most one effect."""
-    single = [one for one in judged if len(one["hidden"]) < 2]
-    names = sorted({(one["hidden"] or ["none"])[0] for one in single}, key=lambda n: (n != "none", n))
+    single = [one for one in judged if len(one.hidden) < 2]
+    names = sorted({(one.hidden or ["none"])[0] for one in single}, key=lambda n: (n != "none", n))
     outcomes = [_outcome(one) for one in single]
     columns = [NOTHING, UNEXPLAINED, *sorted(set(outcomes) - {NOTHING, UNEXPLAINED})]
     matrix = np.zeros((len(names), len(columns)))
     for one, outcome in zip(single, outcomes, strict=True):
-        matrix[names.index((one["hidden"] or ["none"])[0]), columns.index(outcome)] += 1
+        matrix[names.index((one.hidden or ["none"])[0]), columns.index(outcome)] += 1
     return names, matrix, columns
 
 
-def _outcome(one: Judged) -> str:
-    if one["named"]:
-        hidden = set(one["hidden"])
-        return next((n for n in one["named"] if n in hidden), one["named"][0])
-    return NOTHING if one["verdict"] == Verdict.NOTHING_SIGNIFICANT else UNEXPLAINED
+def _outcome(one: JudgedTrial) -> str:
+    if one.named:
+        hidden = set(one.hidden)
+        return next((n for n in one.named if n in hidden), one.named[0])
+    return NOTHING if one.verdict == Verdict.NOTHING_SIGNIFICANT else UNEXPLAINED
 
 
-def _line(one: Judged) -> list[Any]:
+def _line(one: JudgedTrial) -> list[Any]:
     return [
-        one["trial"], ", ".join(one["hidden"]) or "none", ", ".join(f"{v:.1f}" for v in one["scores"].values()),
-        one["verdict"], ", ".join(one["named"]), ", ".join(one["closest"]),
-        ", ".join(f"{p:+.1f}" for p in pulls(one)), round(one["seconds"], 1),
+        one.trial, ", ".join(one.hidden) or "none", ", ".join(f"{v:.1f}" for v in one.scores.values()),
+        one.verdict, ", ".join(one.named), ", ".join(one.closest),
+        ", ".join(f"{p:+.1f}" for p in pulls(one)), round(one.seconds, 1),
     ]  # fmt: skip

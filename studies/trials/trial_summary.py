@@ -6,7 +6,7 @@ A strong effect is one with a score above `GLOBAL_LIMIT`. Those that were hidden
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
@@ -15,9 +15,9 @@ import numpy as np
 
 from calibrate.diagnosis.selection import Verdict
 from studies.trials.blind_case import GLOBAL_LIMIT
+from studies.trials.judgement import JudgedTrial
 
 FIELD = "stiffness field"
-Judged = Mapping[str, Any]  # see `blind_case.judge`
 
 
 class Ending(StrEnum):
@@ -31,13 +31,13 @@ class Ending(StrEnum):
     WRONG = "wrong"
 
 
-def ending(one: Judged) -> Ending:
+def ending(one: JudgedTrial) -> Ending:
     """Of a judged trial with one effect."""
-    if one["exact"][0]:
-        return Ending.BESIDE if set(one["named"]) - set(one["hidden"]) else Ending.RIGHT
-    if one["hit"][0]:
+    if one.exact[0]:
+        return Ending.BESIDE if set(one.named) - set(one.hidden) else Ending.RIGHT
+    if one.hit[0]:
         return Ending.GROUP
-    return Ending.WRONG if one["named"] else Ending.MISSED
+    return Ending.WRONG if one.named else Ending.MISSED
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Endings:
     wrong: int = 0
 
     @classmethod
-    def of(cls, trials: Sequence[Judged]) -> Endings:
+    def of(cls, trials: Sequence[JudgedTrial]) -> Endings:
         """Of judged trials with one effect."""
         return cls(**Counter(str(ending(one)) for one in trials))
 
@@ -82,12 +82,12 @@ class Removed:
     wrong: int
 
     @classmethod
-    def of(cls, strong: Sequence[Judged]) -> Removed:
+    def of(cls, strong: Sequence[JudgedTrial]) -> Removed:
         """Of those that were diagnosed once more."""
-        absent = [one["absent"] for one in strong if "absent" in one]
-        explained = [a for a in absent if a["verdict"] == Verdict.EXPLAINED]
-        alike = sum(not a["wrong"] for a in explained)
-        return cls(len(absent), len(explained), alike, sum(bool(a["wrong"]) for a in absent))
+        absent = [one.absent for one in strong if one.absent is not None]
+        explained = [a for a in absent if a.verdict == Verdict.EXPLAINED]
+        alike = sum(not a.wrong for a in explained)
+        return cls(len(absent), len(explained), alike, sum(bool(a.wrong) for a in absent))
 
 
 @dataclass(frozen=True)
@@ -106,15 +106,15 @@ class EffectSummary:
     absent_wrong: int
 
     @classmethod
-    def of(cls, effect: str, own: Sequence[Judged]) -> EffectSummary:
+    def of(cls, effect: str, own: Sequence[JudgedTrial]) -> EffectSummary:
         """Of all judged trials with this effect alone."""
-        strong = [one for one in own if one["strong"]]
+        strong = [one for one in own if one.strong]
         found = [p for one in own for p in pulls(one)]
-        absent = [one["absent"] for one in own if "absent" in one]
+        absent = [one.absent for one in own if one.absent is not None]
         return cls(
-            effect, len(own), Endings.of(strong), sum(bool(one["named"]) and not one["hit"][0] for one in own),
-            sum(not one["named"] for one in own), len(found), sum(abs(p) < 1.96 for p in found), Removed.of(strong),
-            len(absent), sum(bool(a["wrong"]) for a in absent),
+            effect, len(own), Endings.of(strong), sum(bool(one.named) and not one.hit[0] for one in own),
+            sum(not one.named for one in own), len(found), sum(abs(p) < 1.96 for p in found), Removed.of(strong),
+            len(absent), sum(bool(a.wrong) for a in absent),
         )  # fmt: skip
 
     def row(self) -> list[Any]:
@@ -165,23 +165,23 @@ class TrialSummary:
         return asdict(self)
 
 
-def summary(trials: Sequence[Judged]) -> TrialSummary:
-    """Counts over judged trials, see `blind_case.judge`."""
-    nulls = [one for one in trials if not one["hidden"]]
-    pairs = [one for one in trials if len(one["hidden"]) == 2]
-    beside = [one for one in pairs if "beside" in one and min(one["beside"].values()) > GLOBAL_LIMIT]
-    at_first = [one for one in pairs if min(one["scores"].values()) > GLOBAL_LIMIT]
-    single = [one for one in trials if len(one["hidden"]) == 1]
-    names = sorted({one["hidden"][0] for one in single})
-    effects = [EffectSummary.of(name, [one for one in single if one["hidden"][0] == name]) for name in names]
-    strong = [one for one in single if one["strong"]]
-    correlations = [f for one in trials for f in one["field"] if f is not None]
+def summary(trials: Sequence[JudgedTrial]) -> TrialSummary:
+    """Counts over judged trials, see `judgement.judge`."""
+    nulls = [one for one in trials if not one.hidden]
+    pairs = [one for one in trials if len(one.hidden) == 2]
+    beside = [one for one in pairs if one.beside is not None and min(one.beside.values()) > GLOBAL_LIMIT]
+    at_first = [one for one in pairs if min(one.scores.values()) > GLOBAL_LIMIT]
+    single = [one for one in trials if len(one.hidden) == 1]
+    names = sorted({one.hidden[0] for one in single})
+    effects = [EffectSummary.of(name, [one for one in single if one.hidden[0] == name]) for name in names]
+    strong = [one for one in single if one.strong]
+    correlations = [f for one in trials for f in one.field if f is not None]
     coefficients = _field_pulls(single)
     return TrialSummary(
         trials=len(trials),
         nulls=len(nulls),
-        null_detections=sum(one["verdict"] != Verdict.NOTHING_SIGNIFICANT for one in nulls),
-        null_names=sum(bool(one["named"]) for one in nulls),
+        null_detections=sum(one.verdict != Verdict.NOTHING_SIGNIFICANT for one in nulls),
+        null_names=sum(bool(one.named) for one in nulls),
         endings=Endings.of(strong),
         amplitudes=sum(e.amplitudes for e in effects),
         amplitudes_within=sum(e.amplitudes_within for e in effects),
@@ -189,35 +189,32 @@ def summary(trials: Sequence[Judged]) -> TrialSummary:
         absent_wrong=sum(e.absent_wrong for e in effects),
         removed=Removed.of(strong),
         pairs=len(beside),
-        pairs_found=sum(all(one["hit"]) for one in beside),
+        pairs_found=sum(all(one.hit) for one in beside),
         pairs_at_first=len(at_first),
-        pairs_at_first_found=sum(all(one["hit"]) for one in at_first),
+        pairs_at_first_found=sum(all(one.hit) for one in at_first),
         pairs_in_model=sum(_in_model(one) for one in beside),
         field_correlation=float(np.median(correlations)) if correlations else None,
         fields=len(coefficients),
         fields_within=sum(abs(pull) <= 1.96 for pull in coefficients),
-        seconds=float(np.median([one["seconds"] for one in trials])) if trials else 0.0,
+        seconds=float(np.median([one.seconds for one in trials])) if trials else 0.0,
         effects=tuple(effects),
     )
 
 
-def _in_model(one: Judged) -> bool:
+def _in_model(one: JudgedTrial) -> bool:
     """Whether all hidden effects are named, or in the model and too small beside another to be named."""
-    return all(hit or name in one["closest"] for name, hit in zip(one["hidden"], one["hit"], strict=True))
+    return all(hit or name in one.closest for name, hit in zip(one.hidden, one.hit, strict=True))
 
 
-def pulls(one: Judged) -> list[float]:
+def pulls(one: JudgedTrial) -> list[float]:
     """Of the amplitudes of hidden effects that were named; a field's coefficients, which cannot follow a patch, are not among them."""
-    found = [a for a in one["amplitudes"] if a is not None and a["effect"] in one["named"] and a["effect"] != FIELD]
-    return [p for a in found for p in a["pulls"].values()]
+    found = [a for a in one.amplitudes if a is not None and a.effect in one.named and a.effect != FIELD]
+    return [p for a in found for p in a.pulls.values()]
 
 
-def _field_pulls(single: Sequence[Judged]) -> list[float]:
+def _field_pulls(single: Sequence[JudgedTrial]) -> list[float]:
     """Of the coefficients of hidden stiffness fields."""
-    found = (a for one in single if one["hidden"] == [FIELD] for a in one["amplitudes"] if a is not None)
+    found = (a for one in single if one.hidden == [FIELD] for a in one.amplitudes if a is not None)
     return [
-        (a["amplitudes"][k] - true) / a["deviations"][k]
-        for a in found
-        if a["effect"] == FIELD
-        for k, true in a["true"].items()
+        (a.amplitudes[k] - true) / a.deviations[k] for a in found if a.effect == FIELD for k, true in a.true.items()
     ]

@@ -13,22 +13,24 @@ from meshes import (
     Cross,
     Mesh,
     MeshError,
+    PerforatedSheet,
     PlateWithHole,
-    PureShearSheet,
-    SquareSheet,
     Strip,
     _gmsh,
     area_excess,
+    known_specimens,
     quads,
     specimen_from_dict,
     triangles,
 )
 from meshes.errors import MeshDataError, MissingLibraryError, SpecimenError
 from meshes.mesh import QUAD_NODES, boundary_edges, quad_shape_gradients, quad_shapes
+from meshes.perforated_sheets import SHEETS, TTc
 from meshes.picture import draw
+from meshes.shapes import Ellipse
 
 ROOT = Path(__file__).parents[2]
-SPECIMENS = [Cross(), Strip(), PureShearSheet(), SquareSheet(), PlateWithHole()]
+SPECIMENS = [kind() for kind in known_specimens.SPECIMENS.values()]
 NAMES = [specimen.name for specimen in SPECIMENS]
 
 
@@ -212,6 +214,10 @@ def test_dictionary(specimen):
         (lambda: Cross(outer_offset=98.0), "from the outline"),
         (lambda: Cross(half_width=18.0, fillet_radius=5.0), "from the outline"),
         (lambda: PlateWithHole(hole_radius=35.0), "from the outline"),
+        (lambda: PerforatedSheet(perforation=(Ellipse(-5.0, 0.0, 2.0, 2.0),)), "the rest is mirrored"),
+        (lambda: PerforatedSheet(perforation=(Ellipse(0.0, 0.0, 2.0, 3.0),)), "a >= b > 0"),
+        (lambda: PerforatedSheet(perforation=(Ellipse(5.0, 0.0, 3.0, 2.0, 0.5),)), "axis of symmetry"),
+        (lambda: PerforatedSheet(perforation=(Ellipse(0.0, 13.0, 2.0, 2.0),)), "from the outline"),
         (lambda: specimen_from_dict({"specimen": "ring"}), "choose one of cross, strip"),
         (lambda: specimen_from_dict({"specimen": "strip", "length": 3.0}), "unexpected keyword"),
     ],
@@ -219,6 +225,24 @@ def test_dictionary(specimen):
 def test_impossible_specimens(make, message):
     with pytest.raises(SpecimenError, match=message):
         make()
+
+
+def test_holes_of_a_perforated_sheet_are_mirrored():
+    """A hole off both axes is there four times, one on an axis twice, one in the middle once."""
+    holes = PerforatedSheet(perforation=(Ellipse(20, 7, 4, 2, 0.5), Ellipse(0, 8, 3, 2), Ellipse(0, 0, 3, 3))).holes()
+    assert len(holes) == 4 + 2 + 1
+    for axis in (0, 1):
+        flip = np.where(np.arange(2) == axis, -1.0, 1.0)
+        for hole in holes:
+            images = [other for other in holes if np.allclose(other.level(hole.rim() * flip), 1)]
+            assert len(images) == 1
+
+
+def test_sheets_are_as_wide_as_said():
+    assert {kind.name: 2 * kind().half_extent[1] for kind in SHEETS if kind().loaded[0] == "left"} == dict.fromkeys(
+        ("UT", "TTa", "TTb", "TTc", "TTd", "TTe", "TTf"), 30.0
+    )
+    assert TTc().exact_area() == pytest.approx(60 * 30 - np.pi * 27)
 
 
 def test_impossible_meshes(cross):

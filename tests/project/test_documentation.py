@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from studies.trials import judgement
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
@@ -90,8 +92,8 @@ def test_a_stale_number_is_replaced_and_a_missing_one_is_named() -> None:
 
 def test_every_trial_is_counted_once() -> None:
     """And how the strong effects ended adds up."""
-    trials = json.loads((DOCS / "blind.json").read_text())
-    assert len({one["trial"] for one in trials}) == len(trials)
+    trials = judgement.read(DOCS / "blind.json")
+    assert len({one.trial for one in trials}) == len(trials)
     n = script("derive_numbers").numbers(trials)
     assert n["right"] + n["beside"] + n["group"] + n["missed"] + n["wrong"] == n["strong"]
     assert n["right"] + n["beside"] == n["strong_named"] and n["strong_named"] + n["group"] == n["strong_group_named"]

@@ -6,7 +6,8 @@ from forward_helpers import MATERIALS, annulus
 from orders import taylor_rates
 
 from forward import ArrudaBoyce, Loading
-from forward._dolfinx import JIT_OPTIONS, MPI, dolfinx, ufl
+from forward._dolfinx import MPI, dolfinx, ufl
+from forward.compilation import JIT_OPTIONS
 from forward.sheet.plane_stress_problem import (
     NOT_A_NUMBER,
     PETSC_OPTIONS,

@@ -6,7 +6,8 @@ from orders import taylor_rates
 from solid_helpers import MATERIALS, block, on_face, problem_on
 
 from forward import NeoHooke
-from forward._dolfinx import JIT_OPTIONS, dolfinx, ufl
+from forward._dolfinx import dolfinx, ufl
+from forward.compilation import compiled_form
 from forward.solid import pardiso
 from forward.solid.element import CENTRE, PRESSURES
 from forward.solid.solid_forms import centre_function, potential, pressure_basis
@@ -53,7 +54,7 @@ class Mixed:
         form = self.energy
         for name in names:
             form = ufl.derivative(form, self.fields[name])
-        form = dolfinx.fem.form(form, jit_options=JIT_OPTIONS)
+        form = compiled_form(form)
         if len(names) == 1:
             return dolfinx.fem.assemble_vector(form).array
         A = dolfinx.fem.petsc.assemble_matrix(form)

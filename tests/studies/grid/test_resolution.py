@@ -18,7 +18,7 @@ from calibrate.errors import ConfigError
 from calibrate.models import pann
 from calibrate.models.network_model import Model
 from studies.accuracy import metrics
-from studies.commands import resolution
+from studies.commands.grid_studies import resolution
 from studies.errors import OptionError
 from studies.grid.axes import Loss
 from studies.grid.claims import ClaimVerdict, Statement

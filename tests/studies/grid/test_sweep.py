@@ -14,7 +14,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.errors import ConfigError, FitError
 from meshes import Mesh
 from studies import cli
-from studies.commands import sweep
+from studies.commands.grid_studies import sweep
 from studies.errors import DamagedFileError, OptionError, WorkflowError
 from studies.grid import report, steps, study, workflow
 from studies.grid.axes import Case, Loss, Settings

@@ -17,7 +17,7 @@ from study_stand_in import fit_with, folder_of, parsed, stretched_sheet
 from calibrate.data.experiment import Experiment
 from calibrate.errors import ConfigError
 from studies import cli
-from studies.commands import thickness
+from studies.commands.grid_studies import thickness
 from studies.errors import OptionError
 from studies.grid import report, steps, workflow
 from studies.grid.axes import PLANE, Case, Loss, Settings

@@ -18,7 +18,7 @@ from studies import cli
 from studies.cli import main
 from studies.commandline import application
 from studies.errors import OptionError
-from studies.trials import blind_case, blind_data, blind_plans, blind_report
+from studies.trials import blind_case, blind_data, blind_plans, blind_report, judgement
 from studies.trials.blind_case import Plan
 from studies.trials.blind_data import draw
 
@@ -72,9 +72,10 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     confusion = (tmp_path / "confusion.csv").read_text()
     assert confusion.splitlines()[0].startswith("hidden,nothing,unexplained")
     assert (tmp_path / "report.html").exists()
-    judged = blind_case.judge(homes[0])
-    assert judged["amplitudes"][0]["pulls"]["a"] == pytest.approx(1.0)
-    known = {one["trial"]: one for one in json.loads((tmp_path / "trials.json").read_text())}
+    judged = judgement.judge(homes[0])
+    assert judged.amplitudes[0].pulls["a"] == pytest.approx(1.0)
+    known = {one.trial: one for one in judgement.read(tmp_path / "trials.json")}
+    assert known[homes[0].name] == judged
     elsewhere = [tmp_path / "elsewhere" / home.name for home in homes]
     assert blind_report.write_report(tmp_path / "again", elsewhere, {}, known) == text
 
@@ -91,9 +92,11 @@ def test_nonsense_is_refused(words):
 def test_trials_of_another_run_are_not_made_again(tmp_path, capsys):
     todo = plans()
     path = tmp_path / "trials.json"
-    path.write_text(json.dumps([{"trial": todo[3].name}, {"trial": "something else-1"}]))
+    one = judgement.judge(trial(tmp_path, todo[3].name, ["x"], named=["x"])).to_dict()
+    other = {**one, "trial": "something else-1"}
+    path.write_text(json.dumps([one, other]))
     assert list(blind_plans.read_known(path, todo)) == [todo[3].name]
-    path.write_text(json.dumps([{"trial": "something else-1"}]))
+    path.write_text(json.dumps([other]))
     assert main(["blind", "--known", str(path), "-o", str(tmp_path / "out")]) == 2
     assert "none of its trials is one of this run" in capsys.readouterr().err
     path.write_text("[1, 2]")

@@ -1,0 +1,146 @@
+"""A diagnosed trial against its label: the only place where both are open.
+
+In: the folder of a trial. Out: `JudgedTrial`, which is kept as JSON and read back.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from calibrate.data.experiment import Experiment
+from calibrate.data.triangulation import signed_areas
+from calibrate.diagnosis.selection import Verdict
+from studies.trials.blind_case import GLOBAL_LIMIT
+
+ALIKE = 0.9  # signatures above this correlation are look-alikes
+
+
+@dataclass(frozen=True)
+class JudgedAmplitude:
+    """An effect that was hidden and is in the model. pulls: (fitted - true) / deviation of each amplitude."""
+
+    true: dict[str, float]
+    effect: str
+    amplitudes: dict[str, float]
+    deviations: dict[str, float]
+    shape: dict[str, float]
+    pulls: dict[str, float]
+
+
+@dataclass(frozen=True)
+class JudgedWithout:
+    """The same test diagnosed without the hidden effect in the catalogue. partners: its look-alikes; wrong: other names."""
+
+    verdict: Verdict
+    named: list[str]
+    closest: list[str]
+    wrong: list[str]
+    partners: list[str]
+
+
+@dataclass(frozen=True)
+class JudgedTrial:
+    """What was hidden beside what was said of it.
+
+    hit, exact: of each hidden effect, whether its group, and it itself, is named. scores: of each before anything is found;
+    beside: with the other one in the model. strong: the lesser of these is above `GLOBAL_LIMIT`. field: correlation of
+    fitted and hidden stiffness over the specimen. seconds: CPU time.
+    """
+
+    trial: str
+    hidden: list[str]
+    verdict: Verdict
+    named: list[str]
+    closest: list[str]
+    scores: dict[str, float]
+    strong: bool
+    hit: list[bool]
+    exact: list[bool]
+    amplitudes: list[JudgedAmplitude | None]
+    field: list[float | None]
+    seconds: float
+    beside: dict[str, float] | None = None
+    absent: JudgedWithout | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, without what was not done."""
+        return {k: v for k, v in asdict(self).items() if v is not None}
+
+
+_LIST = TypeAdapter(list[JudgedTrial])
+
+
+def read(path: Path) -> list[JudgedTrial]:
+    """Judged trials of a JSON file. Raises `OSError`, `ValueError`."""
+    return _LIST.validate_json(path.read_bytes())
+
+
+def judge(home: Path) -> JudgedTrial:
+    """Compare a diagnosis with its label."""
+    label = json.loads((home / "sealed" / "label.json").read_text())
+    content = json.loads((home / "diagnosis.json").read_text())
+    full, hidden = content["full"], label["effects"]
+    names = [h["name"] for h in hidden]
+    first = full["rounds"][0]["scores"]
+    scores = {n: first.get(n, {}).get("score", 0.0) for n in names}
+    file = home / "sealed" / "beside.json"
+    beside = json.loads(file.read_text()) if file.exists() else None
+    groups = [{n, *full["groups"].get(n, [])} for n in full["named"]]
+    return JudgedTrial(
+        trial=home.name,
+        hidden=names,
+        verdict=Verdict(full["verdict"]),
+        named=full["named"],
+        closest=full["closest"],
+        scores=scores,
+        beside=beside,
+        strong=bool(names) and min((beside or scores).values()) > GLOBAL_LIMIT,
+        hit=[any(n in group for group in groups) for n in names],
+        exact=[n in full["named"] for n in names],
+        amplitudes=[_amplitude(h, full["additions"]) for h in hidden],
+        field=[_field(h, full["additions"], home) for h in hidden],
+        seconds=content["seconds"],
+        absent=_without(content["absent"], first.get(names[0], {}).get("like", {})) if "absent" in content else None,
+    )
+
+
+def _without(content: Mapping[str, Any], alike: Mapping[str, float]) -> JudgedWithout:
+    partners = sorted(name for name, value in alike.items() if value > ALIKE)
+    wrong = [name for name in content["named"] if name not in partners]
+    return JudgedWithout(Verdict(content["verdict"]), content["named"], content["closest"], wrong, partners)
+
+
+def _field(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]], home: Path) -> float | None:
+    """Correlation of fitted and hidden stiffness over the specimen, by area; a patch has no coefficients of cosines."""
+    fitted = next((a["amplitudes"] for a in additions if a["effect"] == hidden["name"]), None)
+    if fitted is None or "height" not in hidden["more"]:
+        return None
+    e = Experiment.load(home / "experiment.npz")
+    places, patch = e.points[e.triangles].mean(axis=1), hidden["more"]
+    low, high = e.points.min(axis=0), e.points.max(axis=0)
+    x = np.pi * (places - low) / (high - low)
+    waves = [v * np.cos(int(k[1]) * x[:, 0]) * np.cos(int(k[2]) * x[:, 1]) for k, v in fitted.items()]
+    distance = ((places - [patch["x"], patch["y"]]) ** 2).sum(axis=1)
+    true = patch["height"] * np.exp(-distance / (2 * patch["width"] ** 2))
+    spread = np.cov(np.sum(waves, axis=0), true, aweights=np.abs(signed_areas(e.points, e.triangles)))
+    return float(spread[0, 1] / np.sqrt(spread[0, 0] * spread[1, 1]))
+
+
+def _amplitude(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]]) -> JudgedAmplitude | None:
+    """Of an effect that is in the model, else None."""
+    for addition in additions:
+        if addition["effect"] == hidden["name"]:
+            pulls = {
+                name: (addition["amplitudes"][name] - true) / max(addition["deviations"][name], 1e-300)
+                for name, true in hidden["amplitudes"].items()
+                if name in addition["amplitudes"]
+            }
+            return JudgedAmplitude(true=hidden["amplitudes"], pulls=pulls, **addition)
+    return None
