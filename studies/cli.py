@@ -47,6 +47,11 @@ COMMANDS = {
         "read measured full-field data into an Experiment",
         "equigap import Soft_Homo\nequigap import columns.toml --output results/my-sheet",
     ),
+    "unpack": Command(
+        "studies.commands.import_data:unpack",
+        "write a packed test between two pads as tables of columns",
+        "equigap unpack monolithic.npz\nequigap unpack monolithic.npz --name skin -o results/skin-tables",
+    ),
     "homogeneous": Command(
         "studies.commands.homogeneous:homogeneous",
         "read a stress-stretch curve into an Experiment",

@@ -17,7 +17,7 @@ from cyclopts import Parameter
 
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import distillation, selection
-from calibrate.diagnosis.effect_fit import bulk_modulus
+from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects import CATALOGUE, Effect
@@ -190,7 +190,11 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         final.additions,
         final.errors,
         parts[0].experiment.stress_unit,
-        tuple({"name": p.experiment.name, "fingerprint": p.experiment.fingerprint} for p in parts if p.train.size),
+        tuple(
+            {"name": p.experiment.name, "fingerprint": p.experiment.fingerprint, "spacing": p.system.fields.spacing}
+            for p in parts
+            if p.train.size
+        ),
         hold_out,
         tuple(p.experiment.name for p in parts if not p.train.size),
         found.verdict,

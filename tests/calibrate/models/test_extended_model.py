@@ -59,7 +59,9 @@ def test_reading_gives_back_what_was_written(tmp_path):
     assert again.additions == explained().final.additions
     assert again.errors == explained().final.errors
     assert again.verdict == "explained"
-    assert again.training == ({"name": "plate", "fingerprint": sheet().fingerprint},)
+    (training,) = again.training
+    assert (training["name"], training["fingerprint"]) == ("plate", sheet().fingerprint)
+    assert training["spacing"] == explained().problem.parts[0].system.fields.spacing
 
 
 def test_file_states_amplitudes_with_units():
@@ -73,9 +75,9 @@ def test_prediction_is_that_of_the_diagnosis():
     # but for the mean of the noise (2e-4 N here), which a diagnosis holds at its first base
     found = model().predict(sheet())
     part = explained().problem.parts[0]
-    assert found.residuals == pytest.approx(residual(part, explained().final), abs=2e-4)
+    assert found.residuals == pytest.approx(residual(part, explained().final), abs=1e-9)
     for name, (_, predicted, _) in forces(part, explained().final).items():
-        assert found.forces[name] == pytest.approx(predicted, abs=2e-4)
+        assert found.forces[name] == pytest.approx(predicted, rel=1e-9, abs=1e-9)
     assert found.outside == 0
     assert found.left_out == ()
 
