@@ -85,9 +85,11 @@ class Recording:
 
 
 class Importer(ABC):
-    """One vendor or layout. source: its sources in words. states_everything: its source says all; options are refused."""
+    """One vendor or layout. source: its sources in words. states_everything: its source says all; options are refused.
+    reads_any_folder: it is asked last."""
 
     source: ClassVar[str]
+    reads_any_folder: ClassVar[bool] = False
     states_everything: ClassVar[bool] = False
 
     @abstractmethod
