@@ -89,8 +89,8 @@ def test_other_versions_and_missing_arrays_are_refused(tmp_path):
     stretched().save(path)
     with np.load(path) as data:
         content = {key: data[key] for key in data.files}
-    np.savez(path, **{**content, "version": 3})
-    with pytest.raises(errors.FileFormatError, match="version 3, this program reads 1 and 2"):
+    np.savez(path, **{**content, "version": 4})
+    with pytest.raises(errors.FileFormatError, match="version 4, this program reads 1 to 3"):
         Experiment.load(path)
     for garbled, message in (
         ({"version": "new"}, "version new"),

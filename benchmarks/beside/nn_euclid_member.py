@@ -5,7 +5,7 @@ imports its modules there and calls its training. Nothing of it is changed. Thre
 torch: the optimiser's loss and the CPU time of every epoch, checkpoints after the learning-rate step, and a limit of minutes or epochs,
 after which the same call goes on from the last checkpoint (optimiser, schedule and random numbers included).
 
-    PYTHON nn_euclid_member.py train CLONE MATERIAL NOISE SEED FOLDER [--minutes 12] [--until 500] [--every 10]
+    PYTHON nn_euclid_member.py train CLONE MATERIAL NOISE SEED FOLDER [--minutes 12] [--until 500] [--steps 6] [--every 10]
     PYTHON nn_euclid_member.py stress CLONE MATERIAL FOLDER GRADIENTS.npy OUT.npz
 
 `stress` evaluates every checkpoint of FOLDER (without dropout) at deformation gradients (n, 4) [F11, F12, F21, F22] and writes the
@@ -55,7 +55,7 @@ def network(material: str) -> Any:
     )
 
 
-def load_steps(material: str, noise: str) -> list[Any]:
+def load_steps(material: str, noise: str, count: int | None = None) -> list[Any]:
     """Its data sets, read by its own reader; refuses where a newer pandas makes that reader keep the noise on the boundary."""
     import numpy
     import pandas
@@ -63,7 +63,7 @@ def load_steps(material: str, noise: str) -> list[Any]:
 
     folder = Path(f"../fem-data/noise={noise}/{material}")
     sets = []
-    for step in sorted(int(f.name) for f in folder.iterdir()):
+    for step in sorted(int(f.name) for f in folder.iterdir())[:count]:
         data = loadFemData(f"{folder}/{step}")
         table = pandas.read_csv(folder / str(step) / "output_nodes.csv")
         held = table.bcx.values != 0
@@ -84,7 +84,7 @@ def train(args: argparse.Namespace) -> None:
     from model import init_weights
 
     model.apply(init_weights)
-    steps = load_steps(args.material, args.noise)
+    steps = load_steps(args.material, args.noise, args.steps)
     state = watch.resume(model)
     theirs.epochs -= state
     if theirs.epochs <= 0 or state >= args.until:
@@ -231,6 +231,7 @@ def main() -> None:
     one.add_argument("folder", type=Path)
     one.add_argument("--minutes", type=float, default=1e9)
     one.add_argument("--until", type=int, default=10**9, metavar="EPOCH")
+    one.add_argument("--steps", type=int, default=None, help="only the first load steps")
     one.add_argument("--every", type=int, default=10)
     two = commands.add_parser("stress")
     two.add_argument("clone", type=Path)
