@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment_checks import PLANES, check
 from calibrate.data.experiment_file import read_fields, write_fields
 from calibrate.data.measurement import LoadedBoundary, Noise
+from calibrate.data.strain_signal import StrainSignal, strain_signal
 from calibrate.data.triangulation import boundary_nodes
 
 __all__ = ["PLANES", "Experiment", "LoadedBoundary", "Noise"]
@@ -66,6 +68,11 @@ class Experiment:
     def n_increments(self) -> int:
         """Number of increments."""
         return self.displacements.shape[0]
+
+    @cached_property
+    def strain_signal(self) -> StrainSignal:
+        """Size of the strain beside its scatter between neighbouring triangles."""
+        return strain_signal(self.points, self.triangles, self.displacements)
 
     @property
     def stress_unit(self) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 
 from forward.errors import MaterialError
 from forward.materials.arruda_boyce import ArrudaBoyce
+from forward.materials.carroll import Carroll
 from forward.materials.mooney_rivlin import MooneyRivlin
 from forward.materials.neo_hooke import NeoHooke
 from forward.materials.network_energy import Pann
@@ -13,7 +14,9 @@ from forward.materials.strain_energy import Material
 from forward.materials.tabulated import Tabulated
 from forward.materials.yeoh import Yeoh
 
-MATERIALS: dict[str, type[Material]] = {kind.name: kind for kind in (ArrudaBoyce, NeoHooke, MooneyRivlin, Yeoh)}
+MATERIALS: dict[str, type[Material]] = {
+    kind.name: kind for kind in (ArrudaBoyce, NeoHooke, MooneyRivlin, Yeoh, Carroll)
+}
 _ALL: dict[str, type[Material]] = {**MATERIALS, Pann.name: Pann, Tabulated.name: Tabulated}
 
 

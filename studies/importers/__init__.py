@@ -16,10 +16,10 @@ __all__ = ["Importer", "Processing", "Recording", "SheetOptions", "importer_of",
 
 
 def importers() -> list[Importer]:
-    """An importer of every kind: those in modules of this folder, and those that were defined elsewhere; last who reads any folder."""
+    """An importer of every kind: those in modules of this folder, and those that were defined elsewhere."""
     for module in pkgutil.iter_modules(__path__, f"{__name__}."):
         importlib.import_module(module.name)
-    return sorted((kind() for kind in _kinds(Importer)), key=lambda importer: importer.reads_any_folder)
+    return sorted((kind() for kind in _kinds(Importer)), key=lambda importer: importer.fallback)
 
 
 def importer_of(source: str) -> Importer:

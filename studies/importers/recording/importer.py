@@ -86,11 +86,13 @@ class Recording:
 
 class Importer(ABC):
     """One vendor or layout. source: its sources in words. states_everything: its source says all; options are refused.
-    reads_any_folder: it is asked last."""
+
+    fallback: asked after all others, as it takes any file of a kind.
+    """
 
     source: ClassVar[str]
-    reads_any_folder: ClassVar[bool] = False
     states_everything: ClassVar[bool] = False
+    fallback: ClassVar[bool] = False
 
     @abstractmethod
     def reads(self, source: str) -> bool:
