@@ -23,6 +23,7 @@ class UniaxialTension(Strip):
     half_width: float = 15.0
     far_size: float = 3.0
     name: ClassVar[str] = "UT"
+    displacement: ClassVar[float | None] = 150.0
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class PureShear(PureShearSheet):
     half_width: float = 10.0
     far_size: float = 3.0
     name: ClassVar[str] = "PS"
+    displacement: ClassVar[float | None] = 15.0
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class PerforatedSheet(Rectangle):
 
     name: ClassVar[str] = "perforated_sheet"
     loaded: ClassVar[tuple[str, ...]] = ("left", "right")
+    displacement: ClassVar[float | None] = 50.0
 
     def __post_init__(self) -> None:
         holes = tuple(hole if isinstance(hole, Ellipse) else Ellipse(**hole) for hole in self.perforation)
@@ -96,6 +99,7 @@ class TTa(PerforatedSheet):
     half_length: float = 40.0
     perforation: tuple[Ellipse, ...] = (Ellipse(0.0, 0.0, 3.0, 3.0),)
     name: ClassVar[str] = "TTa"
+    displacement: ClassVar[float | None] = 40.0
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,7 @@ class TTb(PerforatedSheet):
     half_length: float = 40.0
     perforation: tuple[Ellipse, ...] = (Ellipse(0.0, 0.0, 6.0, 6.0),)
     name: ClassVar[str] = "TTb"
+    displacement: ClassVar[float | None] = 36.0
 
 
 @dataclass(frozen=True)
@@ -114,6 +119,7 @@ class TTc(PerforatedSheet):
     half_length: float = 30.0
     perforation: tuple[Ellipse, ...] = (Ellipse(0.0, 0.0, 9.0, 3.0, pi / 2),)
     name: ClassVar[str] = "TTc"
+    displacement: ClassVar[float | None] = 26.0
 
 
 @dataclass(frozen=True)
@@ -123,6 +129,7 @@ class TTd(PerforatedSheet):
     half_length: float = 20.0
     perforation: tuple[Ellipse, ...] = (Ellipse(0.0, 7.5, 4.0, 2.5, pi / 2), Ellipse(10.0, 0.0, 6.0, 2.5, pi / 2))
     name: ClassVar[str] = "TTd"
+    displacement: ClassVar[float | None] = 20.0
 
 
 @dataclass(frozen=True)
@@ -132,6 +139,7 @@ class TTe(PerforatedSheet):
     half_length: float = 15.0
     perforation: tuple[Ellipse, ...] = (Ellipse(0.0, 7.0, 4.5, 2.5, pi / 2),)
     name: ClassVar[str] = "TTe"
+    displacement: ClassVar[float | None] = 15.0
 
 
 @dataclass(frozen=True)
@@ -141,6 +149,7 @@ class TTf(PerforatedSheet):
     half_length: float = 12.5
     perforation: tuple[Ellipse, ...] = (Ellipse(0.0, 5.0, 3.0, 3.0),)
     name: ClassVar[str] = "TTf"
+    displacement: ClassVar[float | None] = 12.0
 
 
 SHEETS = (UniaxialTension, PureShear, TTa, TTb, TTc, TTd, TTe, TTf)

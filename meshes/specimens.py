@@ -23,10 +23,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Specimen:
-    """Base of all specimens. Raises `SpecimenError` for dimensions that do not fit together."""
+    """Base of all specimens. Raises `SpecimenError` for dimensions that do not fit together.
+
+    loaded: sides that grips hold. displacement: of each rigid grip where none is given, mm; None where rigid grips cannot hold it.
+    """
 
     name: ClassVar[str]
     loaded: ClassVar[tuple[str, ...]]
+    displacement: ClassVar[float | None]
 
     @property
     def sizes(self) -> tuple[float, float]:
@@ -131,6 +135,7 @@ class Cross(Specimen):
 
     name: ClassVar[str] = "cross"
     loaded: ClassVar[tuple[str, ...]] = ("left", "right", "bottom", "top")
+    displacement: ClassVar[float | None] = 60.0
 
     @property
     def sizes(self) -> tuple[float, float]:
@@ -180,6 +185,7 @@ class Strip(Rectangle):
     far_size: float = 4.0
     name: ClassVar[str] = "strip"
     loaded: ClassVar[tuple[str, ...]] = ("left", "right")
+    displacement: ClassVar[float | None] = 60.0
 
 
 @dataclass(frozen=True)
@@ -191,6 +197,7 @@ class PureShearSheet(Rectangle):
     far_size: float = 4.0
     name: ClassVar[str] = "pure_shear"
     loaded: ClassVar[tuple[str, ...]] = ("bottom", "top")
+    displacement: ClassVar[float | None] = 10.0
 
 
 @dataclass(frozen=True)
@@ -202,6 +209,7 @@ class SquareSheet(Rectangle):
     far_size: float = 5.0
     name: ClassVar[str] = "square"
     loaded: ClassVar[tuple[str, ...]] = ("left", "right", "bottom", "top")
+    displacement: ClassVar[float | None] = None  # the grips meet at its corners
 
 
 @dataclass(frozen=True)
@@ -215,6 +223,7 @@ class PlateWithHole(Rectangle):
     hole_size: float = 1.5
     name: ClassVar[str] = "plate_with_hole"
     loaded: ClassVar[tuple[str, ...]] = ("left", "right")
+    displacement: ClassVar[float | None] = 40.0
 
     @property
     def sizes(self) -> tuple[float, float]:

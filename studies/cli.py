@@ -47,6 +47,11 @@ COMMANDS = {
         "read measured full-field data into an Experiment",
         "equigap import Soft_Homo\nequigap import columns.toml --output results/my-sheet",
     ),
+    "unpack": Command(
+        "studies.commands.import_data:unpack",
+        "write a packed test between two pads as tables of columns",
+        "equigap unpack monolithic.npz\nequigap unpack monolithic.npz --name skin -o results/skin-tables",
+    ),
     "homogeneous": Command(
         "studies.commands.homogeneous:homogeneous",
         "read a stress-stretch curve into an Experiment",
@@ -98,6 +103,11 @@ COMMANDS = {
         "studies.commands.measured:measured",
         "study: what measured sheets and homogeneous tests do beyond hyperelasticity",
         "equigap measured --quick\nequigap measured --until 15 --frames 24 -o results/measured",
+    ),
+    "design": Command(
+        "studies.commands.design:design",
+        "which specimen to cut next, and what it would tell of the law",
+        "equigap design --quick\nequigap design family.toml --validate --output results/next",
     ),
     "figures": Command(
         "studies.commands.figures:figures",

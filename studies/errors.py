@@ -23,3 +23,7 @@ class OptionError(StudyError, ValueError):
 
 class WorkflowError(StudyError, RuntimeError):
     """A job of a study's workflow failed."""
+
+
+class DesignError(StudyError, ValueError):
+    """A design file that cannot be read, or asks for what no specimen can do."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment_checks import PLANES, check
 from calibrate.data.experiment_file import read_fields, write_fields
 from calibrate.data.measurement import LoadedBoundary, Noise
+from calibrate.data.strain_signal import StrainSignal, strain_signal
 from calibrate.data.triangulation import boundary_nodes
 
 __all__ = ["PLANES", "Experiment", "LoadedBoundary", "Noise"]
@@ -57,7 +59,7 @@ class Experiment:
         if self.time is not None:
             object.__setattr__(self, "time", np.asarray(self.time, dtype=np.float64))
         loaded = tuple(
-            LoadedBoundary(b.name, np.asarray(b.nodes, np.int64), np.asarray(b.force, np.float64)) for b in self.loaded
+            replace(b, nodes=np.asarray(b.nodes, np.int64), force=np.asarray(b.force, np.float64)) for b in self.loaded
         )
         object.__setattr__(self, "loaded", loaded)
         check(self)
@@ -66,6 +68,11 @@ class Experiment:
     def n_increments(self) -> int:
         """Number of increments."""
         return self.displacements.shape[0]
+
+    @cached_property
+    def strain_signal(self) -> StrainSignal:
+        """Size of the strain beside its scatter between neighbouring triangles."""
+        return strain_signal(self.points, self.triangles, self.displacements)
 
     @property
     def stress_unit(self) -> str:
@@ -95,7 +102,7 @@ class Experiment:
             name=name or self.name,
             displacements=self.displacements[index],
             time=None if self.time is None else self.time[index],
-            loaded=tuple(LoadedBoundary(b.name, b.nodes, b.force[index]) for b in self.loaded),
+            loaded=tuple(replace(b, force=b.force[index]) for b in self.loaded),
         )
 
     @property

@@ -26,10 +26,11 @@ from calibrate.equations.weights import weights_of
 from calibrate.fitting.least_squares import bounded
 
 Array = NDArray[np.float64]
-PASSES = 12
+PASSES, MOST_PASSES = 12, 48  # of updates by half; in all, by less and less, where these do not settle
 TOLERANCE = 0.05  # relative change of the base between the last two passes
 # see `reduction.corrected`: with more noise in the change of volume, p-values in plane strain no longer hold
 RELIABLE = 0.9
+LEAST_SIGNAL = 3.0  # signal to noise of the strain
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +107,7 @@ def _base(
     c, spread, change = start, 1.0, np.inf
     assembled, masks = [test.assembled for test in tests], [test.mask for test in tests]
     n = cone.shape[1]
-    for count in range(PASSES):
+    for count in range(MOST_PASSES):
         quadratic, A, d = _weighted(tests, basis, c)
         weights = bounded(A @ cone, d, np.zeros(n), np.full(n, np.inf), prior * np.sqrt(spread))
         previous, c = c, cone @ weights
@@ -114,17 +115,30 @@ def _base(
         if not c.any():
             raise errors.FitError("the data do not constrain the material: forces or displacements are all noise")
         c = reduction.corrected(quadratic, c, previous, assembled, masks, RELIABLE)
+        share = 1.0
         if count > 1:  # weights and fit may answer each other in turn
-            c = 0.5 * (previous + c)
-        change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c))
-        if change < 0.2 * TOLERANCE:
-            break
-    if not change < TOLERANCE:
-        raise errors.FitError(
-            f"the base model has not converged (its forces still change by {change:.1%} when the weights are updated); "
-            "a diagnosis of it would be one of the fit: check forces, units and free edges, or give a larger --spacing"
+            share = 0.5 ** (1 + max(count - PASSES, 0) // PASSES)
+            c = (1 - share) * previous + share * c
+        change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c)) * max(0.5 / share, 1.0)
+        if change < (0.2 if count < PASSES - 1 else 1.0) * TOLERANCE:
+            return c
+    raise errors.FitError(_not_converged([test.system.experiment for test in tests], change))
+
+
+def _not_converged(experiments: Sequence[Experiment], change: float) -> str:
+    """What is wrong with the data, where that can be seen, and what can be done."""
+    text = f"the base model has not converged (its forces still change by {change:.1%} when the weights are updated); "
+    signals = [(e.strain_signal, e.name) for e in experiments]
+    signal, name = min(signals, key=lambda pair: pair[0].ratio)
+    if signal.ratio < LEAST_SIGNAL:
+        return text + (
+            f"the strain of {name} is {signal.strain:.1%} and scatters by {signal.scatter:.1%} between neighbouring triangles, so that "
+            "the weights follow the noise: fit the frame with the largest strain alone, mask spurious points at import (docs/ugly_data.md), "
+            "or take --base neo-Hooke"
         )
-    return c
+    return (
+        text + "a diagnosis of it would be one of the fit: check forces, units and free edges, or take --base neo-Hooke"
+    )
 
 
 def _weighted(

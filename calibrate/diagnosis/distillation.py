@@ -1,4 +1,4 @@
-"""A PANN from the base of a fit: what a diagnosis found, as the network that a calibration would have given.
+"""A PANN from the base of a fit: what a diagnosis found, as the network that a calibration would have given; and its bulk modulus.
 
 In: a `Problem` and a `Fit`. Out: a `Model` of I1 and how much worse it meets the training equations than the spline.
 The effects in the model are held; the network is fitted to the quadratic loss about the fit, and judged by the exact one.
@@ -15,6 +15,7 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Problem
 from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.equations.reduction import Quadratic
+from calibrate.fitting.least_squares import orthonormal
 from calibrate.fitting.network_fit import fit_network
 from calibrate.models.network_model import Model
 
@@ -66,3 +67,14 @@ def distil(
         bulk_modulus=float(found.coefficients[-1]) if isinstance(problem.basis, PlaneStrainBasis) else None,
     )
     return Distilled(model, fit.loss, network_loss, fit.n_rows)
+
+
+def bulk_modulus(problem: Problem, fit: Fit) -> tuple[float, float] | None:
+    """Bulk modulus of a fit in plane strain and its standard deviation, MPa (N/mm without a thickness); None in plane stress."""
+    if not isinstance(problem.basis, PlaneStrainBasis):
+        return None
+    G = equations.base_columns(problem, fit.chains)
+    S = equations.signatures(problem, fit.chains, fit.c, fit.additions) if fit.additions else G[:, :0]
+    others = orthonormal(np.concatenate([G[:, :-1], S], axis=1))
+    outside = G[:, -1] - others @ (others.T @ G[:, -1])
+    return float(fit.c[-1]), float(np.sqrt(max(1.0, fit.reduced_chi_square)) / np.linalg.norm(outside))

@@ -18,7 +18,6 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.residual_tests import ChiSquare, Misfits
 from calibrate.diagnosis.signature_noise import denoised, excess, hidden_noise
 from calibrate.effects.chain import Additions, Chain
-from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.fitting import gauss_newton
 from calibrate.fitting.gauss_newton import Halving
 from calibrate.fitting.least_squares import CONDITION, bounded, orthonormal, residual_outside, subtract
@@ -27,6 +26,7 @@ from calibrate.fitting.stopping import Stop
 Array = NDArray[np.float64]
 ITERATIONS = 6
 FOLLOWED = 3  # iterations of a fit in which the estimate of the true displacements follows it
+BEYOND = 1e100  # no quantity of a fit
 SMALL_STEP = 1e-2  # norm, in standard deviations of an equation, at which a fit ends
 
 
@@ -80,6 +80,12 @@ class Fit:
         return self.free_loss / max(self.degrees, 1)
 
     @property
+    def likelihood(self) -> float:
+        """Minus twice the log-likelihood of what no I1 energy can absorb; see `Misfit.likelihood`."""
+        dispersion = max(1.0, self.reduced_chi_square)
+        return self.free_loss / dispersion + self.degrees * float(np.log(dispersion)) + self.log_determinant
+
+    @property
     def p_value(self) -> float:
         """Probability of a misfit as large, if there is nothing but noise, from all three (Bonferroni).
 
@@ -101,7 +107,8 @@ class _Point:
     @property
     def objective(self) -> float:
         """|residual|^2; the prior on the base is no part of what a step must not raise."""
-        return float(self.residual @ self.residual)
+        with np.errstate(over="ignore", invalid="ignore"):  # a step to what is not finite is halved
+            return float(self.residual @ self.residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +184,7 @@ class _Linearised:
 def refit(problem: Problem, c: Array, additions: Additions, iterations: int = ITERATIONS) -> Fit:
     """Base, amplitudes and shapes together, by Gauss-Newton on the exact residual; c (n,): where it starts.
 
-    Steps that raise the misfit are halved. Raises `FitError` where a fit runs away.
+    Steps that raise the misfit are halved, those to what is not finite too. Raises `FitError` where a fit runs away.
     """
     w = np.maximum(np.linalg.lstsq(problem.cone, c, rcond=None)[0], 0.0)
     last: list[_Linearised] = []
@@ -187,11 +194,14 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = IT
         last[:] = [_linearised(problem, point, known)]
         return last[0]
 
-    found = gauss_newton.minimise(linearise, _point(problem, w, additions), Halving(), iterations)
-    if found.reason is Stop.NOT_FINITE:
-        raise _ran_away(additions)
-    step = found.step.fraction * found.linear.length(found.step.unknowns)
-    return replace(_finished(problem, found.linear, found.point), last_step=step, stop=found.reason)
+    try:
+        found = gauss_newton.minimise(linearise, _point(problem, w, additions), Halving(), iterations)
+        if found.reason is Stop.NOT_FINITE:
+            raise _ran_away(additions)
+        step = found.step.fraction * found.linear.length(found.step.unknowns)
+        return replace(_finished(problem, found.linear, found.point), last_step=step, stop=found.reason)
+    except np.linalg.LinAlgError:
+        raise _ran_away(additions) from None
 
 
 def _point(problem: Problem, w: Array, additions: Additions) -> _Point:
@@ -201,6 +211,7 @@ def _point(problem: Problem, w: Array, additions: Additions) -> _Point:
 def _linearised(problem: Problem, point: _Point, known: _Linearised | None) -> _Linearised:
     """known: where the estimate of the true displacements, and with it the columns of the base, are taken from."""
     c, r = problem.cone @ point.w, point.residual
+    _check(r, point.additions)
     dispersion = max(1.0, float(r @ r) / len(r))
     if known is None:
         chains = tuple(denoised(problem, c, point.additions, r, dispersion))
@@ -224,8 +235,8 @@ def _linearised(problem: Problem, point: _Point, known: _Linearised | None) -> _
 
 
 def _check(values: Array, additions: Additions) -> None:
-    """Raises `FitError` where values are not finite."""
-    if not np.isfinite(values).all():
+    """Raises `FitError` where values are not finite, or their squares would not be."""
+    if not np.abs(values).max(initial=0.0) < BEYOND:
         raise _ran_away(additions)
 
 
@@ -241,6 +252,7 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
         c = (1 + (1 - 1 / linear.dispersion) * (equations.stiffness_factor(problem, c, additions) - 1)) * c
     _check(c, additions)
     r = equations.residual(problem, c, additions)
+    _check(r, additions)
     U = orthonormal(np.concatenate([linear.span, linear.S], axis=1))
     uncertain = residual_tests.uncertain_directions([part.train for part in problem.trained])
     smooth = residual_tests.smooth_disturbances(problem)
@@ -283,14 +295,3 @@ def _noise_of_signatures(problem: Problem, linear: _Linearised, fit: Fit) -> Arr
             )
         start += size
     return N
-
-
-def bulk_modulus(problem: Problem, fit: Fit) -> tuple[float, float] | None:
-    """Bulk modulus of a fit in plane strain and its standard deviation, MPa (N/mm without a thickness); None in plane stress."""
-    if not isinstance(problem.basis, PlaneStrainBasis):
-        return None
-    G = equations.base_columns(problem, fit.chains)
-    S = equations.signatures(problem, fit.chains, fit.c, fit.additions) if fit.additions else G[:, :0]
-    others = orthonormal(np.concatenate([G[:, :-1], S], axis=1))
-    outside = G[:, -1] - others @ (others.T @ G[:, -1])
-    return float(fit.c[-1]), float(np.sqrt(max(1.0, fit.reduced_chi_square)) / np.linalg.norm(outside))

@@ -27,6 +27,16 @@ def not_distinct_from_null(addition: Addition, deviations: Sequence[float]) -> b
     )
 
 
+def at_bounds(addition: Addition) -> bool:
+    """Whether every amplitude that differs from its null value is at the end of what is possible, and one does."""
+    ends = [
+        a in (p.lower, p.upper)
+        for a, p in zip(addition.amplitudes, addition.effect.amplitudes, strict=True)
+        if a != p.null
+    ]
+    return bool(ends) and all(ends)
+
+
 @dataclass(frozen=True)
 class Variables:
     """Amplitudes and shapes of additions as one vector of numbers of order 1, and its bounds."""

@@ -45,6 +45,14 @@ class Part:
         """Residual (t, 2 v), N, without the mean that noise brings into it."""
         return self.chain.residual(c, additions) - self.shift
 
+    def own_residual(self, c: Array, additions: Additions = ()) -> Array:
+        """Residual (t, 2 v), N, without the mean that noise brings into it in the base c (n,) itself.
+
+        What a model file predicts (`ExtendedModel.predict`), and what every stated error is of. In a fit the mean is held at that of
+        the weights.
+        """
+        return self.chain.residual(c, additions) - self.chain.noise_shift(c, self.assembled.noise_factor)
+
     def valid(self, additions: Additions) -> Additions:
         """Those that hold for this experiment: of the material, and all where it took part in the fit."""
         return additions if self.train.size else tuple(a for a in additions if a.effect.of_material)

@@ -37,12 +37,13 @@ DRAWS = 2000  # of the simulated search
 
 class Status(StrEnum):
     """Whether an effect can be tested: a gauge cannot be told from what its effect names; data may be missing, or it belongs to one
-    test where several are fitted; the base may absorb its signature."""
+    test where several are fitted; the base may absorb its signature; or that is not finite at these deformations."""
 
     TESTED = "tested"
     GAUGE = "gauge"
     NOT_TESTABLE = "not testable"
     ABSORBED = "absorbed"
+    NOT_FINITE = "not finite"
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +146,8 @@ def examine(
         if best is None or (one.admissible, one.score) > (best.admissible, best.score):
             best = one
     if best is None:
-        return Score(effect, Status.ABSORBED, absorbed=absorbed_most), np.zeros((len(r), 0))
+        status = one.status if one.status is Status.NOT_FINITE else Status.ABSORBED
+        return Score(effect, status, absorbed=absorbed_most), np.zeros((len(r), 0))
     if not single and effect.rough and problem.noise_is_known:
         best = examine_shape(problem, state, Addition(effect, null, best.shape), U, r, hidden)[0]
     p = min(1.0, len(blocks) * float(stats.chi2.sf(best.score, best.degrees)))
@@ -169,6 +171,8 @@ def examine_shape(
     effect = addition.effect
     typical = np.array([p.typical for p in effect.amplitudes])
     S = equations.signature(problem, state.chains, state.c, (*state.additions, addition)) * typical
+    if not np.isfinite(S).all():
+        return Score(effect, Status.NOT_FINITE), S
     outside = S - U @ (U.T @ S)
     absorbed = 1.0 - np.linalg.norm(outside) / max(np.linalg.norm(S), 1e-300)
     if absorbed > 1 - ABSORBED:

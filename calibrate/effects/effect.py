@@ -95,6 +95,10 @@ class Effect:
         """Whether its stress depends on earlier increments."""
         return self.stage in ("softening", "relaxation", "set")
 
+    def is_degenerate(self, shape: tuple[float, ...]) -> bool:
+        """Whether a member of a family is a simpler effect under another name."""
+        return False
+
     def missing(self, data: Data) -> str | None:
         """What the data lack for this effect to be tested ('time', 'unloading', ...), or None."""
         return None

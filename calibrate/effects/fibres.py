@@ -10,6 +10,7 @@ import numpy as np
 from calibrate.effects.effect import Effect, Parameter
 
 ANGLES = 12
+CLOSED = 0.1  # rad between a family and the axis, below which two are one
 ANGLE = Parameter("angle", "rad", lower=-np.pi, upper=np.pi)
 
 
@@ -50,6 +51,9 @@ class TwoFibreFamilies(Effect):
         return [
             (float(axis), float(half)) for axis in np.arange(-4, 4) * np.pi / 8 for half in np.arange(1, 5) * np.pi / 16
         ]
+
+    def is_degenerate(self, shape):
+        return shape[1] < CLOSED
 
     def stress(self, data, F, P, a, shape, law):
         both = reinforcement(F, shape[0] + shape[1]) + reinforcement(F, shape[0] - shape[1])

@@ -16,7 +16,7 @@ class Rotation(Effect):
     name = "image rotation"
     stage = "measurement"
     formula = "f turned by phi"
-    amplitudes = (Parameter("phi", "rad", typical=0.02),)
+    amplitudes = (Parameter("phi", "rad", lower=-0.3, upper=0.3, typical=0.02),)
     decided_by = "a picture of a plumb line"
 
     def loads(self, data, loads, a, shape):

@@ -26,7 +26,7 @@ class LensDistortion(Effect):
     stage = "measurement"
     formula = "x (1 + k |x|^2 / R^2)"
     source = "Brown 1971"
-    amplitudes = (Parameter("k", "1", typical=0.005),)
+    amplitudes = (Parameter("k", "1", lower=-0.2, upper=0.2, typical=0.005),)
     decided_by = "pictures of a dot grid"
 
     def missing(self, data):

@@ -17,7 +17,7 @@ class OutOfPlane(Effect):
     stage = "measurement"
     formula = "x (1 + m s), s: share of the loading"
     source = "Sutton, Yan, Tiwari, Schreier and Orteu 2008"
-    amplitudes = (Parameter("m", "1", typical=0.003),)
+    amplitudes = (Parameter("m", "1", lower=-0.05, upper=0.05, typical=0.003),)
     decided_by = "a second camera, or a telecentric lens"
 
     def displacements(self, data, u, a, shape):

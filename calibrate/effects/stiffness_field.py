@@ -20,7 +20,10 @@ class StiffnessField(Effect):
     truncated = True
     formula = "P (1 + sum a_kl cos(k pi x) cos(l pi y))"
     amplitudes = tuple(
-        Parameter(f"a{k}{l}", "1", typical=0.1) for k in range(ORDER + 1) for l in range(ORDER + 1) if k + l
+        Parameter(f"a{k}{l}", "1", lower=-1.0, upper=1.0, typical=0.1)
+        for k in range(ORDER + 1)
+        for l in range(ORDER + 1)
+        if k + l
     )
     decided_by = "strips cut from different places, or a thickness gauge"
 

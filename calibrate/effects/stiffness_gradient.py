@@ -14,7 +14,7 @@ class StiffnessGradient(Effect):
     name = "stiffness gradient"
     stage = "stiffness"
     formula = "P (1 + gx x + gy y)"
-    amplitudes = (Parameter("gx", "1/extent", typical=0.2), Parameter("gy", "1/extent", typical=0.2))
+    amplitudes = tuple(Parameter(name, "1/extent", lower=-1.5, upper=1.5, typical=0.2) for name in ("gx", "gy"))
     decided_by = "strips cut from different places, or a thickness gauge"
 
     def stress(self, data, F, P, a, shape, law):

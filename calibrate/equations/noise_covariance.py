@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium
+from calibrate.errors import FitError
 
 Array = NDArray[np.float64]
 
@@ -78,6 +79,17 @@ def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise)
 
 
 def cholesky_factor(covariance: Array) -> Array:
-    """Lower Cholesky factor of a covariance (r, r), with a floor of 1e-10 of each variance against round-off."""
+    """Lower Cholesky factor of a covariance (r, r), with a floor of 1e-10 of each variance against round-off.
+
+    Raises `FitError` for one that is not finite, as of a material that runs away.
+    """
     variance = np.diag(covariance)
-    return np.linalg.cholesky(covariance + np.diag(1e-10 * variance + 1e-14 * variance.max()))
+    try:
+        if not np.isfinite(covariance).all():
+            raise np.linalg.LinAlgError
+        return np.linalg.cholesky(covariance + np.diag(1e-10 * variance + 1e-14 * variance.max()))
+    except np.linalg.LinAlgError:
+        raise FitError(
+            "the noise of the equations cannot be computed: the stiffness of the material ran away; check forces and their signs, and "
+            "the largest strains"
+        ) from None

@@ -66,13 +66,18 @@ class Weights:
                 result[i, self.rows[i]] = scipy.linalg.solve_triangular(lower, part, lower=True, trans="T")
         return result
 
+    @staticmethod
+    def _solved(lower: Array, rows: Array) -> Array:
+        """What is not finite stays so: a fit that runs away is for the fit to name."""
+        return np.asarray(scipy.linalg.solve_triangular(lower, rows, lower=True, check_finite=False))
+
     def _noise(self, residuals: Array) -> Array:
         leading = residuals.shape[:-2]
         flat = residuals.reshape(-1, *residuals.shape[-2:])
         parts = []
         for i, lower in enumerate(self.lowers):
             if len(lower):
-                parts.append(scipy.linalg.solve_triangular(lower, flat[:, i, self.rows[i]].T, lower=True).T)
+                parts.append(self._solved(lower, flat[:, i, self.rows[i]].T).T)
         return np.concatenate(parts, axis=1).reshape(*leading, -1)
 
 

@@ -66,7 +66,9 @@ class Calibration:
     """Result of `calibrate`.
 
     model: the PANN. spline: coefficients of the convex spline it was distilled from (None for SLSQP).
-    losses: of all starts. reduced_chi_square: loss / (equations - parameters), NaN where the noise is unknown.
+    losses: of all starts. reduced_chi_square: of the model as it is, over equations minus parameters, NaN where the noise is unknown.
+    attenuation: factor by which the stiffness was raised, as noise in the strain lowers it; 1 without noise. dead_network: the
+    energy is a straight line although a convex one that bends meets the data clearly better.
     predicted_forces, measured_forces: {boundary: (n_increments, 2)} N.
     imbalance (n_increments, 2, n_fields): unexplained virtual work of the virtual fields, N.
     """
@@ -84,6 +86,8 @@ class Calibration:
     measured_forces: dict[str, Array]
     imbalance: Array
     system: Equilibrium = field(repr=False)
+    attenuation: float = 1.0
+    dead_network: bool = False
 
     def summary(self) -> dict[str, Any]:
         """Numbers for a manifest."""
@@ -97,6 +101,8 @@ class Calibration:
             "relative_force_error": relative_force_error(self.predicted_forces, self.measured_forces),
             "calibrated_range": {k: list(v) for k, v in self.model.calibrated_range.items()},
             "reason": self.reason,
+            "attenuation": self.attenuation,
+            "dead_network": self.dead_network,
             "bulk_modulus": self.model.bulk_modulus,
             "bulk_modulus_deviation": self.model.bulk_modulus_deviation,
             "uncertainty": None
@@ -136,14 +142,14 @@ def relative_force_error(predicted: dict[str, Array], measured: dict[str, Array]
 
 
 def predict_forces(system: Equilibrium, model: Model) -> tuple[dict[str, Array], Array]:
-    """Forces {boundary: (n_increments, 2)} N from the measured displacements, and all residuals
-    (n_increments, 2 n_fields), N."""
+    """Forces {boundary: (n_increments, 2)} N from the measured displacements, none along an edge that slides, and all
+    residuals (n_increments, 2 n_fields), N."""
     work = system.internal_forces(model.nominal_stress(system.deformation_gradients, system.experiment.plane))
     n = system.fields.n_fields
     forces = {}
     for column in np.flatnonzero(system.fields.boundary >= 0):
-        name = system.experiment.loaded[system.fields.boundary[column]].name
-        forces[name] = np.stack([work[:, column], work[:, n + column]], axis=1)
+        boundary = system.experiment.loaded[system.fields.boundary[column]]
+        forces[boundary.name] = np.stack([work[:, column], work[:, n + column]], axis=1) * boundary.held
     return forces, work - system.loads
 
 
@@ -178,7 +184,7 @@ def calibrate(
     architecture, result = network_fit.fit_network(
         quadratic, options.inputs, options.layers, spline, options.starts, options.seed
     )
-    confidence, bulk = None, None
+    confidence, bulk, factor, loss = None, None, 1.0, result.loss
     if options.loss == "weighted":
         confidence = uncertainty.parameter_uncertainty(quadratic, architecture, result.parameters, known)
         right = reduction.corrected(quadratic, result.coefficients, weights, [assembled])
@@ -187,9 +193,9 @@ def calibrate(
             bulk = _bulk_modulus(experiment, float(right[-1]), deviation * float(right[-1] / result.coefficients[-1]))
         largest = int(np.argmax(np.abs(result.coefficients[: energy_basis(basis).n_functions])))
         factor = float(right[largest] / result.coefficients[largest])
+        loss = quadratic.loss(right)
         architecture = replace(architecture, energy_scale=factor * architecture.energy_scale)
     freedom = max(1, quadratic.n_rows - architecture.n_parameters)
-    best = int(np.nanargmin(result.losses))
     return _collect(
         system,
         basis,
@@ -199,10 +205,12 @@ def calibrate(
         spline,
         result.losses,
         result.loss,
-        result.loss / freedom if known else np.nan,
-        result.reasons[best],
+        loss / freedom if known else np.nan,
+        result.reasons[int(np.nanargmin(result.losses))],
         confidence,
         bulk,
+        factor,
+        result.dead,
     )
 
 
@@ -245,6 +253,8 @@ def _collect(
     reason: str,
     confidence: uncertainty.Uncertainty | None = None,
     bulk: tuple[float, float] | None = None,
+    attenuation: float = 1.0,
+    dead_network: bool = False,
 ) -> Calibration:
     experiment = system.experiment
     model = Model(
@@ -272,4 +282,6 @@ def _collect(
         {b.name: b.force for b in experiment.loaded},
         residuals.reshape(len(residuals), 2, -1),
         system,
+        attenuation,
+        dead_network,
     )

@@ -14,7 +14,7 @@ Losses of independent tests add: their noise is independent, and each is weighte
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
@@ -33,8 +33,8 @@ from calibrate.models import pann
 
 Array = NDArray[np.float64]
 FIRST = slice(None, None, -3)  # increments that tell the law at which all are weighted
-ITERATIONS, DISTILLATION = 150, 40  # of each start, on the loss and on the spline before
-TOLERANCE = 2e-5  # of a small step: some tenths of the loss, where noise leaves `LIKELY` undecided
+# A small step: some tenths of the loss, where noise leaves `LIKELY` undecided.
+EFFORT = network_fit.Effort(distillation=40, iterations=150, tolerance=2e-5)
 LIKELY = 9.0  # rise of the loss, in units of its mean over the equations, up to which a start counts as good as the best: three deviations
 
 
@@ -147,10 +147,16 @@ class JointFit:
 
 
 def fit(reduced: Reduced, layers: tuple[int, ...], starts: int = 20, seed: int = 0) -> JointFit:
-    """Fit one size of network. Raises `FitError` when no start reached a finite loss."""
+    """Fit one size of network. Raises `FitError` when no start reached a finite loss.
+
+    The stiffness is put right as in `Quadratic.stiffness_factor`: at the best scale of c, q^T c is what the loss falls by.
+    """
+    quadratic = reduced.quadratic
     architecture, found = network_fit.fit_network(
-        reduced.quadratic, reduced.inputs, layers, reduced.spline, starts, seed, ITERATIONS, DISTILLATION, TOLERANCE
+        quadratic, reduced.inputs, layers, reduced.spline, starts, seed, EFFORT
     )
     best = int(np.nanargmin(found.losses))
-    per_equation = found.loss / reduced.quadratic.n_rows
+    factor = quadratic.constant / max(quadratic.constant - found.loss, 1e-3 * quadratic.constant)
+    architecture = replace(architecture, energy_scale=factor * architecture.energy_scale)
+    per_equation = found.loss / quadratic.n_rows
     return JointFit(architecture, found.all_parameters, found.losses, found.reasons, best, per_equation)

@@ -11,7 +11,7 @@ In: a `Quadratic`. Out: spline coefficients; PANN parameters with the reason why
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from calibrate import errors
-from calibrate.equations.basis import PlaneStrainBasis, Spline
+from calibrate.equations.basis import Basis, PlaneStrainBasis, Spline, energy_basis
 from calibrate.equations.inputs import INPUT_SETS
 from calibrate.equations.reduction import Quadratic
 from calibrate.fitting.levenberg_marquardt import TOLERANCE, levenberg_marquardt
@@ -32,6 +32,12 @@ Array = NDArray[np.float64]
 # without it a kink of any steepness fits just where the data end, and ruins the extrapolation.
 PRIOR_STD = 5.0
 DISTILLATION_DECAY = 1e-6
+STRAIGHT = 1e-4  # relative change of the derivatives of an energy that is called a straight line
+CLEARLY_LOWER, CLEAR_SHARE, RESTARTS = (
+    10.0,
+    0.02,
+    2,
+)  # loss of a convex spline, absolute and relative, that calls for new starts
 
 
 def monotone_functions(basis, k: int, n: int = 24) -> Array:
@@ -73,7 +79,8 @@ def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24) -> Array:
 @dataclass(frozen=True)
 class NetworkFit:
     """Result of `fit_network`: best parameters (n_parameters,), their spline coefficients (n_functions,) and loss; of
-    every start (n_starts,) its loss, its iterations, why it stopped, and its parameters (n_starts, n_parameters)."""
+    every start (n_starts,) its loss, its iterations, why it stopped, and its parameters (n_starts, n_parameters). dead: whether the energy is a straight line where a
+    convex one that bends meets the data clearly better."""
 
     parameters: Array
     coefficients: Array
@@ -82,6 +89,16 @@ class NetworkFit:
     iterations: NDArray[np.int64]
     reasons: tuple[Stop, ...]
     all_parameters: Array
+    dead: bool = False
+
+
+@dataclass(frozen=True)
+class Effort:
+    """iterations of each start on the spline (distillation) and on the loss; tolerance: relative decrease of a small step there."""
+
+    distillation: int = 300
+    iterations: int = 300
+    tolerance: float = TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -123,17 +140,42 @@ def fit_network(
     spline: Array,
     n_starts: int = 20,
     seed: int = 0,
-    limit: int = 300,
-    distillation_limit: int | None = None,
-    tolerance: float = TOLERANCE,
+    effort: Effort = Effort(),
 ) -> tuple[pann.Architecture, NetworkFit]:
     """Fit PANN_inputs^layers to a reduced loss, starting from `spline` coefficients of `convex_spline`.
 
     n_starts random starts (JAX key `seed`) are distilled from the spline and polished on the loss; the one with
     the lowest loss is returned. In plane strain every network has the bulk modulus that suits it best, the last of its
-    coefficients. limit: iterations on the loss; distillation_limit: on the spline, as many where it is None. tolerance: relative
-    decrease of a small step. Raises `FitError` when no start converged to a finite loss.
+    coefficients. Hidden weights that die leave a straight line; where a convex spline is clearly
+    better, the network is started again from that. Raises `FitError` when no start converged to a finite loss.
     """
+    architecture, found = _fit_network(quadratic, inputs, layers, spline, n_starts, seed, effort)
+    if not is_straight(quadratic.basis, found.coefficients):
+        return architecture, found
+    best = convex_spline(quadratic, inputs)
+    allowed = found.loss - max(CLEARLY_LOWER, CLEAR_SHARE * found.loss)
+    if quadratic.loss(best) >= allowed:
+        return architecture, found
+    for again in range(1, RESTARTS + 1):
+        new_architecture, new = _fit_network(quadratic, inputs, layers, best, 2 * n_starts, seed + 1000 * again, effort)
+        if new.loss < found.loss:
+            architecture, found = new_architecture, new
+        if not is_straight(quadratic.basis, found.coefficients):
+            return architecture, found
+    return architecture, replace(found, dead=True)
+
+
+def is_straight(basis: Basis, coefficients: Array) -> bool:
+    """Whether every derivative of an energy with coefficients (n_functions,) is constant: neo-Hooke, or Mooney-Rivlin."""
+    sites = np.linalg.pinv(energy_basis(basis).interpolation) @ coefficients[: energy_basis(basis).n_functions]
+    slopes = sites.reshape(-1, 2)
+    return bool(np.ptp(slopes, axis=0).max() <= STRAIGHT * np.abs(slopes).max())
+
+
+def _fit_network(
+    quadratic: Quadratic, inputs: str, layers: tuple[int, ...], spline: Array, n_starts: int, seed: int, effort: Effort
+) -> tuple[pann.Architecture, NetworkFit]:
+    """One run of all starts."""
     whole, quadratic = quadratic, quadratic.of_energy()
     problem = _scaled_problem(quadratic, inputs, spline[: quadratic.basis.n_functions])
     unit = pann.Architecture(inputs, tuple(layers))
@@ -141,13 +183,15 @@ def fit_network(
     keys = jax.random.split(jax.random.key(seed), n_starts)
     starts = jnp.stack([unit.random_start(key) for key in keys])
     distilled = levenberg_marquardt(
-        NetworkResidual(unit, True), problem.data, starts, lower, distillation_limit or limit, DISTILLATION_DECAY
+        NetworkResidual(unit, True), problem.data, starts, lower, effort.distillation, DISTILLATION_DECAY
     ).parameters
     magnitude, offset = problem.magnitude, quadratic.constant - problem.magnitude**2
     floor = max(offset, 0.0) / magnitude**2
     decay = floor / max(quadratic.n_rows, 1) / PRIOR_STD**2 + 1e-14
     polish = NetworkResidual(unit, False)
-    found = levenberg_marquardt(polish, problem.data, jnp.asarray(distilled), lower, limit, decay, floor, tolerance)
+    found = levenberg_marquardt(
+        polish, problem.data, jnp.asarray(distilled), lower, effort.iterations, decay, floor, effort.tolerance
+    )
     losses = found.objectives - decay * (found.parameters**2).sum(axis=1)
     if not np.isfinite(losses).any():
         raise errors.FitError("no start reached a finite loss; check the data for extreme deformations")

@@ -5,7 +5,7 @@ Keys: ``format`` = "equigap-extended-model", ``version`` = 1; ``unit`` ("MPa", o
 sqrt((I1 - 3) / top) (`calibrate.equations.basis.SingleBasis`), in plane strain also "bulk_modulus" and
 "bulk_modulus_deviation" (`calibrate.equations.isochoric`); ``additions`` [{"effect", "formula", "of_material", "amplitudes"
 [{"name", "unit", "value", "standard_deviation"}], "shape" [{"name", "unit", "value"}]}]; ``training`` [{"name",
-"fingerprint"}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
+"fingerprint", "spacing" of the virtual fields, mm, or null}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
 from]}; ``network``: a model file of a PANN distilled from the base, or null; ``network_loss``: how good it is;
 ``provenance`` (free JSON). The spline is the base; the network stands in for it where programs read networks only.
 
@@ -51,7 +51,7 @@ class Prediction:
 class ExtendedModel:
     """Base coefficients c (n,), in `unit`, and additions, each with a standard deviation for each amplitude (errors).
 
-    training: {"name", "fingerprint"} of the Experiments fitted. network, network_loss: see `calibrate.diagnosis.distillation`.
+    training: {"name", "fingerprint", "spacing"} of the Experiments fitted. network, network_loss: see `calibrate.diagnosis.distillation`.
     """
 
     basis: SingleBasis | PlaneStrainBasis
@@ -59,7 +59,7 @@ class ExtendedModel:
     additions: Additions
     errors: tuple[tuple[float, ...], ...]
     unit: str
-    training: tuple[dict[str, str], ...] = ()
+    training: tuple[dict[str, Any], ...] = ()
     hold_out: str = "nothing"
     held_out: tuple[str, ...] = ()
     verdict: str = ""
@@ -82,7 +82,9 @@ class ExtendedModel:
     def predict(self, experiment: Experiment, spacing: float | None = None) -> Prediction:
         """Forces and residuals of an Experiment from its measured displacements.
 
-        spacing: of the virtual fields, mm (None: from the noise). Raises `ConfigError` where the thickness is known to
+        The one definition of the forces of such a model, which the report of a diagnosis shows too: internal virtual work minus
+        the mean that noise brings into the base, with the effects that hold for the test. spacing: of the virtual fields, mm (None:
+        as in the fit of this test, or from the noise). Raises `ConfigError` where the thickness is known to
         one of test and model only, the time that the model needs is unknown, or the test is in another plane; TypeError
         for what is no Experiment; and the errors of `calibrate.equations.equilibrium.equilibrium`.
         """
@@ -97,7 +99,8 @@ class ExtendedModel:
             raise errors.ConfigError(
                 f"{experiment.name} is in plane {experiment.plane}, the model was fitted in plane {self.plane}; fit one to such tests"
             )
-        system = equilibrium(experiment, spacing)
+        used = next((t.get("spacing") for t in self.training if t["fingerprint"] == experiment.fingerprint), None)
+        system = equilibrium(experiment, spacing or used)
         chain, additions = Chain(system, self.basis), self.for_test(experiment)
         for addition in additions:
             if addition.effect.missing(chain.data) == "time":
@@ -110,10 +113,10 @@ class ExtendedModel:
         shift = chain.noise_shift(self.c, noise_covariance.noise_factor(experiment.points, noise))
         residuals = chain.residual(self.c, additions) - shift
         n, readings = system.fields.n_fields, residuals + np.nan_to_num(system.loads)
-        forces = {
-            experiment.loaded[system.fields.boundary[v]].name: readings[:, [v, n + v]]
-            for v in np.flatnonzero(system.fields.boundary >= 0)
-        }
+        forces = {}
+        for v in np.flatnonzero(system.fields.boundary >= 0):
+            boundary = experiment.loaded[system.fields.boundary[v]]
+            forces[boundary.name] = readings[:, [v, n + v]] * boundary.held
         I1 = np.asarray(invariants_and_derivatives(system.isochoric_gradients)[0])[..., 0]
         beyond = (system.areas * (3 + chain.energy.top < I1)).sum() / (system.areas.sum() * len(I1))
         names = {a.effect.name for a in additions}
@@ -212,7 +215,7 @@ class ExtendedModel:
             tuple(a for a, _ in both),
             tuple(d for _, d in both),
             unit,
-            tuple({"name": str(t["name"]), "fingerprint": str(t["fingerprint"])} for t in content["training"]),
+            tuple(map(_trained, content["training"])),
             str(content["hold_out"]),
             tuple(map(str, content["held_out"])),
             str(content["verdict"]),
@@ -222,6 +225,15 @@ class ExtendedModel:
             dict(content["provenance"]),
             None if base.get("bulk_modulus_deviation") is None else float(base["bulk_modulus_deviation"]),
         )
+
+
+def _trained(content: dict[str, Any]) -> dict[str, Any]:
+    spacing = content.get("spacing")
+    return {
+        "name": str(content["name"]),
+        "fingerprint": str(content["fingerprint"]),
+        "spacing": None if spacing is None else float(spacing),
+    }
 
 
 def amplitude_unit(parameter: Parameter, stress_unit: str) -> str:

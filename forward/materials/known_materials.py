@@ -11,12 +11,13 @@ from forward.materials.mooney_rivlin import MooneyRivlin
 from forward.materials.neo_hooke import NeoHooke
 from forward.materials.network_energy import Pann
 from forward.materials.strain_energy import Material
+from forward.materials.tabulated import Tabulated
 from forward.materials.yeoh import Yeoh
 
 MATERIALS: dict[str, type[Material]] = {
     kind.name: kind for kind in (ArrudaBoyce, NeoHooke, MooneyRivlin, Yeoh, Carroll)
 }
-_ALL: dict[str, type[Material]] = {**MATERIALS, Pann.name: Pann}
+_ALL: dict[str, type[Material]] = {**MATERIALS, Pann.name: Pann, Tabulated.name: Tabulated}
 
 
 def material_from_dict(content: dict[str, Any]) -> Material:

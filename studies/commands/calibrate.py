@@ -101,7 +101,7 @@ def calibrate(
     fitted = held_in(everything, fit.hold_out, fit.seed)
     settings = {"command": "calibrate", "quick": quick, **asdict(fit)}
     manifest = Manifest(fit.seed, settings, [experiment], started)
-    key = {**settings, "experiment": manifest.to_dict()["inputs"]}
+    key = {"command": "calibrate", **settings, "experiment": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output or default_folder("calibrate", quick), overwrite, key)
     part = everything if fitted.all() else everything.select(fitted.nonzero()[0])
     with released_if_refused(folder):

@@ -17,7 +17,7 @@ from cyclopts import Parameter
 
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import distillation, selection
-from calibrate.diagnosis.effect_fit import bulk_modulus
+from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects import CATALOGUE, Effect
@@ -106,7 +106,7 @@ def discover(
     trained, held, remarks = read(experiments, files, rule)
     settings = {**asdict(diagnosis), "quick": quick, "hold_out": list(diagnosis.hold_out) or ["(default)"]}
     manifest = Manifest(diagnosis.seed, settings, [*experiments, *files], started)
-    key = {**settings, "experiments": manifest.to_dict()["inputs"]}
+    key = {"command": "discover", **settings, "experiments": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output or default_folder("discover", quick), overwrite, key)
     with released_if_refused(folder), Stages() as say:
         found = selection.discover(
@@ -190,7 +190,11 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         final.additions,
         final.errors,
         parts[0].experiment.stress_unit,
-        tuple({"name": p.experiment.name, "fingerprint": p.experiment.fingerprint} for p in parts if p.train.size),
+        tuple(
+            {"name": p.experiment.name, "fingerprint": p.experiment.fingerprint, "spacing": p.system.fields.spacing}
+            for p in parts
+            if p.train.size
+        ),
         hold_out,
         tuple(p.experiment.name for p in parts if not p.train.size),
         found.verdict,

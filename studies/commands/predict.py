@@ -118,7 +118,7 @@ def _curves(file: Path, options: CurveOptions, output: Path | None, overwrite: b
     model = Model.load(file)
     settings = {"command": "predict", "test": None, **asdict(options)}
     manifest = Manifest(settings=settings, inputs=[file])
-    key = {**settings, "model": list(manifest.to_dict()["inputs"].values())}
+    key = {"command": "predict", **settings, "model": list(manifest.to_dict()["inputs"].values())}
     curves = predicted_curves(model, options.stretch, options.points, _slopes(options))
     folder = open_output_folder(output or default_folder("predict"), overwrite, key)
     report = write_curves(folder, model, curves, manifest, options.against)
@@ -129,7 +129,7 @@ def _forces(file: Path, test: Path, options: CurveOptions, output: Path | None, 
     found = forecast(file, Experiment.load(test))
     settings = {"command": "predict", **asdict(options)}
     manifest = Manifest(settings=settings, inputs=[file, test])
-    key = {**settings, "inputs": list(manifest.to_dict()["inputs"].values())}
+    key = {"command": "predict", **settings, "inputs": list(manifest.to_dict()["inputs"].values())}
     folder = open_output_folder(output or default_folder("predict"), overwrite, key)
     return PredictedForces(found, folder / "forces.csv", write_forces(folder, found, manifest))
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -50,10 +50,8 @@ FULL = {"increments": 10, "nodes": 5000, "size_factor": 1.0}
 class TensionTest:
     """What is solved. None: depends on the specimen or on --quick, see `completed`."""
 
-    specimen: str = "cross"
-    """cross, strip, pure_shear, plate_with_hole"""
-    material: str = "arruda_boyce"
-    """arruda_boyce, neo_hooke, mooney_rivlin, yeoh, or a calibrated model .json"""
+    specimen: Annotated[str, Parameter(help=", ".join(EXTENT))] = "cross"
+    material: Annotated[str, Parameter(help=f"{', '.join(MATERIALS)}, or a calibrated model .json")] = "arruda_boyce"
     parameter: Assignments = ()
     """material parameter such as mu=0.3 (MPa) or N=25; may be repeated"""
     displacement: Positive | None = None

@@ -15,13 +15,14 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Self
 
+from meshes.known_specimens import SPECIMENS
+
 PLANE = "2D"
 PLANE_THICKNESS = 1.0  # mm
 CLEAN = "clean"
 LEAST_NODES = 800
-# mm at each grip by default; the square, whose grips meet at its corners, cannot be held by rigid ones
-EXTENT = {"cross": 60.0, "strip": 60.0, "pure_shear": 10.0, "plate_with_hole": 40.0, "perforated_sheet": 50.0, "UT": 150.0,
-          "PS": 15.0, "TTa": 40.0, "TTb": 36.0, "TTc": 26.0, "TTd": 20.0, "TTe": 15.0, "TTf": 12.0}  # fmt: skip
+# mm at each grip by default, of the specimens that rigid grips can hold
+EXTENT = {name: kind.displacement for name, kind in SPECIMENS.items() if kind.displacement is not None}
 
 
 class Loss(StrEnum):

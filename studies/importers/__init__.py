@@ -19,7 +19,7 @@ def importers() -> list[Importer]:
     """An importer of every kind: those in modules of this folder, and those that were defined elsewhere."""
     for module in pkgutil.iter_modules(__path__, f"{__name__}."):
         importlib.import_module(module.name)
-    return [kind() for kind in _kinds(Importer)]
+    return sorted((kind() for kind in _kinds(Importer)), key=lambda importer: importer.fallback)
 
 
 def importer_of(source: str) -> Importer:

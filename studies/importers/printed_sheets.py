@@ -182,6 +182,7 @@ class PrintedSheets(Importer):
     """A packed ``.npz``, or a folder of frames with ``force_disp.csv`` or a machine record of its own."""
 
     source: ClassVar[str] = "a packed .npz, a folder of frames"
+    fallback: ClassVar[bool] = True
 
     def reads(self, source: str) -> bool:
         """A folder, or a path that ends with .npz."""

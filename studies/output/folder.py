@@ -25,10 +25,10 @@ FORMAT = "equigap-run"
 def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[str, Any]) -> Path:
     """Make, resume or (with `overwrite`) empty an output folder, and return its path.
 
-    resume_key: every setting that changes the results, free JSON; the number of jobs does not belong to it.
-    Absent or empty: made. Written with the same resume_key: resumed, its files are kept. Otherwise
-    `OutputFolderError`. `overwrite` empties only a folder that an earlier run made. Raises `OutputWriteError`
-    where nothing can be written.
+    resume_key: every setting that changes the results, free JSON, with the name of its "study" or "command"; the number of
+    jobs does not belong to it. Absent or empty: made. Written with the same resume_key: resumed, its files are kept.
+    Otherwise `OutputFolderError`. `overwrite` empties only a folder that an earlier run of the same study or command made.
+    Raises `OutputWriteError` where nothing can be written.
     """
     path, settings = Path(path), plain(resume_key)
     if path.exists() and not path.is_dir():
@@ -39,6 +39,10 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
         raise write_error(path, error) from error
     if occupied:
         earlier = _read_settings(path)
+        if _maker(earlier) != _maker(settings):
+            raise OutputFolderError(
+                f"{path}: holds results of another command ({_maker(earlier)}); choose another folder with --output"
+            )
         if overwrite:
             _empty(path)
         elif earlier == settings:
@@ -86,6 +90,10 @@ def _read_settings(path: Path) -> dict[str, Any]:
     raise OutputFolderError(
         f"{path}: is not empty and was not made by equigap, so it is left alone; choose another folder with --output"
     )
+
+
+def _maker(settings: Mapping[str, Any]) -> str:
+    return str(settings.get("study") or settings.get("command") or "unknown")
 
 
 def _empty(path: Path) -> None:

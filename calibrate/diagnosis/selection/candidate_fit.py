@@ -16,7 +16,7 @@ from calibrate import errors
 from calibrate.diagnosis import effect_fit, score_tests, weighted_fit
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.parameters import not_distinct_from_null
+from calibrate.diagnosis.parameters import at_bounds, not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.misfit import Misfit, is_better, is_larger, misfit
@@ -63,13 +63,10 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, compared: b
         return candidate
     if not new.free_loss < thresholds.worse * state.free_loss + len(candidate.score.amplitudes):
         return candidate
-    return replace(
-        candidate,
-        fit=new,
-        problem=problem if compared else None,
-        train=misfit(problem, new.c, new.additions, False),
-        held=misfit(problem, new.c, new.additions, True),
-    )
+    train, held = (misfit(problem, new.c, new.additions, other) for other in (False, True))
+    if not all(np.isfinite(one.chi_square) for one in (train, held) if one is not None):
+        return candidate
+    return replace(candidate, fit=new, problem=problem if compared else None, train=train, held=held)
 
 
 def _start(now: Model, found: Score, thresholds: Thresholds) -> Addition:
@@ -81,7 +78,7 @@ def _start(now: Model, found: Score, thresholds: Thresholds) -> Addition:
     return replace(addition, amplitudes=tuple(p.null for p in found.effect.amplitudes))
 
 
-def objection(now: Round, candidate: Candidate, thresholds: Thresholds) -> RefusalReason | None:
+def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresholds) -> RefusalReason | None:
     """Why a fitted effect is not added to the model of a round; None where nothing speaks against it.
 
     The misfit that amplitudes are found and compared by lets the base have any energy, a negative one too; the errors here
@@ -91,13 +88,36 @@ def objection(now: Round, candidate: Candidate, thresholds: Thresholds) -> Refus
         return RefusalReason.NO_BETTER_FIT
     if not_distinct_from_null(candidate.addition, candidate.deviations):
         return RefusalReason.NULL_AMPLITUDE
+    if at_bounds(candidate.addition):
+        return RefusalReason.INADMISSIBLE
+    if candidate.addition.effect.is_degenerate(candidate.addition.shape):
+        return RefusalReason.DEGENERATE
     if np.linalg.norm(candidate.fit.c) < thresholds.softest_base * np.linalg.norm(now.fit.c):
         return RefusalReason.SOFT_BASE
     if grows(now, candidate.train, candidate.held, thresholds):
         return RefusalReason.LARGER_ERRORS
     if now.held is not None and candidate.held is not None and not is_better(now.held, candidate.held):
         return RefusalReason.HELD_OUT_NOT_BETTER
-    return None if is_better(now.train, candidate.train) else RefusalReason.NO_ERROR_FALLS
+    if not is_better(now.train, candidate.train):
+        return RefusalReason.NO_ERROR_FALLS
+    assert candidate.problem is not None
+    both = Model(candidate.problem, candidate.fit)
+    return None if falls_in_either_weights(model, both) else RefusalReason.LARGER_IN_OTHER_WEIGHTS
+
+
+def falls_in_either_weights(before: Model, after: Model) -> bool:
+    """Whether chi-square of the equations held out (fitted, where none are) falls with the weights of one model and of the other.
+
+    With its own weights alone a model may call its errors small that makes the noise in its forces large.
+    """
+    for weights in (before.problem, after.problem):
+        held = any(part.held.size for part in weights.parts)
+        old, new = (misfit(weights, one.fit.c, one.fit.additions, held) for one in (before, after))
+        assert old is not None
+        assert new is not None
+        if not new.chi_square < old.chi_square:
+            return False
+    return True
 
 
 def grows(now: Round, train: Misfit | None, held: Misfit | None, thresholds: Thresholds) -> bool:
@@ -106,18 +126,12 @@ def grows(now: Round, train: Misfit | None, held: Misfit | None, thresholds: Thr
     return is_larger(now.train, train, worse) or (now.held is not None and is_larger(now.held, held, worse))
 
 
-def penalised_misfit(candidate: Candidate, weights: Fit) -> float:
-    """Misfit of a fit with an effect, and the penalty on its amplitudes and shapes (BIC; Schwarz 1978).
-
-    Effects that amplify noise lower the weights, and with them a misfit that is none of noise: that part does not count.
-    weights: a fit whose weights misfits are compared by.
-    """
+def penalised_misfit(candidate: Candidate) -> float:
+    """Minus twice the log-likelihood of a fit with an effect, and the penalty on its amplitudes and shapes (BIC; Schwarz 1978)."""
     fit = candidate.fit
     assert fit is not None
-    lower = fit.log_determinant - weights.log_determinant
-    amplified = max(fit.reduced_chi_square - 1, 0.0) * lower
     n_parameters = candidate.score.degrees + len(candidate.score.shape)
-    return fit.free_loss + amplified + n_parameters * float(np.log(fit.n_rows))
+    return fit.likelihood + n_parameters * float(np.log(fit.n_rows))
 
 
 def similarities(candidates: Sequence[Candidate], thresholds: Thresholds) -> dict[str, tuple[tuple[str, float], ...]]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from calibrate.diagnosis import score_tests, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.parameters import not_distinct_from_null
+from calibrate.diagnosis.parameters import at_bounds, not_distinct_from_null
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection import candidate_fit
 from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
@@ -45,16 +45,24 @@ def review(
         place = _place(model, now, one, effects, thresholds, seed)
         gains[name] = place.without.free_loss - state.free_loss
         equal = place.misfit + thresholds.equal_scores
-        groups[name] = (name, *(c.name for c in place.candidates if penalised_misfit(c, state) < equal))
+        groups[name] = (name, *(c.name for c in place.candidates if penalised_misfit(c) < equal))
         for candidate in place.candidates:
             assert candidate.addition is not None
-            gain = place.misfit - penalised_misfit(candidate, state)
-            if gain > most and not not_distinct_from_null(candidate.addition, candidate.deviations):
+            gain = place.misfit - penalised_misfit(candidate)
+            if gain > most and is_sound(candidate):
                 most, best = gain, candidate_fit.model(candidate)
                 exchange = Exchange(name, candidate.name)
     if exchange is None:
         return now, Review(gains, groups), None
     return replace(now, added=exchange.added, group=(exchange.added,), exchange=exchange), Review(gains, groups), best
+
+
+def is_sound(candidate: Candidate) -> bool:
+    """Whether a fitted effect is there, possible, and no simpler one under another name."""
+    addition = candidate.addition
+    assert addition is not None
+    degenerate = at_bounds(addition) or addition.effect.is_degenerate(addition.shape)
+    return not degenerate and not not_distinct_from_null(addition, candidate.deviations)
 
 
 def _place(
@@ -74,7 +82,7 @@ def _place(
         for s in _rivals(scores, own, one.effect.name, thresholds)
     ]
     kept = [c for c in candidates if c.fit is not None and not candidate_fit.grows(now, c.train, c.held, thresholds)]
-    return _Place(without, penalised_misfit(Candidate(own, state), state) if own else state.free_loss, kept)
+    return _Place(without, penalised_misfit(Candidate(own, state)) if own else state.likelihood, kept)
 
 
 def _rivals(scores: Sequence[Score], own: Score | None, name: str, thresholds: Thresholds) -> list[Score]:

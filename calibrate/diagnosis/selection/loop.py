@@ -24,6 +24,7 @@ from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Mask, Problem
 from calibrate.diagnosis.selection import candidate_fit
 from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
+from calibrate.diagnosis.selection.confirmation import confirm
 from calibrate.diagnosis.selection.exchange import review
 from calibrate.diagnosis.selection.misfit import misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Discovery, Refusal, RefusalReason, Review, Round
@@ -72,7 +73,7 @@ def close_loop(
     thresholds: Thresholds = DEFAULT,
 ) -> Discovery:
     """Rounds of tests and additions from a base fit, see `discover`."""
-    model = Model(problem, state)
+    model = base = Model(problem, state)
     rounds: list[Round] = []
     reviews: dict[frozenset[str], Review] = {}  # of models with more than one effect, by their names
     while True:
@@ -86,7 +87,8 @@ def close_loop(
             now, added = extended(model, now, say, thresholds)
         rounds.append(now)
         if added is None:
-            return conclude(model.problem, tuple(rounds), reviews.get(names, Review()), thresholds)
+            confirmation = confirm(base, model, thresholds) if names else None
+            return conclude(model.problem, tuple(rounds), reviews.get(names, Review()), thresholds, confirmation)
         model = _without_superfluous(added)
 
 
@@ -136,7 +138,7 @@ def extended(model: Model, now: Round, say: Say, thresholds: Thresholds = DEFAUL
         say(f"adding {candidate.name}")
         best = candidate_fit.fitted(model, replace(candidate, fit=None), thresholds, compared=True)
         fitted[candidate.name] = best
-        reason = candidate_fit.objection(now, best, thresholds)
+        reason = candidate_fit.objection(model, now, best, thresholds)
         if reason:
             refusals.append(Refusal(candidate.name, reason))
         else:
@@ -164,11 +166,9 @@ def _with_best(
 ) -> tuple[Round, Model]:
     """The round with the best of the confirmed effects and those that these data cannot tell from it."""
 
-    def penalised(candidate: Candidate) -> float:
-        return penalised_misfit(candidate, now.fit)
-
-    best = min(confirmed, key=penalised)
-    equal = [c.name for c in confirmed if c is not best and penalised(c) < penalised(best) + thresholds.equal_scores]
+    best = min(confirmed, key=penalised_misfit)
+    limit = penalised_misfit(best) + thresholds.equal_scores
+    equal = [c.name for c in confirmed if c is not best and penalised_misfit(c) < limit]
     group = dict.fromkeys((best.name, *candidate_fit.alike(best, significant, thresholds), *equal))
     return replace(now, added=best.name, group=tuple(group)), candidate_fit.model(best)
 

@@ -17,6 +17,7 @@ from calibrate.effects.chain import Additions
 from calibrate.equations.weights import Weights
 
 Array = NDArray[np.float64]
+AMPLIFIED = 2.0  # variance of noise in the equations, that an effect may add to
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,19 @@ class Misfit:
     noise: tuple[float, float] = (0.0, 0.0)
     log_determinant: float = 0.0
 
-    @property
-    def outside_noise(self) -> tuple[float, float]:
+    def outside_noise(self, noise: tuple[float, float]) -> tuple[float, float]:
         """Squares of force and field minus those of noise."""
-        return self.force**2 - self.noise[0], self.field**2 - self.noise[1]
+        return self.force**2 - noise[0], self.field**2 - noise[1]
+
+    @property
+    def likelihood(self) -> float:
+        """Minus twice the log-likelihood, an equation, of normal errors with the covariance behind chi_square.
+
+        The covariance is multiplied by the dispersion where that is above 1, so that weaker weights gain nothing whatever the
+        misfit: what lowers chi_square is paid for by the determinant.
+        """
+        dispersion = max(1.0, self.chi_square)
+        return self.chi_square / dispersion + float(np.log(dispersion)) + self.log_determinant
 
     def to_dict(self) -> dict[str, Any]:
         """As files hold it."""
@@ -76,7 +86,7 @@ class _Sums:
 
 def _sums(part: Part, weights: Weights, c: Array, additions: Additions) -> _Sums:
     """Sums over the equations of one experiment."""
-    r, load = part.residual(c, part.valid(additions)), np.nan_to_num(part.system.loads)
+    r, load = part.own_residual(c, part.valid(additions)), np.nan_to_num(part.system.loads)
     loaded = np.broadcast_to(np.tile(part.system.fields.boundary >= 0, 2), r.shape)
     forces = weights.rows & loaded
     # where only fields without a load are used, errors are relative to all forces
@@ -97,11 +107,21 @@ def is_larger(before: Misfit, after: Misfit | None, worse: float) -> bool:
     """Whether errors grow by more than the factor `worse` and what noise may make of them."""
     if after is None:
         return False
-    return sum(after.outside_noise) > worse**2 * max(sum(before.outside_noise), 0.0) + sum(before.noise)
+    own = after.outside_noise(_noise_of(before, after))
+    usual = before.outside_noise(before.noise)
+    return bool(np.nansum(own) > worse**2 * max(np.nansum(usual), 0.0) + sum(before.noise))
 
 
 def is_better(before: Misfit, after: Misfit) -> bool:
-    """Whether an error falls; outside noise, as some effects amplify it, and not by lower weights (see `penalised_misfit`)."""
-    amplified = max(after.chi_square - 1, 0.0) * (after.log_determinant - before.log_determinant)
-    falls = (a < b for a, b in zip(after.outside_noise, before.outside_noise, strict=True))
-    return after.chi_square + amplified < before.chi_square and any(falls)
+    """Whether an error falls, outside noise, as some effects amplify it; and the model is likelier, which weaker weights do not make it."""
+    own, usual = after.outside_noise(_noise_of(before, after)), before.outside_noise(before.noise)
+    return after.likelihood < before.likelihood and any(a < b for a, b in zip(own, usual, strict=True))
+
+
+def _noise_of(before: Misfit, after: Misfit) -> tuple[float, float]:
+    """Noise that the errors of a model are allowed: its own, but no more than `AMPLIFIED` times that of the model before.
+
+    A stiff effect makes the noise in its own forces as large as it likes.
+    """
+    force, field = (min(own, AMPLIFIED * usual) for own, usual in zip(after.noise, before.noise, strict=True))
+    return force, field

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Problem
@@ -27,11 +28,13 @@ class RefusalReason(StrEnum):
 
     INADMISSIBLE = "inadmissible amplitude"
     NO_BETTER_FIT = "no fit with it is better"
+    DEGENERATE = "degenerate member of a family"
     NULL_AMPLITUDE = "amplitude not distinct from none"
     SOFT_BASE = "base with hardly any stiffness"
     LARGER_ERRORS = "larger errors with its own weights"
     HELD_OUT_NOT_BETTER = "error on held-out data does not fall"
     NO_ERROR_FALLS = "no error falls"
+    LARGER_IN_OTHER_WEIGHTS = "errors fall in the weights of one model only"
 
 
 @dataclass(frozen=True)
@@ -116,12 +119,44 @@ class Review:
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
+class Doubt(StrEnum):
+    """Why effects that reduce the residual to noise are no explanation."""
+
+    ERRORS_GROW = "force or field error grows"
+    NO_CLEAR_FALL = "no error falls clearly"
+    OTHER_WEIGHTS = "errors fall in the weights of one model only"
+    LARGE_FORCE_ERROR = "large force error left"
+    WEAKER_WEIGHTS = "likelihood does not rise"
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Errors of base and final model, held out, or fitted where nothing was. doubts: conditions that fail.
+
+    force_allowed: force error that an explanation may leave; NaN where no force is among these equations.
+    """
+
+    before: Misfit
+    after: Misfit
+    force_allowed: float
+    doubts: tuple[Doubt, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As discovery.json holds it."""
+        return {
+            "before": self.before.to_dict(),
+            "after": self.after.to_dict(),
+            "force_error_allowed": self.force_allowed,
+            "doubts": [str(doubt) for doubt in self.doubts],
+        }
+
+
 @dataclass(frozen=True, eq=False)
 class Discovery:
     """Result of `discover`.
 
     named: effects that the residual confirms; closest: those added that it does not. groups: for each added effect, the effects
-    that these data cannot tell from it.
+    that these data cannot tell from it. confirmation: of the final model against the base, where it has effects.
     """
 
     problem: Problem = field(repr=False)
@@ -131,6 +166,7 @@ class Discovery:
     closest: tuple[str, ...]
     groups: dict[str, tuple[str, ...]]
     thresholds: Thresholds = DEFAULT
+    confirmation: Confirmation | None = None
 
     @property
     def base(self) -> Fit:

@@ -18,6 +18,10 @@ class Thresholds:
     most_named: effects that together are called an explanation.
     equal_scores: difference of scores below which the likelihoods of two effects differ by less than 100 to 1, 2 ln 100.
     worse: a misfit larger by this factor is worse.
+    small_force_error, large_force_error: relative, of what is held out; an explanation leaves no more than the first, or than twice
+    the stated uncertainty and the second.
+    above_noise: factor on the standard deviation of noise, above which an error in N stands clear of it.
+    clear_fall: share of the square of such an error, that must fall.
     softest_base: share of the stiffness of the base that an effect must leave it.
     most_effects: in a model: one more than can be named.
     tries: effects that are fitted in a round, before one is added.
@@ -35,6 +39,10 @@ class Thresholds:
     most_named: int = 2
     equal_scores: float = 9.2
     worse: float = 1.02
+    small_force_error: float = 0.02
+    large_force_error: float = 0.1
+    above_noise: float = 2.0
+    clear_fall: float = 0.2
     softest_base: float = 0.1
     most_effects: int = 3
     tries: int = 3

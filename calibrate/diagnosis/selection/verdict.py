@@ -13,15 +13,19 @@ import numpy as np
 
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.residual_tests import ChiSquare
-from calibrate.diagnosis.selection.rounds import Discovery, Review, Round, Verdict
+from calibrate.diagnosis.selection.rounds import Confirmation, Discovery, Review, Round, Verdict
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects.chain import Additions
 
 
 def conclude(
-    problem: Problem, rounds: tuple[Round, ...], review: Review, thresholds: Thresholds = DEFAULT
+    problem: Problem,
+    rounds: tuple[Round, ...],
+    review: Review,
+    thresholds: Thresholds = DEFAULT,
+    confirmation: Confirmation | None = None,
 ) -> Discovery:
-    """Verdict from the rounds and the review of the last model."""
+    """Verdict from the rounds, the review of the last model, and what speaks against it as an explanation."""
     first, last = rounds[0], rounds[-1]
     names = last.fit.names
     significant = any(candidate.is_significant(thresholds) for candidate in last.candidates)
@@ -36,10 +40,11 @@ def conclude(
     gains = review.gains or dict.fromkeys(names, first.fit.free_loss - last.fit.free_loss)
     major = names if clean else worth_a_name(last.fit.additions, gains, thresholds)
     explained = 0 < len(major) <= thresholds.most_named and (clean or is_small(first, last, thresholds))
+    explained = explained and not (confirmation and confirmation.doubts)
     named = major if explained else ()
     closest = tuple(n for n in names if n not in named)
     verdict = Verdict.EXPLAINED if explained else Verdict.NOT_EXPLAINED
-    return Discovery(problem, rounds, verdict, named, closest, groups, thresholds)
+    return Discovery(problem, rounds, verdict, named, closest, groups, thresholds, confirmation)
 
 
 def is_noise(problem: Problem, now: Round, thresholds: Thresholds) -> bool:

@@ -85,10 +85,14 @@ class Recording:
 
 
 class Importer(ABC):
-    """One vendor or layout. source: its sources in words. states_everything: its source says all; options are refused."""
+    """One vendor or layout. source: its sources in words. states_everything: its source says all; options are refused.
+
+    fallback: asked after all others, as it takes any file of a kind.
+    """
 
     source: ClassVar[str]
     states_everything: ClassVar[bool] = False
+    fallback: ClassVar[bool] = False
 
     @abstractmethod
     def reads(self, source: str) -> bool:

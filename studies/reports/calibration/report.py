@@ -13,6 +13,7 @@ from studies.reports import force_record
 from studies.reports.calibration.figures import FIGURES
 from studies.reports.calibration.fit_findings import findings
 from studies.reports.calibration.fit_review import Review
+from studies.reports.calibration.headline import headline
 from studies.reports.calibration.tables import curve_table, force_table, summary_table
 
 WORDS = Words("calibration")
@@ -23,7 +24,8 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     model, experiment = folder / "model.json", view.experiment
     view.calibration.model.save(model)
     report = Report(f"Calibration on {experiment.name}", model_name(view))
-    report.heading("Result").table(*summary_table(view))
+    first = headline(view)
+    report.heading("Result").paragraph(first.text).table(*summary_table(view))
     found = findings(view)
     for finding in found:
         report.paragraph(finding.text)
@@ -42,7 +44,7 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     report.save(folder / "report.html")
     # the manifest is written last: where it is, everything is
     outputs = folder / "report.html", model, folder / "forces.csv"
-    manifest.beside(*outputs, **view.summary(), findings=[f.to_dict() for f in found])
+    manifest.beside(*outputs, headline=first.to_dict(), **view.summary(), findings=[f.to_dict() for f in found])
 
 
 def model_name(view: Review) -> str:
@@ -58,6 +60,7 @@ def model_name(view: Review) -> str:
 
 def summary_lines(view: Review) -> Iterator[str]:
     """The numbers and what they mean, for a terminal."""
+    yield headline(view).text
     yield f"{view.experiment.name}: {model_name(view)}"
     _, rows = summary_table(view)
     width = max(len(str(row[0])) for row in rows)

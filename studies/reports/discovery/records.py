@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from calibrate.diagnosis.effect_fit import Fit, bulk_modulus
+from calibrate.diagnosis.distillation import bulk_modulus
+from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Part
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Status
@@ -231,6 +232,7 @@ def content(view: View) -> dict[str, Any]:
         "stress_unit": view.unit,
         "plane": found.problem.parts[0].experiment.plane,
         "remarks": list(view.remarks),
+        "confirmation": None if found.confirmation is None else found.confirmation.to_dict(),
         "experiments": [ExperimentRecord.of(part).to_dict() for part in found.problem.parts],
         "rounds": [round_record(now, view) for now in found.rounds],
     }

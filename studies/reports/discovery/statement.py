@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calibrate.diagnosis.distillation import Distilled
-from calibrate.diagnosis.effect_fit import Fit, bulk_modulus
+from calibrate.diagnosis.distillation import Distilled, bulk_modulus
+from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.selection import Verdict
-from calibrate.diagnosis.selection.rounds import Round
+from calibrate.diagnosis.selection.rounds import Doubt, Round
 from calibrate.models.extended_model import amplitude_unit
 from studies.output.words import plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words, round_remarks
@@ -65,7 +65,8 @@ class BestCandidate:
 
 @dataclass(frozen=True)
 class Statement:
-    """All that the verdict says. last_step: of a last fit that has not converged, in standard deviations of an equation."""
+    """All that the verdict says. last_step: of a last fit that has not converged, in standard deviations of an equation.
+    doubts: why what is closest is no explanation; force_allowed: force error that one may leave."""
 
     verdict: Verdict
     named: tuple[NamedEffect, ...]
@@ -76,6 +77,13 @@ class Statement:
     decided_by: tuple[str, ...]
     may_be_false_alarm: bool
     last_step: float | None
+    doubts: tuple[Doubt, ...] = ()
+    force_allowed: float = float("nan")
+
+    @property
+    def force_after(self) -> float:
+        """Force error of the final model."""
+        return self.errors.force_after
 
     @classmethod
     def of(cls, view: View) -> Statement:
@@ -92,6 +100,8 @@ class Statement:
             _deciding(view),
             residual.noise_is_known and not residual.more_than_noise,
             None if final.converged else final.last_step,
+            () if found.confirmation is None else found.confirmation.doubts,
+            float("nan") if found.confirmation is None else found.confirmation.force_allowed,
         )
 
 

@@ -42,7 +42,7 @@ class View:
 
 def residual(part: Part, fit: Fit) -> Array:
     """Residual (t, 2 v), N, of a fit."""
-    return part.residual(fit.c, part.valid(fit.additions))
+    return part.own_residual(fit.c, part.valid(fit.additions))
 
 
 def held_increments(part: Part) -> NDArray[np.bool_]:

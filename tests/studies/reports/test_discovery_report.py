@@ -53,7 +53,7 @@ def test_sum_of_squares_is_the_chi_square_where_nothing_is_common_to_increments(
         held=replace(part.held, U=part.held.U[:, :0], shrink=part.held.shrink[:0]),
     )
     z, fit = decorrelated(plain, explained().base), explained().base
-    r = part.residual(fit.c)
+    r = part.own_residual(fit.c)
     assert (z[~held()] ** 2).sum() == pytest.approx((plain.train(r) ** 2).sum(), rel=1e-5)
     assert (z[held()] ** 2).sum() == pytest.approx((plain.held(r) ** 2).sum(), rel=1e-5)
 

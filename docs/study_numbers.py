@@ -1,0 +1,103 @@
+"""Numbers of the page on resolution, from the folder of the finished study.
+
+    python docs/study_numbers.py results/resolution
+
+In: output folder of `equigap resolution`. Out: ``resolution.json`` in `docs/results`; `make numbers` puts it into the pages.
+Biases are those of the worst of the three homogeneous modes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterable, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from studies.grid.axes import Loss, Settings
+from studies.grid.presets.resolution_study import Row, rows_of
+from studies.grid.results import Results
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def percent(value: float, digits: int = 1, sign: bool = False) -> str:
+    """'0.1 %'; no negative zero."""
+    value = round(value, digits) + 0.0
+    return f"{value:{'+' if sign else ''}.{digits}f} %"
+
+
+def span(values: Iterable[float], digits: int = 0, sign: bool = False) -> str:
+    """'1 to 2 %', the smaller one in magnitude first; '1 %' where both are equal."""
+    low, *_, high = sorted([*values] * 2, key=abs)
+    first = f"{low:.{digits}f}"
+    return percent(high, digits, sign) if first == f"{high:.{digits}f}" else f"{first} to {percent(high, digits, sign)}"
+
+
+def worst(rows: Iterable[Row]) -> Row:
+    """The mode with the largest median bias."""
+    return max(rows, key=lambda row: abs(row.bias.median))
+
+
+def extremes(rows: Sequence[Row], digits: int) -> str:
+    """'-1 to +118 %': lowest and highest bias of any mode and seed."""
+    low, high = min(row.bias.low for row in rows), max(row.bias.high for row in rows)
+    return f"{round(low, digits) + 0.0:.{digits}f} to {percent(high, digits, sign=True)}"
+
+
+def resolution(results: Results) -> dict[str, Any]:
+    """Content of `resolution.json` but for what it is made of."""
+    rows = rows_of(results)
+
+    def at(loss: Loss, level: str, noisy: bool, place: str = "inside") -> Row:
+        chosen = [r for r in rows if (r.loss, r.resolution, r.noisy, r.place) == (loss, level, noisy, place)]
+        return worst(chosen)
+
+    levels = sorted(results.settings.resolutions, key=float, reverse=True)
+    noisy = [at(Loss.WEIGHTED, level, True) for level in levels]
+
+    def every(loss: Loss, noisy: bool) -> list[Row]:
+        return [r for r in rows if (r.loss, r.noisy, r.place) == (loss, noisy, "inside")]
+
+    outside = [r for r in rows if r.loss is Loss.WEIGHTED and r.noisy and r.place == "outside"]
+    frozen, dependent = Loss.FROZEN, Loss.DEPENDENT
+    lowest = [min(r.r2.median for r in rows if (r.loss, r.resolution, r.noisy, r.place) == (Loss.WEIGHTED, level, True, "inside"))
+              for level in levels]  # fmt: skip
+    numbers = {
+        "nodes_fine": noisy[0].nodes,
+        "nodes_coarse": noisy[-1].nodes,
+        "bias_fine": percent(worst(noisy[:-1]).bias.median),
+        "bias_coarse": percent(noisy[-1].bias.median),
+        "bias_coarse_range": f"{noisy[-1].bias.low:.2f} to {percent(noisy[-1].bias.high, 2)}",
+        "paper_frozen": span(at(frozen, level, True).bias.median for level in levels),
+        "paper_dependent": extremes(every(dependent, noisy=True), 0),
+        "paper_clean_frozen": span(at(frozen, level, False).bias.median for level in levels),
+        "paper_clean_dependent": extremes(every(dependent, noisy=False), 1),
+        "outside_median": percent(max(abs(r.bias.median) for r in outside)),
+        "outside_low": percent(min(r.bias.low for r in outside)),
+        "outside_high": percent(max(r.bias.high for r in outside), sign=True),
+    }
+    clean = [at(Loss.WEIGHTED, level, False) for level in levels]
+    table = [["nodes", "clean data", "with noise: median [range over seeds]", "lowest median r2 with noise"]]
+    for level, a, b, r2 in zip(levels, clean, noisy, lowest, strict=True):
+        spread = f"{percent(b.bias.median, 2)} [{b.bias.low:.2f}, {b.bias.high:.2f}]"
+        table.append([f"{b.nodes} ({level} %)", percent(a.bias.median, 2), spread, f"{r2:.5f}"])
+    return {"numbers": numbers, "tables": {"bias": table}}
+
+
+def main(words: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args(words).folder
+    settings = Settings.read(folder)
+    found = resolution(Results(folder, settings))
+    how = f"medians and ranges over {len(settings.seeds)} noise seeds; computed by docs/study_numbers.py from the study's folder"
+    head = {"command": "equigap resolution (default)", "made": date.today().isoformat(), "how": how}
+    text = json.dumps({**head, **found}, indent=1, ensure_ascii=False) + "\n"
+    (RESULTS / "resolution.json").write_text(text)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,45 @@
+"""The design file: the default one, and named errors that say where and what."""
+
+import pytest
+
+from studies.commands.design import default_file
+from studies.design.design_plan import Plan, checked, read_plan
+from studies.errors import DesignError
+
+PLAIN = {"specimen": [{"kind": "UT"}]}
+
+
+def test_the_default_file_states_the_defaults():
+    found = read_plan(default_file())
+    plain = checked(PLAIN, "plain")
+    for name in Plan.model_fields:
+        if name not in ("specimen", "optimise"):
+            assert getattr(found, name) == getattr(plain, name), name
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"machine": {"axis": 1}}, "machine.axis: unknown key; did you mean axes"),
+        ({"machine": {"axes": 3}}, "machine.axes"),
+        ({"sheet": {"largest_stretch": 0.5}}, "sheet.largest_stretch"),
+        ({"law": {"material": "rubber"}}, "'rubber' is unknown"),
+        ({"stretches": {"biaxial": 1.5}}, "biaxial = 1.5"),
+        ({"specimen": [{"kind": "cros"}]}, "did you mean cross"),
+        ({"specimen": [{"kind": "UT"}, {"kind": "UT"}]}, "'UT' is there twice"),
+        ({"specimen": []}, "no \\[\\[specimen\\]\\]"),
+        ({"specimen": [{"kind": "cross", "dimensions": {"half_width": -3.0}}]}, "half_width"),
+        ({"optimise": {"kind": "UT", "between": {"half_width": [20.0, 10.0]}}}, "20 is not below 10"),
+    ],
+)
+def test_what_is_refused(changed, says):
+    with pytest.raises(DesignError, match=f"file.toml: .*{says}|{says}"):
+        checked({**PLAIN, **changed}, "file.toml")
+
+
+def test_no_file_and_no_toml(tmp_path):
+    with pytest.raises(DesignError, match="name a design file"):
+        read_plan(tmp_path / "absent.toml")
+    (tmp_path / "bad.toml").write_text("[machine")
+    with pytest.raises(DesignError, match="no valid TOML"):
+        read_plan(tmp_path / "bad.toml")
