@@ -78,7 +78,9 @@ def weighted_test(system: Equilibrium) -> WeightedTest:
             lowers[i] = noise_covariance.cholesky_factor(covariance[np.ix_(measured, measured)])
         test = WeightedTest(system, lowers, known)
         if increments != range(experiment.n_increments):
-            c = network_fit.convex_spline(test.quadratic(basis), "I1")
+            loss = test.quadratic(basis)
+            c = network_fit.convex_spline(loss, "I1")
+            c = loss.stiffness_factor(c) * c
     return test
 
 

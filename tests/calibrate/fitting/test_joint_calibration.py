@@ -26,7 +26,7 @@ LAW = HartmannNeff()
 def tests():
     clean = plate_experiment(LAW)
     return [weighted_test(equilibrium(with_noise(part, NOISE, seed), 12.0))
-            for seed, part in enumerate((clean, clean.select([0, 1])))]  # fmt: skip
+            for seed, part in enumerate((clean.select([0, 1]), clean.select([0])))]  # fmt: skip
 
 
 def test_the_covariance_is_that_of_independent_sources(tests):
@@ -60,7 +60,7 @@ def test_a_test_weighs_by_the_inverse_square_of_its_noise(tests):
 
 def test_two_tests_give_the_law_and_say_how(tests):
     found = fit(reduce(tests, "I1I2"), (4,), starts=4)
-    assert found.loss_per_equation == pytest.approx(1.0, abs=0.2)
+    assert found.loss_per_equation == pytest.approx(1.0, abs=0.3)
     assert len(found.reasons) == len(found.losses) == 4
     assert all(isinstance(reason, Stop) for reason in found.reasons)
     assert found.best in found.likely
