@@ -10,7 +10,7 @@ specimen, along `direction` for each loaded boundary.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,9 @@ from calibrate import errors
 from calibrate.data import points
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
 from studies.importers.recording import noise_estimate
+from studies.importers.recording.masks import Masked
+from studies.importers.recording.notes import mask_notes, noise_notes, record_notes, strain_notes
+from studies.importers.recording.outliers import outliers
 from studies.importers.recording.synchronise import (
     DEFAULT_SELECTION,
     ForceRecord,
@@ -33,6 +36,7 @@ from studies.output.words import Words
 WORDS = Words("experiment")
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+RIM_FORCE = 1.0  # relative standard deviation of the force of a section that carries an unknown part of it
 UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been longer than its chosen frames show
 
 
@@ -49,7 +53,8 @@ class Grip:
 @dataclass(frozen=True)
 class Series:
     """Every frame of a test. points (n, 2) mm, y up; triangles (m, 3); displacements (n_frames, n, 2) mm, NaN where
-    a point failed; time (n_frames,) s on the clock of the machine; resolution (s) of that synchronisation."""
+    a point failed; time (n_frames,) s on the clock of the machine; resolution (s) of that synchronisation. masked (k, 2) mm: points left out before; tested: whether spurious points
+    were looked for."""
 
     name: str
     points: Array
@@ -63,6 +68,8 @@ class Series:
     synchronisation_std: float = 0.0
     plane: str = "stress"
     provenance: dict[str, Any] = field(default_factory=dict)
+    masked: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    tested: bool = False
 
 
 def _failure(series: Series) -> float | None:
@@ -79,6 +86,11 @@ def elongation(series: Series) -> Array:
     total = np.zeros(len(series.time))
     for grip in series.grips:
         total += np.nanmean(series.displacements[:, grip.nodes], axis=1) @ np.array(grip.direction)
+    if len(series.grips) == 1:  # the other end may move along
+        direction = np.array(series.grips[0].direction)
+        along = series.points @ direction
+        other = along <= along.min() + 0.1 * np.ptp(along)
+        total -= np.nanmean(series.displacements[:, other], axis=1) @ direction
     return total
 
 
@@ -110,6 +122,16 @@ def to_experiment(
     report: dict[str, Any] = {"kind": "stated"}
     if noise is None:
         noise, report = estimate_noise(series, kept.indices, frames, noise_kind)
+    notes += record_notes(series.record) + noise_notes(report)
+    if not series.tested:
+        found = outliers(kept.points, kept.displacements).index
+        notes += mask_notes(
+            kept.points,
+            Masked(np.zeros(len(kept.points), bool), _flags(found, len(kept.points)), False),
+            np.zeros((0, 2)),
+        )
+    if series.provenance.get("rim"):
+        noise = replace(noise, force_std_relative=max(noise.force_std_relative, RIM_FORCE))
     provenance = {
         **series.provenance,
         "frames": frames.tolist(),
@@ -119,7 +141,7 @@ def to_experiment(
         "noise": report,
         "notes": [*series.provenance.get("notes", []), *notes],
     }
-    return Experiment(
+    experiment = Experiment(
         name=series.name,
         points=kept.points,
         triangles=kept.triangles,
@@ -132,6 +154,15 @@ def to_experiment(
         provenance=provenance,
         plane=series.plane,
     )
+    signal = experiment.strain_signal
+    more = {"strain_signal": signal.to_dict(), "notes": [*provenance["notes"], *strain_notes(experiment)]}
+    return replace(experiment, provenance={**provenance, **more})
+
+
+def _flags(index: Index, n: int) -> NDArray[np.bool_]:
+    flags = np.zeros(n, bool)
+    flags[index] = True
+    return flags
 
 
 def unseen_peak(lengths: Array, frames: Index) -> list[str]:
