@@ -6,7 +6,7 @@ In space each displacement is compared with a plane through those of its neighbo
 of Beaton and Tukey 1974), so that a spurious neighbour does not count. The distance from that plane is divided by what is usual there:
 the median distance of the neighbours, or of the whole frame, whichever is larger (normalised median test; Westerweel and Scarano 2005).
 At a hole or a tip the neighbours are far from their planes too, so that steep fields are not taken for errors. In time a point is
-spurious where its path jumps, compared with the jumps of its neighbours.
+spurious where its path jumps (second differences), compared with the jumps of its neighbours in the same way.
 """
 
 from __future__ import annotations
@@ -61,13 +61,13 @@ def _scores(points: Array, frames: Array, used: NDArray[np.bool_]) -> Array:
     distance, near = cKDTree(places).query(places, k=NEIGHBOURS + 1)
     pitch = float(np.median(distance[:, 1]))
     offsets = (places[near[:, 1:]] - places[:, None]) / pitch
-    # a plane that reaches beyond its neighbours, as at an edge, is less certain
-    away = _lengths(fields - _planes(offsets, fields[near[:, 1:]], FLOOR * pitch)) / _reach(offsets)[:, None]
-    jumps = np.moveaxis(frames[2:, usable] - 2 * frames[1:-1, usable] + frames[:-2, usable], 0, 1).reshape(
-        usable.size, -1
-    )
-    in_time = _lengths(jumps - np.median(jumps[near[:, 1:]], axis=1))
-    for size in (away, in_time):
+    jumps = frames[2:, usable] - 2 * frames[1:-1, usable] + frames[:-2, usable]
+    in_time = np.moveaxis(jumps, 0, 1).reshape(usable.size, -1)
+    reach = _reach(offsets)[:, None]  # a plane that reaches beyond its neighbours, as at an edge, is less certain
+    distances = [
+        _lengths(values - _planes(offsets, values[near[:, 1:]], FLOOR * pitch)) / reach for values in (fields, in_time)
+    ]
+    for size in distances:
         if size.shape[1]:
             usual = np.maximum(np.median(size[near[:, 1:]], axis=1), np.median(size, axis=0))
             ratio = size / (TO_DEVIATION * np.maximum(usual, FLOOR * pitch))

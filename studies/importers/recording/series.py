@@ -119,19 +119,8 @@ def to_experiment(
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
         notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))
-    report: dict[str, Any] = {"kind": "stated"}
-    if noise is None:
-        noise, report = estimate_noise(series, kept.indices, frames, noise_kind)
-    notes += record_notes(series.record) + noise_notes(report)
-    if not series.tested:
-        found = outliers(kept.points, kept.displacements).index
-        notes += mask_notes(
-            kept.points,
-            Masked(np.zeros(len(kept.points), bool), _flags(found, len(kept.points)), False),
-            np.zeros((0, 2)),
-        )
-    if series.provenance.get("rim"):
-        noise = replace(noise, force_std_relative=max(noise.force_std_relative, RIM_FORCE))
+    noise, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
+    notes += record_notes(series.record) + noise_notes(report) + _spurious_notes(series, kept)
     provenance = {
         **series.provenance,
         "frames": frames.tolist(),
@@ -159,10 +148,26 @@ def to_experiment(
     return replace(experiment, provenance={**provenance, **more})
 
 
-def _flags(index: Index, n: int) -> NDArray[np.bool_]:
-    flags = np.zeros(n, bool)
-    flags[index] = True
-    return flags
+def _noise_of(
+    series: Series, nodes: Index, frames: Index, noise: Noise | None, kind: str
+) -> tuple[Noise, dict[str, Any]]:
+    """Stated or estimated noise; in a window of a larger body the force is that of the section up to an unknown factor."""
+    report: dict[str, Any] = {"kind": "stated"}
+    if noise is None:
+        noise, report = estimate_noise(series, nodes, frames, kind)
+    if series.provenance.get("rim"):
+        noise = replace(noise, force_std_relative=max(noise.force_std_relative, RIM_FORCE))
+    return noise, report
+
+
+def _spurious_notes(series: Series, kept: points.Kept) -> list[str]:
+    """Of spurious points, where an importer has not looked for them; they are kept."""
+    if series.tested:
+        return []
+    none = np.zeros(len(kept.points), bool)
+    spurious = none.copy()
+    spurious[outliers(kept.points, kept.displacements).index] = True
+    return mask_notes(kept.points, Masked(none, spurious, False), np.zeros((0, 2)))
 
 
 def unseen_peak(lengths: Array, frames: Index) -> list[str]:
