@@ -94,31 +94,29 @@ def deviations_figure(path: Path, ranking: Ranking) -> None:
 
 
 MARKERS = {"uniaxial": "o", "equibiaxial": "s", "pure_shear": "D"}
-BANDS = ("blue", "orange", "purple")
+CURVES = ("blue", "green", "orange", "vermilion")
+LINES = ("-", "-.", "--", ":")
 
 
-def bands_figure(path: Path, ranking: Ranking, shown: Sequence[Place], labels: Sequence[str]) -> None:
-    """Expected nominal stress and the band of one standard deviation that the tests of `shown` leave, in each mode."""
+def curves_figure(path: Path, ranking: Ranking, shown: Sequence[Place]) -> None:
+    """Predicted standard deviation of the nominal stress over the stress, along each mode: before any test and after those of `shown`, four
+    at most."""
     family = ranking.family
-    with style.figure(8.6, 3.2) as figure:
-        for axes, mode in zip(figure.subplots(1, len(family.stretches)), family.stretches, strict=True):
-            x, stress, c = family.stretch(mode), family.stress(mode), family.stress_sensitivity(mode)
-            for place, label, colour, hatch in zip(shown, labels, BANDS, ("//", "", "\\\\"), strict=False):
+    with style.figure(8.6, 3.4) as figure:
+        for axes, mode in zip(figure.subplots(1, len(family.stretches), sharey=True), family.stretches, strict=True):
+            x, c = family.stretch(mode), family.stress_sensitivity(mode)
+            percent = 100 / family.stress(mode)
+            before = ranking.known.deviation(c) * percent
+            axes.plot(x, before, color="0.5", linestyle=(0, (1, 2)), label="before")
+            for place, colour, line in zip(shown, CURVES, LINES, strict=False):
                 assert place.candidate.test is not None
-                half = (ranking.known + place.candidate.test).deviation(c)
-                axes.fill_between(
-                    x,
-                    stress - half,
-                    stress + half,
-                    facecolor=style.COLOURS[colour],
-                    alpha=0.4,
-                    hatch=hatch,
-                    linewidth=0,
-                    label=label,
-                )
-            axes.plot(x, stress, color="black", linestyle="-", label="expected law")
-            axes.set(xlabel="stretch", ylabel="nominal stress, MPa", title=TITLES[mode], ylim=(0, 1.6 * stress.max()))
-        axes.legend(fontsize=6.5, loc="upper left")
+                values = (ranking.known + place.candidate.test).deviation(c) * percent
+                axes.plot(x, values, color=style.COLOURS[colour], linestyle=line, label=place.candidate.title)
+            axes.set(yscale="log", xlabel="stretch", title=TITLES[mode])
+        figure.axes[0].set_ylabel("standard deviation of the stress, %")
+        figure.legend(
+            *figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(shown) + 1, fontsize=7
+        )
         write_figure(path, figure)
 
 
