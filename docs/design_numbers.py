@@ -77,6 +77,7 @@ def correlation_numbers(validation: dict[str, Any]) -> dict[str, Any]:
     best = min(medians, key=lambda title: medians[title])
     return {
         **numbers,
+        **{f"{title.replace(' ', '_')}_actual": spread(values) for title, values in by_title.items()},
         "verdict": validation["verdict"].replace("_", " "),
         "seeds": len({e["seed"] for e in errors}),
         "calibrations": len(errors),

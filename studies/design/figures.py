@@ -122,7 +122,7 @@ def curves_figure(path: Path, ranking: Ranking, shown: Sequence[Place]) -> None:
 
 def validation_figure(path: Path, ranking: Ranking, validation: Validation) -> None:
     """Predicted and actual error of every candidate, %: median over seeds, and their range."""
-    with style.figure(5.6, 4.4) as figure:
+    with style.figure(6.4, 4.2) as figure:
         axes = figure.subplots()
         for number, place in enumerate(ranking.places, start=1):
             title = place.candidate.title
@@ -132,7 +132,8 @@ def validation_figure(path: Path, ranking: Ranking, validation: Validation) -> N
             middle = np.median(actual)
             reach = [[middle - actual.min()], [actual.max() - middle]]
             axes.errorbar(x, middle, reach, fmt="o", color=style.COLOURS["blue"], markersize=4, linestyle="none")
-            axes.annotate(f"{number}. {title}", (x, middle), xytext=(5, 3), textcoords="offset points", fontsize=7)
+            axes.annotate(str(number), (x, middle), xytext=(4, 3), textcoords="offset points", fontsize=8)
+            axes.plot([], [], linestyle="none", label=f"{number}  {title}")
         axes.axline((1, 1), slope=1, color="0.6", linestyle=":", label="equal")
         axes.set(
             xscale="log",
@@ -140,7 +141,7 @@ def validation_figure(path: Path, ranking: Ranking, validation: Validation) -> N
             xlabel="predicted deviation of the stress, %",
             ylabel="actual error of the stress, %",
         )
-        axes.legend(fontsize=7)
+        axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1, 1), handlelength=1)
         write_figure(path, figure)
 
 
