@@ -7,7 +7,6 @@ Needs no finite-element package.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,13 +16,13 @@ from numpy.typing import NDArray
 
 from forward import interpolation
 from forward.errors import SolutionError
+from forward.solution_file import read_solution, write_solution
 from meshes import Mesh
 from meshes.errors import MeshDataError
-from meshes.files import read_npz, with_prefix, write_npz
+from meshes.files import with_prefix
 
 Array = NDArray[np.float64]
 FORMAT = "equigap-surface"
-REQUIRED = ("points", "cells", "displacements", "time", "energy", "iterations", "thickness", "description")
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,39 +107,11 @@ class SurfaceSolution:
 
     def save(self, path: str | Path) -> None:
         """Write a .npz atomically. Raises `MeshDataError` where it cannot be written."""
-        write_npz(
-            path,
-            FORMAT,
-            points=self.mesh.points,
-            cells=self.mesh.cells,
-            displacements=self.displacements,
-            time=self.time,
-            energy=self.energy,
-            iterations=self.iterations,
-            thickness=self.thickness,
-            description=json.dumps(self.description),
-            **{f"reaction_{name}": force for name, force in self.reactions.items()},
-            **{f"boundary_{name}": edges for name, edges in self.mesh.boundaries.items()},
-            **{f"history_{name}": values for name, values in self.history.items()},
-        )
+        history = {f"history_{name}": values for name, values in self.history.items()}
+        write_solution(path, FORMAT, self, self.mesh, thickness=self.thickness, **history)
 
     @classmethod
     def load(cls, path: str | Path) -> SurfaceSolution:
         """Read what `save` wrote. Raises `SolutionError`."""
-        try:
-            content = read_npz(path, FORMAT, REQUIRED)
-            mesh = Mesh(content["points"], content["cells"], "quad", with_prefix(content, "boundary_"))
-            description = json.loads(str(content["description"]))
-        except (MeshDataError, json.JSONDecodeError) as error:
-            raise SolutionError(str(error)) from error
-        return cls(
-            mesh=mesh,
-            displacements=content["displacements"],
-            reactions=with_prefix(content, "reaction_"),
-            time=content["time"],
-            energy=content["energy"],
-            iterations=content["iterations"],
-            thickness=float(content["thickness"]),
-            description=description,
-            history=with_prefix(content, "history_"),
-        )
+        arguments, content = read_solution(path, FORMAT, ("thickness",), lambda plane, _: plane)
+        return cls(**arguments, thickness=float(content["thickness"]), history=with_prefix(content, "history_"))

@@ -59,7 +59,7 @@ class Experiment:
         if self.time is not None:
             object.__setattr__(self, "time", np.asarray(self.time, dtype=np.float64))
         loaded = tuple(
-            LoadedBoundary(b.name, np.asarray(b.nodes, np.int64), np.asarray(b.force, np.float64)) for b in self.loaded
+            replace(b, nodes=np.asarray(b.nodes, np.int64), force=np.asarray(b.force, np.float64)) for b in self.loaded
         )
         object.__setattr__(self, "loaded", loaded)
         check(self)
@@ -112,7 +112,7 @@ class Experiment:
             name=name or self.name,
             displacements=self.displacements[index],
             time=None if self.time is None else self.time[index],
-            loaded=tuple(LoadedBoundary(b.name, b.nodes, b.force[index]) for b in self.loaded),
+            loaded=tuple(replace(b, force=b.force[index]) for b in self.loaded),
         )
 
     @property

@@ -137,7 +137,7 @@ def _check_loads(e: Record) -> None:
             "give the load-cell record"
         )
     rim = boundary_nodes(e.triangles)
-    taken: set[int] = set()
+    taken: dict[int, set[int]] = {0: set(), 1: set()}
     for b in e.loaded:
         if b.nodes.size < 2:
             raise errors.ExperimentError(f"loaded boundary '{b.name}' has {b.nodes.size} nodes; it needs at least 2")
@@ -145,15 +145,28 @@ def _check_loads(e: Record) -> None:
             raise errors.MeshMismatchError(
                 f"loaded boundary '{b.name}' contains nodes inside the specimen; list its edge nodes only"
             )
-        if taken.intersection(b.nodes.tolist()):
-            raise errors.ExperimentError(f"loaded boundary '{b.name}' shares nodes with another; separate them")
-        taken.update(b.nodes.tolist())
+        _check_held(b)
+        for component in np.flatnonzero(b.held).tolist():
+            if taken[component].intersection(b.nodes.tolist()):
+                raise errors.ExperimentError(f"loaded boundary '{b.name}' shares nodes with another; separate them")
+            taken[component].update(b.nodes.tolist())
         if np.isinf(b.force).any():
             raise errors.MissingForceError(f"force of '{b.name}' is infinite; use NaN for what was not measured")
     if not np.isin(e.free_nodes, rim).all():
         raise errors.MeshMismatchError("free_nodes contains nodes inside the specimen; list edge nodes only")
-    if taken.intersection(e.free_nodes.tolist()):
+    if (taken[0] | taken[1]).intersection(e.free_nodes.tolist()):
         raise errors.ExperimentError("a node is both loaded and free; a gripped node is not free")
+
+
+def _check_held(boundary: LoadedBoundary) -> None:
+    if not any(boundary.held):
+        raise errors.ExperimentError(f"loaded boundary '{boundary.name}' holds nothing; list its nodes as free")
+    sliding = ~np.array(boundary.held)
+    if np.any(boundary.force[:, sliding] != 0):
+        raise errors.ExperimentError(
+            f"loaded boundary '{boundary.name}' slides along {'xy'[int(np.flatnonzero(sliding)[0])]} and has a force that way; "
+            "give 0, or hold it"
+        )
 
 
 def _check_units(e: Record) -> None:

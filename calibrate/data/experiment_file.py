@@ -4,7 +4,7 @@ Its arrays: ``format`` = "equigap-experiment", ``version`` = 1, ``name``, ``poin
 ``free_nodes``, ``time`` and ``thickness`` (absent = unknown), ``loaded_names`` and per loaded boundary ``i``:
 ``loaded_i_nodes``, ``loaded_i_force``; ``noise`` (4 numbers: displacement std mm, correlation length mm, relative force
 std, force std N; absent = unknown); ``provenance`` (JSON text). In plane strain ``plane`` = "strain", and ``version`` = 2,
-which older programs refuse.
+which older programs refuse. Where an edge slides, ``loaded_i_held`` (2,) says which components it holds, and ``version`` = 3.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from calibrate import errors
 from calibrate.data.measurement import LoadedBoundary, Noise
 from meshes.files import write_atomically
 
-FORMAT, VERSION, WITH_PLANE = "equigap-experiment", 1, 2
+FORMAT, VERSION, WITH_PLANE, WITH_SLIDING = "equigap-experiment", 1, 2, 3
 SAME = ("name", "points", "triangles", "displacements", "free_nodes")
 
 
@@ -30,7 +30,7 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
     """Write the fields of an Experiment atomically. Raises `OSError`."""
     arrays: dict[str, Any] = {
         "format": FORMAT,
-        "version": VERSION if fields["plane"] == "stress" else WITH_PLANE,
+        "version": _version(fields),
         **{key: fields[key] for key in SAME},
         "loaded_names": np.array([b.name for b in fields["loaded"]], dtype=np.str_),
         "provenance": json.dumps(fields["provenance"], sort_keys=True),
@@ -38,6 +38,8 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
     for i, boundary in enumerate(fields["loaded"]):
         arrays[f"loaded_{i}_nodes"] = boundary.nodes
         arrays[f"loaded_{i}_force"] = boundary.force
+        if not all(boundary.held):
+            arrays[f"loaded_{i}_held"] = np.array(boundary.held)
     arrays |= {key: fields[key] for key in ("time", "thickness") if fields[key] is not None}
     if fields["plane"] != "stress":
         arrays["plane"] = fields["plane"]
@@ -46,6 +48,13 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
     write_atomically(path, buffer.getvalue())
+
+
+def _version(fields: Mapping[str, Any]) -> int:
+    """The least version that says all."""
+    if not all(all(boundary.held) for boundary in fields["loaded"]):
+        return WITH_SLIDING
+    return VERSION if fields["plane"] == "stress" else WITH_PLANE
 
 
 def read_fields[T](path: str | Path, build: Callable[..., T]) -> T:
@@ -82,9 +91,9 @@ def _read_arrays(path: Path) -> dict[str, Any]:
             f"{path}: an .npz, but not an Experiment (its 'format' is {content.get('format')}); "
             "raw measurements are read with `equigap import`"
         )
-    if str(content.get("version")) not in (str(VERSION), str(WITH_PLANE)):
+    if str(content.get("version")) not in map(str, range(VERSION, WITH_SLIDING + 1)):
         raise errors.FileFormatError(
-            f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} and {WITH_PLANE}; "
+            f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} to {WITH_SLIDING}; "
             "update equigap"
         )
     return content
@@ -93,7 +102,7 @@ def _read_arrays(path: Path) -> dict[str, Any]:
 def _fields(content: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments of an Experiment. Raises KeyError for what is missing."""
     loaded = tuple(
-        LoadedBoundary(str(name), content[f"loaded_{i}_nodes"], content[f"loaded_{i}_force"])
+        LoadedBoundary(str(name), content[f"loaded_{i}_nodes"], content[f"loaded_{i}_force"], _held(content, i))
         for i, name in enumerate(content["loaded_names"])
     )
     return {
@@ -106,3 +115,8 @@ def _fields(content: Mapping[str, Any]) -> dict[str, Any]:
         "provenance": json.loads(str(content["provenance"])),
         "plane": str(content.get("plane", "stress")),
     }
+
+
+def _held(content: Mapping[str, Any], i: int) -> tuple[bool, bool]:
+    x, y = content.get(f"loaded_{i}_held", (True, True))
+    return bool(x), bool(y)

@@ -39,9 +39,11 @@ class Noise:
 class LoadedBoundary:
     """A gripped edge: its nodes (k,) and the force of the grip ON the specimen (n_increments, 2), N.
 
-    A component that was not measured is NaN.
+    A component that was not measured is NaN. held: components of the displacement that the grip prescribes; along another
+    one the edge slides, free of traction and of force. A corner may belong to two edges that hold different components.
     """
 
     name: str
     nodes: NDArray[np.int64]
     force: Array
+    held: tuple[bool, bool] = (True, True)

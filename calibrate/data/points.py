@@ -6,7 +6,7 @@ without them, triangulated anew (Delaunay) inside the original outline; holes st
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +80,7 @@ def drop_points(
         points[indices],
         new,
         displacements[:, indices],
-        tuple(LoadedBoundary(b.name, number[b.nodes], b.force) for b in loaded),
+        tuple(replace(b, nodes=number[b.nodes]) for b in loaded),
         np.intersect1d(kept_free, boundary),
     )
 

@@ -64,12 +64,14 @@ class Equilibrium:
 
     @cached_property
     def loads(self) -> Array:
-        """Measured force of each row (n_increments, 2 n_fields), N; NaN where it was not measured."""
+        """Measured force of each row (n_increments, 2 n_fields), N; NaN where it was not measured, or its work is unknown."""
         n = self.fields.n_fields
         loads = np.zeros((self.experiment.n_increments, 2 * n))
         for column in np.flatnonzero(self.fields.boundary >= 0):
             force = self.experiment.loaded[self.fields.boundary[column]].force
             loads[:, column], loads[:, n + column] = force[:, 0], force[:, 1]
+        if self.fields.admissible is not None:
+            loads[:, ~self.fields.admissible.ravel()] = np.nan
         return loads
 
     @cached_property

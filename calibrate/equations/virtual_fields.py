@@ -6,7 +6,8 @@ In: an Experiment and a grid spacing in mm. Out: `VirtualFields`, nodal values o
 - vanish on the rim of the measured region that is neither loaded nor free (unknown traction),
 - are arbitrary on free edges, where the traction is zero, and run across holes unhindered.
 
-Each field is used for both components. Near a loaded or rim edge the bilinear hats are multiplied by
+Each field is used for both components, unless an edge slides: then a component that no edge holds is arbitrary there, and each
+field is for one component alone. Near a loaded or rim edge the bilinear hats are multiplied by
 min(1, distance / spacing); each loaded boundary adds max(0, 1 - distance / spacing), 1 on that edge.
 The coarse grid keeps correlated displacement noise of short wavelength out of the equilibrium equations
 (the role of the virtual mesh in Marek, Davis, Pierron 2017, Comput. Mech.).
@@ -26,6 +27,7 @@ from calibrate.data.triangulation import boundary_nodes
 from calibrate.errors import ConfigError
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 MOST = 2  # points of the grid of virtual fields, over the number of nodes
 
@@ -33,11 +35,13 @@ MOST = 2  # points of the grid of virtual fields, over the number of nodes
 @dataclass(frozen=True)
 class VirtualFields:
     """values (n_nodes, n_fields), sparse; boundary (n_fields,): index of the loaded boundary where it is 1, or -1;
-    spacing of the grid, mm, 0 without one."""
+    spacing of the grid, mm, 0 without one; admissible (2, n_fields): components that a field is for, None: both. The work of
+    another is unknown, and its equation has no load (NaN)."""
 
     values: sp.csr_array
-    boundary: NDArray[np.int64]
+    boundary: Indices
     spacing: float
+    admissible: NDArray[np.bool_] | None = None
 
     @property
     def n_fields(self) -> int:
@@ -73,28 +77,50 @@ def virtual_fields(experiment: Experiment, spacing: float | None = None) -> Virt
             f"{experiment.name}: virtual fields {spacing:g} mm apart are more than {MOST} for each of its {len(points)} nodes; give a larger "
             f"--spacing ({default_spacing(experiment):.3g} by default)"
         )
-    constrained = np.setdiff1d(boundary_nodes(experiment.triangles), experiment.free_nodes)
-    cutoff = np.ones(len(points))
-    if constrained.size:
-        cutoff = np.minimum(1.0, cKDTree(points[constrained]).query(points)[0] / spacing)
+    parts = [_fields_of_component(experiment, spacing, component) for component in (0, 1)]
+    slides = not all(all(b.held) for b in experiment.loaded)
+    return _joined(parts, spacing) if slides else VirtualFields(*parts[0], spacing)
+
+
+def _fields_of_component(experiment: Experiment, spacing: float, component: int) -> tuple[sp.csr_array, Indices]:
+    """Values (n_nodes, q) and boundary (q,) of the fields that one component of the virtual displacement may have."""
+    points, rim = experiment.points, boundary_nodes(experiment.triangles)
+    loaded = [(i, b.nodes) for i, b in enumerate(experiment.loaded) if b.held[component]]
+    gripped = np.concatenate([b.nodes for b in experiment.loaded])
+    unknown = np.setdiff1d(rim, np.union1d(experiment.free_nodes, gripped))
+    constrained = np.unique(np.concatenate([unknown, *(nodes for _, nodes in loaded)]))
+    cutoff = _ramp(points, constrained, spacing)
     hats = sp.diags_array(cutoff) @ bilinear_hats(points, spacing)
     # a hat that lives on a few nodes only is noise; its neighbours cover the place
     mass = np.asarray(hats.sum(axis=0)).ravel()
     # without a free or inner node (a homogeneous test) no hat is left: the loaded boundaries say it all
     smallest = 0.05 * np.median(mass[mass > 0]) if (mass > 0).any() else 0.0
     hats = hats[:, mass > smallest]
-    edges = [np.maximum(0.0, 1.0 - cKDTree(points[b.nodes]).query(points)[0] / spacing) for b in experiment.loaded]
-    others = [np.setdiff1d(constrained, b.nodes) for b in experiment.loaded]
-    for field, other in zip(edges, others, strict=True):
-        if other.size:
-            field *= np.minimum(1.0, cKDTree(points[other]).query(points)[0] / spacing)
-    edges = [
-        np.where(np.isin(np.arange(len(points)), b.nodes), 1.0, f)
-        for b, f in zip(experiment.loaded, edges, strict=True)
-    ]
-    values = sp.csr_array(sp.hstack([hats, sp.csr_array(np.array(edges).T)]))
-    boundary = np.concatenate([np.full(hats.shape[1], -1), np.arange(len(edges))])
-    return VirtualFields(values, boundary, spacing)
+    edges = []
+    for _, nodes in loaded:
+        field = np.maximum(0.0, 1.0 - cKDTree(points[nodes]).query(points)[0] / spacing)
+        field *= _ramp(points, np.setdiff1d(constrained, nodes), spacing)
+        field[nodes] = 1.0
+        edges.append(field)
+    values = sp.csr_array(sp.hstack([hats, sp.csr_array(np.array(edges).reshape(-1, len(points)).T)]))
+    boundary = np.concatenate([np.full(hats.shape[1], -1), np.array([i for i, _ in loaded], np.int64)])
+    return values, boundary
+
+
+def _ramp(points: Array, nodes: Indices, spacing: float) -> Array:
+    """(n,): 0 at some nodes (k,), 1 from a spacing away; 1 everywhere without any."""
+    if not nodes.size:
+        return np.ones(len(points))
+    return np.minimum(1.0, cKDTree(points[nodes]).query(points)[0] / spacing)
+
+
+def _joined(parts: list[tuple[sp.csr_array, Indices]], spacing: float) -> VirtualFields:
+    """Fields for x and behind them those for y."""
+    sizes = [len(boundary) for _, boundary in parts]
+    component = np.repeat([0, 1], sizes)
+    admissible = np.stack([component == 0, component == 1])
+    values = sp.csr_array(sp.hstack([part[0] for part in parts]))
+    return VirtualFields(values, np.concatenate([part[1] for part in parts]), spacing, admissible)
 
 
 def nodal_fields(experiment: Experiment) -> VirtualFields:
@@ -103,16 +129,24 @@ def nodal_fields(experiment: Experiment) -> VirtualFields:
     These are the test functions of the plain equilibrium gap: one nodal force a free node, the sum of the
     nodal forces a loaded boundary.
     """
+    parts = [_nodes_of_component(experiment, component) for component in (0, 1)]
+    slides = not all(all(b.held) for b in experiment.loaded)
+    return _joined(parts, 0.0) if slides else VirtualFields(*parts[0], 0.0)
+
+
+def _nodes_of_component(experiment: Experiment, component: int) -> tuple[sp.csr_array, Indices]:
+    """The same for one component of the virtual displacement: values (n_nodes, q), boundary (q,)."""
     n = len(experiment.points)
-    constrained = np.setdiff1d(boundary_nodes(experiment.triangles), experiment.free_nodes)
-    constrained = np.union1d(constrained, np.concatenate([b.nodes for b in experiment.loaded]))
-    free = np.setdiff1d(np.arange(n), constrained)
+    loaded = [(i, b.nodes) for i, b in enumerate(experiment.loaded) if b.held[component]]
+    sliding = [b.nodes for b in experiment.loaded if not b.held[component]]
+    rim = np.setdiff1d(boundary_nodes(experiment.triangles), np.concatenate([experiment.free_nodes, *sliding]))
+    free = np.setdiff1d(np.arange(n), np.concatenate([rim, *(nodes for _, nodes in loaded)]))
     single = sp.csr_array((np.ones(free.size), (free, np.arange(free.size))), shape=(n, free.size))
-    edges = np.zeros((n, len(experiment.loaded)))
-    for i, b in enumerate(experiment.loaded):
-        edges[b.nodes, i] = 1.0
-    boundary = np.concatenate([np.full(free.size, -1), np.arange(len(experiment.loaded))])
-    return VirtualFields(sp.csr_array(sp.hstack([single, sp.csr_array(edges)])), boundary, 0.0)
+    edges = np.zeros((n, len(loaded)))
+    for k, (_, nodes) in enumerate(loaded):
+        edges[nodes, k] = 1.0
+    boundary = np.concatenate([np.full(free.size, -1), np.array([i for i, _ in loaded], np.int64)])
+    return sp.csr_array(sp.hstack([single, sp.csr_array(edges)])), boundary
 
 
 def bilinear_hats(points: Array, spacing: float) -> sp.csr_array:

@@ -148,14 +148,14 @@ def relative_force_error(predicted: dict[str, Array], measured: dict[str, Array]
 
 
 def predict_forces(system: Equilibrium, model: Model) -> tuple[dict[str, Array], Array]:
-    """Forces {boundary: (n_increments, 2)} N from the measured displacements, and all residuals
-    (n_increments, 2 n_fields), N."""
+    """Forces {boundary: (n_increments, 2)} N from the measured displacements, none along an edge that slides, and all
+    residuals (n_increments, 2 n_fields), N."""
     work = system.internal_forces(model.nominal_stress(system.deformation_gradients, system.experiment.plane))
     n = system.fields.n_fields
     forces = {}
     for column in np.flatnonzero(system.fields.boundary >= 0):
-        name = system.experiment.loaded[system.fields.boundary[column]].name
-        forces[name] = np.stack([work[:, column], work[:, n + column]], axis=1)
+        boundary = system.experiment.loaded[system.fields.boundary[column]]
+        forces[boundary.name] = np.stack([work[:, column], work[:, n + column]], axis=1) * boundary.held
     return forces, work - system.loads
 
 

@@ -113,10 +113,10 @@ class ExtendedModel:
         shift = chain.noise_shift(self.c, noise_covariance.noise_factor(experiment.points, noise))
         residuals = chain.residual(self.c, additions) - shift
         n, readings = system.fields.n_fields, residuals + np.nan_to_num(system.loads)
-        forces = {
-            experiment.loaded[system.fields.boundary[v]].name: readings[:, [v, n + v]]
-            for v in np.flatnonzero(system.fields.boundary >= 0)
-        }
+        forces = {}
+        for v in np.flatnonzero(system.fields.boundary >= 0):
+            boundary = experiment.loaded[system.fields.boundary[v]]
+            forces[boundary.name] = readings[:, [v, n + v]] * boundary.held
         I1 = np.asarray(invariants_and_derivatives(system.isochoric_gradients)[0])[..., 0]
         beyond = (system.areas * (3 + chain.energy.top < I1)).sum() / (system.areas.sum() * len(I1))
         names = {a.effect.name for a in additions}

@@ -5,7 +5,6 @@ Needs no finite-element package.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,18 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forward import interpolation
-from forward.errors import SolutionError
 from forward.solution import SurfaceSolution
+from forward.solution_file import read_solution, write_solution
 from meshes import Mesh
-from meshes.errors import MeshDataError
 from meshes.extrusion import HEX_NODES, SolidMesh, hex_shape_gradients
-from meshes.files import read_npz, with_prefix, write_npz
 
 Array = NDArray[np.float64]
 FORMAT = "equigap-solid"
 CENTRE = int(np.flatnonzero((HEX_NODES == 0).all(axis=1))[0])
-REQUIRED = ("points", "cells", "levels", "symmetric", "displacements", "pressure", "time", "energy", "iterations",
-            "bulk_modulus", "description")  # fmt: skip
+OWN = ("levels", "symmetric", "pressure", "bulk_modulus")
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,42 +95,17 @@ class SolidSolution:
 
     def save(self, path: str | Path) -> None:
         """Write a .npz atomically. Raises `MeshDataError` where it cannot be written."""
-        write_npz(
-            path,
-            FORMAT,
-            points=self.mesh.plane.points,
-            cells=self.mesh.plane.cells,
-            levels=self.mesh.levels,
-            symmetric=self.mesh.symmetric,
-            displacements=self.displacements,
-            pressure=self.pressure,
-            time=self.time,
-            energy=self.energy,
-            iterations=self.iterations,
-            bulk_modulus=self.bulk_modulus,
-            description=json.dumps(self.description),
-            **{f"reaction_{name}": force for name, force in self.reactions.items()},
-            **{f"boundary_{name}": edges for name, edges in self.mesh.plane.boundaries.items()},
+        own = {"pressure": self.pressure, "bulk_modulus": self.bulk_modulus}
+        write_solution(
+            path, FORMAT, self, self.mesh.plane, levels=self.mesh.levels, symmetric=self.mesh.symmetric, **own
         )
 
     @classmethod
     def load(cls, path: str | Path) -> SolidSolution:
         """Read what `save` wrote. Raises `SolutionError`."""
-        try:
-            content = read_npz(path, FORMAT, REQUIRED)
-            plane = Mesh(content["points"], content["cells"], "quad", with_prefix(content, "boundary_"))
-            mesh = SolidMesh(plane, content["levels"], bool(content["symmetric"]))
-            description = json.loads(str(content["description"]))
-        except (MeshDataError, json.JSONDecodeError) as error:
-            raise SolutionError(str(error)) from error
-        return cls(
-            mesh=mesh,
-            displacements=content["displacements"],
-            pressure=content["pressure"],
-            reactions=with_prefix(content, "reaction_"),
-            time=content["time"],
-            energy=content["energy"],
-            iterations=content["iterations"],
-            bulk_modulus=float(content["bulk_modulus"]),
-            description=description,
-        )
+        arguments, content = read_solution(path, FORMAT, OWN, _mesh)
+        return cls(**arguments, pressure=content["pressure"], bulk_modulus=float(content["bulk_modulus"]))
+
+
+def _mesh(plane: Mesh, content: dict[str, Any]) -> SolidMesh:
+    return SolidMesh(plane, content["levels"], bool(content["symmetric"]))

@@ -195,7 +195,7 @@ def record(experiment: Experiment, camera: Camera, seed: int) -> Experiment:
     """
     noise = camera.displacement_noise(experiment.points, experiment.n_increments, seed)
     factors = camera.force_factors([b.name for b in experiment.loaded], experiment.n_increments, seed)
-    loaded = [LoadedBoundary(b.name, b.nodes, b.force * factors[b.name][:, None]) for b in experiment.loaded]
+    loaded = [replace(b, force=b.force * factors[b.name][:, None]) for b in experiment.loaded]
     unit_maximum = camera.field.normalisation == "unit-maximum"
     return replace(
         experiment,

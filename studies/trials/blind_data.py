@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
+from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.triangulation import signed_areas
 from forward.materials import ArrudaBoyce, Material, NeoHooke, Yeoh
 from meshes import Mesh
@@ -144,7 +144,7 @@ def record(trial: Trial, clean: Experiment) -> Experiment:
     for b in clean.loaded:
         relative, floor = rng.standard_normal((2, *b.force.shape))
         error = noise.force_std_relative * np.abs(b.force) * relative + noise.force_std * floor
-        loaded.append(LoadedBoundary(b.name, b.nodes, b.force + error))
+        loaded.append(replace(b, force=b.force + error))
     specimen = SPECIMENS[trial.specimen].to_dict()
     return replace(
         clean,

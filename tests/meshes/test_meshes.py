@@ -172,19 +172,16 @@ def test_file(cross, tmp_path):
     copy = Mesh.load(path)
     np.testing.assert_array_equal(copy.points, cross.points)
     assert copy.boundaries.keys() == cross.boundaries.keys()
-    with pytest.raises(MeshDataError, match="cannot be written"):
+    with pytest.raises(MeshDataError, match="below_a_file.npz"):
         cross.save(path / "below_a_file.npz")
     path.write_bytes(b"PK something else")
-    with pytest.raises(MeshDataError, match="cannot be read"):
-        Mesh.load(path)
-    with pytest.raises(MeshDataError, match="cannot be read"):
-        Mesh.load(tmp_path / "missing.npz")
-    np.savez(path, format="other", version=1)
-    with pytest.raises(MeshDataError, match="no equigap-mesh file"):
-        Mesh.load(path)
-    np.savez(path, format="equigap-mesh", version=1, points=cross.points)
-    with pytest.raises(MeshDataError, match="cells, cell_type missing"):
-        Mesh.load(path)
+    for wrong in (path, tmp_path / "missing.npz"):
+        with pytest.raises(MeshDataError, match=wrong.name):
+            Mesh.load(wrong)
+    for content, key in (("other", "equigap-mesh"), ("equigap-mesh", "cells, cell_type")):
+        np.savez(path, format=content, version=1, points=cross.points)
+        with pytest.raises(MeshDataError, match=key):
+            Mesh.load(path)
 
 
 @pytest.mark.parametrize("specimen", SPECIMENS, ids=NAMES)
@@ -201,29 +198,29 @@ def test_dictionary(specimen):
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "key"),
     [
-        (lambda: Cross(half_length=-1.0), "half_length = -1.0; give a positive"),
+        (lambda: Cross(half_length=-1.0), "half_length = -1.0"),
         (lambda: Cross(half_length=float("nan")), "half_length = nan"),
         (lambda: Strip(half_width="wide"), "half_width = wide"),
-        (lambda: Cross(half_width=120.0), "no arms are left"),
-        (lambda: Cross(fillet_radius=61.0), "fillet of radius 61 does not fit"),
-        (lambda: Cross(hole_semi_major=3.0), "swap them"),
-        (lambda: Cross(hole_size=8.0), "hole_size exceeds far_size"),
+        (lambda: Cross(half_width=120.0), "half_width"),
+        (lambda: Cross(fillet_radius=61.0), "fillet"),
+        (lambda: Cross(hole_semi_major=3.0), "swap"),
+        (lambda: Cross(hole_size=8.0), "hole_size"),
         (lambda: Cross(inner_offset=8.0), "overlap"),
-        (lambda: Cross(outer_offset=98.0), "from the outline"),
-        (lambda: Cross(half_width=18.0, fillet_radius=5.0), "from the outline"),
-        (lambda: PlateWithHole(hole_radius=35.0), "from the outline"),
-        (lambda: PerforatedSheet(perforation=(Ellipse(-5.0, 0.0, 2.0, 2.0),)), "the rest is mirrored"),
-        (lambda: PerforatedSheet(perforation=(Ellipse(0.0, 0.0, 2.0, 3.0),)), "a >= b > 0"),
-        (lambda: PerforatedSheet(perforation=(Ellipse(5.0, 0.0, 3.0, 2.0, 0.5),)), "axis of symmetry"),
-        (lambda: PerforatedSheet(perforation=(Ellipse(0.0, 13.0, 2.0, 2.0),)), "from the outline"),
-        (lambda: specimen_from_dict({"specimen": "ring"}), "choose one of cross, strip"),
-        (lambda: specimen_from_dict({"specimen": "strip", "length": 3.0}), "unexpected keyword"),
+        (lambda: Cross(outer_offset=98.0), "outline"),
+        (lambda: Cross(half_width=18.0, fillet_radius=5.0), "outline"),
+        (lambda: PlateWithHole(hole_radius=35.0), "outline"),
+        (lambda: PerforatedSheet(perforation=(Ellipse(-5.0, 0.0, 2.0, 2.0),)), "mirrored"),
+        (lambda: PerforatedSheet(perforation=(Ellipse(0.0, 0.0, 2.0, 3.0),)), "a >= b"),
+        (lambda: PerforatedSheet(perforation=(Ellipse(5.0, 0.0, 3.0, 2.0, 0.5),)), "symmetry"),
+        (lambda: PerforatedSheet(perforation=(Ellipse(0.0, 13.0, 2.0, 2.0),)), "outline"),
+        (lambda: specimen_from_dict({"specimen": "ring"}), "cross, strip"),
+        (lambda: specimen_from_dict({"specimen": "strip", "length": 3.0}), "length"),
     ],
 )
-def test_impossible_specimens(make, message):
-    with pytest.raises(SpecimenError, match=message):
+def test_impossible_specimens(make, key):
+    with pytest.raises(SpecimenError, match=key):
         make()
 
 
@@ -245,25 +242,27 @@ def test_sheets_are_as_wide_as_said():
     assert TTc().exact_area() == pytest.approx(60 * 30 - np.pi * 27)
 
 
-def test_impossible_meshes(cross):
-    with pytest.raises(MeshDataError, match="size_factor = -1"):
-        quads(Cross(), size_factor=-1.0)
-    with pytest.raises(MeshDataError, match="at least 20"):
-        triangles(Cross(), 5)
-    with pytest.raises(MeshError, match=r"cross: .*(cannot be met|quality|gmsh failed)"):
+@pytest.mark.parametrize(
+    ("make", "key"),
+    [
+        (lambda cross: quads(Cross(), size_factor=-1.0), "size_factor = -1"),
+        (lambda cross: triangles(Cross(), 5), "20"),
+        (lambda cross: cross.boundary_nodes("arm"), "right"),
+        (lambda cross: Mesh(cross.points, cross.cells, "hexagon", {}), "'triangle' or 'quad'"),
+        (lambda cross: Mesh(cross.points * np.nan, cross.cells, "quad", {}), "finite"),
+        (lambda cross: Mesh(cross.points, cross.cells, "triangle", {}), "3 nodes"),
+        (lambda cross: Mesh(cross.points[:-1], cross.cells, "quad", {}), "cells"),
+        (lambda cross: Mesh(cross.points, cross.cells, "quad", {"free": np.array([[0, 1, -5]])}), "free"),
+    ],
+)
+def test_impossible_meshes(cross, make, key):
+    with pytest.raises(MeshDataError, match=key):
+        make(cross)
+
+
+def test_a_specimen_that_cannot_be_meshed_so_coarsely_is_named():
+    with pytest.raises(MeshError, match="cross"):
         triangles(Cross(), 60)
-    with pytest.raises(MeshDataError, match="this mesh has right"):
-        cross.boundary_nodes("arm")
-    with pytest.raises(MeshDataError, match="use 'triangle' or 'quad'"):
-        Mesh(cross.points, cross.cells, "hexagon", {})
-    with pytest.raises(MeshDataError, match="finite numbers"):
-        Mesh(cross.points * np.nan, cross.cells, "quad", {})
-    with pytest.raises(MeshDataError, match="3 nodes"):
-        Mesh(cross.points, cross.cells, "triangle", {})
-    with pytest.raises(MeshDataError, match="cells: node numbers"):
-        Mesh(cross.points[:-1], cross.cells, "quad", {})
-    with pytest.raises(MeshDataError, match="free: node numbers"):
-        Mesh(cross.points, cross.cells, "quad", {"free": np.array([[0, 1, -5]])})
 
 
 def test_missing_libraries_are_named(monkeypatch):

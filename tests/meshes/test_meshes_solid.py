@@ -147,30 +147,37 @@ def test_faces_are_in_the_order_of_a_quad():
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_wrong_thickness(value):
-    with pytest.raises(MeshDataError, match="thickness = .* mm; give a positive number"):
+    with pytest.raises(MeshDataError, match="thickness"):
         extrude(grid((1, 1), (1.0, 1.0)), value, 2)
 
 
-def test_wrong_input():
-    plane = grid((1, 1), (1.0, 1.0))
-    with pytest.raises(MeshDataError, match="0 layers with grading 0.7: a whole number of layers"):
-        extrude(plane, 1.0, 0)
-    for grading in (0.0, 6.0, np.nan):
-        with pytest.raises(MeshDataError, match=r"grading between 0\.2 and 5"):
-            extrude(plane, 1.0, 2, grading=grading)
-    with pytest.raises(MeshDataError, match="hexes stand on quads; make the plane mesh with meshes.quads"):
-        extrude(triangles(Strip(), 100), 1.0, 2)
-    for levels in ([0.0, 1.0], [0.0, 1.0, 2.0, 3.0], [0.0, 2.0, 1.0], [[0.0, 1.0, 2.0]], [0.0, np.nan, 1.0]):
-        with pytest.raises(MeshDataError, match="levels must rise"):
-            SolidMesh(plane, np.array(levels))
-    with pytest.raises(MeshDataError, match="lowest level of a symmetric half must be 0, not -1 mm"):
-        SolidMesh(plane, np.array([-1.0, 0.0, 1.0]))
-    with pytest.raises(MeshDataError, match="boundary 'arm' is unknown; this mesh has right, top"):
-        extrude(plane, 1.0, 1).boundary_nodes("arm")
-    squeezed = plane.points.copy()
-    squeezed[plane.cells[0, 2]] = [0.3, 0.3]
-    with pytest.raises(MeshQualityError, match="the worst cell has quality"):
-        extrude(dataclasses.replace(plane, points=squeezed), 1.0, 1)
-    inverted = Mesh(plane.points, plane.cells[:, [0, 3, 2, 1, 7, 6, 5, 4, 8]], "quad", {})
-    with pytest.raises(MeshQualityError, match="the worst cell has quality -1.00"):
+PLANE = grid((1, 1), (1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("make", "key"),
+    [
+        (lambda: extrude(PLANE, 1.0, 0), "0 layers"),
+        *((lambda g=g: extrude(PLANE, 1.0, 2, grading=g), "grading") for g in (0.0, 6.0, np.nan)),
+        (lambda: extrude(triangles(Strip(), 100), 1.0, 2), "quads"),
+        *(
+            (lambda z=z: SolidMesh(PLANE, np.array(z)), "levels")
+            for z in ([0.0, 1.0], [0.0, 1.0, 2.0, 3.0], [0.0, 2.0, 1.0], [[0.0, 1.0, 2.0]], [0.0, np.nan, 1.0])
+        ),
+        (lambda: SolidMesh(PLANE, np.array([-1.0, 0.0, 1.0])), "-1 mm"),
+        (lambda: extrude(PLANE, 1.0, 1).boundary_nodes("arm"), "right, top"),
+    ],
+)
+def test_wrong_input(make, key):
+    with pytest.raises(MeshDataError, match=key):
+        make()
+
+
+def test_cells_that_cannot_be_extruded():
+    squeezed = PLANE.points.copy()
+    squeezed[PLANE.cells[0, 2]] = [0.3, 0.3]
+    with pytest.raises(MeshQualityError):
+        extrude(dataclasses.replace(PLANE, points=squeezed), 1.0, 1)
+    inverted = Mesh(PLANE.points, PLANE.cells[:, [0, 3, 2, 1, 7, 6, 5, 4, 8]], "quad", {})
+    with pytest.raises(MeshQualityError, match="-1.00"):
         extrude(inverted, 1.0, 1)

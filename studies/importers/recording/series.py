@@ -43,18 +43,33 @@ UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been long
 @dataclass(frozen=True)
 class Grip:
     """A loaded boundary: nodes (k,), and the direction (2,) in which a tensile force pulls on it; 0 there means the
-    component was not measured."""
+    component was not measured. record: of a load cell of its own. slides: held along the direction only, free of traction
+    across it."""
 
     name: str
     nodes: Index
     direction: tuple[float, float]
+    record: ForceRecord | None = None
+    slides: bool = False
+
+    @property
+    def held(self) -> tuple[bool, bool]:
+        """Components of the displacement that are prescribed."""
+        x, y = self.direction
+        return (x != 0, y != 0) if self.slides else (True, True)
+
+    def force(self, force: Array) -> Array:
+        """(t, 2) N of a force (t,) N that is positive in tension; NaN for what was not measured."""
+        unknown = np.zeros(force.shape) if self.slides else np.full(force.shape, np.nan)
+        return np.stack([unknown if d == 0 else d * force for d in self.direction], axis=1)
 
 
 @dataclass(frozen=True)
 class Series:
     """Every frame of a test. points (n, 2) mm, y up; triangles (m, 3); displacements (n_frames, n, 2) mm, NaN where
-    a point failed; time (n_frames,) s on the clock of the machine; resolution (s) of that synchronisation. masked (k, 2) mm: points left out before; tested: whether spurious points
-    were looked for."""
+    a point failed; time (n_frames,) s on the clock of the machine; resolution (s) of that synchronisation. has_clock: False
+    where times only number the frames. force_std: of the forces, N, where it is known; None: estimated from the record.
+    masked (k, 2) mm: points left out before; tested: whether spurious points were looked for."""
 
     name: str
     points: Array
@@ -67,6 +82,8 @@ class Series:
     thickness: float | None = None
     synchronisation_std: float = 0.0
     plane: str = "stress"
+    has_clock: bool = True
+    force_std: float | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
     masked: Array = field(default_factory=lambda: np.zeros((0, 2)))
     tested: bool = False
@@ -107,14 +124,10 @@ def to_experiment(
     the checks of an Experiment find.
     """
     frames, notes = choose_frames(series.time, series.record, selection, _failure(series))
-    rest = float(np.clip(series.time[0], series.record.time[0], series.record.time[-1]))
-    tare = float(forces_at(series.record, np.array([rest]))[0]) if selection.tare is None else selection.tare
+    tare = _at_rest(series, series.record) if selection.tare is None else selection.tare
     force = forces_at(series.record, series.time[frames]) - tare
     _check_sign(series, frames, force)
-    loaded = tuple(
-        LoadedBoundary(g.name, g.nodes, np.stack([_component(force, d) for d in g.direction], axis=1))
-        for g in series.grips
-    )
+    loaded = tuple(_loaded(series, grip, frames, force) for grip in series.grips)
     notes += unseen_peak(elongation(series), frames)
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
@@ -138,7 +151,7 @@ def to_experiment(
         loaded=kept.loaded,
         free_nodes=kept.free_nodes,
         thickness=series.thickness,
-        time=series.time[frames],
+        time=series.time[frames] if series.has_clock else None,
         noise=noise,
         provenance=provenance,
         plane=series.plane,
@@ -182,8 +195,17 @@ def unseen_peak(lengths: Array, frames: Index) -> list[str]:
     return [WORDS.note_unseen_peak(peak=peak, longer=missed[worst], frame=frames[worst])]
 
 
-def _component(force: Array, direction: float) -> Array:
-    return np.full(force.shape, np.nan) if direction == 0 else direction * force
+def _at_rest(series: Series, record: ForceRecord) -> float:
+    """Force of a record at frame 0, N."""
+    rest = float(np.clip(series.time[0], record.time[0], record.time[-1]))
+    return float(forces_at(record, np.array([rest]))[0])
+
+
+def _loaded(series: Series, grip: Grip, frames: Index, force: Array) -> LoadedBoundary:
+    """A grip with the force (t,), N, of the machine, or of its own load cell, whose zero is that of frame 0."""
+    if grip.record is not None:
+        force = forces_at(grip.record, series.time[frames]) - _at_rest(series, grip.record)
+    return LoadedBoundary(grip.name, grip.nodes, grip.force(force), grip.held)
 
 
 def _check_sign(series: Series, frames: Index, force: Array) -> None:
@@ -209,7 +231,9 @@ def estimate_noise(series: Series, nodes: Index, frames: Index, kind: str) -> tu
     found = noise_estimate.displacement_noise(series.points[complete if enough else nodes], displacements)
     force = forces_at(series.record, series.time[[0, *frames]])
     slope = float(np.abs(np.diff(force)).sum() / (series.time[frames[-1]] - series.time[0]))
-    cell = noise_estimate.force_noise(series.record.time, series.record.force)
+    cell = series.force_std
+    if cell is None:
+        cell = noise_estimate.force_noise(series.record.time, series.record.force)
     chosen = found.temporal if kind == "temporal" and found.temporal is not None else found.total
     report = {
         "kind": kind,

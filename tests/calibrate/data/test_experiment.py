@@ -65,23 +65,21 @@ def test_forces_that_do_not_balance_are_seen():
 
 
 def test_no_such_file(tmp_path):
-    with pytest.raises(errors.DataNotFoundError, match="no such file"):
+    with pytest.raises(errors.DataNotFoundError, match="nothing.npz"):
         Experiment.load(tmp_path / "nothing.npz")
 
 
 # NumPy leaves a damaged archive open until it is collected
 def test_other_files_are_refused(tmp_path):
-    path = tmp_path / "a.npz"
-    path.write_text("no archive")
-    with pytest.raises(errors.FileFormatError, match="not a readable Experiment"):
-        Experiment.load(path)
-    np.savez(path, points=np.zeros((3, 2)))
-    with pytest.raises(errors.FileFormatError, match="not an Experiment"):
-        Experiment.load(path)
-    stretched().save(path)
-    path.write_bytes(path.read_bytes()[:-400])
-    with pytest.raises(errors.FileFormatError, match="not a readable Experiment"):
-        Experiment.load(path)
+    stretched().save(tmp_path / "cut.npz")
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "cut.npz").read_bytes()[:-400])
+    (tmp_path / "text.npz").write_text("no archive")
+    (tmp_path / "json.npz").write_bytes(b"{}")
+    np.savez(tmp_path / "arrays.npz", points=np.zeros((3, 2)))
+    for name in ("cut.npz", "text.npz", "json.npz", "arrays.npz"):
+        with pytest.raises(errors.FileFormatError, match=name) as raised:
+            Experiment.load(tmp_path / name)
+        assert "pickle" not in str(raised.value)
 
 
 def test_other_versions_and_missing_arrays_are_refused(tmp_path):
@@ -89,25 +87,19 @@ def test_other_versions_and_missing_arrays_are_refused(tmp_path):
     stretched().save(path)
     with np.load(path) as data:
         content = {key: data[key] for key in data.files}
-    np.savez(path, **{**content, "version": 3})
-    with pytest.raises(errors.FileFormatError, match="version 3, this program reads 1 and 2"):
-        Experiment.load(path)
-    for garbled, message in (
-        ({"version": "new"}, "version new"),
-        ({"provenance": "{"}, "an array is garbled"),
-        ({"noise": ["a", "b"]}, "an array is garbled"),
-    ):
-        np.savez(path, **{**content, **garbled})
-        with pytest.raises(errors.FileFormatError, match=message):
-            Experiment.load(path)
-    np.savez(path, **{key: value for key, value in content.items() if key != "version"})
-    with pytest.raises(errors.FileFormatError, match="version None"):
-        Experiment.load(path)
-    del content["displacements"]
-    np.savez(path, **content)
-    with pytest.raises(errors.FileFormatError, match="displacements"):
-        Experiment.load(path)
     assert json.loads(str(content["provenance"])) == {"source": "test"}
+    without = {key: {k: v for k, v in content.items() if k != key} for key in ("version", "displacements")}
+    for wrong, key in (
+        ({**content, "version": 4}, "version 4"),
+        ({**content, "version": "new"}, "version new"),
+        ({**content, "provenance": "{"}, "garbled"),
+        ({**content, "noise": ["a", "b"]}, "garbled"),
+        (without["version"], "version None"),
+        (without["displacements"], "displacements"),
+    ):
+        np.savez(path, **wrong)
+        with pytest.raises(errors.FileFormatError, match=key):
+            Experiment.load(path)
 
 
 def test_mesh_and_data_that_do_not_match():
@@ -122,7 +114,7 @@ def test_mesh_and_data_that_do_not_match():
     for key, value in cases.items():
         with pytest.raises(errors.MeshMismatchError):
             replace(sheet, **{key: value})
-    with pytest.raises(errors.MeshMismatchError, match="inside the specimen"):
+    with pytest.raises(errors.MeshMismatchError, match="inside"):
         replace(sheet, loaded=(LoadedBoundary("top", np.array([7, 8]), sheet.loaded[1].force),))
 
 
@@ -130,7 +122,7 @@ def test_inverted_triangles():
     sheet = stretched()
     triangles = sheet.triangles.copy()
     triangles[3] = triangles[3, ::-1]
-    with pytest.raises(errors.DegenerateMeshError, match="inverted triangles: 1 \\(first: 3\\)"):
+    with pytest.raises(errors.DegenerateMeshError, match="inverted .*3"):
         replace(sheet, triangles=triangles)
     with pytest.raises(errors.DegenerateMeshError, match="flip y"):
         replace(sheet, points=sheet.points * [1, -1])
@@ -140,17 +132,17 @@ def test_duplicate_flat_and_unused_nodes():
     sheet = stretched()
     points = np.concatenate([sheet.points, sheet.points[:1]])
     u = np.concatenate([sheet.displacements, sheet.displacements[:, :1]], axis=1)
-    with pytest.raises(errors.DegenerateMeshError, match="belong to no triangle"):
+    with pytest.raises(errors.DegenerateMeshError, match="no triangle"):
         replace(sheet, points=np.concatenate([sheet.points, [[30.0, 30.0]]]), displacements=u)
     triangles = sheet.triangles.copy()
     triangles[triangles == 0] = len(points) - 1
     # node 0 stays in one triangle, its copy is in another
     split = np.concatenate([sheet.triangles[:1], triangles[1:]])
-    with pytest.raises(errors.DegenerateMeshError, match="duplicate nodes"):
+    with pytest.raises(errors.DegenerateMeshError, match="duplicate"):
         replace(sheet, points=points, displacements=u, triangles=split)
-    with pytest.raises(errors.DegenerateMeshError, match="without area"):
+    with pytest.raises(errors.DegenerateMeshError, match="area"):
         replace(sheet, triangles=np.concatenate([sheet.triangles, [[0, 1, 2]]]))
-    with pytest.raises(errors.DegenerateMeshError, match="not finite"):
+    with pytest.raises(errors.DegenerateMeshError, match="finite"):
         replace(sheet, points=np.where(np.arange(30)[:, None] == 4, np.nan, sheet.points))
 
 
@@ -158,7 +150,7 @@ def test_det_F_not_positive():
     sheet = stretched()
     u = sheet.displacements.copy()
     u[1, 14] += [9.0, 0.0]
-    with pytest.raises(errors.InvalidDeformationError, match="increment 1: det F <= 0"):
+    with pytest.raises(errors.InvalidDeformationError, match="increment 1"):
         replace(sheet, displacements=u)
 
 
@@ -169,54 +161,54 @@ def test_failed_points_must_be_masked_first():
         stretched(displacements=u)
 
 
-@pytest.mark.parametrize("time", [[1.0, 3.0, 2.0], [1.0, 1.0, 2.0], [1.0, np.nan, 2.0]])
-def test_time_must_increase(time):
-    with pytest.raises(errors.TimeError, match="time does not increase"):
+@pytest.mark.parametrize(
+    ("time", "key"),
+    [
+        ([1.0, 3.0, 2.0], "increase"),
+        ([1.0, 1.0, 2.0], "increase"),
+        ([1.0, np.nan, 2.0], "increase"),
+        ([-1.0, 1.0, 2.0], "-1 s"),
+    ],
+)
+def test_time_increases_from_the_start_of_loading(time, key):
+    with pytest.raises(errors.TimeError, match=key):
         stretched(time=np.array(time))
-
-
-def test_time_counts_from_the_start_of_loading():
-    with pytest.raises(errors.TimeError, match="begins at -1 s; count it from the start of loading"):
-        stretched(time=np.array([-1.0, 1.0, 2.0]))
     assert stretched(time=np.array([0.0, 1.0, 2.0])).time[0] == 0.0
 
 
 def test_missing_and_infinite_force():
     sheet = stretched()
     nothing = tuple(LoadedBoundary(b.name, b.nodes, np.full((3, 2), np.nan)) for b in sheet.loaded)
-    with pytest.raises(errors.MissingForceError, match="load-cell record"):
-        replace(sheet, loaded=nothing)
-    with pytest.raises(errors.MissingForceError, match="load-cell record"):
-        replace(sheet, loaded=())
     infinite = (replace(sheet.loaded[0], force=np.full((3, 2), np.inf)), sheet.loaded[1])
-    with pytest.raises(errors.MissingForceError, match="infinite"):
-        replace(sheet, loaded=infinite)
+    for loaded, key in ((nothing, "record"), ((), "record"), (infinite, "infinite")):
+        with pytest.raises(errors.MissingForceError, match=key):
+            replace(sheet, loaded=loaded)
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("changes", "key"),
     [
-        (lambda s: {"points": s.points * 1e-3, "displacements": s.displacements * 1e-3}, "points must be in mm"),
-        (lambda s: {"points": s.points * 1e4, "displacements": s.displacements * 1e4}, "points must be in mm"),
-        (lambda s: {"displacements": s.displacements + 1e4}, "not pixels"),
-        (lambda s: {"displacements": s.displacements * 1e-8}, "not m"),
+        (lambda s: {"points": s.points * 1e-3, "displacements": s.displacements * 1e-3}, "points"),
+        (lambda s: {"points": s.points * 1e4, "displacements": s.displacements * 1e4}, "points"),
+        (lambda s: {"displacements": s.displacements + 1e4}, "displacements"),
+        (lambda s: {"displacements": s.displacements * 1e-8}, "displacements"),
         (lambda s: {"thickness": 1e-6}, "thickness"),
         (lambda s: {"thickness": 100.0}, "thickness"),
-        (lambda s: {"loaded": tuple(replace(b, force=1e6 * b.force) for b in s.loaded)}, "not kN or mN"),
-        (lambda s: {"loaded": tuple(replace(b, force=1e-9 * b.force) for b in s.loaded)}, "not kN or mN"),
+        (lambda s: {"loaded": tuple(replace(b, force=1e6 * b.force) for b in s.loaded)}, "force"),
+        (lambda s: {"loaded": tuple(replace(b, force=1e-9 * b.force) for b in s.loaded)}, "force"),
     ],
 )
-def test_implausible_units(changes, message):
+def test_implausible_units(changes, key):
     sheet = stretched()
-    with pytest.raises(errors.UnitsError, match=message):
+    with pytest.raises(errors.UnitsError, match=key):
         replace(sheet, **changes(sheet))
 
 
 def test_shared_nodes_and_bad_noise():
     sheet = stretched()
-    with pytest.raises(errors.ExperimentError, match="shares nodes"):
+    with pytest.raises(errors.ExperimentError, match="shares"):
         replace(sheet, loaded=(sheet.loaded[0], replace(sheet.loaded[1], nodes=sheet.loaded[0].nodes)))
-    with pytest.raises(errors.ExperimentError, match="both loaded and free"):
+    with pytest.raises(errors.ExperimentError, match="free"):
         replace(sheet, free_nodes=sheet.loaded[0].nodes)
     with pytest.raises(errors.ExperimentError, match="displacement_std"):
         Noise(-1.0)
@@ -233,7 +225,3 @@ def test_content_that_fails_a_check_names_the_file(tmp_path):
     np.savez(path, **content)
     with pytest.raises(errors.EquigapError, match=r"sheet\.npz: .*displacement"):
         Experiment.load(path)
-    path.write_bytes(b"{}")
-    with pytest.raises(errors.FileFormatError, match="not a readable Experiment") as raised:
-        Experiment.load(path)
-    assert "pickle" not in str(raised.value)

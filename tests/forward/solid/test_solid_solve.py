@@ -248,7 +248,7 @@ def test_file(eighth, tmp_path):
     assert copy.mesh.boundaries.keys() == eighth.mesh.boundaries.keys()
     assert (copy.bulk_modulus, copy.description) == (eighth.bulk_modulus, eighth.description)
     eighth.surface().save(path)
-    with pytest.raises(SolutionError, match="no equigap-solid file"):
+    with pytest.raises(SolutionError, match="equigap-solid"):
         SolidSolution.load(path)
 
 

@@ -36,12 +36,10 @@ def test_a_number_agrees_within_its_tolerance(tmp_path: Path, force: float, agre
     assert finding.agrees is agrees
 
 
-def test_what_differs_is_named(tmp_path: Path, known: None, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["verify", str(run(tmp_path / "a"))]) == 0
-    assert "all 1 numbers agree" in capsys.readouterr().out
-    assert cli.main(["verify", str(run(tmp_path / "b", 11.0))]) == 2
-    said = capsys.readouterr()
-    assert "! largest force" in said.out and "1 of 1 numbers differ from their reference: largest force" in said.err
+def test_what_differs_is_named(tmp_path: Path, known: None, equigap) -> None:
+    assert equigap("verify", run(tmp_path / "a")).code == 0
+    said = equigap("verify", run(tmp_path / "b", 11.0))
+    assert said.code == 2 and "largest force" in said.err
     (row,) = json.loads((tmp_path / "b" / "verify.json").read_text())["numbers"]
     assert (row["found"], row["reference"], row["agrees"]) == (11.0, 10.0, False)
 
@@ -60,19 +58,18 @@ def test_tolerances_come_from_the_spread(tmp_path: Path, monkeypatch: pytest.Mon
     assert found == {"value": 10.1, "tolerance": pytest.approx(3 * 0.3)}
 
 
-def test_data_files_are_compared_byte_by_byte(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_data_files_are_compared_byte_by_byte(tmp_path: Path, equigap) -> None:
     a, b, c = run(tmp_path / "a"), run(tmp_path / "b"), run(tmp_path / "c", 10.1)
-    assert cli.main(["verify", str(a), "--same-as", str(b)]) == 0
-    assert cli.main(["verify", str(a), "--same-as", str(c)]) == 2
-    assert "1 data files differ: simulate/forces.csv" in capsys.readouterr().err
+    assert equigap("verify", a, "--same-as", b).code == 0
+    said = equigap("verify", a, "--same-as", c)
+    assert said.code == 2 and "simulate/forces.csv" in said.err
 
 
 @pytest.mark.parametrize("content", ["", '{"format": "other"}', "[1, 2]"])
-def test_what_is_no_run_is_refused(tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_run_is_refused(tmp_path: Path, content: str, refused) -> None:
     if content:
         (tmp_path / "figures.json").write_text(content)
-    assert cli.main(["verify", str(tmp_path)]) == 2
-    assert "equigap figures" in capsys.readouterr().err
+    refused("verify", tmp_path, key="figures")
 
 
 def test_every_reference_names_a_step_of_figures_and_has_a_reason() -> None:
@@ -84,22 +81,18 @@ def test_every_reference_names_a_step_of_figures_and_has_a_reason() -> None:
             assert key.reason
 
 
-def test_a_file_of_somebody_else_is_not_replaced(
-    tmp_path: Path, known: None, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_of_somebody_else_is_not_replaced(tmp_path: Path, known: None, refused) -> None:
     folder, other = str(run(tmp_path / "a")), tmp_path / "mine.json"
     other.write_text('{"mine": 1}')
-    assert cli.main(["verify", folder, "-o", str(other)]) == 2
-    assert "was not written by `equigap verify`" in capsys.readouterr().err
+    refused("verify", folder, key="mine.json", output=other)
     assert cli.main(["verify", folder, "-o", str(other), "--overwrite"]) == 0
     assert cli.main(["verify", folder, "-o", str(other)]) == 0
 
 
 @pytest.mark.slow
-def test_two_runs_give_identical_data_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_runs_give_identical_data_files(tmp_path: Path) -> None:
     """Solved, seen, calibrated and predicted twice, in processes of their own."""
     for name in ("a", "b"):
         words = ["--scale", "quick", "--only", "simulate,calibrate,predict", "--jobs", "1", "-o", str(tmp_path / name)]
         assert cli.main(["figures", *words]) == 0
     assert cli.main(["verify", str(tmp_path / "a"), "--same-as", str(tmp_path / "b")]) == 0
-    assert "every data file is the same" in capsys.readouterr().out
