@@ -43,6 +43,7 @@ quick: setup ## everything at its smallest, a few minutes
 	$(EQUIGAP) discover $(QUICK)/simulate/experiment.npz --quick -o $(QUICK)/discover
 	$(EQUIGAP) predict $(QUICK)/calibrate/model.json --against arruda_boyce -o $(QUICK)/predict
 	$(EQUIGAP) supervised --quick --data arruda-boyce -o $(QUICK)/supervised
+	$(EQUIGAP) design --quick -o $(QUICK)/design
 	$(EQUIGAP) resolution --quick --jobs $(JOBS) --output $(QUICK)/resolution
 	$(EQUIGAP) thickness --quick --jobs $(JOBS) --output $(QUICK)/thickness
 

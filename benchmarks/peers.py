@@ -37,7 +37,7 @@ from studies.commands.import_data import import_experiment
 from studies.output import Manifest, write_figure, write_json
 
 CASES = ("Ogden-high", "Ogden-low", "Holzapfel-high")
-GROWTH, STEPS = ("Ogden", "high"), (2, 4, 6)
+GROWTH = ("Ogden", "high")
 
 
 def arguments(words: list[str] | None) -> argparse.Namespace:
@@ -49,6 +49,7 @@ def arguments(words: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES), help="material and noise")
     parser.add_argument("--epochs", type=int, default=500, help="of each member, in all")
     parser.add_argument("--minutes", type=float, default=1e6, help="of training a member in this call; 0: none")
+    parser.add_argument("--growth", type=int, nargs="*", default=[2, 4, 6], metavar="STEPS", help="load steps to time")
     parser.add_argument("--seeds", type=int, default=1, help="of the starts of equigap's network")
     parser.add_argument("--plate-seeds", type=int, default=5, help="of the noise on the elastic plate")
     parser.add_argument("--results", type=Path, help="where the numbers of the page go")
@@ -76,19 +77,15 @@ def case(args: argparse.Namespace, material: str, noise: str) -> dict[str, Any]:
     return known
 
 
-def growth(args: argparse.Namespace) -> list[dict[str, Any]]:
-    """CPU time over the number of load steps: one calibration in a process that has compiled, one epoch."""
+def growth(args: argparse.Namespace, steps: int) -> dict[str, Any]:
+    """CPU time with some load steps: one calibration in a process that has compiled, one epoch."""
     member = Member(args.nn_euclid, args.python, *GROWTH, 0, args.output)
-    whole = import_experiment(member.data)
-    options = Options(inputs="I1I2")
-    calibrate(whole.select([0]), options)
-    rows = []
-    for steps in STEPS:
-        start = time.process_time()
-        calibrate(whole.select(list(range(steps))), options)
-        ours = time.process_time() - start
-        rows.append({"steps": steps, "equigap": ours, "epoch": member.seconds_an_epoch(steps)})
-    return rows
+    test, options = import_experiment(member.data).select(list(range(steps))), Options(inputs="I1I2")
+    calibrate(test, options)
+    start = time.process_time()
+    calibrate(test, options)
+    ours = time.process_time() - start
+    return {"steps": steps, "equigap": ours, "epoch": member.seconds_an_epoch(steps)}
 
 
 def main(words: list[str] | None = None) -> int:
@@ -99,7 +96,7 @@ def main(words: list[str] | None = None) -> int:
     plate = kept(args.output / "plate.json", lambda: elastic_plate.study((1.0, 0.6), args.plate_seeds))
     fibrous = args.nn_euclid / "fem-data" / "noise=high" / "Holzapfel"
     fibres = kept(args.output / "fibres.json", lambda: fibre_search.search(import_experiment(fibrous)))
-    times = kept(args.output / "growth.json", lambda: growth(args))
+    times = [kept(args.output / f"growth-{n}.json", lambda n=n: growth(args, n)) for n in args.growth]
     member = Member(args.nn_euclid, args.python, *GROWTH, 0, args.output)
     settings = {"nn_euclid": member.versions(), "cpu": platform.processor() or platform.machine()}
     manifest = Manifest(settings=settings)

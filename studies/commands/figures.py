@@ -63,6 +63,7 @@ STEPS = (
     Step("predict", dict.fromkeys(SCALES, PLAIN), ("FOLDER/calibrate/model.json", "--against", "arruda_boyce")),
     Step("discover", USUAL, (EXPERIMENT,)),
     Step("supervised", USUAL, ("--data", "arruda-boyce")),
+    Step("design", {"quick": QUICK, "default": PLAIN, "full": ("--validate",)}),
     Step("resolution", USUAL, parallel=True),
     Step("thickness", {"quick": QUICK, "default": PLAIN, "full": ("--fine",)}, parallel=True),
     Step(

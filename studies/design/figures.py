@@ -94,37 +94,35 @@ def deviations_figure(path: Path, ranking: Ranking) -> None:
 
 
 MARKERS = {"uniaxial": "o", "equibiaxial": "s", "pure_shear": "D"}
-BANDS = ("blue", "orange", "purple")
+CURVES = ("blue", "green", "orange", "vermilion")
+LINES = ("-", "-.", "--", ":")
 
 
-def bands_figure(path: Path, ranking: Ranking, shown: Sequence[Place], labels: Sequence[str]) -> None:
-    """Expected nominal stress and the band of one standard deviation that the tests of `shown` leave, in each mode."""
+def curves_figure(path: Path, ranking: Ranking, shown: Sequence[Place]) -> None:
+    """Predicted standard deviation of the nominal stress over the stress, along each mode: before any test and after those of `shown`, four
+    at most."""
     family = ranking.family
-    with style.figure(8.6, 3.2) as figure:
-        for axes, mode in zip(figure.subplots(1, len(family.stretches)), family.stretches, strict=True):
-            x, stress, c = family.stretch(mode), family.stress(mode), family.stress_sensitivity(mode)
-            for place, label, colour, hatch in zip(shown, labels, BANDS, ("//", "", "\\\\"), strict=False):
+    with style.figure(8.6, 3.4) as figure:
+        for axes, mode in zip(figure.subplots(1, len(family.stretches), sharey=True), family.stretches, strict=True):
+            x, c = family.stretch(mode), family.stress_sensitivity(mode)
+            percent = 100 / family.stress(mode)
+            before = ranking.known.deviation(c) * percent
+            axes.plot(x, before, color="0.5", linestyle=(0, (1, 2)), label="before")
+            for place, colour, line in zip(shown, CURVES, LINES, strict=False):
                 assert place.candidate.test is not None
-                half = (ranking.known + place.candidate.test).deviation(c)
-                axes.fill_between(
-                    x,
-                    stress - half,
-                    stress + half,
-                    facecolor=style.COLOURS[colour],
-                    alpha=0.4,
-                    hatch=hatch,
-                    linewidth=0,
-                    label=label,
-                )
-            axes.plot(x, stress, color="black", linestyle="-", label="expected law")
-            axes.set(xlabel="stretch", ylabel="nominal stress, MPa", title=TITLES[mode], ylim=(0, 1.6 * stress.max()))
-        axes.legend(fontsize=6.5, loc="upper left")
+                values = (ranking.known + place.candidate.test).deviation(c) * percent
+                axes.plot(x, values, color=style.COLOURS[colour], linestyle=line, label=place.candidate.title)
+            axes.set(yscale="log", xlabel="stretch", title=TITLES[mode])
+        figure.axes[0].set_ylabel("standard deviation of the stress, %")
+        figure.legend(
+            *figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(shown) + 1, fontsize=7
+        )
         write_figure(path, figure)
 
 
 def validation_figure(path: Path, ranking: Ranking, validation: Validation) -> None:
     """Predicted and actual error of every candidate, %: median over seeds, and their range."""
-    with style.figure(5.6, 4.4) as figure:
+    with style.figure(6.4, 4.2) as figure:
         axes = figure.subplots()
         for number, place in enumerate(ranking.places, start=1):
             title = place.candidate.title
@@ -134,7 +132,8 @@ def validation_figure(path: Path, ranking: Ranking, validation: Validation) -> N
             middle = np.median(actual)
             reach = [[middle - actual.min()], [actual.max() - middle]]
             axes.errorbar(x, middle, reach, fmt="o", color=style.COLOURS["blue"], markersize=4, linestyle="none")
-            axes.annotate(f"{number}. {title}", (x, middle), xytext=(5, 3), textcoords="offset points", fontsize=7)
+            axes.annotate(str(number), (x, middle), xytext=(4, 3), textcoords="offset points", fontsize=8)
+            axes.plot([], [], linestyle="none", label=f"{number}  {title}")
         axes.axline((1, 1), slope=1, color="0.6", linestyle=":", label="equal")
         axes.set(
             xscale="log",
@@ -142,7 +141,7 @@ def validation_figure(path: Path, ranking: Ranking, validation: Validation) -> N
             xlabel="predicted deviation of the stress, %",
             ylabel="actual error of the stress, %",
         )
-        axes.legend(fontsize=7)
+        axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1, 1), handlelength=1)
         write_figure(path, figure)
 
 

@@ -82,36 +82,51 @@ def method(plan: Plan) -> str:
     )
 
 
+PULLS = ("rank", "specimen", "pulled, mm", "until", "force, N", "largest stretch", "field, mm", "noise, mm")
+
+
 def columns(ranking: Ranking) -> tuple[str, ...]:
-    """Of the table of candidates."""
+    """Of the table of what candidates tell."""
     modes = tuple(f"{TITLES[mode]}, %" for mode in ranking.family.stretches)
-    ends = ("pulled, mm", "until", "force, N", "stretch", "field, mm")
-    return ("rank", "specimen", "axes", *ends, "D, bit", "E", *modes, "all, %", "all by equations, %")
+    return ("rank", "specimen", "axes", "D, bit", "E", *modes, "all, %", "all by equations, %")
 
 
 def rows(places: Sequence[Place]) -> list[tuple[Any, ...]]:
-    """Of the table of candidates, see `columns`."""
+    """Of the table of what candidates tell, see `columns`."""
     found: list[tuple[Any, ...]] = []
     for number, place in enumerate(places, start=1):
-        end, test = place.candidate.end, place.test
-        assert end is not None
+        test = place.test
         deviations = [100 * value for value in (*test.deviation.values(), test.overall)]
         equations = None if place.equations is None else 100 * place.equations.overall
-        found.append((number, place.candidate.title, place.candidate.axes, end.displacement, end.limit, end.force,
-                      end.stretch, end.field, test.gain, test.worst, *deviations, equations))  # fmt: skip
+        found.append(
+            (number, place.candidate.title, place.candidate.axes, test.gain, test.worst, *deviations, equations)
+        )
     return found
+
+
+def pulls(places: Sequence[Place]) -> list[tuple[Any, ...]]:
+    """Of the table of how far candidates are pulled, see `PULLS`."""
+    ends = [(place.candidate.title, place.candidate.end) for place in places]
+    return [
+        (number, title, e.displacement, e.limit, e.force, e.stretch, e.field, e.noise)
+        for number, (title, e) in enumerate(ends, start=1)
+        if e is not None
+    ]
 
 
 def _add_candidates(report: Report, ranking: Ranking, folder: Path, manifest: Manifest) -> None:
     report.heading("Candidates").table(columns(ranking), rows(ranking.places), WORDS.candidates_table())
+    report.table(PULLS, pulls(ranking.places), WORDS.pulls_table())
     table = folder / "table.csv"
-    write_csv(table, columns(ranking), rows(ranking.places))
+    whole = [(*told, *pulled[2:]) for told, pulled in zip(rows(ranking.places), pulls(ranking.places), strict=True)]
+    write_csv(table, (*columns(ranking), *PULLS[2:]), whole)
     manifest.beside(table)
-    shown = list(dict.fromkeys((ranking.places[0], ranking.best_on_one_axis or ranking.places[0], ranking.places[-1])))
+    places = ranking.places
+    shown = [places[i] for i in sorted({0, min(1, len(places) - 1), len(places) // 2, len(places) - 1})]
     for name, draw in (
         ("candidates", lambda path: figures.candidates_figure(path, ranking)),
         ("deviations", lambda path: figures.deviations_figure(path, ranking)),
-        ("bands", lambda path: figures.bands_figure(path, ranking, shown, [p.candidate.title for p in shown])),
+        ("curves", lambda path: figures.curves_figure(path, ranking, shown)),
     ):
         picture = folder / f"{name}.png"
         draw(picture)
@@ -131,7 +146,8 @@ def _add_search(report: Report, design: Design, folder: Path, manifest: Manifest
             best=best.candidate.title, best_overall=best.test.overall,
         )
     )  # fmt: skip
-    report.table(columns(ranking), rows([place]), WORDS.candidates_table())
+    report.table(columns(ranking), rows([place]), WORDS.optimised_table())
+    report.table(PULLS, pulls([place]), WORDS.pulls_table())
     report.table(("dimension", "value"), list(search.best.values.items()))
     picture = folder / "search.png"
     figures.search_figure(picture, search.evaluations, search.specimen, place.candidate.states, ranking.family.tops)

