@@ -19,7 +19,7 @@ LINES = {
     "equigap, I1": ("sky", "--", 1.4),
     "equigap, I1I2": ("blue", "-", 1.4),
     "Ogden, one term": ("green", "-.", 1.2),
-    "two fibres (Holzapfel)": ("green", "-.", 1.2),
+    "two fibres (Holzapfel)": ("purple", "-.", 1.2),
     "NN-EUCLID": ("vermilion", ":", 2.0),
 }
 
@@ -37,7 +37,7 @@ def loss_over_time(cases: list[dict[str, Any]]) -> Any:
         for axes, case in zip(panels, cases, strict=True):
             _losses(axes, case)
         panels[0].set_ylabel("loss of NN-EUCLID, squared force")
-        panels[0].legend(fontsize=7)
+        panels[-1].legend(fontsize=7)
     return figure
 
 

@@ -123,7 +123,7 @@ def growth_table(times: list[Row]) -> list[list[str]]:
 
 def summary(cases: list[Row], plate: list[Row], times: list[Row], settings: Row) -> tuple[Row, dict[str, Any]]:
     """All numbers and tables of the page."""
-    tables: dict[str, Any] = {"plate": plate_table(plate), "growth": growth_table(times)}
+    tables: dict[str, Any] = {"plate": plate_table(plate)} | ({"growth": growth_table(times)} if times else {})
     equal = [["data", "equigap", "its loss", "its CPU time", "NN-EUCLID's CPU time to it", "NN-EUCLID's last loss"]]
     numbers: Row = {}
     for case in cases:
