@@ -1,6 +1,6 @@
 """Take the pictures of the pages on studies from finished runs: `python docs/study_pictures.py RESULTS`.
 
-In: the folder with `resolution`, `thickness`, `measured`, `supervised` and `design` (with --validate) as the commands leave them. Out: the pictures of `PICTURES` in
+In: the folder with `resolution`, `thickness`, `measured`, `supervised`, `design` (with --validate) and `cross-pattern` (of `equigap design docs/design/cross_pattern.toml`) as the commands leave them. Out: the pictures of `PICTURES` in
 docs/pictures, each with the manifest of the run that made it. Run it in a clone, so that the manifests name a commit.
 """
 
@@ -15,6 +15,7 @@ TARGET = Path(__file__).resolve().parent / "pictures"
 PICTURES = {
     "design_curves": ("design/curves.png", "design/curves.json"),
     "design_validation": ("design/validation.png", "design/validation.json"),
+    "design_cross": ("cross-pattern/search.png", "cross-pattern/search.json"),
     "resolution": ("resolution/figures/resolution_weighted.png", "resolution/figures/resolution_weighted.json"),
     "thickness": ("thickness/figures/predictions_weighted.png", "thickness/figures/predictions_weighted.json"),
     "thickness_corrected": (

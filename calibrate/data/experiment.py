@@ -75,6 +75,17 @@ class Experiment:
         return strain_signal(self.points, self.triangles, self.displacements)
 
     @property
+    def has_rim(self) -> bool:
+        """Whether part of the boundary is neither loaded nor free: an unknown traction may act there."""
+        held = np.concatenate([self.free_nodes, *(b.nodes for b in self.loaded)])
+        return not np.isin(boundary_nodes(self.triangles), held).all()
+
+    @property
+    def level_is_nominal(self) -> bool:
+        """Whether the section carries an unknown part of the forces, so that only ratios of stiffness are identified."""
+        return bool(self.provenance.get("rim"))
+
+    @property
     def stress_unit(self) -> str:
         """MPa, or N/mm (stress times thickness) where the thickness is unknown."""
         return "N/mm" if self.thickness is None else "MPa"
@@ -86,8 +97,7 @@ class Experiment:
         None where a force was not measured, or where part of the rim may carry one.
         """
         forces = np.array([b.force for b in self.loaded])
-        held = np.concatenate([self.free_nodes, *(b.nodes for b in self.loaded)])
-        if len(forces) < 2 or not np.isfinite(forces).all() or not np.isin(boundary_nodes(self.triangles), held).all():
+        if len(forces) < 2 or not np.isfinite(forces).all() or self.has_rim:
             return None
         size = float(np.linalg.norm(np.linalg.norm(forces, axis=2).max(axis=0)))
         noise = self.noise or Noise(0.0)

@@ -51,6 +51,11 @@ def check(record: Record) -> None:
     _check_deformation(record)
 
 
+def _place(point: Array) -> str:
+    """'(1.2, 3.4) mm' of a point (2,)."""
+    return f"({point[0]:.4g}, {point[1]:.4g}) mm"
+
+
 def _first(mask: NDArray[np.bool_]) -> str:
     """'3 (first: 17)' for the true entries of `mask`."""
     return f"{int(mask.sum())} (first: {int(np.flatnonzero(mask)[0])})"
@@ -191,13 +196,15 @@ def _check_deformation(e: Record) -> None:
     bad = ~np.isfinite(e.displacements).all(axis=(0, 2))
     if bad.any():
         raise errors.InvalidDeformationError(
-            f"displacements of {_first(bad)} nodes are not finite; mask failed points with `drop_points`"
+            f"displacements of {int(bad.sum())} nodes are not finite, the first at {_place(e.points[bad][0])}; leave them out: "
+            "`calibrate.data.points.drop_points`, or [mask] points of a column map"
         )
     area = signed_areas(e.points, e.triangles)
     for i, u in enumerate(e.displacements):
         jacobian = signed_areas(e.points + u, e.triangles) / area
         if (jacobian <= 0).any():
             raise errors.InvalidDeformationError(
-                f"increment {i}: det F <= 0 in triangles {_first(jacobian <= 0)}; mask these points with "
-                "`drop_points`, use a coarser triangulation, or drop the increment"
+                f"increment {i}: det F <= 0 in {int((jacobian <= 0).sum())} triangles, the first at "
+                f"{_place(e.points[e.triangles[jacobian <= 0][0]].mean(axis=0))}; points there are wrong: leave them out ([mask] points or boxes "
+                "of a column map, `calibrate.data.points.drop_points`), or the frame (frames.list, --frames)"
             )

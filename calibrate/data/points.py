@@ -62,13 +62,13 @@ def drop_points(
     lost = np.unique(failed_points(displacements) if failed is None else np.asarray(failed, np.int64))
     if lost.size == 0:
         return Kept(np.arange(len(points)), lost, points, triangles, displacements, loaded, free)
-    _refuse(len(points), lost, loaded)
+    _refuse(points, lost, loaded)
     indices = np.setdiff1d(np.arange(len(points)), lost)
     new = _triangulate(points, triangles, indices)
     used = np.unique(new)
     if used.size < indices.size:  # points that lost all their neighbours
         lost = np.setdiff1d(np.arange(len(points)), indices[used])
-        _refuse(len(points), lost, loaded)
+        _refuse(points, lost, loaded)
         indices, new = indices[used], np.searchsorted(used, new)
     number = np.full(len(points), -1)
     number[indices] = np.arange(indices.size)
@@ -85,18 +85,20 @@ def drop_points(
     )
 
 
-def _refuse(n: int, lost: Index, loaded: tuple[LoadedBoundary, ...]) -> None:
+def _refuse(points: Array, lost: Index, loaded: tuple[LoadedBoundary, ...]) -> None:
+    n = len(points)
     if lost.size > MAX_LOST * n:
         raise errors.LostPointsError(
             f"{lost.size} of {n} points failed ({100 * lost.size / n:.0f} %, at most {100 * MAX_LOST:.0f} % can be "
-            "bridged); leave out the worst frames, or measure again"
+            "bridged); leave out the worst frames (frames.list in a column map, --frames for a sheet), or measure again"
         )
     for boundary in loaded:
         hit = np.intersect1d(boundary.nodes, lost)
         if hit.size:
             raise errors.LostPointsError(
-                f"{hit.size} failed points lie on the loaded edge '{boundary.name}' (first: node {hit[0]}); choose a "
-                "row further inside as the loaded edge, or leave out the frames in which they fail"
+                f"{hit.size} failed points lie on the loaded edge '{boundary.name}', the first at ({points[hit[0], 0]:.4g}, "
+                f"{points[hit[0], 1]:.4g}) mm; take a row further inside (edges.drop_points in a column map, --drop-rows for a sheet), or "
+                "leave out the frames in which they fail (frames.list, --frames)"
             )
 
 

@@ -29,6 +29,7 @@ from calibrate.models.network_model import Model
 Array = NDArray[np.float64]
 LOSSES = ("weighted", "paper")
 QUANTILE = 0.999
+WEAK_SIGNAL, WEAK_QUANTILE = 3.0, 0.9  # signal to noise of the strain, below which the range ends earlier
 STRAIN_PASSES = 6  # of the weighting in plane strain, where the first bulk modulus may be far off
 
 
@@ -117,7 +118,12 @@ class Calibration:
 
 
 def calibrated_range(system: Equilibrium, quantile: float = QUANTILE) -> dict[str, tuple[float, float]]:
-    """Range of I1 and I2 in the data: from rest to the area-weighted `quantile` over all increments."""
+    """Range of I1 and I2 in the data: from rest to the area-weighted `quantile` over all increments.
+
+    Of a strain near its noise a lower quantile: the last thousandth of the area is noise.
+    """
+    if system.experiment.strain_signal.ratio < WEAK_SIGNAL:
+        quantile = min(quantile, WEAK_QUANTILE)
     values = np.asarray(invariants_and_derivatives(jnp.asarray(system.isochoric_gradients))[0])
     weights = np.broadcast_to(system.areas, values.shape[:2]).ravel()
     result = {}

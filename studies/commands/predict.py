@@ -119,6 +119,7 @@ def _curves(file: Path, options: CurveOptions, output: Path | None, overwrite: b
     settings = {"command": "predict", "test": None, **asdict(options)}
     manifest = Manifest(settings=settings, inputs=[file])
     key = {"command": "predict", **settings, "model": list(manifest.to_dict()["inputs"].values())}
+    _check_units(file, model, options)
     curves = predicted_curves(model, options.stretch, options.points, _slopes(options))
     folder = open_output_folder(output or default_folder("predict"), overwrite, key)
     report = write_curves(folder, model, curves, manifest, options.against)
@@ -132,6 +133,18 @@ def _forces(file: Path, test: Path, options: CurveOptions, output: Path | None, 
     key = {"command": "predict", **settings, "inputs": list(manifest.to_dict()["inputs"].values())}
     folder = open_output_folder(output or default_folder("predict"), overwrite, key)
     return PredictedForces(found, folder / "forces.csv", write_forces(folder, found, manifest))
+
+
+def _check_units(file: Path, model: Model, options: CurveOptions) -> None:
+    """Raises `OptionError` for a law in MPa beside a model in N/mm, or a model file in another unit."""
+    if options.against is None or options.parameter:
+        return
+    unit = Model.load(options.against).unit if options.against.endswith(".json") else "MPa"
+    if unit != model.unit:
+        raise OptionError(
+            f"--against {options.against}: its stresses are in {unit}, those of {file} in {model.unit}; give its parameters in {model.unit} with "
+            "--parameter, or import the test with its thickness"
+        )
 
 
 def _slopes(options: CurveOptions) -> Any:

@@ -15,6 +15,8 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from calibrate.data.experiment import Experiment
+from calibrate.models.model_file import load_model
+from calibrate.models.network_model import Model
 from forward.loading import Loading
 from forward.materials import MATERIALS, Material, material_from_dict
 from forward.materials.network_energy import Pann
@@ -159,7 +161,7 @@ def read_material(name: str, parameters: Mapping[str, float]) -> Material:
     if name.endswith(".json"):
         if parameters:
             raise OptionError(f"--parameter does not apply to the model file {name}; leave it out")
-        return Pann.from_file(name)
+        return network_material(name)
     if name not in MATERIALS:
         raise OptionError(
             f"material '{name}' is unknown{nearest(name, MATERIALS)}; choose from {', '.join(MATERIALS)} or a model .json"
@@ -169,6 +171,17 @@ def read_material(name: str, parameters: Mapping[str, float]) -> Material:
         if key not in known:
             raise OptionError(f"--parameter {key}: {name} has {', '.join(known)}{nearest(key, known)}")
     return material_from_dict({"material": name, **parameters})
+
+
+def network_material(name: str) -> Pann:
+    """The network of a model file of `equigap calibrate`. Raises `OptionError` for another kind."""
+    content = load_model(Path(name))
+    if not isinstance(content, Model):
+        raise OptionError(
+            f"{name} is a model of `equigap discover`, a spline with effects, which `simulate` has no law for; give one of "
+            "`equigap calibrate`, or predict forces with `equigap predict --test`"
+        )
+    return Pann.from_file(name)
 
 
 def solve(test: TensionTest, material: Material, checkpoint: Path) -> SurfaceSolution:

@@ -19,7 +19,6 @@ from calibrate.data.triangulation import boundary_nodes, signed_areas
 from studies.importers.column_map import (
     FORCE_UNITS,
     LENGTH_UNITS,
-    SIDES,
     TIME_UNITS,
     ColumnMap,
     EdgesTable,
@@ -27,12 +26,15 @@ from studies.importers.column_map import (
     read_map,
 )
 from studies.importers.recording.importer import Importer, Processing, Recording, SheetOptions
+from studies.importers.recording.masks import SIDES, masked
 from studies.importers.recording.missing_frames import with_missing_frames
+from studies.importers.recording.notes import edge_notes, mask_notes
 from studies.importers.recording.series import Grip, Series
 from studies.importers.recording.synchronise import ForceRecord
 from studies.importers.text_tables import Layout, read_table
 
 Array = NDArray[np.float64]
+GAP = 1.6  # distances of points from a masked one, within which a node is on the rim of its gap
 Index = NDArray[np.int64]
 
 
@@ -61,13 +63,18 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
     """Read the files of a column map; `folder` is where its relative paths start."""
     folder = Path(folder)
     paths = _frame_paths(folder, m.points.files)
-    points, displacements, first = _read_frames(m.points, paths)
+    everything, displacements, flagged = _read_frames(m.points, paths, m.mask.column)
+    mask = masked(everything, displacements, m.masks, flagged)
+    points, displacements = everything[~mask.gone], displacements[:, ~mask.gone]
     triangles = _triangles(points, m.points.max_edge_mm)
     used = np.unique(triangles)
+    alone = points[np.setdiff1d(np.arange(len(points)), used)]
     points, displacements = points[used], displacements[:, used]
     triangles = np.searchsorted(used, triangles)
     grips, free = _edges(m.edges, points, triangles)
+    free = _not_beside(free, points, everything[mask.gone], m.edges)
     record, time = _force(m, folder, len(paths))
+    notes = mask_notes(everything, mask, alone) + edge_notes(m.edges.loaded, m.edges.free, m.edges.rim)
     rate = m.frames.rate_hz
     return Series(
         name=m.name,
@@ -81,7 +88,15 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         thickness=m.thickness_mm,
         plane=m.plane,
         synchronisation_std=0.0 if m.force.per_frame or rate is None else 1.0 / rate / np.sqrt(12.0),
-        provenance={"reader": "column map", "points_without_triangle": int(first - used.size)},
+        provenance={
+            "reader": "column map",
+            "points_without_triangle": len(alone),
+            "masked": mask.to_dict(everything),
+            "rim": m.edges.rim,
+            "notes": notes,
+        },
+        masked=everything[mask.gone],
+        tested=True,
     )
 
 
@@ -96,9 +111,25 @@ def _frame_paths(folder: Path, pattern: str) -> list[Path]:
     return paths
 
 
-def _read_frames(p: PointsTable, paths: list[Path]) -> tuple[Array, Array, int]:
-    """Reference points (n, 2) mm, displacements (n_frames, n, 2) mm (NaN = failed), and n."""
+def _not_beside(free: Index, points: Array, gone: Array, edges: EdgesTable) -> Index:
+    """Free nodes that are no rim of a gap which masked points left: nothing is known of the traction there."""
+    if not len(gone) or not free.size or "holes" not in edges.free:
+        return free
+    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    sides = [sign * points[:, axis] for axis, sign in (SIDES[s] for s in edges.free if s in SIDES)]
+    outer = (
+        np.any([value >= value.max() - 0.4 * pitch for value in sides], axis=0)
+        if sides
+        else np.zeros(len(points), bool)
+    )
+    near = cKDTree(gone).query(points[free])[0] < GAP * pitch
+    return free[~near | outer[free]]
+
+
+def _read_frames(p: PointsTable, paths: list[Path], mask: str | None) -> tuple[Array, Array, NDArray[np.bool_] | None]:
+    """Reference points (n, 2) mm, displacements (n_frames, n, 2) mm (NaN = failed), and where the column `mask` is not 0 (n,)."""
     columns = [p.x, p.y, p.u, p.v] + ([p.valid_column] if p.valid_column else [])
+    flags = None if mask is None else read_table(paths[0], [mask], Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True))[mask]  # fmt: skip
     layout = Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True)
     scale = p.scale_mm_per_px if p.scale_mm_per_px is not None else LENGTH_UNITS[p.unit]
     axes = scale * np.array([1.0, -1.0 if p.y_axis == "down" else 1.0])
@@ -123,7 +154,7 @@ def _read_frames(p: PointsTable, paths: list[Path]) -> tuple[Array, Array, int]:
     if distance.min() < 1e-6 * np.median(distance) or not np.median(distance) > 0:
         raise errors.DegenerateMeshError(f"{paths[0]}: points are listed twice; export each point once")
     displacements = np.stack([_matched(points, *frame, path) for frame, path in zip(frames, paths, strict=True)])
-    return points, displacements, len(points)
+    return points, displacements, None if flags is None else np.nan_to_num(flags[known]) != 0
 
 
 def _matched(points: Array, position: Array, moved: Array, path: Path) -> Array:

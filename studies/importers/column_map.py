@@ -8,19 +8,19 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibrate import errors
 from calibrate.data.experiment import Noise
+from studies.importers.recording.masks import Mask
 from studies.importers.recording.synchronise import Selection
 
 LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}
 FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 type Side = Literal["left", "right", "bottom", "top"]
-SIDES: dict[str, tuple[int, int]] = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1)}
 
 
 class Table(BaseModel):
@@ -87,11 +87,30 @@ class ForceTable(Table):
 class EdgesTable(Table):
     """[edges]: loaded: sides ('left', 'right', 'bottom', 'top') that are gripped, each with the force of the record
     pulling outwards; free: sides and 'holes' that are truly traction-free. tolerance_mm: nodes this close to the
-    extreme coordinate belong to the side (default: 0.4 of the spacing of the points)."""
+    extreme coordinate belong to the side (default: 0.4 of the spacing of the points). drop_mm, drop_points: by side, how far
+    inwards, or how many rows of points, are left out before the sides are found. rim: the window lies in a larger body, so that
+    its section does not carry the force of the record: only ratios of stiffness are identified."""
 
     loaded: tuple[Side, ...] = Field(strict=False)
     free: tuple[Side | Literal["holes"], ...] = Field(default=(), strict=False)
     tolerance_mm: float | None = None
+    drop_mm: dict[Side, float] = {}
+    drop_points: dict[Side, int] = {}
+    rim: bool = False
+
+
+class MaskTable(Table):
+    """[mask]: points that are left out, mm of the imported frame (y up). points: [[x, y], ...]; boxes: [[x0, y0, x1, y1], ...];
+    circles: [[x, y, radius], ...]; column: of the reference table, not 0 where a point goes. outliers: 'mask' or 'keep' what the
+    test for spurious points finds."""
+
+    points: tuple[Annotated[tuple[float, float], Field(strict=False)], ...] = Field(default=(), strict=False)
+    boxes: tuple[Annotated[tuple[float, float, float, float], Field(strict=False)], ...] = Field(
+        default=(), strict=False
+    )
+    circles: tuple[Annotated[tuple[float, float, float], Field(strict=False)], ...] = Field(default=(), strict=False)
+    column: str | None = None
+    outliers: Literal["mask", "keep"] = "mask"
 
 
 class NoiseTable(Table):
@@ -112,6 +131,7 @@ class ColumnMap(Table):
     force: ForceTable
     edges: EdgesTable
     frames: FramesTable = FramesTable()
+    mask: MaskTable = MaskTable()
     noise: NoiseTable = NoiseTable()
     thickness_mm: float | None = None
     plane: Literal["stress", "strain"] = "stress"
@@ -123,9 +143,26 @@ class ColumnMap(Table):
             raise ValueError("points.scale_mm_per_px belongs to unit 'px', and only to it")
         if not edges.loaded or set(edges.loaded) & set(edges.free):
             raise ValueError("edges.loaded must name a side, and a loaded side is not free")
+        if any(v < 0 for v in (*edges.drop_mm.values(), *edges.drop_points.values())):
+            raise ValueError("edges.drop_mm and edges.drop_points cannot be negative")
+        if edges.rim and edges.free:
+            raise ValueError("edges.rim: a window in a larger body has no free edge; leave out edges.free")
         if not self.force.per_frame and (self.frames.rate_hz is None or self.force.time is None):
             raise ValueError("give frames.rate_hz and force.time, or force.per_frame = true")
         return self
+
+    @property
+    def masks(self) -> Mask:
+        """What is left out, of [mask] and [edges]."""
+        m, e = self.mask, self.edges
+        return Mask(
+            m.points,
+            m.boxes,
+            m.circles,
+            {str(k): v for k, v in e.drop_mm.items()},
+            {str(k): v for k, v in e.drop_points.items()},
+            m.outliers == "mask",
+        )
 
     @property
     def selection(self) -> Selection:

@@ -10,7 +10,7 @@ specimen, along `direction` for each loaded boundary.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,9 @@ from calibrate import errors
 from calibrate.data import points
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
 from studies.importers.recording import noise_estimate
+from studies.importers.recording.masks import Masked
+from studies.importers.recording.notes import mask_notes, noise_notes, record_notes, strain_notes
+from studies.importers.recording.outliers import outliers
 from studies.importers.recording.synchronise import (
     DEFAULT_SELECTION,
     ForceRecord,
@@ -33,6 +36,7 @@ from studies.output.words import Words
 WORDS = Words("experiment")
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+RIM_FORCE = 1.0  # relative standard deviation of the force of a section that carries an unknown part of it
 UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been longer than its chosen frames show
 
 
@@ -64,7 +68,8 @@ class Grip:
 class Series:
     """Every frame of a test. points (n, 2) mm, y up; triangles (m, 3); displacements (n_frames, n, 2) mm, NaN where
     a point failed; time (n_frames,) s on the clock of the machine; resolution (s) of that synchronisation. has_clock: False
-    where times only number the frames. force_std: of the forces, N, where it is known; None: estimated from the record."""
+    where times only number the frames. force_std: of the forces, N, where it is known; None: estimated from the record.
+    masked (k, 2) mm: points left out before; tested: whether spurious points were looked for."""
 
     name: str
     points: Array
@@ -80,6 +85,8 @@ class Series:
     has_clock: bool = True
     force_std: float | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
+    masked: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    tested: bool = False
 
 
 def _failure(series: Series) -> float | None:
@@ -96,6 +103,11 @@ def elongation(series: Series) -> Array:
     total = np.zeros(len(series.time))
     for grip in series.grips:
         total += np.nanmean(series.displacements[:, grip.nodes], axis=1) @ np.array(grip.direction)
+    if len(series.grips) == 1:  # the other end may move along
+        direction = np.array(series.grips[0].direction)
+        along = series.points @ direction
+        other = along <= along.min() + 0.1 * np.ptp(along)
+        total -= np.nanmean(series.displacements[:, other], axis=1) @ direction
     return total
 
 
@@ -120,9 +132,8 @@ def to_experiment(
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
         notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))
-    report: dict[str, Any] = {"kind": "stated"}
-    if noise is None:
-        noise, report = estimate_noise(series, kept.indices, frames, noise_kind)
+    noise, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
+    notes += record_notes(series.record) + noise_notes(report) + _spurious_notes(series, kept)
     provenance = {
         **series.provenance,
         "frames": frames.tolist(),
@@ -132,7 +143,7 @@ def to_experiment(
         "noise": report,
         "notes": [*series.provenance.get("notes", []), *notes],
     }
-    return Experiment(
+    experiment = Experiment(
         name=series.name,
         points=kept.points,
         triangles=kept.triangles,
@@ -145,6 +156,31 @@ def to_experiment(
         provenance=provenance,
         plane=series.plane,
     )
+    signal = experiment.strain_signal
+    more = {"strain_signal": signal.to_dict(), "notes": [*provenance["notes"], *strain_notes(experiment)]}
+    return replace(experiment, provenance={**provenance, **more})
+
+
+def _noise_of(
+    series: Series, nodes: Index, frames: Index, noise: Noise | None, kind: str
+) -> tuple[Noise, dict[str, Any]]:
+    """Stated or estimated noise; in a window of a larger body the force is that of the section up to an unknown factor."""
+    report: dict[str, Any] = {"kind": "stated"}
+    if noise is None:
+        noise, report = estimate_noise(series, nodes, frames, kind)
+    if series.provenance.get("rim"):
+        noise = replace(noise, force_std_relative=max(noise.force_std_relative, RIM_FORCE))
+    return noise, report
+
+
+def _spurious_notes(series: Series, kept: points.Kept) -> list[str]:
+    """Of spurious points, where an importer has not looked for them; they are kept."""
+    if series.tested:
+        return []
+    none = np.zeros(len(kept.points), bool)
+    spurious = none.copy()
+    spurious[outliers(kept.points, kept.displacements).index] = True
+    return mask_notes(kept.points, Masked(none, spurious, False), np.zeros((0, 2)))
 
 
 def unseen_peak(lengths: Array, frames: Index) -> list[str]:

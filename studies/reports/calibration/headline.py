@@ -41,6 +41,7 @@ class Reason(StrEnum):
     FEW_STARTS = "few_starts"
     IMBALANCE = "unbalanced"
     RIM = "only_ratios"
+    ASK_RIM = "is_the_force_that_of_the_section"
 
 
 @dataclass(frozen=True)
@@ -119,11 +120,15 @@ def _found(view: Review, limits: Limits) -> Iterator[tuple[bool, Finding]]:
 
 
 def _of_forces(view: Review, limits: Limits) -> Iterator[tuple[bool, Finding]]:
+    if view.experiment.level_is_nominal:
+        return
     error, simple, held = view.force_error(view.fitted), view.neo_hooke_error, view.held_out
     expected = expected_force_error(view)
     level = _level(error, limits.force_error)
     if level is not None:
         yield level, _finding(Reason.FORCES_MISSED, error=error, expected=expected)
+        if view.experiment.has_rim:
+            yield False, _finding(Reason.ASK_RIM)
     if error > max(limits.factor * simple, limits.least_error):
         yield False, _finding(Reason.WORSE_THAN_NEO_HOOKE, error=error, neo_hooke_error=simple)
     level = None if held is None else _level(held.relative_force_error, limits.held_error)
@@ -139,13 +144,15 @@ def _of_noise(view: Review, limits: Limits) -> Iterator[tuple[bool, Finding]]:
     if level is not None:
         yield level, _finding(Reason.ABOVE_NOISE, reduced_chi_square=chi_square)
     level = _level(view.calibration.attenuation, limits.attenuation)
-    if level is not None:
+    if level is not None and not view.experiment.level_is_nominal:  # forces that say nothing attenuate by themselves
         yield level, _finding(Reason.ATTENUATED, factor=view.calibration.attenuation)
     deviation = modulus_deviation(view.model)
     relative = 0.0 if deviation is None else deviation / initial_shear_modulus(view.model)
     level = _level(relative, limits.deviation)
     if level is not None:
         yield level, _finding(Reason.UNCERTAIN_STIFFNESS, relative=relative)
+    if view.experiment.level_is_nominal:
+        yield False, _finding(Reason.RIM)
     signal = view.experiment.strain_signal
     if signal.ratio < limits.strain:
         yield False, _finding(Reason.WEAK_STRAIN, strain=signal.strain, scatter=signal.scatter, ratio=signal.ratio)

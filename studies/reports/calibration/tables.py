@@ -27,6 +27,7 @@ def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
         ["best neo-Hooke, the same error", 100 * view.neo_hooke_error, "%"],
         ["loss", view.calibration.loss, ""],
     ]
+    rows.append(["signal to noise of the strain", view.experiment.strain_signal.ratio, ""])
     deviation = modulus_deviation(model)
     if deviation is not None:
         rows.insert(1, ["its standard deviation", deviation, model.unit])

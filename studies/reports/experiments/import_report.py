@@ -45,6 +45,7 @@ def report_lines(experiment: Experiment, target: Path) -> Iterator[str]:
     for b in experiment.loaded:
         yield f"  {WORDS.imported_boundary(boundary=b, force=np.nanmax(np.abs(b.force)))}"
     yield f"  {WORDS.imported_noise(noise=noise, kind=experiment.provenance['noise']['kind'])}"
+    yield f"  {WORDS.imported_strain(signal=experiment.strain_signal)}"
     if experiment.thickness is None:
         yield f"  {WORDS.imported_without_thickness()}"
     for note in experiment.provenance["notes"]:
@@ -63,8 +64,11 @@ def picture(experiment: Experiment, series: Series, path: Path) -> None:
         for b in experiment.loaded:
             left.plot(*moved[b.nodes].T, "s", markersize=3, color=style.COLOURS["vermilion"])
         left.plot(*moved[experiment.free_nodes].T, ".", markersize=2, color="black")
+        spurious = experiment.provenance.get("masked", {}).get("spurious", [])
+        for places, colour in ((series.masked, "0.6"), (np.reshape(spurious, (-1, 2)), style.COLOURS["blue"])):
+            left.plot(*places.T, "x", markersize=4, color=colour)
         figure.colorbar(mapped, ax=left, label="displacement, mm", shrink=0.7)
-        left.set(aspect="equal", xlabel="x, mm", ylabel="y, mm", title="last increment; squares: loaded, dots: free")
+        left.set(aspect="equal", xlabel="x, mm", ylabel="y, mm", title="squares: loaded, dots: free, crosses: left out")
         left.grid(False)
         right.plot(series.record.time, series.record.force, color="0.6", linestyle="-", label="load cell")
         if experiment.time is not None:
@@ -100,6 +104,9 @@ def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Pa
         [f"noise of the displacements ({provenance['noise']['kind']})", noise.displacement_std, "mm"],
         ["its correlation length", noise.correlation_length, "mm"],
         ["noise of the force", noise.force_std, "N"],
+        ["strain, largest increment", 100 * experiment.strain_signal.strain, "%"],
+        ["its scatter between neighbours", 100 * experiment.strain_signal.scatter, "%"],
+        ["signal to noise of the strain", experiment.strain_signal.ratio, ""],
         ["plane", experiment.plane, ""],
         ["stresses will be in", unit if unit == "MPa" else "N/mm, as the thickness is unknown", ""],
     ]

@@ -53,6 +53,24 @@ def test_a_model_without_range_is_drawn_to_stretch_two() -> None:
     assert curve.calibrated.all()
 
 
+def test_a_law_in_mpa_is_not_drawn_beside_a_model_in_newtons_per_millimetre(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "thin.json"
+    replace(neo_hooke(), unit="N/mm").save(path)
+    words = ["predict", str(path), "-o", str(tmp_path / "out"), "--points", "5"]
+    assert cli.main([*words, "--against", "arruda_boyce"]) == 2
+    assert "N/mm" in capsys.readouterr().err
+    assert (
+        cli.main([*words, "--against", "neo_hooke", "--parameter", f"mu={MU}"]) == 0
+    )  # stated in the unit of the model
+
+
+def test_simulate_says_that_it_has_no_law_for_a_model_of_discover(tmp_path: Path, capsys) -> None:
+    basis = SingleBasis(0, 5.0)
+    ExtendedModel(basis, neo_hooke_coefficients(basis, MU), (), (), "MPa").save(tmp_path / "model.json")
+    assert cli.main(["simulate", "--material", str(tmp_path / "model.json"), "-o", str(tmp_path / "out")]) == 2
+    assert "model of `equigap discover`" in capsys.readouterr().err
+
+
 def test_the_command_leaves_table_figure_report_and_manifest(file: Path, tmp_path: Path) -> None:
     words = ["predict", str(file), "-o", str(tmp_path / "out"), "--points", "21"]
     assert cli.main([*words, "--against", "neo_hooke", "--parameter", f"mu={MU}"]) == 0

@@ -1,0 +1,83 @@
+"""What an import should say of its data before anyone calibrates: sentences for a provenance, each with what can be done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.data.experiment import Experiment
+from studies.importers.recording.masks import Masked
+from studies.importers.recording.synchronise import ForceRecord
+from studies.output.words import Words
+
+WORDS = Words("experiment")
+Array = NDArray[np.float64]
+LISTED = 6  # places that a note names
+WEAK = 3.0  # signal to noise of the strain, below which little can be identified
+FILTERED = 10.0  # total over temporal noise, from which the latter says nothing of the errors of a frame
+STIFFEST = {"MPa": 200.0, "N/mm": 100.0}  # of what is soft enough for large strains
+
+
+def mask_notes(points: Array, mask: Masked, alone: Array) -> list[str]:
+    """Of points (n, 2) mm that were left out; alone (k, 2): those without a triangle."""
+    notes = []
+    if mask.named.any():
+        notes.append(WORDS.note_masked(count=int(mask.named.sum()), of=len(points)))
+    if mask.spurious.any():
+        count = int(mask.spurious.sum())
+        notes.append(
+            WORDS.note_spurious(count=count, of=len(points), places=places(points[mask.spurious]), removed=mask.removed)
+        )
+    if len(alone):
+        notes.append(WORDS.note_alone(count=len(alone), places=places(alone)))
+    return notes
+
+
+def edge_notes(loaded: Sequence[str], free: Sequence[str], rim: bool) -> list[str]:
+    """Whether the section carries the force: asked where a side along the pull is neither loaded nor free."""
+    if rim:
+        return [WORDS.note_rim()]
+    sides = ("left", "right") if set(loaded) & {"bottom", "top"} else ("bottom", "top")
+    open_sides = [side for side in sides if side not in free]
+    return [WORDS.note_open_sides(sides=open_sides)] if open_sides else []
+
+
+def record_notes(record: ForceRecord) -> list[str]:
+    """Of readings without a force."""
+    return [WORDS.note_blank_forces(count=record.blank, source=record.source)] if record.blank else []
+
+
+def noise_notes(report: dict[str, Any]) -> list[str]:
+    """Where temporal noise was chosen and is far smaller than what a frame shows."""
+    temporal, total = report.get("temporal"), report.get("total")
+    if report.get("kind") != "temporal" or not temporal or not total or not total["std"] > FILTERED * temporal["std"]:
+        return []
+    return [WORDS.note_filtered(temporal=temporal["std"], total=total["std"])]
+
+
+def strain_notes(experiment: Experiment) -> list[str]:
+    """Of a strain near its noise, and a stiffness that no soft material has."""
+    signal, notes = experiment.strain_signal, []
+    if signal.ratio < WEAK:
+        notes.append(WORDS.note_weak_strain(signal=signal))
+    modulus = apparent_modulus(experiment)
+    if modulus > STIFFEST[experiment.stress_unit]:
+        notes.append(WORDS.note_stiff(modulus=modulus, unit=experiment.stress_unit))
+    return notes
+
+
+def apparent_modulus(experiment: Experiment) -> float:
+    """Largest force over width, thickness and strain, MPa or N/mm: of a plain strip, to tell N from kN."""
+    force = max(float(np.nanmax(np.abs(b.force), initial=0.0)) for b in experiment.loaded)
+    width = max(float(np.ptp(experiment.points[b.nodes], axis=0).max()) for b in experiment.loaded)
+    strain = experiment.strain_signal.strain
+    return force / (width * (experiment.thickness or 1.0) * strain) if strain > 0 and width > 0 else 0.0
+
+
+def places(points: Array) -> str:
+    """'(1.2, 3.4), (5.6, 7.8) mm'."""
+    text = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in points[:LISTED])
+    return f"{text} mm" if len(points) <= LISTED else f"{text}, ... mm"
