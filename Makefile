@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help setup study blind measured figures quick numbers docs test test-all coverage browser-test docker-test lint format clean
+.PHONY: help setup study generalise blind measured figures quick numbers docs test test-all coverage browser-test docker-test lint format clean
 
 help: ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 20
@@ -23,6 +23,9 @@ setup: ## set up .venv from requirements.lock (nothing else is installed)
 study: setup ## run the resolution and the thickness study at their default settings and name their reports
 	$(EQUIGAP) resolution --jobs $(JOBS)
 	$(EQUIGAP) thickness --jobs $(JOBS)
+
+generalise: setup ## which specimens, invariants and sizes of network predict other specimens (an hour; resumes where it was)
+	$(EQUIGAP) generalise --jobs $(JOBS)
 
 blind: setup ## blind trials of the diagnosis (hours; resumes where it was)
 	$(EQUIGAP) blind --jobs $(JOBS)

@@ -33,6 +33,7 @@ from studies.accuracy import metrics
 
 Array = NDArray[np.float64]
 ITERATIONS = 300
+EFFORT = network_fit.Effort(ITERATIONS, ITERATIONS)
 
 
 @dataclass
@@ -149,9 +150,9 @@ def gauss_newton(
     """Bounded Gauss-Newton on the reduction: distilled from the convex spline, then polished."""
     quadratic, spline, assembly = case.reduction
     with Clock() as first:
-        network_fit.fit_network(quadratic, case.inputs, layers, spline, starts, seed, ITERATIONS)
+        network_fit.fit_network(quadratic, case.inputs, layers, spline, starts, seed, EFFORT)
     with Clock() as second:
-        architecture, result = network_fit.fit_network(quadratic, case.inputs, layers, spline, starts, seed, ITERATIONS)
+        architecture, result = network_fit.fit_network(quadratic, case.inputs, layers, spline, starts, seed, EFFORT)
     row = {
         **times(second, first.cpu - second.cpu, assembly.cpu),
         "starts_done": starts,

@@ -89,6 +89,11 @@ COMMANDS = {
         "equigap sweep --quick\nequigap sweep --dry-run\nequigap sweep --thicknesses 2D,5,30 --noises 0.1 --seeds 20 --jobs 8\n"
         "equigap sweep --profile my-cluster --container equigap.sif",
     ),
+    "generalise": Command(
+        "studies.commands.grid_studies.generalise:generalise",
+        "study: which specimens, invariants and sizes of network predict other specimens",
+        "equigap generalise --quick\nequigap generalise --seeds 1 --jobs 2\nequigap generalise --dry-run",
+    ),
     "blind": Command(
         "studies.commands.blind:blind",
         "study: does the diagnosis find hidden effects, and nothing where nothing is?",

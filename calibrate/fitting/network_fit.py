@@ -23,7 +23,7 @@ from calibrate import errors
 from calibrate.equations.basis import Basis, PlaneStrainBasis, Spline, energy_basis
 from calibrate.equations.inputs import INPUT_SETS
 from calibrate.equations.reduction import Quadratic
-from calibrate.fitting.levenberg_marquardt import levenberg_marquardt
+from calibrate.fitting.levenberg_marquardt import TOLERANCE, levenberg_marquardt
 from calibrate.fitting.stopping import Stop
 from calibrate.models import pann
 
@@ -79,7 +79,7 @@ def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24) -> Array:
 @dataclass(frozen=True)
 class NetworkFit:
     """Result of `fit_network`: best parameters (n_parameters,), their spline coefficients (n_functions,) and loss; of
-    every start (n_starts,) its loss, its iterations, and why it stopped. dead: whether the energy is a straight line where a
+    every start (n_starts,) its loss, its iterations, why it stopped, and its parameters (n_starts, n_parameters). dead: whether the energy is a straight line where a
     convex one that bends meets the data clearly better."""
 
     parameters: Array
@@ -88,7 +88,17 @@ class NetworkFit:
     losses: Array
     iterations: NDArray[np.int64]
     reasons: tuple[Stop, ...]
+    all_parameters: Array
     dead: bool = False
+
+
+@dataclass(frozen=True)
+class Effort:
+    """iterations of each start on the spline (distillation) and on the loss; tolerance: relative decrease of a small step there."""
+
+    distillation: int = 300
+    iterations: int = 300
+    tolerance: float = TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -105,15 +115,22 @@ class NetworkResidual:
             return ((sampled - target) * weights).ravel()
         return R @ sampled.ravel() - d
 
+    def jacobian(self, theta, data):
+        """(rows, n_parameters): site by site, backwards, which costs a large network much less than forwards through all rows."""
+        sites, weights, _, R, _, scales = data
+        slopes = jax.vmap(lambda site: jax.jacrev(lambda t: self._at(t, site, scales))(theta))(sites)
+        if self.distil:
+            return (slopes * weights[:, :, None]).reshape(-1, slopes.shape[-1])
+        return R @ slopes.reshape(-1, slopes.shape[-1])
+
     def derivatives(self, theta, sites, scales):
         """psi_k at the sites (n, 2): derivative by J_k, zero for an input that is not used."""
-        index = list(INPUT_SETS[self.architecture.inputs])
-        x = (sites * scales)[:, jnp.array(index)]
-        gradient = jax.vmap(jax.grad(lambda y: pann._network(self.architecture, theta, y)))(x)
-        result = jnp.zeros(sites.shape)
-        for position, k in enumerate(index):
-            result = result.at[:, k].set(gradient[:, position] * scales[k])
-        return result
+        return jax.vmap(lambda site: self._at(theta, site, scales))(sites)
+
+    def _at(self, theta, site, scales):
+        index = jnp.array(INPUT_SETS[self.architecture.inputs])
+        gradient = jax.grad(lambda y: pann._network(self.architecture, theta, y))((site * scales)[index])
+        return jnp.zeros(2).at[index].set(gradient * scales[index])
 
 
 def fit_network(
@@ -123,16 +140,16 @@ def fit_network(
     spline: Array,
     n_starts: int = 20,
     seed: int = 0,
-    limit: int = 300,
+    effort: Effort = Effort(),
 ) -> tuple[pann.Architecture, NetworkFit]:
     """Fit PANN_inputs^layers to a reduced loss, starting from `spline` coefficients of `convex_spline`.
 
     n_starts random starts (JAX key `seed`) are distilled from the spline and polished on the loss; the one with
     the lowest loss is returned. In plane strain every network has the bulk modulus that suits it best, the last of its
-    coefficients. limit: iterations of each stage. Hidden weights that die leave a straight line; where a convex spline is clearly
+    coefficients. Hidden weights that die leave a straight line; where a convex spline is clearly
     better, the network is started again from that. Raises `FitError` when no start converged to a finite loss.
     """
-    architecture, found = _fit_network(quadratic, inputs, layers, spline, n_starts, seed, limit)
+    architecture, found = _fit_network(quadratic, inputs, layers, spline, n_starts, seed, effort)
     if not is_straight(quadratic.basis, found.coefficients):
         return architecture, found
     best = convex_spline(quadratic, inputs)
@@ -140,7 +157,7 @@ def fit_network(
     if quadratic.loss(best) >= allowed:
         return architecture, found
     for again in range(1, RESTARTS + 1):
-        new_architecture, new = _fit_network(quadratic, inputs, layers, best, 2 * n_starts, seed + 1000 * again, limit)
+        new_architecture, new = _fit_network(quadratic, inputs, layers, best, 2 * n_starts, seed + 1000 * again, effort)
         if new.loss < found.loss:
             architecture, found = new_architecture, new
         if not is_straight(quadratic.basis, found.coefficients):
@@ -156,7 +173,7 @@ def is_straight(basis: Basis, coefficients: Array) -> bool:
 
 
 def _fit_network(
-    quadratic: Quadratic, inputs: str, layers: tuple[int, ...], spline: Array, n_starts: int, seed: int, limit: int
+    quadratic: Quadratic, inputs: str, layers: tuple[int, ...], spline: Array, n_starts: int, seed: int, effort: Effort
 ) -> tuple[pann.Architecture, NetworkFit]:
     """One run of all starts."""
     whole, quadratic = quadratic, quadratic.of_energy()
@@ -166,13 +183,15 @@ def _fit_network(
     keys = jax.random.split(jax.random.key(seed), n_starts)
     starts = jnp.stack([unit.random_start(key) for key in keys])
     distilled = levenberg_marquardt(
-        NetworkResidual(unit, True), problem.data, starts, lower, limit, DISTILLATION_DECAY
+        NetworkResidual(unit, True), problem.data, starts, lower, effort.distillation, DISTILLATION_DECAY
     ).parameters
     magnitude, offset = problem.magnitude, quadratic.constant - problem.magnitude**2
     floor = max(offset, 0.0) / magnitude**2
     decay = floor / max(quadratic.n_rows, 1) / PRIOR_STD**2 + 1e-14
     polish = NetworkResidual(unit, False)
-    found = levenberg_marquardt(polish, problem.data, jnp.asarray(distilled), lower, limit, decay, floor)
+    found = levenberg_marquardt(
+        polish, problem.data, jnp.asarray(distilled), lower, effort.iterations, decay, floor, effort.tolerance
+    )
     losses = found.objectives - decay * (found.parameters**2).sum(axis=1)
     if not np.isfinite(losses).any():
         raise errors.FitError("no start reached a finite loss; check the data for extreme deformations")
@@ -187,6 +206,7 @@ def _fit_network(
         losses=losses * magnitude**2 + offset,
         iterations=found.iterations,
         reasons=found.reasons,
+        all_parameters=found.parameters,
     )
     return pann.Architecture(inputs, tuple(layers), problem.scales, problem.level), result
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from studies.grid.claims import CLAIM_COLUMNS, Claim, claim_rows
-from studies.grid.results import Results
 from studies.output import Manifest, track, write_csv, write_figure
 from studies.output.report import Report
 from studies.output.scene import Scene
@@ -110,7 +109,21 @@ def claims_section(claims: Sequence[Claim]) -> Section:
     return Section("Beside the paper", [Table(CLAIM_COLUMNS, claim_rows(claims), COMMON.claims_caption())])
 
 
-def write(results: Results, page: Page) -> Path:
+class StudyResults(Protocol):
+    """What a report asks of the results, besides its page. settings: a dataclass with seeds."""
+
+    @property
+    def folder(self) -> Path: ...
+
+    @property
+    def settings(self) -> Any: ...
+
+    def inputs(self) -> list[Path]:
+        """Files that the report is made of."""
+        ...
+
+
+def write(results: StudyResults, page: Page) -> Path:
     """Write every file of a page; returns the path of the report."""
     settings = results.settings
     manifest = Manifest(seed=list(settings.seeds), settings=asdict(settings), inputs=results.inputs())

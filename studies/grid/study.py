@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any, Protocol
 
 from studies.commandline.option_types import Count
 from studies.errors import OptionError
 from studies.grid import report, workflow
-from studies.grid.axes import Settings
 from studies.grid.report import Page
 from studies.grid.results import Results
 from studies.output import open_output_folder
@@ -23,13 +23,32 @@ from studies.output import open_output_folder
 SNAKEFILE = Path(__file__).with_name("grid.smk")
 
 
-@dataclass(frozen=True)
-class Preset:
-    """A study. default, quick: settings; quick shows the path and proves nothing. page: what its report shows."""
+class StudySettings(Protocol):
+    """What a workflow asks of its settings, a dataclass. study: its name."""
 
-    default: Settings
-    quick: Settings
-    page: Callable[[Results], Page]
+    @property
+    def study(self) -> str: ...
+
+    @property
+    def seeds(self) -> tuple[int, ...]: ...
+
+    def targets(self, folder: Path) -> list[Path]:
+        """Every file that the report needs."""
+        ...
+
+
+@dataclass(frozen=True)
+class Preset[S: StudySettings]:
+    """A study. default, quick: settings; quick shows the path and proves nothing. page: what its report shows.
+
+    results: of a folder and its settings, which the page takes; snakefile: the workflow that makes them.
+    """
+
+    default: S
+    quick: S
+    page: Callable[[Any], Page]
+    results: Callable[[Path, Any], Any] = Results
+    snakefile: Path = SNAKEFILE
 
     @property
     def name(self) -> str:
@@ -67,34 +86,29 @@ class Execution:
         return [*own, f"container={image}"], ["--software-deployment-method", "apptainer", "--apptainer-args", bind]
 
 
-def open_study(folder: Path, settings: Settings, overwrite: bool = False) -> Path:
+def open_study(folder: Path, settings: Any, overwrite: bool = False) -> Path:
     """The output folder of a study, new or resumed. Raises `OutputFolderError`."""
     return open_output_folder(folder, overwrite, asdict(settings))
 
 
-def run(
-    preset: Preset, settings: Settings, folder: Path, execution: Execution = Execution(), overwrite: bool = False
+def run[S: StudySettings](
+    preset: Preset[S], settings: S, folder: Path, execution: Execution = Execution(), overwrite: bool = False
 ) -> Path:
     """Run or resume a study and write its report; returns the path of that. Raises `WorkflowError`, `OutputFolderError`."""
     config, words = execution.config(folder)
     folder = open_study(folder, settings, overwrite)
-    compute(folder, settings, execution, config, words)
-    results = Results(folder, settings)
+    name, targets = f"{settings.study} study", settings.targets(folder)
+    workflow.run_workflow(name, preset.snakefile, folder, targets, execution.jobs, execution.profile, config, words)
+    results = preset.results(folder, settings)
     return report.write(results, preset.page(results))
 
 
-def compute(folder: Path, settings: Settings, execution: Execution, config: list[str], words: list[str]) -> None:
-    """Make every missing file of an opened study."""
-    name, targets = f"{settings.study} study", settings.targets(folder)
-    workflow.run_workflow(name, SNAKEFILE, folder, targets, execution.jobs, execution.profile, config, words)
-
-
-def plan(
-    settings: Settings, folder: Path, execution: Execution = Execution(), overwrite: bool = False
+def plan[S: StudySettings](
+    preset: Preset[S], settings: S, folder: Path, execution: Execution = Execution(), overwrite: bool = False
 ) -> dict[str, int]:
     """Jobs of each kind that are missing in `folder`, which is left as it is: one to be begun is planned elsewhere."""
     config, words = execution.config(folder)
     begun = folder.exists() and (not folder.is_dir() or any(folder.iterdir())) and not overwrite
     with TemporaryDirectory() as elsewhere:
         place = open_study(folder if begun else Path(elsewhere), settings)
-        return workflow.plan(SNAKEFILE, place, execution.jobs, execution.profile, config, words)
+        return workflow.plan(preset.snakefile, place, execution.jobs, execution.profile, config, words)

@@ -42,7 +42,7 @@ class StudyOptions:
                   "normalisation": self.normalisation}  # fmt: skip
         return {name: value for name, value in values.items() if value is not None}
 
-    def settings(self, preset: Preset, quick: bool = False) -> Settings:
+    def settings(self, preset: Preset[Settings], quick: bool = False) -> Settings:
         """Settings of a preset, or of its quick form, with what is given. Raises `ConfigError`."""
         settings = replace(preset.quick if quick else preset.default, **self.chosen())
         if settings.nodes < LEAST_NODES or min(settings.layers) < 1:
@@ -109,8 +109,8 @@ class Target:
         return self.output or default_folder(self.name, self.quick)
 
 
-def run_study(preset: Preset, settings: Settings, execution: Execution, target: Target) -> Outcome:
+def run_study(preset: Preset[Settings], settings: Settings, execution: Execution, target: Target) -> Outcome:
     """Run or resume a study, or count the jobs that are missing. Raises `ConfigError` and what `study.run` raises."""
     if target.dry_run:
-        return StudyPlan(settings, study.plan(settings, target.folder, execution, target.overwrite))
+        return StudyPlan(settings, study.plan(preset, settings, target.folder, execution, target.overwrite))
     return StudyReport(study.run(preset, settings, target.folder, execution, target.overwrite))
