@@ -148,14 +148,16 @@ def _of_noise(view: Review, limits: Limits) -> Iterator[tuple[bool, Finding]]:
         yield level, _finding(Reason.ATTENUATED, factor=view.calibration.attenuation)
     deviation = modulus_deviation(view.model)
     relative = 0.0 if deviation is None else deviation / initial_shear_modulus(view.model)
+    nominal = view.experiment.level_is_nominal
     level = _level(relative, limits.deviation)
-    if level is not None:
+    if level is not None and not nominal:
         yield level, _finding(Reason.UNCERTAIN_STIFFNESS, relative=relative)
-    if view.experiment.level_is_nominal:
+    if nominal:
         yield False, _finding(Reason.RIM)
     signal = view.experiment.strain_signal
     if signal.ratio < limits.strain:
-        yield False, _finding(Reason.WEAK_STRAIN, strain=signal.strain, scatter=signal.scatter, ratio=signal.ratio)
+        data = {"strain": signal.strain, "scatter": signal.scatter, "ratio": signal.ratio, "level_is_nominal": nominal}
+        yield nominal, _finding(Reason.WEAK_STRAIN, **data)  # where neither level nor shape is known, nothing is
 
 
 def expected_force_error(view: Review) -> float | None:

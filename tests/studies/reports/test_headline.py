@@ -94,6 +94,20 @@ def test_signal_to_noise_of_the_strain():
     assert strain_signal(points, triangles, spoilt[None]).ratio == pytest.approx(one.ratio, rel=0.2)
 
 
+def test_of_a_window_in_a_larger_body_only_ratios_are_claimed():
+    """The level is nominal: forces that are missed are no reason; with a strain near its noise nothing is left."""
+    wrong = {name: 2 * force for name, force in view().forces.items()}
+    for one, verdict in ((view(), Use.RESERVATIONS), (noisy_view(), Use.NOT)):
+        window = replace(
+            one,
+            forces=wrong if one is view() else one.forces,
+            experiment=replace(one.experiment, provenance={"rim": True}),
+        )
+        found = headline(window)
+        assert found.verdict is verdict
+        assert Reason.RIM in codes(found) and Reason.FORCES_MISSED not in codes(found)
+
+
 def test_a_turned_force_is_told():
     experiment = view().experiment
     loaded = tuple(
