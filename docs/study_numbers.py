@@ -30,7 +30,8 @@ def percent(value: float, digits: int = 1, sign: bool = False) -> str:
 
 def span(values: Iterable[float], digits: int = 0, sign: bool = False) -> str:
     """'1 to 2 %', the smaller one in magnitude first; '1 %' where both are equal."""
-    low, *_, high = sorted([*values] * 2, key=abs)
+    found = list(values)
+    low, high = min(found, key=abs), max(found, key=abs)
     first = f"{low:.{digits}f}"
     return percent(high, digits, sign) if first == f"{high:.{digits}f}" else f"{first} to {percent(high, digits, sign)}"
 

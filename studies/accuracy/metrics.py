@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.equations.deformation_modes import MODES, Derivatives, largest_stretch, nominal_stress
 from calibrate.models.network_model import Model
+from forward.materials import Material
 
 Array = NDArray[np.float64]
 
@@ -29,6 +32,17 @@ class ArrudaBoyceTruth:
         I1 = invariants[..., 0]
         slope = self.mu * sum((k + 1) * c[k] / self.N**k * I1**k for k in range(5))
         return np.stack([slope, np.zeros_like(slope)], axis=-1)
+
+
+@dataclass(frozen=True)
+class MaterialDerivatives:
+    """d psi / d(I1, I2) (..., 2) of a material of the forward model, by automatic differentiation of its energy, in the energy's unit."""
+
+    material: Material
+
+    def __call__(self, invariants: Array) -> Array:
+        slopes = jax.vmap(jax.grad(lambda pair: jnp.asarray(self.material.energy(pair[0], pair[1]))))
+        return np.asarray(slopes(jnp.asarray(invariants).reshape(-1, 2))).reshape(np.shape(invariants))
 
 
 @dataclass(frozen=True)
@@ -59,6 +73,11 @@ def agreement(model: Model, truth: Derivatives, I1: float, start: float = 3.0, n
             )
         )
     return result
+
+
+def relative_rms_error(expected: Array, found: Array) -> float:
+    """Root mean square of found - expected over that of expected."""
+    return float(np.sqrt(np.mean((found - expected) ** 2) / np.mean(expected**2)))
 
 
 def r2(expected: Array, found: Array) -> float:

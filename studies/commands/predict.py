@@ -11,12 +11,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import jax
-import jax.numpy as jnp
 from cyclopts import Parameter
 
 from calibrate.data.experiment import Experiment
 from calibrate.models.network_model import Model
+from studies.accuracy.metrics import MaterialDerivatives
 from studies.commandline.option_types import Assignments, Count, OutputFolder, Overwrite, default_folder, within
 from studies.commandline.outcome import Outcome
 from studies.commands.simulate import read_material
@@ -151,6 +150,4 @@ def _slopes(options: CurveOptions) -> Any:
     """d psi / d(I1, I2) (..., 2) of the material to compare with, as a function of invariants (..., 2), or None."""
     if options.against is None:
         return None
-    material = read_material(options.against, dict(options.parameter))
-    slope = jax.vmap(jax.grad(lambda invariants: jnp.asarray(material.energy(invariants[0], invariants[1]))))
-    return lambda invariants: slope(jnp.asarray(invariants))
+    return MaterialDerivatives(read_material(options.against, dict(options.parameter)))

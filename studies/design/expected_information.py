@@ -35,6 +35,7 @@ from forward.sheet.sensitivities import sensitivities
 from forward.solution import SurfaceSolution
 from meshes import Mesh, Specimen, triangles
 from meshes.errors import MeshQualityError
+from studies.accuracy.metrics import MaterialDerivatives
 from studies.design.design_plan import AXES, Plan
 from studies.design.information import Information
 from studies.design.law_family import LawFamily
@@ -74,7 +75,7 @@ def equation_information(pull: Pull, family: LawFamily, plan: Plan) -> Informati
     sites = np.stack([inputs[:, 0], inputs[:, 1] ** (2 / 3)], axis=1)
     to_inputs = np.stack([np.ones(len(inputs)), 1.5 * np.sqrt(sites[:, 1])], axis=1)  # dI2 to d I2^(3/2)
     covariances = assemble(system, basis).noise_covariances(
-        basis.interpolation @ (family.derivatives(sites) / to_inputs).ravel()
+        basis.interpolation @ (MaterialDerivatives(family.base)(sites) / to_inputs).ravel()
     )
     values, slopes = map(np.asarray, invariants_and_derivatives(jnp.asarray(F)))
     hats, fisher = family.hats(values), np.zeros((family.size, family.size))

@@ -24,10 +24,10 @@ from calibrate.equations.deformation_modes import mode_invariants, nominal_stres
 from calibrate.equations.kinematics import invariants_and_derivatives
 from forward.materials import Material
 from forward.materials.tabulated import Tabulated
+from studies.accuracy.metrics import MaterialDerivatives
 
 Array = NDArray[np.float64]
 POINTS = 40  # stretches of a mode
-STEP = 1e-5
 JITTER = 1e-6  # of the prior's variance
 
 
@@ -76,14 +76,6 @@ class LawFamily:
         size = self.deviation * self.base.shear_modulus / 2
         return np.kron(np.eye(2), size * np.linalg.cholesky(one)).astype(np.float64)
 
-    def derivatives(self, invariants: Array) -> Array:
-        """d psi / d(I1, I2) (..., 2) of the expected law, MPa, at invariants (..., 2), by central differences."""
-        I1, I2 = invariants[..., 0], invariants[..., 1]
-        energy = self.base.energy
-        first = energy(I1 + STEP, I2) - energy(I1 - STEP, I2)
-        second = energy(I1, I2 + STEP) - energy(I1, I2 - STEP)
-        return np.stack(np.broadcast_arrays(first, second), axis=-1) / (2 * STEP)
-
     def hats(self, invariants: Array) -> Array:
         """d psi / d(I1, I2) per parameter, (..., 2, k), at invariants (..., 2)."""
         result = np.zeros((*invariants.shape, self.size))
@@ -98,7 +90,7 @@ class LawFamily:
 
     def stress(self, mode: str) -> Array:
         """Nominal stress (p,) of the expected law along the pull, MPa."""
-        return nominal_stress(self.derivatives, mode, self.stretch(mode))
+        return nominal_stress(MaterialDerivatives(self.base), mode, self.stretch(mode))
 
     def stress_sensitivity(self, mode: str) -> Array:
         """Derivatives (p, k) of the nominal stress along the pull to the parameters."""

@@ -33,6 +33,7 @@ from forward.loading import Loading
 from forward.materials import Material
 from forward.sheet.plane_stress import solve
 from meshes.errors import MeshError
+from studies.accuracy.metrics import relative_rms_error
 from studies.design.candidates import Candidate, Ranking, file_name
 from studies.design.design_plan import Plan
 from studies.design.expected_information import camera_mesh
@@ -156,8 +157,7 @@ def stress_errors(stress: Any, truth: Material, family: LawFamily) -> dict[str, 
     found = {}
     for mode in family.stretches:
         expected = true.stress(mode)
-        off = np.asarray(stress(mode, true.stretch(mode))) - expected
-        found[mode] = float(np.sqrt(np.mean(off**2) / np.mean(expected**2)))
+        found[mode] = relative_rms_error(expected, np.asarray(stress(mode, true.stretch(mode))))
     return found
 
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.equations.deformation_modes import MODES, mode_invariants, stretches_to_gradient
-from calibrate.equations.kinematics import nominal_stress
+from calibrate.equations.deformation_modes import MODES, mode_invariants, nominal_stress
 from forward.materials import MATERIALS
+from studies.accuracy.metrics import MaterialDerivatives, relative_rms_error
 from studies.grid.generalise import calibrated_set, coverage
 from studies.grid.generalise.calibrated_set import CalibratedSet, stretches
 from studies.grid.generalise.coverage import States
@@ -82,7 +82,7 @@ class GeneraliseResults:
     def error(self, truth: str, one: CalibratedSet, mode: str) -> float:
         """Relative error of a predicted mode."""
         expected = self.truth_curves[truth, mode]
-        return rms(np.array(one.predictions[mode].stress) - expected) / rms(expected)
+        return relative_rms_error(expected, np.array(one.predictions[mode].stress))
 
     def end_error(self, truth: str, one: CalibratedSet, mode: str) -> float:
         """Relative error at the last stretch, with its sign."""
@@ -116,19 +116,7 @@ def mean_score(one: CalibratedSet, specimens: Iterable[str] = SHEETS) -> float:
 
 def true_stress(truth: str, mode: str, end_I1: float) -> Array:
     """Nominal stress (k,), MPa, of a material in a mode."""
-    material = MATERIALS[truth]()
-    F = stretches_to_gradient(mode, stretches(mode, end_I1))
-    return np.asarray(nominal_stress(_Energy(material), F))[:, 0, 0]
-
-
-@dataclass(frozen=True)
-class _Energy:
-    """The energy of a material as a function of (I1, I2)."""
-
-    material: Any
-
-    def __call__(self, invariants: Any) -> Any:
-        return self.material.energy(invariants[0], invariants[1])
+    return nominal_stress(MaterialDerivatives(MATERIALS[truth]()), mode, stretches(mode, end_I1))
 
 
 def rms(values: Array) -> float:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+from calibrate.equations.deformation_modes import MODES
 from studies.grid.generalise import figures
 from studies.grid.generalise.generalise_results import GeneraliseResults, mean_score
 from studies.grid.generalise.generalise_settings import CROSS, MEASURED, MIDDLE
-from studies.grid.generalise.statements import MODE_NAMES, RULES, Judged, judge
+from studies.grid.generalise.statements import RULES, Judged, judge
 from studies.grid.report import Page, Part, Picture, Section, Table, Text
 from studies.grid.results import Spread
 from studies.output.words import Words
@@ -95,7 +96,7 @@ def set_rows(results: GeneraliseResults, truth: str) -> list[list[Any]]:
 def set_numbers(results: GeneraliseResults, truth: str, seed: int, tests: str, inputs: str) -> list[float]:
     """Mean r2_F, error, ambiguity over sizes and starts: whole, beyond the data; over starts alone; agreement; loss per equation."""
     group = results.chosen(truth, seed, tests=tests, inputs=inputs)
-    worst = lambda number: max(number(mode) for mode in MODE_NAMES)  # noqa: E731
+    worst = lambda number: max(number(mode) for mode in MODES)  # noqa: E731
     nan = float("nan")
     error = nan if truth == MEASURED else worst(lambda m: _median(results.error(truth, one, m) for one in group))
     return [
@@ -146,7 +147,7 @@ def width_table(results: GeneraliseResults) -> tuple[list[str], list[list[Any]]]
             if own:
                 pair = (own[0], one)
                 errors = [
-                    max(results.error(truth, fit, m) for m in MODE_NAMES) if truth != MEASURED else float("nan")
+                    max(results.error(truth, fit, m) for m in MODES) if truth != MEASURED else float("nan")
                     for fit in pair
                 ]
                 rows.append([truth, one.tests, one.inputs, *map(mean_score, pair), *(100 * e for e in errors)])

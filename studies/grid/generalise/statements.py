@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
+from calibrate.equations.deformation_modes import MODES
 from studies.grid.claims import ClaimVerdict
 from studies.grid.generalise.generalise_results import GeneraliseResults, mean_score
 from studies.grid.generalise.generalise_settings import CROSS, MIDDLE, PAPER_SETS
 from studies.grid.results import Spread
 
-MODE_NAMES = ("uniaxial", "pure_shear", "equibiaxial")
 BOTH = "I1I2"
 
 
@@ -140,9 +140,7 @@ def _with_coverage(case: _Case, number: Callable[[int, str], float]) -> Found:
 def _rich_better(case: _Case) -> Found:
     def error(seed: int, tests: str) -> float:
         group = case.results.chosen(case.truth, seed, tests=tests, inputs=BOTH)
-        return float(
-            np.median([max(case.results.error(case.truth, one, mode) for mode in MODE_NAMES) for one in group])
-        )
+        return float(np.median([max(case.results.error(case.truth, one, mode) for mode in MODES) for one in group]))
 
     return _with_coverage(case, error)
 
@@ -150,7 +148,7 @@ def _rich_better(case: _Case) -> Found:
 def _rich_clearer(case: _Case) -> Found:
     def ambiguity(seed: int, tests: str) -> float:
         group = case.results.chosen(case.truth, seed, tests=tests, inputs=BOTH)
-        return max(case.results.ambiguity(case.truth, group, mode) for mode in MODE_NAMES)
+        return max(case.results.ambiguity(case.truth, group, mode) for mode in MODES)
 
     return _with_coverage(case, ambiguity)
 
