@@ -15,11 +15,12 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from calibrate import errors
-from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import CountOrList, OutputFolder, Overwrite, default_folder
 from studies.commandline.outcome import Outcome
 from studies.importers import Processing, Recording, SheetOptions, importer_of, importers
 from studies.importers.pad_tracks import write_tables
+from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import Selection
 from studies.output import Manifest, open_output_folder
 from studies.output.viewer import write_viewer_file
@@ -52,23 +53,21 @@ class Frames:
 @Parameter(name="*", group=f"Noise, default: estimated from all frames ({SHEETS_ONLY})")
 @dataclass(frozen=True)
 class NoiseChoice:
-    """Noise, estimated or stated."""
+    """Noise, estimated where it is not stated."""
 
     noise: Literal["total", "temporal"] = "total"
     """estimate all errors of a frame, or only those that change from frame to frame"""
     displacement_std: float | None = None
-    """state the noise instead of estimating it, mm"""
-    correlation_length: float = 0.0
-    """of the stated noise, mm"""
-    force_std: float = 0.0
-    """of the stated noise, N"""
+    """of the displacements, stated instead of estimated, mm"""
+    correlation_length: float | None = None
+    """of the stated noise of the displacements, mm (default: 0)"""
+    force_std: float | None = None
+    """of the forces, stated instead of estimated, N"""
 
     @property
-    def stated(self) -> Noise | None:
-        """The noise that is stated, None where it is to be estimated."""
-        if self.displacement_std is None:
-            return None
-        return Noise(self.displacement_std, self.correlation_length, 0.0, self.force_std)
+    def stated(self) -> StatedNoise:
+        """The noise as far as it is stated. Raises `ConfigError`."""
+        return StatedNoise(self.displacement_std, self.correlation_length, self.force_std)
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,15 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibrate import errors
-from calibrate.data.experiment import Noise
 from studies.importers.recording.masks import Mask
+from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import Selection
 
 LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}
 FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0}
+type Positive = Annotated[float, Field(gt=0)]
+type NotNegative = Annotated[float, Field(ge=0)]
 type Side = Literal["left", "right", "bottom", "top"]
 
 
@@ -114,12 +116,12 @@ class MaskTable(Table):
 
 
 class NoiseTable(Table):
-    """[noise]: stated noise; without this table it is estimated. kind: 'total' or 'temporal' of the estimate."""
+    """[noise]: what is known of the noise; the rest is estimated. kind: 'total' or 'temporal' of the estimate."""
 
-    displacement_std_mm: float | None = None
-    correlation_length_mm: float = 0.0
-    force_std_relative: float = 0.0
-    force_std_N: float = 0.0
+    displacement_std_mm: NotNegative | None = None
+    correlation_length_mm: NotNegative | None = None
+    force_std_relative: NotNegative | None = None
+    force_std_N: NotNegative | None = None
     kind: Literal["total", "temporal"] = "total"
 
 
@@ -147,6 +149,8 @@ class ColumnMap(Table):
             raise ValueError("edges.drop_mm and edges.drop_points cannot be negative")
         if edges.rim and edges.free:
             raise ValueError("edges.rim: a window in a larger body has no free edge; leave out edges.free")
+        if self.noise.correlation_length_mm is not None and self.noise.displacement_std_mm is None:
+            raise ValueError("noise.correlation_length_mm belongs to noise.displacement_std_mm; state both or none")
         if not self.force.per_frame and (self.frames.rate_hz is None or self.force.time is None):
             raise ValueError("give frames.rate_hz and force.time, or force.per_frame = true")
         return self
@@ -171,12 +175,10 @@ class ColumnMap(Table):
         return Selection(f.count, f.list, f.until_s, f.onset, f.tare_N)
 
     @property
-    def stated_noise(self) -> Noise | None:
-        """Noise of [noise], mm and N; None where it is to be estimated."""
+    def stated_noise(self) -> StatedNoise:
+        """Noise as far as [noise] states it, mm and N."""
         n = self.noise
-        if n.displacement_std_mm is None:
-            return None
-        return Noise(n.displacement_std_mm, n.correlation_length_mm, n.force_std_relative, n.force_std_N)
+        return StatedNoise(n.displacement_std_mm, n.correlation_length_mm, n.force_std_N, n.force_std_relative)
 
 
 def read_map(path: str | Path) -> ColumnMap:

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import ClassVar, Literal, get_args
 
 from calibrate import errors
-from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.experiment import Experiment
 from studies.importers.recording.series import Series, to_experiment
+from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import DEFAULT_SELECTION, Selection
 
 type EdgeColumns = Literal["extrapolate", "drop", "keep"]
@@ -63,10 +64,11 @@ class SheetOptions:
 
 @dataclass(frozen=True)
 class Processing:
-    """What is made of a Series. selection: which frames; noise: stated, None: estimated, as noise_kind says."""
+    """What is made of a Series. selection: which frames; noise: as far as it is stated; the rest is estimated, as
+    noise_kind says."""
 
     selection: Selection = DEFAULT_SELECTION
-    noise: Noise | None = None
+    noise: StatedNoise | None = None
     noise_kind: NoiseKind = "total"
 
 
