@@ -18,7 +18,6 @@ from calibrate import errors
 from calibrate.data.triangulation import boundary_nodes, signed_areas
 from studies.importers.column_map import (
     FORCE_UNITS,
-    LENGTH_UNITS,
     TIME_UNITS,
     ColumnMap,
     EdgesTable,
@@ -131,13 +130,13 @@ def _read_frames(p: PointsTable, paths: list[Path], mask: str | None) -> tuple[A
     columns = [p.x, p.y, p.u, p.v] + ([p.valid_column] if p.valid_column else [])
     flags = None if mask is None else read_table(paths[0], [mask], Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True))[mask]  # fmt: skip
     layout = Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True)
-    scale = p.scale_mm_per_px if p.scale_mm_per_px is not None else LENGTH_UNITS[p.unit]
-    axes = scale * np.array([1.0, -1.0 if p.y_axis == "down" else 1.0])
+    axes = np.array([1.0, -1.0 if p.y_axis == "down" else 1.0])
+    of_position, of_displacement = p.scales
     frames = []
     for path in paths:
         table = read_table(path, columns, layout)
-        position = np.stack([table[p.x], table[p.y]], axis=1) * axes
-        moved = np.stack([table[p.u], table[p.v]], axis=1) * axes
+        position = np.stack([table[p.x], table[p.y]], axis=1) * of_position * axes
+        moved = np.stack([table[p.u], table[p.v]], axis=1) * of_displacement * axes
         if p.valid_column:
             quality = table[p.valid_column]
             good = np.isfinite(quality)

@@ -12,6 +12,7 @@ from sheets import (
     MAP,
     PITCH,
     ROWS,
+    SCALE,
     force,
     mapped,
     write,
@@ -75,6 +76,28 @@ def test_force_noise_stated_alone(tmp_path):
     assert temporal.provenance["noise"]["displacement"] == "temporal"
 
 
+@pytest.mark.parametrize(
+    ("units", "per_position", "per_displacement"),
+    [
+        ('unit = "mm"\ndisplacement_unit = "um"', SCALE, 1e3 * SCALE),
+        ('position_unit = "px"\nunit = "mm"\nscale_mm_per_px = 0.05', 1.0, SCALE),
+        ('displacement_unit = "px"\nposition_unit = "cm"\nscale_mm_per_px = 0.05', 0.1 * SCALE, 1.0),
+    ],
+)
+def test_position_and_displacement_in_units_of_their_own(tmp_path, units, per_position, per_displacement):
+    """The same test, written in other units, is the same Experiment."""
+    expected = from_map(mapped(tmp_path / "px"))
+    path = mapped(tmp_path / "own", MAP.replace('unit = "px"\nscale_mm_per_px = 0.05', units))
+    for frame in (tmp_path / "own" / "frames").glob("*.csv"):
+        head, *lines = frame.read_text().splitlines()
+        rows = np.array([line.split(",") for line in lines], float)
+        rows[:, 1:5] *= [per_position, per_position, per_displacement, per_displacement]
+        write(frame, "\n".join([head, *(",".join(f"{v:.9g}" for v in row) for row in rows)]) + "\n")
+    found = from_map(path)
+    np.testing.assert_allclose(found.points, expected.points, atol=1e-6)
+    np.testing.assert_allclose(found.displacements, expected.displacements, atol=1e-6)
+
+
 def test_column_map_keeps_holes_and_finds_their_rims(tmp_path):
     def outside(p):
         centre = [200 + 7.5 * PITCH, 100 + 6.5 * PITCH]
@@ -122,12 +145,17 @@ def test_force_per_frame(tmp_path):
         ('free = ["left", "right", "holes"]', 'free = "left"', "edges.free = 'left': .* valid list"),
         ('unit = "kN"', 'unit = "kp"', "force.unit = 'kp' unknown"),
         ('loaded = ["bottom", "top"]', 'loaded = ["bottom", "up"]', "edges.loaded.1 = 'up' unknown"),
-        ("scale_mm_per_px = 0.05\n", "", "scale_mm_per_px belongs to unit 'px'"),
+        ("scale_mm_per_px = 0.05\n", "", "scale_mm_per_px belongs to a unit 'px'"),
         ('loaded = ["bottom", "top"]', 'loaded = ["bottom", "left"]', "a loaded side is not free"),
         ('time = "t"\n', "", "give frames.rate_hz and force.time"),
         ("[noise]", "[noise", "not valid TOML"),
         ("displacement_std_mm", "correlation_length_mm", "belongs to noise.displacement_std_mm"),
         ("displacement_std_mm = 0.001", "force_std_N = -1.0", "noise.force_std_N = -1.0: .*greater than or equal to 0"),
+        ("rate_hz = 2.0", "rate_hz = -2.0", "frames.rate_hz = -2.0: .*greater than 0"),
+        ("rate_hz = 2.0", "rate_hz = nan", "frames.rate_hz = nan: "),
+        ("thickness_mm = 2.0", "thickness_mm = 0.0", "thickness_mm = 0.0: .*greater than 0"),
+        ("count = 4", "onset = 1.0", "frames.onset = 1.0: .*less than 1"),
+        ('unit = "px"', 'unit = "px"\nposition_unit = "mm"\ndisplacement_unit = "um"', "belongs to a unit 'px'"),
         ("[noise]\ndisplacement_std_mm = 0.001", "noise = 3", "unknown key 'edges.noise'"),
     ],
 )
