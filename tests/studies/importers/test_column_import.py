@@ -72,7 +72,9 @@ def test_force_noise_stated_alone(tmp_path):
     assert e.provenance["noise"]["displacement"] == "total"
     assert e.noise.displacement_std < 1e-5  # exact fields: only what is rounded in the tables
     columns = column_map.read_map(tmp_path / "map.toml")
-    temporal = to_experiment(column_import.column_series(columns, tmp_path), noise=columns.stated_noise, noise_kind="temporal")
+    temporal = to_experiment(
+        column_import.column_series(columns, tmp_path), noise=columns.stated_noise, noise_kind="temporal"
+    )
     assert temporal.provenance["noise"]["displacement"] == "temporal"
 
 
