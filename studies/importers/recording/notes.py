@@ -62,7 +62,8 @@ def noise_notes(report: dict[str, Any]) -> list[str]:
         case Origin.UNKNOWN:
             notes += [WORDS.note_force_noise_unknown(readings=report["load_cell_readings"])]
     temporal, total = report.get("temporal"), report.get("total")
-    if report["displacement"] == "temporal" and temporal and total["std"] > FILTERED * temporal["std"]:
+    chosen = report["displacement"] == "temporal"
+    if chosen and temporal and total and total["std"] > FILTERED * temporal["std"]:
         notes.append(WORDS.note_filtered(temporal=temporal["std"], total=total["std"]))
     return notes
 
