@@ -24,7 +24,7 @@ from studies.importers.column_map import (
     PointsTable,
     read_map,
 )
-from studies.importers.recording.importer import Importer, Processing, Recording, SheetOptions
+from studies.importers.recording.importer import Importer, Part, Processing, Recording, SheetOptions
 from studies.importers.recording.masks import SIDES, masked
 from studies.importers.recording.missing_frames import with_missing_frames
 from studies.importers.recording.notes import edge_notes, mask_notes
@@ -41,7 +41,9 @@ class ColumnMapped(Importer):
     """A column map (TOML), which states everything itself."""
 
     source: ClassVar[str] = "a column map .toml"
-    states_everything: ClassVar[bool] = True
+    looks_for: ClassVar[str] = "a name that ends with .toml"
+    takes: ClassVar[tuple[Part, ...]] = ()
+    instead: ClassVar[str] = "say it in the TOML file (docs/import.md)"
 
     def reads(self, source: str) -> bool:
         """A path that ends with .toml."""
@@ -52,7 +54,7 @@ class ColumnMapped(Importer):
         path = Path(source)
         columns = read_map(path)
         series = column_series(columns, path.parent)
-        series.provenance.update(source=path.name, map=columns.model_dump())
+        series.provenance.update(source=path.name, map=columns.model_dump(exclude_none=True))
         if columns.frames.rate_hz is not None:
             series = with_missing_frames(series)
         return Recording(series, (path,), Processing(columns.selection, columns.stated_noise, columns.noise.kind))

@@ -116,5 +116,6 @@ def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Pa
         page.paragraph(f"Note: {note}.")
     record = manifest.to_dict()
     page.details("Decisions", {k: v for k, v in provenance.items() if k not in ("noise", "notes")})
+    page.details("Noise", provenance["noise"])
     page.details("Settings", record["settings"]).details("Versions", record["versions"])
     return page.save(folder / "report.html")
