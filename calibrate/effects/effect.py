@@ -7,11 +7,13 @@ tested and fitted; shapes (a relaxation time, an angle) mean nothing at the null
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from calibrate import errors
 from calibrate.effects.support.effect_data import Data
 
 STAGES = ("energy", "kinematics", "stiffness", "softening", "relaxation", "set", "measurement", "load")
@@ -123,3 +125,19 @@ class Effect:
     def loads(self, data: Data, loads: Any, a: Any, shape: Any) -> Any:
         """True forces (t, 2, b), N, of the measured ones (t, 2, b) on the b loaded boundaries."""
         return loads
+
+
+def distinct(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """The same effects, no two of one name: a model file knows them by it. Raises `ConfigError`."""
+    seen: dict[str, Effect] = {}
+    for effect in effects:
+        other = seen.setdefault(effect.name, effect)
+        if other is not effect:
+            raise errors.ConfigError(
+                f"two effects are named '{effect.name}': {_place(other)} and {_place(effect)}; give one of them another name"
+            )
+    return tuple(seen.values())
+
+
+def _place(effect: Effect) -> str:
+    return f"{type(effect).__module__}.{type(effect).__name__}"
