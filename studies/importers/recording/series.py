@@ -20,9 +20,11 @@ from calibrate import errors
 from calibrate.data import points
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
 from studies.importers.recording import noise_estimate
+from studies.importers.recording.load_cell_noise import force_noise
 from studies.importers.recording.masks import Masked
 from studies.importers.recording.notes import mask_notes, noise_notes, record_notes, strain_notes
 from studies.importers.recording.outliers import outliers
+from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import (
     DEFAULT_SELECTION,
     ForceRecord,
@@ -114,10 +116,10 @@ def elongation(series: Series) -> Array:
 def to_experiment(
     series: Series,
     selection: Selection = DEFAULT_SELECTION,
-    noise: Noise | None = None,
+    noise: Noise | StatedNoise | None = None,
     noise_kind: str = "total",
 ) -> Experiment:
-    """Turn a Series into an Experiment. noise: stated noise; None: estimated from all frames.
+    """Turn a Series into an Experiment. noise: as far as it is stated; the rest is estimated from all frames.
 
     noise_kind: 'total' or 'temporal', see `noise_estimate`. Raises `ConfigError`, `LostPointsError`,
     `MissingForceError`, `ForceSignError`, `TimeError`, `ExperimentError` where noise cannot be estimated, and whatever
@@ -132,7 +134,7 @@ def to_experiment(
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
         notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))
-    noise, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
+    found, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
     notes += record_notes(series.record) + noise_notes(report) + _spurious_notes(series, kept)
     provenance = {
         **series.provenance,
@@ -152,7 +154,7 @@ def to_experiment(
         free_nodes=kept.free_nodes,
         thickness=series.thickness,
         time=series.time[frames] if series.has_clock else None,
-        noise=noise,
+        noise=found,
         provenance=provenance,
         plane=series.plane,
     )
@@ -162,15 +164,14 @@ def to_experiment(
 
 
 def _noise_of(
-    series: Series, nodes: Index, frames: Index, noise: Noise | None, kind: str
+    series: Series, nodes: Index, frames: Index, noise: Noise | StatedNoise | None, kind: str
 ) -> tuple[Noise, dict[str, Any]]:
     """Stated or estimated noise; in a window of a larger body the force is that of the section up to an unknown factor."""
-    report: dict[str, Any] = {"kind": "stated"}
-    if noise is None:
-        noise, report = estimate_noise(series, nodes, frames, kind)
+    stated = StatedNoise.all_of(noise) if isinstance(noise, Noise) else noise or StatedNoise()
+    found, report = noise_of(series, nodes, frames, stated, kind)
     if series.provenance.get("rim"):
-        noise = replace(noise, force_std_relative=max(noise.force_std_relative, RIM_FORCE))
-    return noise, report
+        found = replace(found, force_std_relative=max(found.force_std_relative, RIM_FORCE))
+    return found, report
 
 
 def _spurious_notes(series: Series, kept: points.Kept) -> list[str]:
@@ -217,36 +218,54 @@ def _check_sign(series: Series, frames: Index, force: Array) -> None:
         )
 
 
-def estimate_noise(series: Series, nodes: Index, frames: Index, kind: str) -> tuple[Noise, dict[str, Any]]:
-    """Noise of a series from all its frames, or from the chosen ones where too many points failed in the others.
+def noise_of(
+    series: Series, nodes: Index, frames: Index, stated: StatedNoise, kind: str
+) -> tuple[Noise, dict[str, Any]]:
+    """Noise of a series, mm and N: what is stated, and of the rest what is estimated from all frames.
 
-    nodes (k,): those to be used; frames (t,): those chosen; kind: 'total' or 'temporal'. Beside the Noise (mm, N) its
-    parts by name. Raises `ConfigError` for another kind, `ExperimentError` where points are too few or too scattered.
+    nodes (k,): those to be used; frames (t,): those chosen; kind: 'total' or 'temporal'. Beside the Noise a report that says of
+    displacements and forces which was done, with the parts of an estimate by name. Raises `ConfigError` for another kind,
+    `ExperimentError` where points are too few or too scattered.
     """
     if kind not in ("total", "temporal"):
         raise errors.ConfigError(f"noise kind '{kind}' unknown; choose total or temporal")
+    report: dict[str, Any] = {"displacement": "stated", "force": "stated"}
+    displacement, force = stated.of_displacements, stated.of_forces
+    if displacement is None:
+        displacement, more = _estimated_displacement_noise(series, nodes, frames, kind)
+        report |= {"displacement": kind, **more}
+    if force is None:
+        force, more = _estimated_force_noise(series, frames)
+        report |= more
+    return Noise(*displacement, *force), report
+
+
+def _estimated_displacement_noise(
+    series: Series, nodes: Index, frames: Index, kind: str
+) -> tuple[tuple[float, float], dict[str, Any]]:
+    """Standard deviation and correlation length, mm, from all frames, or from the chosen ones where too many points failed in the
+    others; and all that was found."""
     complete = nodes[np.isfinite(series.displacements[:, nodes]).all(axis=(0, 2))]
     enough = complete.size >= 0.6 * nodes.size
     displacements = series.displacements[:, complete] if enough else series.displacements[frames][:, nodes]
     found = noise_estimate.displacement_noise(series.points[complete if enough else nodes], displacements)
+    chosen = found.temporal if kind == "temporal" and found.temporal is not None else found.total
+    return (chosen.std, chosen.correlation_length), {"from_frames": len(displacements), **found.to_dict()}
+
+
+def _estimated_force_noise(series: Series, frames: Index) -> tuple[tuple[float, float], dict[str, Any]]:
+    """Relative standard deviation (0) and that in N, of the load cell and of the synchronisation; and what they are made of."""
     force = forces_at(series.record, series.time[[0, *frames]])
     slope = float(np.abs(np.diff(force)).sum() / (series.time[frames[-1]] - series.time[0]))
-    cell = series.force_std
-    if cell is None:
-        cell = noise_estimate.force_noise(series.record.time, series.record.force)
-    chosen = found.temporal if kind == "temporal" and found.temporal is not None else found.total
-    report = {
-        "kind": kind,
-        "from_frames": len(displacements),
-        **found.to_dict(),
-        "load_cell_std_N": cell,
+    std = series.force_std
+    report: dict[str, Any] = {"force": "of the source"}
+    if std is None:
+        found = force_noise(series.record.time, series.record.force)
+        std, report = found.std, {"force": found.origin, "load_cell_difference_order": found.order}
+    report |= {
+        "load_cell_std_N": std,
+        "load_cell_readings": len(series.record.time),
         "synchronisation_std_s": series.synchronisation_std,
         "force_rate_N_per_s": slope,
     }
-    noise = Noise(
-        chosen.std,
-        chosen.correlation_length,
-        0.0,
-        float(np.hypot(cell, slope * series.synchronisation_std)),
-    )
-    return noise, report
+    return (0.0, float(np.hypot(std, slope * series.synchronisation_std))), report
