@@ -81,7 +81,9 @@ def errors(folder: Path) -> dict[str, str]:
                                                for one in results.chosen(TRUTH, seed, tests=tests, inputs=inputs, layers=(4, 4))]))
              for tests in settings.sets for inputs in ("I1", "I1I2")}  # fmt: skip
     below = {key: value for key, value in on_ut.items() if value < 0.99}
-    numbers["below_on_UT"] = ", ".join(f"{tests} ({inputs}) {value:.3f}" for (tests, inputs), value in below.items()) or "none"
+    numbers["below_on_UT"] = (
+        ", ".join(f"{tests} ({inputs}) {value:.3f}" for (tests, inputs), value in below.items()) or "none"
+    )
     return numbers
 
 
