@@ -4,6 +4,7 @@
     python docs/study_numbers thickness results/thickness
     python docs/study_numbers generalise results/generalise
     python docs/study_numbers design results/design results/cross-pattern
+    python docs/study_numbers replay results/replay results/calibrate
 
 In: output folders of the commands of `docs/results`. Out: a file of `docs/results`; `make numbers` puts it into the pages.
 The folder of design is made by `--validate`, the second by `equigap design docs/design/cross_pattern.toml`.
@@ -18,11 +19,18 @@ from pathlib import Path
 
 import design
 import generalise
+import replay
 import resolution
 import thickness
 
 RESULTS = Path(__file__).parents[1] / "results"
-STUDIES = {"resolution": resolution, "thickness": thickness, "generalise": generalise, "design": design}
+STUDIES = {
+    "resolution": resolution,
+    "thickness": thickness,
+    "generalise": generalise,
+    "design": design,
+    "replay": replay,
+}
 
 
 def main(words: list[str] | None = None) -> None:

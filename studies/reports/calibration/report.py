@@ -47,11 +47,11 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
 
 
 def model_name(view: Review) -> str:
-    """'PANN I1 (4, 4): 37 parameters; 2484 points, 10 increments'."""
+    """'physics-augmented neural network of I1, layers (4, 4), 37 parameters; 2484 points, 10 increments'."""
     architecture, experiment = view.model.architecture, view.experiment
     layers = ", ".join(map(str, architecture.layers))
     return (
-        f"PANN {architecture.inputs} ({layers}): {architecture.n_parameters} parameters; "
+        f"physics-augmented neural network of {architecture.inputs}, layers ({layers}), {architecture.n_parameters} parameters; "
         f"{len(experiment.points)} points, {len(experiment.triangles)} triangles, "
         f"{experiment.n_increments} increments"
     )

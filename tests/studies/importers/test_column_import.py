@@ -124,6 +124,17 @@ def test_column_map_drops_invalid_points(tmp_path):
     assert e.provenance["frames"] == [3, 8]
 
 
+def test_exchanged_displacements_are_told(tmp_path):
+    """The grips would then move across the pull, not along it; the right way round nothing is said."""
+
+    def notes(text):
+        return [note for note in from_map(mapped(tmp_path, text)).provenance["notes"] if "across the pull" in note]
+
+    assert notes(MAP) == []
+    (note,) = notes(MAP.replace('u = "U"\nv = "V"', 'u = "V"\nv = "U"'))
+    assert "points.u" in note
+
+
 def test_force_per_frame(tmp_path):
     path = mapped(tmp_path)
     write(tmp_path / "load.csv", "F\n" + "\n".join(f"{-1e-3 * k:.4f}" for k in range(12)))
