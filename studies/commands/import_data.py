@@ -20,8 +20,8 @@ from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import CountOrList, OutputFolder, Overwrite, default_folder
 from studies.commandline.outcome import Outcome
 from studies.importers import Importer, Processing, Recording, SheetOptions, importer_of, importers
+from studies.importers.exports.guesses import Guesses, Undecided
 from studies.importers.pad_tracks import write_tables
-from studies.importers.recording.guesses import Guesses, Undecided
 from studies.importers.recording.importer import Answers, Part
 from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import Selection

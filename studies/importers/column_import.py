@@ -69,8 +69,10 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
     mesh = _mesh(frames.points, ~mask.gone, m.points.max_edge_mm)
     points = frames.points[mesh.kept]
     records, time = load_cells(m, folder, len(frames.displacements))
-    cells = {side: record for cell, record in zip(m.force, records, strict=True) for side in cell.sides}
-    grips, free = _edges(m.edges, cells if len(m.force) > 1 else {}, points, mesh.triangles)
+    cells: dict[str, ForceRecord] = {
+        side: record for cell, record in zip(m.force, records, strict=True) for side in cell.sides if len(m.force) > 1
+    }
+    grips, free = _edges(m.edges, cells, points, mesh.triangles)
     free = _not_beside(free, points, frames.points[mask.gone], m.edges)
     notes = mask_notes(frames.points, mask, frames.points[mesh.alone])
     notes += edge_notes(m.edges.loaded, m.edges.free, m.edges.rim)

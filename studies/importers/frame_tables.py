@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibrate import errors
+from studies.importers.exports.frame_order import Order, frame_order
+from studies.importers.exports.specimen_plane import Plane, fitted_plane
 from studies.importers.map_tables import PointsTable
-from studies.importers.recording.frame_order import Order, frame_order
-from studies.importers.recording.specimen_plane import Plane, fitted_plane
 from studies.importers.text_tables import read_table
 
 Array = NDArray[np.float64]

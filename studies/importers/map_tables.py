@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from studies.importers.recording.frame_order import Rule
+from studies.importers.exports.frame_order import Rule
 from studies.importers.text_tables import Layout
 
 LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}

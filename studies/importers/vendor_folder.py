@@ -17,16 +17,16 @@ import numpy as np
 from calibrate import errors
 from studies.importers.column_import import mapped_series
 from studies.importers.column_map import ColumnMap
-from studies.importers.field_guesses import has_rest, say_edges, say_grid
+from studies.importers.exports.field_guesses import has_rest, say_edges, say_grid
+from studies.importers.exports.frame_order import Order, Rule, frame_order
+from studies.importers.exports.guesses import Guesses, Undecided
+from studies.importers.exports.machine_record import RecordAnswers, say_record
+from studies.importers.exports.text_files import TextFile, text_file
 from studies.importers.frame_tables import read_frames
-from studies.importers.machine_record import RecordAnswers, say_record
 from studies.importers.map_tables import PointsTable
-from studies.importers.recording.frame_order import Order, Rule, frame_order
-from studies.importers.recording.guesses import Guesses, Undecided
 from studies.importers.recording.importer import Answers, Importer, Part, Recording, SheetOptions
 from studies.importers.recording.series import Series, elongation
 from studies.importers.recording.synchronise import forces_at
-from studies.importers.text_files import TextFile, text_file
 from studies.importers.vendors import Vendor, vendors
 
 SHEETS_ALONE = ("drop_rows", "drop_columns", "edge_columns", "free_edges")

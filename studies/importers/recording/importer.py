@@ -15,8 +15,8 @@ from typing import ClassVar, Literal, get_args
 from calibrate import errors
 from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import Names
-from studies.importers.recording.frame_order import Rule
-from studies.importers.recording.guesses import Guesses
+from studies.importers.exports.frame_order import Rule
+from studies.importers.exports.guesses import Guesses
 from studies.importers.recording.series import Series, to_experiment
 from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import DEFAULT_SELECTION, Selection

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from studies.importers.recording.guesses import Guesses
-from studies.importers.text_files import TextFile
+from studies.importers.exports.guesses import Guesses
+from studies.importers.exports.text_files import TextFile
 from studies.importers.vendors.vendor import Vendor, say_columns, say_layout, say_unit
 
 WHERE = {

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import ClassVar
 
-from studies.importers.recording.guesses import Guesses
-from studies.importers.text_files import TextFile
+from studies.importers.exports.guesses import Guesses
+from studies.importers.exports.text_files import TextFile
 from studies.importers.vendors.vendor import Vendor, say_layout, say_unit
 
 QUANTITY = re.compile(r"_([A-Za-z][\w-]*) ?\[([^\]]+)\]$")

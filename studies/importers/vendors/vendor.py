@@ -9,8 +9,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
-from studies.importers.recording.guesses import Guesses
-from studies.importers.text_files import TextFile
+from studies.importers.exports.guesses import Guesses
+from studies.importers.exports.text_files import TextFile
 
 
 class Vendor(ABC):

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from studies.importers.recording.guesses import Guesses
-from studies.importers.text_files import TextFile
+from studies.importers.exports.guesses import Guesses
+from studies.importers.exports.text_files import TextFile
 from studies.importers.vendors.vendor import Vendor, say_columns, say_layout, say_unit
-
-STAGE = ("stage", "index", "relative_time")
 
 
 class Zeiss(Vendor):
@@ -29,6 +27,8 @@ class Zeiss(Vendor):
         file = frames[0]
         say_layout(file, found)
         ends = ("x", "y", "z")
+        where: tuple[str, ...]
+        motion: tuple[str, ...]
         if file.column("displacement_x"):
             where, motion = ends, tuple(f"displacement_{c}" for c in ends)
             found.say("points.coordinates", "current", "x, y, z of this export are those after displacement")

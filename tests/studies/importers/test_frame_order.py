@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from calibrate import errors
-from studies.importers.recording.frame_order import frame_order
+from studies.importers.exports.frame_order import frame_order
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from calibrate.data.experiment import Experiment
 from studies.commands.import_data import Request, import_data, import_experiment, read
 from studies.importers import column_import, importer_of
 from studies.importers.column_map import read_map
-from studies.importers.recording.guesses import Undecided
+from studies.importers.exports.guesses import Undecided
 from studies.importers.recording.importer import Answers, SheetOptions
 from studies.importers.vendors import vendors
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibrate import errors
+from studies.importers.exports.guesses import Guesses
+from studies.importers.exports.text_files import UNIT, TextFile, text_file
 from studies.importers.map_tables import FORCE_UNITS, TIME_UNITS
-from studies.importers.recording.guesses import Guesses
-from studies.importers.text_files import UNIT, TextFile, text_file
 from studies.importers.text_tables import read_table
 
 FORCE = re.compile(r"\b(force|load|kraft|last|forza|fuerza|carga|axial force)\b|^f[xy]?$", re.IGNORECASE)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from studies.importers.exports.guesses import Guesses
 from studies.importers.frame_tables import Frames
-from studies.importers.recording.guesses import Guesses
 from studies.importers.recording.masks import SIDES
 
 Array = NDArray[np.float64]
