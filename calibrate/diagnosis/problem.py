@@ -70,7 +70,7 @@ class Part:
     @cached_property
     def linear(self) -> Equilibrium:
         """The same equations with linear triangles."""
-        return Equilibrium(self.experiment, self.system.fields, linear=True)
+        return replace(self.system, linear=True)
 
 
 @dataclass(frozen=True, eq=False)

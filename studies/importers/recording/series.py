@@ -36,7 +36,6 @@ from studies.output.words import Words
 WORDS = Words("experiment")
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-RIM_FORCE = 1.0  # relative standard deviation of the force of a section that carries an unknown part of it
 UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been longer than its chosen frames show
 
 
@@ -164,13 +163,10 @@ def to_experiment(
 def _noise_of(
     series: Series, nodes: Index, frames: Index, noise: Noise | None, kind: str
 ) -> tuple[Noise, dict[str, Any]]:
-    """Stated or estimated noise; in a window of a larger body the force is that of the section up to an unknown factor."""
-    report: dict[str, Any] = {"kind": "stated"}
+    """Stated or estimated noise."""
     if noise is None:
-        noise, report = estimate_noise(series, nodes, frames, kind)
-    if series.provenance.get("rim"):
-        noise = replace(noise, force_std_relative=max(noise.force_std_relative, RIM_FORCE))
-    return noise, report
+        return estimate_noise(series, nodes, frames, kind)
+    return noise, {"kind": "stated"}
 
 
 def _spurious_notes(series: Series, kept: points.Kept) -> list[str]:
