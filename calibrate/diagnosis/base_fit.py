@@ -61,7 +61,9 @@ def prepare(
     tests in plane stress and in plane strain come together; and the errors of `calibrate.equations.equilibrium.equilibrium`.
     """
     systems = [equilibrium(e, spacing) for e in experiments]
-    systems = _with_one_level(systems, [bool(function(system).any()) for function, system in zip(train, systems, strict=True)])
+    systems = _with_one_level(
+        systems, [bool(function(system).any()) for function, system in zip(train, systems, strict=True)]
+    )
     masks = [function(system) & all_rows(system) for function, system in zip(train, systems, strict=True)]
     if not any(mask.any() for mask in masks):
         raise errors.ConfigError("every equation is held out; leave some to fit")

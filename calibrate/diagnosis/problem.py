@@ -99,6 +99,11 @@ class Problem:
         """The parts that have training rows."""
         return tuple(part for part in self.parts if part.train.size)
 
+    @property
+    def level_is_nominal(self) -> bool:
+        """Whether no force of the parts with training rows is that of its section."""
+        return all(part.experiment.level_is_nominal for part in self.trained)
+
     def whiten(self, values: Sequence[Array]) -> Array:
         """Whitened training rows (..., N) of one array (..., t, 2 v) for each trained part."""
         return np.concatenate([part.train(v) for part, v in zip(self.trained, values, strict=True)], axis=-1)

@@ -100,7 +100,10 @@ def _sums(part: Part, weights: Weights, c: Array, additions: Additions) -> _Sums
         float(forces.sum()),
         float(weights.size),
     )
-    return _Sums(numbers, (float(weights.variance[loaded & ~part.system.level_equation].sum()), float(weights.variance[~loaded].sum())))
+    return _Sums(
+        numbers,
+        (float(weights.variance[loaded & ~part.system.level_equation].sum()), float(weights.variance[~loaded].sum())),
+    )
 
 
 def is_larger(before: Misfit, after: Misfit | None, worse: float) -> bool:
