@@ -34,7 +34,7 @@ def draw() -> Figure:
             _arrow(axes, (sign * 18.0, 0.0), (sign * 23.5, 0.0), style.COLOURS["vermilion"])
             axes.text(sign * 21.0, 0.8, "F", ha="center", color=style.COLOURS["vermilion"])
         _window(axes)
-        axes.set(aspect="equal", xlim=(-27.5, 27.5), ylim=(-12, 12))
+        axes.set(aspect="equal", xlim=(-27.5, 27.5), ylim=(-12.6, 12))
         axes.axis("off")
     return figure
 
@@ -60,7 +60,7 @@ def _window(axes: Axes) -> None:
         text = "unknown traction: no equation there"
         axes.text(0, sign * (HALF_HEIGHT + 3.1), text, ha="center", va="center", color="0.25")
     axes.text(
-        0, -10.2, "blue: the force flows through the window and past it", ha="center", color=style.COLOURS["blue"]
+        0, -11.9, "blue: the force flows through the window and past it", ha="center", color=style.COLOURS["blue"]
     )
 
 

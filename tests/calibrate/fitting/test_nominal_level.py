@@ -13,7 +13,9 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import all_rows
+from calibrate.diagnosis.score_tests import Status, score
 from calibrate.diagnosis.selection.misfit import misfit
+from calibrate.effects import CATALOGUE
 from calibrate.equations.deformation_modes import nominal_stress
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.fitting.calibration import Options, calibrate
@@ -102,3 +104,10 @@ def test_beside_a_test_whose_forces_are_measured_a_window_fixes_no_level():
     F = problem.parts[1].system.deformation_gradients[-1]
     one, other = (p.parts[-1].system.matrix(p.basis, F) @ f.c for p, f in ((problem, base), (alone, reference)))
     assert one == pytest.approx(other, abs=0.02 * np.abs(other).max())
+
+
+def test_effects_of_a_load_cell_need_forces_that_are_used():
+    problem, base = prepare([window()], [all_rows])
+    chosen = [effect for effect in CATALOGUE if effect.stage == "load" and not effect.gauge]
+    assert chosen
+    assert {one.status for one in score(problem, base, chosen)} == {Status.NOT_TESTABLE}
