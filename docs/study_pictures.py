@@ -1,6 +1,7 @@
 """Take the pictures of the pages on studies from finished runs: `python docs/study_pictures.py RESULTS`.
 
-In: the folder with `resolution`, `thickness`, `measured`, `supervised`, `design` (with --validate) and `cross-pattern` (of `equigap design docs/design/cross_pattern.toml`) as the commands leave them. Out: the pictures of `PICTURES` in
+In: the folder with `generalise`, `resolution`, `thickness`, `measured`, `supervised`, `design` (with --validate) and `cross-pattern` (of
+`equigap design docs/design/cross_pattern.toml`) as the commands leave them; with names behind it, only these pictures. Out: the pictures of `PICTURES` in
 docs/pictures, each with the manifest of the run that made it. Run it in a clone, so that the manifests name a commit.
 """
 
@@ -13,6 +14,14 @@ from pathlib import Path
 
 TARGET = Path(__file__).resolve().parent / "pictures"
 PICTURES = {
+    "generalise_predictions_carroll": (
+        "generalise/figures/predictions_carroll.png",
+        "generalise/figures/predictions_carroll.json",
+    ),
+    "generalise_matrices_carroll": (
+        "generalise/figures/matrices_carroll.png",
+        "generalise/figures/matrices_carroll.json",
+    ),
     "design_curves": ("design/curves.png", "design/curves.json"),
     "design_validation": ("design/validation.png", "design/validation.json"),
     "design_cross": ("cross-pattern/search.png", "cross-pattern/search.json"),
@@ -28,12 +37,15 @@ PICTURES = {
 }
 
 
-def main(results: Path) -> None:
-    """Copy every picture and manifest; raises `SystemExit` where one is missing."""
-    missing = [name for pair in PICTURES.values() for name in pair if not (results / name).is_file()]
+def main(results: Path, names: list[str]) -> None:
+    """Copy the pictures of those names with their manifests, all without names; raises `SystemExit` where one is missing."""
+    if unknown := set(names) - set(PICTURES):
+        raise SystemExit(f"no picture of the pages: {', '.join(sorted(unknown))}; there are {', '.join(PICTURES)}")
+    chosen = {name: pair for name, pair in PICTURES.items() if not names or name in names}
+    missing = [name for pair in chosen.values() for name in pair if not (results / name).is_file()]
     if missing:
         raise SystemExit(f"{results}: lacks {', '.join(missing)}; run the command that is named first in each")
-    for name, (picture, manifest) in PICTURES.items():
+    for name, (picture, manifest) in chosen.items():
         shutil.copy(results / picture, TARGET / f"{name}.png")
         content = json.loads((results / manifest).read_text())
         content["inputs"] = {
@@ -45,4 +57,6 @@ def main(results: Path) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path)
-    main(parser.parse_args().results)
+    parser.add_argument("names", nargs="*", metavar="PICTURE")
+    given = parser.parse_args()
+    main(given.results, given.names)

@@ -1,11 +1,14 @@
-"""Loading: which boundaries move, and how far; mesh in, prescribed nodes and their displacements out."""
+"""Loading: which nodes move, and how; mesh in, prescribed nodes and their displacements out.
+
+A `Loading` moves whole boundaries in proportion to the load factor; a `MeasuredMotion` moves nodes as they were measured.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +34,34 @@ class BoundedMesh(Protocol):
     def boundary_nodes(self, name: str) -> NDArray[np.int64]: ...
 
 
+class Motion(Protocol):
+    """How nodes move with the load factor. sides: boundaries whose forces are reported."""
+
+    @property
+    def sides(self) -> tuple[str, ...]: ...
+
+    def on(self, mesh: Any) -> Self: ...
+
+    def prescribed(self, mesh: Any) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+        """Which components of the nodes (n, d) are held, and their `values`, mm, see `moved`."""
+        ...
+
+    def to_dict(self) -> dict[str, Any]: ...
+
+
+def moved(values: NDArray[np.float64], load_factor: float) -> NDArray[np.float64]:
+    """Displacements at a load factor. values (n,): final ones, reached in proportion; (k, n): those at 1 / k, 2 / k, ... 1.
+
+    Straight lines between, from rest at 0.
+    """
+    if values.ndim == 1:
+        return load_factor * values
+    place = min(max(load_factor * len(values), 0.0), float(len(values)))
+    below = min(int(place), len(values) - 1)
+    start = values[below - 1] if below else np.zeros_like(values[0])
+    return start + (place - below) * (values[below] - start)
+
+
 @dataclass(frozen=True)
 class Loading:
     """Final displacements of boundaries, reached in proportion to the load.
@@ -50,6 +81,11 @@ class Loading:
                 raise LoadingError(f"{name}: give two components (u_x, u_y), three for a solid, None where free")
             if not all(c is None or math.isfinite(c) for c in components):
                 raise LoadingError(f"{name}: displacement {components} must be finite, in mm")
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """Boundaries that are moved; symmetry planes are none."""
+        return tuple(name for name in self.displacements if name not in SYMMETRY)
 
     @classmethod
     def clamped(
@@ -139,6 +175,41 @@ class Loading:
     def to_dict(self) -> dict[str, Any]:
         """Plain dictionary for a manifest."""
         return {name: list(components) for name, components in self.displacements.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMotion:
+    """Nodes that move as they were measured.
+
+    held (n, 2): which components of the mesh's nodes; values (k, n, 2), mm: displacements at the load factors 1 / k, 2 / k, ...
+    1, straight lines between. sides: boundaries of the mesh whose forces are reported. Raises `LoadingError`.
+    """
+
+    sides: tuple[str, ...]
+    held: NDArray[np.bool_]
+    values: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        if self.values.shape[1:] != self.held.shape or not len(self.values):
+            raise LoadingError(f"measured motion: values {self.values.shape} do not fit nodes {self.held.shape}")
+        if not np.isfinite(self.values[:, self.held]).all():
+            raise LoadingError("measured motion: the displacements of held nodes must be finite, in mm")
+
+    def on(self, mesh: BoundedMesh) -> Self:
+        """The same; raises `LoadingError` for another mesh."""
+        if mesh.points.shape != self.held.shape:
+            raise LoadingError(f"measured motion of {len(self.held)} nodes, the mesh has {len(mesh.points)}")
+        return self
+
+    def prescribed(self, mesh: BoundedMesh) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+        """See `Motion`. Raises `LoadingError` where nothing holds the specimen."""
+        if _can_move_rigidly(mesh.points, self.held):
+            raise LoadingError("the specimen can move as a rigid body; more of its boundary must be held")
+        return self.held, np.where(self.held, self.values, 0.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain dictionary for a manifest; the motion itself is in the digest of a run."""
+        return {"measured": list(self.sides), "increments": len(self.values), "held": int(self.held.sum())}
 
 
 def _can_move_rigidly(points: NDArray[np.float64], held: NDArray[np.bool_]) -> bool:

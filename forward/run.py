@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from forward.errors import CheckpointError, ConvergenceError, LinearSolverError, SolutionError
-from forward.loading import SYMMETRY, Loading
+from forward.loading import Motion
 from forward.stepping import REST, History, Increment, Moment, Problem, State, Unknowns, steps
 from meshes.errors import MeshError
 
@@ -61,12 +61,12 @@ class Record:
     """Increments reached so far, and the problem they belong to.
 
     path: moments at which the increments end; problem: all that fixes the result but the mesh, as plain data;
-    supports: which components are held, and where they end; rest: unknowns at rest; whole: what the forces of the
+    supports: which components are held, and how they move; rest: unknowns at rest; whole: what the forces of the
     modelled part are multiplied with, one number or one for each component; build: makes the solution of this record.
     """
 
     mesh: Any
-    loading: Loading
+    loading: Motion
     path: Sequence[Moment]
     problem: dict[str, Any]
     versions: dict[str, Any]
@@ -86,7 +86,7 @@ class Record:
             digest.update(np.ascontiguousarray(array).tobytes())
         self.description = {**self.problem, "digest": digest.hexdigest(), **self.versions}
         self.states = [State(REST, self.rest)]
-        self.forces = {name: [] for name in self.loading.displacements if name not in SYMMETRY}
+        self.forces = {name: [] for name in self.loading.sides}
 
     @property
     def reached(self) -> int:

@@ -67,6 +67,11 @@ COMMANDS = {
         "uniaxial, equi-biaxial and pure-shear curves of a model",
         "equigap predict results/calibrate/model.json\nequigap predict model.json --stretch 2.5 --against arruda_boyce",
     ),
+    "replay": Command(
+        "studies.commands.replay:replay",
+        "solve a measured test by finite elements with a model, and compare",
+        "equigap replay sheet.npz results/calibrate/model.json\nequigap replay sheet.npz neo_hooke --parameter mu=0.3",
+    ),
     "discover": Command(
         "studies.commands.discover:discover",
         "find what a hyperelastic model leaves unexplained in a test",

@@ -36,11 +36,11 @@ DRAWS = 2000  # of the simulated search
 
 
 class Status(StrEnum):
-    """Whether an effect can be tested: a gauge cannot be told from what its effect names; data may be missing, or it belongs to one
+    """Whether an effect can be tested: one that is confounded cannot be told from what it names; data may be missing, or it belongs to one
     test where several are fitted; the base may absorb its signature; or that is not finite at these deformations."""
 
     TESTED = "tested"
-    GAUGE = "gauge"
+    CONFOUNDED = "confounded"
     NOT_TESTABLE = "not testable"
     ABSORBED = "absorbed"
     NOT_FINITE = "not finite"
@@ -116,8 +116,8 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
 
 def untestable(problem: Problem, effect: Effect) -> Score | None:
     """Score of an effect that cannot be tested with these data, or None."""
-    if effect.gauge:
-        return Score(effect, Status.GAUGE)
+    if effect.confounded_with:
+        return Score(effect, Status.CONFOUNDED)
     missing = {effect.missing(part.chain.data) for part in problem.trained} - {None}
     if problem.level_is_nominal and effect.stage == "load":
         missing |= {"forces of the section"}

@@ -9,7 +9,7 @@ from importlib import import_module
 
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.dic_scale import Scale
-from calibrate.effects.effect import Effect, Parameter
+from calibrate.effects.effect import Effect, Parameter, distinct
 from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
 from calibrate.effects.finite_thickness import Thickness
 from calibrate.effects.force_gain import ForceGain
@@ -72,7 +72,7 @@ def _further() -> tuple[Effect, ...]:
     return tuple(sorted(found, key=lambda effect: effect.name))
 
 
-CATALOGUE: tuple[Effect, ...] = (*LISTED, *_further())
-KNOWN = (*CATALOGUE, *BESIDE)
+KNOWN: tuple[Effect, ...] = distinct((*LISTED, *_further(), *BESIDE))
+CATALOGUE: tuple[Effect, ...] = KNOWN[: -len(BESIDE)]
 
 __all__ = ["CATALOGUE", "KNOWN", "Data", "Effect", "Parameter", "SecondViscosity", "Viscosity"]

@@ -7,11 +7,13 @@ tested and fitted; shapes (a relaxation time, an angle) mean nothing at the null
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from calibrate import errors
 from calibrate.effects.support.effect_data import Data
 
 STAGES = ("energy", "kinematics", "stiffness", "softening", "relaxation", "set", "measurement", "load")
@@ -63,8 +65,8 @@ class Effect:
 
     name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report; source: of the formula;
     amplitudes; shapes; shapes_vary: False where they only choose a
-    derivative at the null value and mean nothing once the amplitude is known; gauge: why it can never be told apart
-    from another quantity, or nothing; decided_by: the experiment that tells it from its likes; of_material: holds for
+    derivative at the null value and mean nothing once the amplitude is known; confounded_with: what it can never be told
+    from, or nothing; decided_by: the experiment that tells it from its likes; of_material: holds for
     every specimen of a material, not of one test alone; rough: adds second derivatives of the displacements to them, whose
     noise the weights of a model with it must know; truncated: its formula is the beginning of a series, so that a small part
     of what it explains is left for others.
@@ -79,7 +81,7 @@ class Effect:
     amplitudes: ClassVar[tuple[Parameter, ...]]
     shapes: ClassVar[tuple[Parameter, ...]] = ()
     shapes_vary: ClassVar[bool] = True
-    gauge: ClassVar[str] = ""
+    confounded_with: ClassVar[str] = ""
     decided_by: ClassVar[str] = ""
     of_material: ClassVar[bool] = False
     rough: ClassVar[bool] = False
@@ -123,3 +125,19 @@ class Effect:
     def loads(self, data: Data, loads: Any, a: Any, shape: Any) -> Any:
         """True forces (t, 2, b), N, of the measured ones (t, 2, b) on the b loaded boundaries."""
         return loads
+
+
+def distinct(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """The same effects, no two of one name: a model file knows them by it. Raises `ConfigError`."""
+    seen: dict[str, Effect] = {}
+    for effect in effects:
+        other = seen.setdefault(effect.name, effect)
+        if other is not effect:
+            raise errors.ConfigError(
+                f"two effects are named '{effect.name}': {_place(other)} and {_place(effect)}; give one of them another name"
+            )
+    return tuple(seen.values())
+
+
+def _place(effect: Effect) -> str:
+    return f"{type(effect).__module__}.{type(effect).__name__}"

@@ -15,7 +15,7 @@ class ForceGain(Effect):
     stage = "load"
     formula = "f (1 + g)"
     amplitudes = (Parameter("g", "1", typical=0.02),)
-    gauge = "a common factor of modulus, force, thickness and DIC scale"
+    confounded_with = "a common factor of modulus, force, thickness and DIC scale"
 
     def loads(self, data, loads, a, shape):
         return loads * (1.0 + a[0])

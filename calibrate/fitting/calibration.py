@@ -110,7 +110,6 @@ class Calibration:
             if spread is None
             else {
                 "effective_parameters": spread.effective_parameters,
-                "reduced_chi_square": spread.reduced_chi_square,
                 "covariance_multiplied_by": spread.scale,
                 "is_lower_bound": spread.is_lower_bound,
             },

@@ -26,8 +26,9 @@ MISFIT = 1.5  # reduced chi-square above which the residuals are no longer taken
 class Uncertainty:
     """factor (n_parameters, k): covariance of the parameters = factor factor^T.
 
-    effective_parameters: how many directions of the parameters the data fix.
-    reduced_chi_square: loss / (equations - effective parameters); of arbitrary level where the noise is unknown.
+    effective_parameters: trace of (J^T J + a)^-1 J^T J, see `calibrate.fitting.uncertainty`.
+    reduced_chi_square: loss / (equations - effective parameters) of the network as fitted, before its stiffness was raised for noise; of
+    arbitrary level where the noise is unknown. What a report calls so is that of the model as it is (`Calibration`).
     """
 
     factor: Array

@@ -69,6 +69,17 @@ class MooneyPart(Addition):
 
 
 @dataclass(frozen=True)
+class CubicPart(Addition):
+    """psi + c30 (I1 - 3)^3, c30 in MPa."""
+
+    c30: float
+    name: ClassVar[str] = "cubic part"
+
+    def energy(self, I1, I2, C, p):
+        return p[0] * (I1 - 3) ** 3
+
+
+@dataclass(frozen=True)
 class Fibres(Addition):
     """psi + k / 2 sum (I4 - 1)^2, I4 = M . C M, of families at `angles` (rad) to x; k in MPa (Qiu and Pence 1997)."""
 
@@ -90,16 +101,52 @@ class Fibres(Addition):
 
 @dataclass(frozen=True)
 class Gradient(Addition):
-    """s = 1 + (gx x + gy y) / length, x and y from the origin, mm."""
+    """s = 1 + (gx (x - x0) + gy (y - y0)) / length; length, x0, y0 in mm."""
 
     gx: float
     gy: float
     length: float
+    x0: float = 0.0
+    y0: float = 0.0
     name: ClassVar[str] = "gradient"
     positive: ClassVar[tuple[str, ...]] = ("length",)
 
     def field(self, X, p):
-        return 1 + (p[0] * X[0] + p[1] * X[1]) / p[2]
+        return 1 + (p[0] * (X[0] - p[3]) + p[1] * (X[1] - p[4])) / p[2]
+
+
+@dataclass(frozen=True)
+class CosineField(Addition):
+    """s = 1 + sum a_kl cos(k pi (x - x0) / width) cos(l pi (y - y0) / height), k and l from 0 to `order`, without a_00.
+
+    box: x0, y0, width, height, mm; coefficients: a_01, a_02, ..., a_10, ...
+    """
+
+    box: tuple[float, float, float, float]
+    coefficients: tuple[float, ...]
+    name: ClassVar[str] = "cosine field"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.order + 1) ** 2 != len(self.coefficients) + 1 or min(self.box[2:]) <= 0:
+            raise MaterialError(f"{self.name}: {len(self.coefficients)} coefficients in a box of {self.box[2:]} mm")
+
+    @property
+    def order(self) -> int:
+        """Largest number of half waves along a side."""
+        return math.isqrt(len(self.coefficients))
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The box, then the coefficients."""
+        return (*self.box, *self.coefficients)
+
+    def field(self, X, p):
+        n = self.order + 1
+        along = [ufl.cos(k * math.pi * (X[0] - p[0]) / p[2]) for k in range(n)]
+        across = [ufl.cos(k * math.pi * (X[1] - p[1]) / p[3]) for k in range(n)]
+        waves = [a * b for a in along for b in across][1:]
+        return 1 + sum(p[4 + i] * wave for i, wave in enumerate(waves))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from forward._dolfinx import MPI
 from forward.errors import LoadingError
-from forward.loading import Loading
+from forward.loading import Motion
 from forward.run import Control
 from forward.sheet.inelastic_problem import InelasticProblem
 from forward.sheet.sheet_run import Options, Supports, check_sheet, run_sheet
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 def solve_history(
     mesh: Mesh,
     sheet: Sheet,
-    loading: Loading,
+    loading: Motion,
     factors: Sequence[float] | Array,
     times: Sequence[float] | Array,
     substeps: int = 1,

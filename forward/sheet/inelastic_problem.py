@@ -52,7 +52,7 @@ class _Point:
 
 
 class InelasticProblem(PlaneStressProblem):
-    """A sheet whose components `held` move to load_factor * `values`; `step` in time, then `commit` its state.
+    """A sheet whose components `held` move by `values`; `step` in time, then `commit` its state.
 
     Its energy is that of base, additions and change of volume, without softening, viscosity and chains formed anew.
     """

@@ -14,7 +14,7 @@ from typing import Any
 
 from forward._dolfinx import MPI
 from forward.errors import LoadingError
-from forward.loading import Loading
+from forward.loading import Loading, Motion
 from forward.materials import ArrudaBoyce, Material
 from forward.run import Control
 from forward.sheet.plane_strain import PlaneStrainProblem, check_bulk_modulus
@@ -31,7 +31,7 @@ DEFAULT_INCREMENTS = 10
 def solve(
     mesh: Mesh,
     material: Material,
-    loading: Loading,
+    loading: Motion,
     n_increments: int = DEFAULT_INCREMENTS,
     thickness: float = 1.0,
     options: Options = Options(),

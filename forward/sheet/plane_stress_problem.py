@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from forward._dolfinx import MPI, QUADRATURE_DEGREE, PETSc, basix, dolfinx, ufl
 from forward.compilation import JIT_OPTIONS, compilation, compiled_form
+from forward.loading import moved
 from forward.materials import Material
 from forward.stepping import Elastic
 from meshes import Mesh
@@ -54,7 +55,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class _Support:
-    """Dirichlet condition of one component: the function it reads, its dofs there, their final values, mm."""
+    """Dirichlet condition of one component: the function it reads, its dofs there, their values (m,) or (k, m), mm, see `moved`."""
 
     bc: Any
     target: Any
@@ -101,7 +102,7 @@ def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class PlaneStressProblem(Elastic):
-    """Displacement u of a sheet whose components `held` (n, 2) move to load_factor * `values` (n, 2), mm."""
+    """Displacement u of a sheet whose components `held` (n, 2) move by `values`, mm: (n, 2) or (k, n, 2), see `forward.loading.moved`."""
 
     symmetric = True  # the tangent
 
@@ -158,7 +159,7 @@ class PlaneStressProblem(Elastic):
         """Newton's method from the present u; `load_factor`: of `values`. The caller checks the outcome and rolls u
         back if need be."""
         for support in self.supports:
-            support.target.x.array[support.dofs] = load_factor * support.values
+            support.target.x.array[support.dofs] = moved(support.values, load_factor)
         self.problem.solve()
         solver = self.problem.solver
         reason, iterations = solver.getConvergedReason(), solver.getIterationNumber()
@@ -199,7 +200,7 @@ class PlaneStressProblem(Elastic):
             dofs = np.flatnonzero(held[nodes, axis]).astype(np.int32)
             target = dolfinx.fem.Function(V_axis)
             bc = dolfinx.fem.dirichletbc(target, [to_V[dofs], dofs], self.V.sub(axis))
-            supports.append(_Support(bc, target, dofs, values[nodes[dofs], axis]))
+            supports.append(_Support(bc, target, dofs, values[..., nodes[dofs], axis]))
         return supports
 
     def _held_entries(self) -> NDArray[np.int32]:

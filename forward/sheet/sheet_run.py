@@ -10,7 +10,7 @@ import numpy as np
 
 from forward._dolfinx import versions
 from forward.errors import LoadingError, MaterialError
-from forward.loading import Loading
+from forward.loading import Motion
 from forward.materials import Material
 from forward.run import Control, Record, run
 from forward.solution import SurfaceSolution
@@ -39,7 +39,7 @@ def check_sheet(mesh: Mesh, material: Material, thickness: float) -> None:
 
 def run_sheet(
     mesh: Mesh,
-    loading: Loading,
+    loading: Motion,
     path: Sequence[Moment],
     described: dict[str, Any],
     make_problem: Callable[[Mesh, Supports], Problem],

@@ -50,7 +50,8 @@ class Fit:
     seed: Seed = 0
     """of the random starts"""
     hold_out: str | None = None
-    """last or random, with a share such as last:0.3: leave increments out of the fit and score the model on them"""
+    """leave increments out of the fit and score the model on them: last[:SHARE], random[:SHARE] (a share of them, 0.3 where it is not
+    given), every:N (each N-th), after:SECONDS"""
 
     def options(self, quick: bool) -> Options:
         """As `calibrate` takes them. Raises `ConfigError`."""

@@ -62,7 +62,7 @@ def design(
 
     Args:
         quick: coarse, few specimens and evaluations, about a minute
-        validate: also test and calibrate every specimen in simulation: does the ranking predict the error?
+        validate: also test and calibrate every specimen and the optimised one in simulation: does the ranking predict the error?
         seeds: of the noise in the validation (5; quick: 1)
         evaluations: of the search (80; quick: 10)
 
@@ -87,7 +87,9 @@ def design(
         if not path.exists():
             save(judge(OPTIMISED, found.specimen, plan), path)
         optimised = rank([*(c for c in candidates if c.tested), load(path)], family).places[0]
-    checked = validated(ranking, plan, folder / "validation") if validate else None
+    checked = None
+    if validate:
+        checked = validated(ranking, plan, folder / "validation", optimised.candidate if optimised else None)
     result = Design(plan, ranking, found, optimised, checked)
     report = write_report(result, folder, manifest)
     write_json(folder / "design.json", {**manifest.to_dict(), "results": summary(result)})

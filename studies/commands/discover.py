@@ -49,7 +49,8 @@ class Diagnosis:
     """What is tested, and what confirms it."""
 
     hold_out: Repeated = ()
-    """what confirms: another EXPERIMENT.npz (may be repeated), every:N, after:SECONDS, half:left|right|bottom|top, or none
+    """what confirms: another EXPERIMENT.npz (may be repeated), every:N, after:SECONDS, half:left|right|bottom|top, last[:SHARE],
+    random[:SHARE] (a share of the increments, 0.3 where it is not given), or none
     (default: the files given here, else every:3)"""
     base: Literal["positive", "convex", "neo-Hooke"] = "positive"
     """base model: energy of I1 that rises, one that is convex too, as a network is, or neo-Hooke"""

@@ -8,18 +8,20 @@ In: a published sheet by name, a packed ``.npz``, a folder of DIC frames with a 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from cyclopts import Parameter
 
 from calibrate import errors
-from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import CountOrList, OutputFolder, Overwrite, default_folder
 from studies.commandline.outcome import Outcome
-from studies.importers import Processing, Recording, SheetOptions, importer_of, importers
+from studies.importers import Importer, Processing, Recording, SheetOptions, importer_of, importers
 from studies.importers.pad_tracks import write_tables
+from studies.importers.recording.importer import Part
+from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import Selection
 from studies.output import Manifest, open_output_folder
 from studies.output.viewer import write_viewer_file
@@ -52,23 +54,21 @@ class Frames:
 @Parameter(name="*", group=f"Noise, default: estimated from all frames ({SHEETS_ONLY})")
 @dataclass(frozen=True)
 class NoiseChoice:
-    """Noise, estimated or stated."""
+    """Noise, estimated where it is not stated."""
 
     noise: Literal["total", "temporal"] = "total"
     """estimate all errors of a frame, or only those that change from frame to frame"""
     displacement_std: float | None = None
-    """state the noise instead of estimating it, mm"""
-    correlation_length: float = 0.0
-    """of the stated noise, mm"""
-    force_std: float = 0.0
-    """of the stated noise, N"""
+    """of the displacements, stated instead of estimated, mm"""
+    correlation_length: float | None = None
+    """of the stated noise of the displacements, mm (default: 0)"""
+    force_std: float | None = None
+    """of the forces, stated instead of estimated, N"""
 
     @property
-    def stated(self) -> Noise | None:
-        """The noise that is stated, None where it is to be estimated."""
-        if self.displacement_std is None:
-            return None
-        return Noise(self.displacement_std, self.correlation_length, 0.0, self.force_std)
+    def stated(self) -> StatedNoise:
+        """The noise as far as it is stated. Raises `ConfigError`."""
+        return StatedNoise(self.displacement_std, self.correlation_length, self.force_std)
 
 
 @dataclass(frozen=True)
@@ -81,14 +81,15 @@ class Request:
     sheet: SheetOptions = field(default_factory=SheetOptions)
     noise: NoiseChoice = field(default_factory=NoiseChoice)
 
-    def given(self) -> list[str]:
-        """Names of the options that differ from their default."""
-        usual = Request()
-        names = [name for name in ("name", "record") if getattr(self, name) != getattr(usual, name)]
-        for part in ("frames", "sheet", "noise"):
-            mine, default = getattr(self, part), getattr(usual, part)
-            names += [f.name for f in fields(mine) if getattr(mine, f.name) != getattr(default, f.name)]
-        return names
+    def given(self, part: Part) -> dict[str, Any]:
+        """Options of a part that differ from their defaults, by name."""
+        mine, usual = self.options(part), Request().options(part)
+        return {name: value for name, value in mine.items() if value != usual[name]}
+
+    def options(self, part: Part) -> dict[str, Any]:
+        """All options of a part, by name."""
+        value = getattr(self, part)
+        return {f.name: getattr(value, f.name) for f in fields(value)} if is_dataclass(value) else {part: value}
 
 
 @dataclass(frozen=True)
@@ -128,9 +129,12 @@ def import_data(
     Raises:
         EquigapError: whatever the reader of the source and `series.to_experiment` find.
     """
-    recording = read(source, Request(name, record, frames, sheet, noise))
+    request = Request(name, record, frames, sheet, noise)
+    importer, recording = read(source, request)
     experiment = recording.experiment(Processing(frames.selection, noise.stated, noise.noise))
-    settings = {"source": source, "name": name, "record": record, **asdict(frames), **asdict(sheet), **asdict(noise)}
+    settings: dict[str, Any] = {"source": source}
+    for part in importer.takes:
+        settings |= request.options(part)
     folder = open_output_folder(
         output or default_folder(f"import-{experiment.name}"), overwrite, {"study": "import", **settings}
     )
@@ -182,16 +186,14 @@ def import_experiment(source: str | Path, **options: Any) -> Experiment:
     Raises whatever the reader of the source and `series.to_experiment` find.
     """
     request = Request(**options)
-    recording = read(str(source), request)
+    _, recording = read(str(source), request)
     return recording.experiment(Processing(request.frames.selection, request.noise.stated, request.noise.noise))
 
 
-def read(source: str, request: Request) -> Recording:
-    """What the importer of a source reads. Raises its errors, `ConfigError` for options that the source states itself."""
+def read(source: str, request: Request) -> tuple[Importer, Recording]:
+    """The importer of a source, and what it reads. Raises its errors, `ConfigError` for options that it does not take."""
     importer = importer_of(source)
-    if importer.states_everything:
-        for name in request.given():
-            raise errors.ConfigError(
-                f"--{name.replace('_', '-')} is not for {importer.source}; say it in {Path(source).name} (docs/import.md)"
-            )
-    return importer.read(source, request.sheet, request.name, request.record)
+    for part in get_args(Part.__value__):
+        for name in request.given(part) if part not in importer.takes else ():
+            raise errors.ConfigError(f"--{name.replace('_', '-')} is not for {importer.source}; {importer.instead}")
+    return importer, importer.read(source, request.sheet, request.name, request.record)

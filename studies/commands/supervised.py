@@ -52,7 +52,7 @@ def supervised(
     output: Annotated[OutputFolder, Parameter(help="folder (default: results/supervised)")] = None,
     overwrite: Overwrite = False,
 ) -> Supervised:
-    """Fit PANNs to stress-stretch curves of homogeneous tests.
+    """Fit physics-augmented neural networks (PANN) to stress-stretch curves of homogeneous tests.
 
     Args:
         inputs: one set of inputs instead of the default cases

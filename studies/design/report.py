@@ -50,7 +50,7 @@ def write_report(design: Design, folder: Path, manifest: Manifest) -> Path:
     if design.search is not None and design.optimised is not None:
         _add_search(report, design, folder, manifest)
     if design.validation is not None:
-        _add_validation(report, design.validation, ranking, folder, manifest)
+        _add_validation(report, design, design.validation, folder, manifest)
     for place in ranking.places:
         write_dxf(place.candidate.specimen, place.candidate.title, plan, folder, manifest)
     report.details("Design file", plan.model_dump(mode="json"))
@@ -161,7 +161,8 @@ def _add_search(report: Report, design: Design, folder: Path, manifest: Manifest
     report.figure(picture, WORDS.drawing(name=drawing.name, **size))
 
 
-def _add_validation(report: Report, validation: Validation, ranking: Ranking, folder: Path, manifest: Manifest) -> None:
+def _add_validation(report: Report, design: Design, validation: Validation, folder: Path, manifest: Manifest) -> None:
+    ranking = design.ranking
     seeds = len(validation.correlation["test"])
     report.heading("Does the ranking predict the error?").paragraph(
         WORDS.validation(truth=validation.truth["material"], seeds=seeds, candidates=len(ranking.places))
@@ -177,7 +178,7 @@ def _add_validation(report: Report, validation: Validation, ranking: Ranking, fo
     report.table(("predicted by", "rank correlation, median", "least", "largest"), rows)
     modes = list(ranking.family.stretches)
     errors = []
-    for place in ranking.places:
+    for place in (*ranking.places, *([design.optimised] if design.optimised else [])):
         title = place.candidate.title
         cells = [spread(validation.of(title, mode)) for mode in (*modes, None)]
         errors.append((title, 100 * place.test.overall, *cells))

@@ -85,7 +85,7 @@ class ActualError:
 
 @dataclass(frozen=True)
 class Validation:
-    """errors: of every candidate and seed; correlation: {kind of prediction: rank correlation of each seed}."""
+    """errors: of every candidate and seed, and of the optimised specimen; correlation: {kind of prediction: rank correlation of each seed}."""
 
     truth: dict[str, Any]
     errors: list[ActualError]
@@ -111,10 +111,13 @@ class Validation:
         return {"truth": self.truth, "verdict": str(self.verdict), "correlation": self.correlation, "errors": errors}
 
 
-def validate(ranking: Ranking, plan: Plan, folder: Path) -> Validation:
-    """Test and calibrate every ranked candidate; what `folder` holds is read. Raises `MaterialError`, `OutputWriteError`."""
+def validate(ranking: Ranking, plan: Plan, folder: Path, optimised: Candidate | None = None) -> Validation:
+    """Test and calibrate every ranked candidate and the optimised one, which the rank correlation leaves out.
+
+    What `folder` holds is read. Raises `MaterialError`, `OutputWriteError`.
+    """
     truth, errors = plan.validation.read(), []
-    candidates = [place.candidate for place in ranking.places]
+    candidates = [*(place.candidate for place in ranking.places), *([optimised] if optimised else [])]
     with Progress("calibrations", len(candidates) * plan.validation.seeds, "calibrations") as progress:
         for candidate in candidates:
             path = folder / f"{file_name(candidate.title)}.json"

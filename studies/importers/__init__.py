@@ -1,4 +1,7 @@
-"""Importers: measured data of one vendor or layout in, a `Recording` out. One file each; a new one is found by itself."""
+"""Importers: measured data of one vendor or layout in, a `Recording` out. One file each; a new one is found by itself.
+
+Which one reads a source is told by its content: exactly one may say that it does.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from calibrate import errors
-from studies.importers.recording.importer import Importer, Processing, Recording, SheetOptions
+from studies.importers.recording.importer import Importer, Processing, Recording, SheetOptions, arrays_in
 
 __all__ = ["Importer", "Processing", "Recording", "SheetOptions", "importer_of", "importers"]
 
@@ -19,19 +22,35 @@ def importers() -> list[Importer]:
     """An importer of every kind: those in modules of this folder, and those that were defined elsewhere."""
     for module in pkgutil.iter_modules(__path__, f"{__name__}."):
         importlib.import_module(module.name)
-    return sorted((kind() for kind in _kinds(Importer)), key=lambda importer: importer.fallback)
+    return [kind() for kind in sorted(_kinds(Importer), key=lambda kind: (kind.__module__, kind.__name__))]
 
 
 def importer_of(source: str) -> Importer:
-    """The importer that reads a source. Raises `FileFormatError`, `DataNotFoundError`."""
+    """The one importer that reads a source. Raises `FileFormatError` where none does, or several do, `DataNotFoundError`."""
     known = importers()
-    for importer in known:
-        if importer.reads(source):
-            return importer
-    kinds = " or ".join(importer.source for importer in known)
-    if Path(source).is_file():
-        raise errors.FileFormatError(f"{source}: no importer reads this; give {kinds}")
-    raise errors.DataNotFoundError(f"{source}: no such file or folder; give {kinds}")
+    reading = [importer for importer in known if importer.reads(source)]
+    if len(reading) > 1:
+        raise errors.FileFormatError(f"{source}: {_names(reading)} both read this; let only one do so in its `reads`")
+    if reading:
+        return reading[0]
+    if not Path(source).exists():
+        kinds = " or ".join(importer.source for importer in known)
+        raise errors.DataNotFoundError(f"{source}: no such file or folder; give {kinds}")
+    if is_experiment(source):
+        raise errors.FileFormatError(f"{source}: an Experiment already; give it to `equigap calibrate`")
+    looked = "; ".join(importer.looks_for for importer in known if importer.looks_for)
+    raise errors.FileFormatError(
+        f"{source}: no importer reads this. Looked for: {looked}. Give other text tables by a column map (docs/import.md)"
+    )
+
+
+def is_experiment(source: str) -> bool:
+    """Whether a file is an Experiment, which needs no importer."""
+    return "loaded_names" in arrays_in(source)
+
+
+def _names(found: list[Importer]) -> str:
+    return " and ".join(f"{type(one).__name__} ({type(one).__module__})" for one in found)
 
 
 def _kinds(parent: Any) -> Iterator[Any]:

@@ -18,14 +18,13 @@ from calibrate import errors
 from calibrate.data.triangulation import boundary_nodes, signed_areas
 from studies.importers.column_map import (
     FORCE_UNITS,
-    LENGTH_UNITS,
     TIME_UNITS,
     ColumnMap,
     EdgesTable,
     PointsTable,
     read_map,
 )
-from studies.importers.recording.importer import Importer, Processing, Recording, SheetOptions
+from studies.importers.recording.importer import Importer, Part, Processing, Recording, SheetOptions
 from studies.importers.recording.masks import SIDES, masked
 from studies.importers.recording.missing_frames import with_missing_frames
 from studies.importers.recording.notes import edge_notes, mask_notes
@@ -42,7 +41,9 @@ class ColumnMapped(Importer):
     """A column map (TOML), which states everything itself."""
 
     source: ClassVar[str] = "a column map .toml"
-    states_everything: ClassVar[bool] = True
+    looks_for: ClassVar[str] = "a name that ends with .toml"
+    takes: ClassVar[tuple[Part, ...]] = ()
+    instead: ClassVar[str] = "say it in the TOML file (docs/import.md)"
 
     def reads(self, source: str) -> bool:
         """A path that ends with .toml."""
@@ -53,7 +54,7 @@ class ColumnMapped(Importer):
         path = Path(source)
         columns = read_map(path)
         series = column_series(columns, path.parent)
-        series.provenance.update(source=path.name, map=columns.model_dump())
+        series.provenance.update(source=path.name, map=columns.model_dump(exclude_none=True))
         if columns.frames.rate_hz is not None:
             series = with_missing_frames(series)
         return Recording(series, (path,), Processing(columns.selection, columns.stated_noise, columns.noise.kind))
@@ -131,13 +132,13 @@ def _read_frames(p: PointsTable, paths: list[Path], mask: str | None) -> tuple[A
     columns = [p.x, p.y, p.u, p.v] + ([p.valid_column] if p.valid_column else [])
     flags = None if mask is None else read_table(paths[0], [mask], Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True))[mask]  # fmt: skip
     layout = Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True)
-    scale = p.scale_mm_per_px if p.scale_mm_per_px is not None else LENGTH_UNITS[p.unit]
-    axes = scale * np.array([1.0, -1.0 if p.y_axis == "down" else 1.0])
+    axes = np.array([1.0, -1.0 if p.y_axis == "down" else 1.0])
+    of_position, of_displacement = p.scales
     frames = []
     for path in paths:
         table = read_table(path, columns, layout)
-        position = np.stack([table[p.x], table[p.y]], axis=1) * axes
-        moved = np.stack([table[p.u], table[p.v]], axis=1) * axes
+        position = np.stack([table[p.x], table[p.y]], axis=1) * of_position * axes
+        moved = np.stack([table[p.u], table[p.v]], axis=1) * of_displacement * axes
         if p.valid_column:
             quality = table[p.valid_column]
             good = np.isfinite(quality)

@@ -13,13 +13,18 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibrate import errors
-from calibrate.data.experiment import Noise
 from studies.importers.recording.masks import Mask
+from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import Selection
 
 LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}
 FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0}
+type LengthUnit = Literal["px", "mm", "cm", "m", "um"]
+type Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+type NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+type PositiveNumber = Annotated[int, Field(gt=0)]
+type NotNegativeNumber = Annotated[int, Field(ge=0)]
 type Side = Literal["left", "right", "bottom", "top"]
 
 
@@ -31,8 +36,8 @@ class Table(BaseModel):
 
 class PointsTable(Table):
     """[points]: one table a frame. files: glob; the frames are sorted by the last number in their names and the
-    first is the reference. x, y, u, v: columns of position and displacement. unit: 'px' with scale_mm_per_px, or
-    a length. y_axis: 'up' or 'down' (image coordinates). coordinates: 'reference' or 'current' (position after
+    first is the reference. x, y, u, v: columns of position and displacement. unit: of both, 'px' with scale_mm_per_px, or
+    a length; position_unit, displacement_unit: of one alone. y_axis: 'up' or 'down' (image coordinates). coordinates: 'reference' or 'current' (position after
     displacement). valid_column with valid_minimum and/or valid_maximum: other points have failed."""
 
     files: str
@@ -40,30 +45,43 @@ class PointsTable(Table):
     y: str
     u: str
     v: str
-    unit: Literal["px", "mm", "cm", "m", "um"] = "mm"
-    scale_mm_per_px: float | None = None
+    unit: LengthUnit = "mm"
+    position_unit: LengthUnit | None = None
+    displacement_unit: LengthUnit | None = None
+    scale_mm_per_px: Positive | None = None
     y_axis: Literal["up", "down"] = "up"
     coordinates: Literal["reference", "current"] = "reference"
     delimiter: str = ","
-    header_line: int = 1
+    header_line: NotNegativeNumber = 1
     units_row: bool = False
     comment: str = ""
     valid_column: str | None = None
     valid_minimum: float | None = None
     valid_maximum: float | None = None
-    max_edge_mm: float | None = None
+    max_edge_mm: Positive | None = None
+
+    @property
+    def units(self) -> tuple[LengthUnit, LengthUnit]:
+        """Of position and displacement."""
+        return self.position_unit or self.unit, self.displacement_unit or self.unit
+
+    @property
+    def scales(self) -> tuple[float, float]:
+        """mm per unit of position and of displacement."""
+        position, displacement = (LENGTH_UNITS.get(unit, self.scale_mm_per_px or 1.0) for unit in self.units)
+        return position, displacement
 
 
 class FramesTable(Table):
     """[frames]: rate_hz and offset_s (time of the reference frame on the clock of the machine), or one force a
     frame ([force] per_frame). count, list, until_s, onset, tare_N: which frames are kept (see `Selection`)."""
 
-    rate_hz: float | None = None
+    rate_hz: Positive | None = None
     offset_s: float = 0.0
-    count: int = 12
+    count: PositiveNumber = 12
     list: tuple[int, ...] | None = Field(default=None, strict=False)
     until_s: float | None = None
-    onset: float = 0.01
+    onset: Annotated[float, Field(ge=0, lt=1)] = 0.01
     tare_N: float | None = None
 
 
@@ -79,7 +97,7 @@ class ForceTable(Table):
     sign: float = 1.0
     per_frame: bool = False
     delimiter: str = ","
-    header_line: int = 1
+    header_line: NotNegativeNumber = 1
     units_row: bool = False
     comment: str = ""
 
@@ -93,9 +111,9 @@ class EdgesTable(Table):
 
     loaded: tuple[Side, ...] = Field(strict=False)
     free: tuple[Side | Literal["holes"], ...] = Field(default=(), strict=False)
-    tolerance_mm: float | None = None
-    drop_mm: dict[Side, float] = {}
-    drop_points: dict[Side, int] = {}
+    tolerance_mm: Positive | None = None
+    drop_mm: dict[Side, NotNegative] = {}
+    drop_points: dict[Side, NotNegativeNumber] = {}
     rim: bool = False
 
 
@@ -114,12 +132,12 @@ class MaskTable(Table):
 
 
 class NoiseTable(Table):
-    """[noise]: stated noise; without this table it is estimated. kind: 'total' or 'temporal' of the estimate."""
+    """[noise]: what is known of the noise; the rest is estimated. kind: 'total' or 'temporal' of the estimate."""
 
-    displacement_std_mm: float | None = None
-    correlation_length_mm: float = 0.0
-    force_std_relative: float = 0.0
-    force_std_N: float = 0.0
+    displacement_std_mm: NotNegative | None = None
+    correlation_length_mm: NotNegative | None = None
+    force_std_relative: NotNegative | None = None
+    force_std_N: NotNegative | None = None
     kind: Literal["total", "temporal"] = "total"
 
 
@@ -133,20 +151,20 @@ class ColumnMap(Table):
     frames: FramesTable = FramesTable()
     mask: MaskTable = MaskTable()
     noise: NoiseTable = NoiseTable()
-    thickness_mm: float | None = None
+    thickness_mm: Positive | None = None
     plane: Literal["stress", "strain"] = "stress"
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         p, edges = self.points, self.edges
-        if (p.unit == "px") != (p.scale_mm_per_px is not None):
-            raise ValueError("points.scale_mm_per_px belongs to unit 'px', and only to it")
+        if ("px" in p.units) != (p.scale_mm_per_px is not None):
+            raise ValueError("points.scale_mm_per_px belongs to a unit 'px', and only to it")
         if not edges.loaded or set(edges.loaded) & set(edges.free):
             raise ValueError("edges.loaded must name a side, and a loaded side is not free")
-        if any(v < 0 for v in (*edges.drop_mm.values(), *edges.drop_points.values())):
-            raise ValueError("edges.drop_mm and edges.drop_points cannot be negative")
         if edges.rim and edges.free:
             raise ValueError("edges.rim: a window in a larger body has no free edge; leave out edges.free")
+        if self.noise.correlation_length_mm is not None and self.noise.displacement_std_mm is None:
+            raise ValueError("noise.correlation_length_mm belongs to noise.displacement_std_mm; state both or none")
         if not self.force.per_frame and (self.frames.rate_hz is None or self.force.time is None):
             raise ValueError("give frames.rate_hz and force.time, or force.per_frame = true")
         return self
@@ -171,12 +189,10 @@ class ColumnMap(Table):
         return Selection(f.count, f.list, f.until_s, f.onset, f.tare_N)
 
     @property
-    def stated_noise(self) -> Noise | None:
-        """Noise of [noise], mm and N; None where it is to be estimated."""
+    def stated_noise(self) -> StatedNoise:
+        """Noise as far as [noise] states it, mm and N."""
         n = self.noise
-        if n.displacement_std_mm is None:
-            return None
-        return Noise(n.displacement_std_mm, n.correlation_length_mm, n.force_std_relative, n.force_std_N)
+        return StatedNoise(n.displacement_std_mm, n.correlation_length_mm, n.force_std_N, n.force_std_relative)
 
 
 def read_map(path: str | Path) -> ColumnMap:

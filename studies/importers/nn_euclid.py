@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data.triangulation import boundary_nodes, signed_areas
-from studies.importers.recording.importer import Importer, Recording, SheetOptions
+from studies.importers.recording.importer import Importer, Part, Recording, SheetOptions
 from studies.importers.recording.series import Grip, Series
 from studies.importers.recording.synchronise import ForceRecord
 from studies.importers.text_tables import read_table
@@ -44,16 +44,17 @@ class NNEuclid(Importer):
     """A folder of load steps, as NN-EUCLID publishes them."""
 
     source: ClassVar[str] = "a material folder of NN-EUCLID"
+    looks_for: ClassVar[str] = f"{NODES} in folders with numbers as names, in a folder"
+    takes: ClassVar[tuple[Part, ...]] = ("name", "frames", "noise")
+    instead: ClassVar[str] = f"leave it out: forces are in {REACTIONS}, positions have no unit"
 
     def reads(self, source: str) -> bool:
         """A folder with numbered folders that hold nodes."""
         return any((step / NODES).is_file() for step in step_folders(Path(source)))
 
     def read(self, source: str, options: SheetOptions, name: str | None, record: Path | None) -> Recording:
-        """Every load step. Raises `DataNotFoundError`, `FileFormatError`, `MeshMismatchError`, `ConfigError`."""
+        """Every load step. Raises `DataNotFoundError`, `FileFormatError`, `MeshMismatchError`."""
         folder = Path(source)
-        if record is not None:
-            raise errors.ConfigError(f"--record is not for {self.source}; its reactions are in {REACTIONS}")
         series = read_series(folder, name or "-".join(folder.resolve().parts[-2:]))
         files = (NODES, ELEMENTS, REACTIONS)
         return Recording(series, tuple(step / file for step in step_folders(folder) for file in files))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from studies.importers.column_import import ColumnMapped
-from studies.importers.recording.importer import Importer, Recording, SheetOptions
+from studies.importers.recording.importer import Importer, Part, Recording, SheetOptions, arrays_in
 from studies.output import write_csv
 from studies.output.writing import write_text
 
@@ -107,14 +107,13 @@ class PadTracks(Importer):
     """The packed file itself, with the column map that `write_tables` begins with."""
 
     source: ClassVar[str] = "a packed .npz of points between two pads"
-    states_everything: ClassVar[bool] = True
+    looks_for: ClassVar[str] = f"{KEYS[0]} in a .npz"
+    takes: ClassVar[tuple[Part, ...]] = ("name",)
+    instead: ClassVar[str] = "make tables and a column map with `equigap unpack`, and say it there"
 
     def reads(self, source: str) -> bool:
         """A .npz that holds positions over time."""
-        if Path(source).suffix != ".npz" or not zipfile.is_zipfile(source):
-            return False
-        with zipfile.ZipFile(source) as content:
-            return f"{KEYS[0]}.npy" in content.namelist()
+        return KEYS[0] in arrays_in(source)
 
     def read(self, source: str, options: SheetOptions, name: str | None, record: Path | None) -> Recording:
         """Raises what `PadTest.load` and a column map do."""

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from studies.importers.recording.importer import Importer, Recording, SheetOptions
+from studies.importers.recording.importer import Importer, Recording, SheetOptions, arrays_in
 from studies.importers.recording.missing_frames import with_missing_frames
 from studies.importers.recording.series import Grip, Series
 from studies.importers.recording.synchronise import ForceRecord
@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 FRAME_RATE_HZ = 5.0
 FRAME_COLUMNS = ("x [pixel]", "y [pixel]", "x-displacement [pixel]", "y-displacement [pixel]")
 RECORD_COLUMNS = ("Time", "Displacement", "Force")
+RECORD_FILE = "force_disp.csv"
+PACKED = ("x_px", "y_px", "ux_px", "uy_px")
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,13 @@ def frame_files(folder: Path) -> list[Path]:
     return [p for _, p in sorted((int(m.group(1)), p) for m, p in numbered if m)]
 
 
+def _is_frame(path: Path) -> bool:
+    """Whether the header has a column of a frame; which are missing is said when it is read."""
+    with open(path, encoding="latin-1") as file:
+        header = file.readline()
+    return any(name in header for name in FRAME_COLUMNS)
+
+
 def read_record(path: str | Path) -> ForceRecord:
     """Machine record, s and N: quoted CSV, one row of units. Raises `DataNotFoundError`, `FileFormatError`,
     `TimeError`, `MissingForceError`."""
@@ -105,13 +114,10 @@ def read_packed(path: str | Path) -> tuple[Frames, ForceRecord | None]:
         raise errors.DataNotFoundError(f"{path}: no such file; give the path of a packed sheet")
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            names = data.files
             content = {key: data[key].astype(np.float64) for key in data.files if data[key].dtype.kind in "fiu"}
         points = np.stack([content["x_px"], content["y_px"]], axis=1)
         displacements = np.stack([content["ux_px"], content["uy_px"]], axis=-1)
     except KeyError as error:
-        if "loaded_names" in names:
-            raise errors.FileFormatError(f"{path}: an Experiment already; give it to `equigap calibrate`") from None
         raise errors.FileFormatError(f"{path}: array {error} is missing; is this a packed DIC sheet?") from None
     except Exception as error:  # of zip, of NumPy, of the system
         reason = "" if "pickle" in str(error) else f" ({error})"
@@ -182,11 +188,16 @@ class PrintedSheets(Importer):
     """A packed ``.npz``, or a folder of frames with ``force_disp.csv`` or a machine record of its own."""
 
     source: ClassVar[str] = "a packed .npz, a folder of frames"
-    fallback: ClassVar[bool] = True
+    looks_for: ClassVar[str] = (
+        f"numbered .csv with a column '{FRAME_COLUMNS[0]}', or {RECORD_FILE}, in a folder; {PACKED[0]} in a .npz"
+    )
 
     def reads(self, source: str) -> bool:
-        """A folder, or a path that ends with .npz."""
-        return Path(source).suffix == ".npz" or Path(source).is_dir()
+        """A .npz with arrays of a packed sheet; a folder with the record of the machine, or with frames of their columns."""
+        path = Path(source)
+        if not path.is_dir():
+            return not arrays_in(path).isdisjoint(PACKED)
+        return (path / RECORD_FILE).is_file() or any(_is_frame(file) for file in frame_files(path)[:1])
 
     def read(self, source: str, options: SheetOptions, name: str | None, record: Path | None) -> Recording:
         """Frames and machine record; frames that the camera left out are found. Raises `MissingForceError` without a record."""
@@ -208,9 +219,9 @@ def _read_npz(path: Path, record_file: Path | None) -> tuple[Frames, ForceRecord
 
 def _read_folder(path: Path, record_file: Path | None) -> tuple[Frames, ForceRecord, tuple[Path, ...]]:
     if record_file is None:
-        record_file = path / "force_disp.csv"
+        record_file = path / RECORD_FILE
         if not record_file.is_file():
-            raise errors.MissingForceError(f"{path} holds no force_disp.csv; give the machine record with --record")
+            raise errors.MissingForceError(f"{path} holds no {RECORD_FILE}; give the machine record with --record")
     record = read_record(record_file)
     return read_frames(path), record, (*frame_files(path), record_file)
 

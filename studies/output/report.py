@@ -12,7 +12,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -123,8 +123,8 @@ class Report:
         return self
 
     def details(self, summary: str, content: Mapping[str, Any]) -> Self:
-        """Names and values that fold out, such as settings or versions."""
-        items = [(str(key), _cell(value)["text"]) for key, value in content.items()]
+        """Names and values that fold out, such as settings or versions; nested names are written 'a / b'."""
+        items = [(key, _cell(value)["text"]) for key, value in _flat(content)]
         self._parts.append({"kind": "details", "summary": summary, "rows": items})
         return self
 
@@ -224,3 +224,14 @@ def thumbnail(path: Path, size: tuple[int, int], colours: int = 64) -> str:
     small.thumbnail(size, Image.Resampling.LANCZOS)
     small.quantize(colours).save(buffer, "PNG", optimize=True)
     return _Picture(buffer.getvalue(), "image/png", "").source
+
+
+def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Values that are no tables themselves, each with the path to it."""
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key} / ")
+        elif isinstance(value, (list, tuple)):
+            yield f"{prefix}{key}", ", ".join(map(str, value)) or None
+        else:
+            yield f"{prefix}{key}", value

@@ -43,7 +43,7 @@ NOISE, REST = 0, 1  # random streams
 
 
 def draw(seed: int, effect: str | None = "random", second: str | None = None) -> Trial:
-    """A trial. effect: a name in `EFFECTS`, None, or 'random' (of those that are no gauges); second: another one.
+    """A trial. effect: a name in `EFFECTS`, None, or 'random' (of those that are not confounded); second: another one.
 
     Everything but the effects depends on `seed` alone as far as the effects allow. Raises `OptionError`.
     """

@@ -165,9 +165,9 @@ RECORDING: dict[str, Draw] = {
     "initial warp": _warp,
 }
 EFFECTS = {**MATERIAL, **RECORDING}
-GAUGES = ("force gain", "DIC scale")
+CONFOUNDED = ("force gain", "DIC scale")
 LATER = ("permanent set",)  # their seeds come after all others, so that runs from before them keep their trials
-FREQUENT = (*(name for name in EFFECTS if name not in (*GAUGES, *LATER)), *LATER)
+FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
 UNLOADING = ("Mullins softening", "Payne softening", "permanent set")
 SOLID = "3D effect of thickness"
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +16,13 @@ from calibrate.data.experiment import Experiment
 from forward.loading import Loading
 from forward.sheet import additions as laws
 from forward.sheet.inelastic import solve_history
-from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
+from forward.sheet.thin_sheet import Sheet
 from forward.solid.solid_model import Options
 from forward.solid.solid_model import solve as solve_in_3d
 from forward.solution import SurfaceSolution
 from meshes import Mesh, quads, specimen_from_dict, triangles
 from meshes.extrusion import extrude
+from studies.synthetic import effect_laws
 from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation, Scale
 from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
 from studies.synthetic.disturbances import Disturbance, observe
@@ -106,33 +106,11 @@ def _solve_solid(trial: Trial, size_factor: float, lag: Lag | None) -> SurfaceSo
 
 def sheet(trial: Trial) -> Sheet:
     """The sheet with the effects that are in the material."""
-    additions: list[laws.Addition] = []
-    changes: dict[str, Any] = {}
-    for hidden in trial.effects:
-        a, s, more = hidden.amplitudes, hidden.shape, hidden.more
-        match hidden.name:
-            case "second invariant":
-                additions.append(laws.MooneyPart(a["c01"]))
-            case "compressibility":
-                changes["bulk_modulus"] = 1 / a["beta"]
-            case "one fibre family":
-                additions.append(laws.Fibres(a["k"], (s["angle"],)))
-            case "two fibre families":
-                additions.append(laws.Fibres(a["k"], (s["axis"] + s["half"], s["axis"] - s["half"])))
-            case "stiffness gradient":
-                length = 2 * max(SPECIMENS[trial.specimen].half_extent)
-                additions.append(laws.Gradient(a["gx"], a["gy"], length))
-            case "stiffness field":
-                additions.append(laws.Patch(more["height"], more["x"], more["y"], more["width"]))
-            case "viscoelasticity":
-                changes["prony"] = Prony(a["g"], s["tau"])
-            case "Mullins softening":
-                additions.append(laws.Mullins(a["r"]))
-            case "Payne softening":
-                additions.append(laws.Payne(a["r"], s["x0"]))
-            case "permanent set":
-                changes["permanent_set"] = PermanentSet(a["a"])
-    return Sheet(trial.material, trial.thickness, tuple(additions), **changes)
+    effects = [(e.name, e.amplitudes, e.shape) for e in trial.effects if e.name in effect_laws.SOLVED]
+    patches = [laws.Patch(e.more["height"], e.more["x"], e.more["y"], e.more["width"])
+               for e in trial.effects if e.name == "stiffness field"]  # fmt: skip
+    extent = effect_laws.Extent(2 * max(SPECIMENS[trial.specimen].half_extent))
+    return effect_laws.sheet(trial.material, trial.thickness, effects, extent, patches)
 
 
 def warp(more: dict[str, float]) -> Warp:

@@ -33,7 +33,7 @@ STUDIES = [
     {"output", "commandline"},
     {"importers", "synthetic", "accuracy"},
     {"reports"},
-    {"grid", "trials", "sheets", "design"},
+    {"grid", "trials", "sheets", "design", "replay"},
 ]
 FOUNDATIONS = {"meshes", "forward", "calibrate"}
 for level, names in enumerate(STUDIES):

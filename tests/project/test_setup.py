@@ -225,3 +225,13 @@ def test_every_package_is_installed() -> None:
     found = find_namespace_packages(str(ROOT), include=rules["include"])
     modules = [p for top in ("meshes", "forward", "calibrate", "studies") for p in (ROOT / top).rglob("*.py")]
     assert {".".join(p.parent.relative_to(ROOT).parts) for p in modules} <= set(found)
+
+
+def test_every_file_that_is_read_at_run_time_is_packaged() -> None:
+    """What is no module but lies in a package must be matched by its package data, or an installed copy lacks it."""
+    packaged = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
+    for package in ("meshes", "forward", "calibrate", "studies"):
+        root = ROOT / package
+        there = {p for p in root.rglob("*") if p.is_file() and p.suffix != ".py" and "__pycache__" not in p.parts}
+        matched = {p for pattern in packaged.get(package, []) for p in root.glob(pattern)}
+        assert there <= matched, f"not packaged: {sorted(str(p.relative_to(ROOT)) for p in there - matched)}"

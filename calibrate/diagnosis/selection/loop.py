@@ -31,6 +31,7 @@ from calibrate.diagnosis.selection.rounds import Candidate, Discovery, Refusal, 
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.diagnosis.selection.verdict import conclude, is_small
 from calibrate.effects import CATALOGUE, Effect
+from calibrate.effects.effect import distinct
 from calibrate.equations.equilibrium import Equilibrium
 
 Array = NDArray[np.float64]
@@ -56,6 +57,7 @@ def discover(
     converge, `ConfigError`, and the errors of `calibrate.equations.equilibrium.equilibrium`.
     """
     say = progress or (lambda text: None)
+    effects = distinct(effects)
     hold_out = hold_out or HoldOut.default(min(e.n_increments for e in experiments), bool(held))
     say("base model")
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)

@@ -6,18 +6,21 @@ that a script defines.
 
 from __future__ import annotations
 
+import zipfile
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal, get_args
 
 from calibrate import errors
-from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.experiment import Experiment
 from studies.importers.recording.series import Series, to_experiment
+from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import DEFAULT_SELECTION, Selection
 
 type EdgeColumns = Literal["extrapolate", "drop", "keep"]
 type FreeEdges = Literal["auto", "yes", "no"]
+type Part = Literal["name", "record", "frames", "sheet", "noise"]
 type NoiseKind = Literal["total", "temporal"]
 SCALE_MM_PER_PIXEL = 0.0432
 
@@ -63,10 +66,11 @@ class SheetOptions:
 
 @dataclass(frozen=True)
 class Processing:
-    """What is made of a Series. selection: which frames; noise: stated, None: estimated, as noise_kind says."""
+    """What is made of a Series. selection: which frames; noise: as far as it is stated; the rest is estimated, as
+    noise_kind says."""
 
     selection: Selection = DEFAULT_SELECTION
-    noise: Noise | None = None
+    noise: StatedNoise | None = None
     noise_kind: NoiseKind = "total"
 
 
@@ -85,18 +89,19 @@ class Recording:
 
 
 class Importer(ABC):
-    """One vendor or layout. source: its sources in words. states_everything: its source says all; options are refused.
+    """One vendor or layout. source: its sources in words; looks_for: what of its content tells one, for an error.
 
-    fallback: asked after all others, as it takes any file of a kind.
+    takes: parts of the command's options that it makes use of; others are refused, with `instead`, and not recorded.
     """
 
     source: ClassVar[str]
-    states_everything: ClassVar[bool] = False
-    fallback: ClassVar[bool] = False
+    looks_for: ClassVar[str] = ""
+    takes: ClassVar[tuple[Part, ...]] = ("name", "record", "frames", "sheet", "noise")
+    instead: ClassVar[str] = "leave it out"
 
     @abstractmethod
     def reads(self, source: str) -> bool:
-        """Whether a source, as given on the command line, is one of these."""
+        """Whether a source, as given on the command line, is one of these, by what is in it; no other importer may say so too."""
 
     @abstractmethod
     def read(self, source: str, options: SheetOptions, name: str | None, record: Path | None) -> Recording:
@@ -104,3 +109,11 @@ class Importer(ABC):
 
         Raises the named errors of `calibrate.errors`.
         """
+
+
+def arrays_in(source: str | Path) -> frozenset[str]:
+    """Names of the arrays in a ``.npz``; none where it is no such file."""
+    if Path(source).suffix != ".npz" or not zipfile.is_zipfile(source):
+        return frozenset()
+    with zipfile.ZipFile(source) as content:
+        return frozenset(name.removesuffix(".npy") for name in content.namelist())

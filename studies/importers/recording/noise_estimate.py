@@ -1,7 +1,7 @@
 """Noise of a full-field record, estimated from the record itself.
 
-In: points (n, 2) mm and the displacements of all frames (n_frames, n, 2) mm; the load-cell record.
-Out: standard deviation and correlation length of the displacement error, and the force error.
+In: points (n, 2) mm and the displacements of all frames (n_frames, n, 2) mm.
+Out: standard deviation and correlation length of the displacement error. That of the force: `load_cell_noise`.
 
 A smooth field is taken away at every point by a local cubic fit to its 25 nearest neighbours; what is left,
 r = R u with R known, has the covariance R S R^T for an error of covariance S = std^2 exp(-d^2 / (2 l^2)). Its
@@ -186,16 +186,3 @@ def _cubic(points: Array) -> Array:
     """Orthonormal cubic polynomials (n, 10) at points (n, 2)."""
     x, y = ((points - points.mean(axis=0)) / np.ptp(points, axis=0).max()).T
     return np.linalg.qr(np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=1))[0]
-
-
-def force_noise(time: Array, force: Array) -> float:
-    """Standard deviation, N, of a load-cell record time (n,) s, force (n,) N that rises smoothly.
-
-    Each reading against the straight line through its two neighbours, in units of what white noise would give;
-    1.4826 times the median of the absolute values, so that a few jumps do not count.
-    """
-    if len(time) < 5:
-        return 0.0
-    w = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])
-    rest = force[1:-1] - (1 - w) * force[:-2] - w * force[2:]
-    return float(1.4826 * np.median(np.abs(rest) / np.sqrt(1 + w**2 + (1 - w) ** 2)))

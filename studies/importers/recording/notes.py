@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
+from studies.importers.recording.load_cell_noise import Origin
 from studies.importers.recording.masks import Masked
 from studies.importers.recording.synchronise import ForceRecord
 from studies.output.words import Words
@@ -51,11 +52,20 @@ def record_notes(record: ForceRecord) -> list[str]:
 
 
 def noise_notes(report: dict[str, Any]) -> list[str]:
-    """Where temporal noise was chosen and is far smaller than what a frame shows."""
+    """Where the noise of the force is no more than a bound, or temporal noise was chosen and is far smaller than what a frame shows."""
+    notes = []
+    match report["force"]:
+        case Origin.UPPER_BOUND:
+            notes += [
+                WORDS.note_force_noise_bound(std=report["load_cell_std_N"], readings=report["load_cell_readings"])
+            ]
+        case Origin.UNKNOWN:
+            notes += [WORDS.note_force_noise_unknown(readings=report["load_cell_readings"])]
     temporal, total = report.get("temporal"), report.get("total")
-    if report.get("kind") != "temporal" or not temporal or not total or not total["std"] > FILTERED * temporal["std"]:
-        return []
-    return [WORDS.note_filtered(temporal=temporal["std"], total=total["std"])]
+    chosen = report["displacement"] == "temporal"
+    if chosen and temporal and total and total["std"] > FILTERED * temporal["std"]:
+        notes.append(WORDS.note_filtered(temporal=temporal["std"], total=total["std"]))
+    return notes
 
 
 def strain_notes(experiment: Experiment) -> list[str]:

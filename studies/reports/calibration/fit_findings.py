@@ -37,8 +37,8 @@ class Thresholds:
     """Where a number is remarked upon. Reduced chi-square: below `overestimated`, above `misfit`, above `far`.
 
     few_starts: share of the starts that should agree, and their least number. Forces: worse than neo-Hooke by `factor` and
-    more than `negligible`; held-out ones worse than `held_factor` times the fitted and more than `held_least`, or with
-    `held_chi_square` times the chi-square.
+    more than `negligible`; held-out ones worse than `held_factor` times the fitted and more than `held_least`. Equilibrium of
+    held-out increments: `held_chi_square` times the chi-square per equation of the fitted ones, or of noise if that is more.
     """
 
     overestimated: float = 0.6
@@ -74,7 +74,7 @@ def residuals(view: Review) -> Finding:
         return _finding(FitCode.NOISE_UNKNOWN)
     value = view.calibration.reduced_chi_square
     weighted = bool(np.isfinite(value))
-    value = value if weighted else float(view.chi_square[view.fitted].mean())
+    value = value if weighted else float(view.fitted_chi_square or 0.0)
     code = FitCode.AS_NOISE
     if value > LIMITS.misfit:
         code = FitCode.FAR_ABOVE_NOISE if value > LIMITS.far else FitCode.ABOVE_NOISE
@@ -118,13 +118,13 @@ def held_out(view: Review) -> Finding:
     n, fitted_error = view.experiment.n_increments, view.force_error(view.fitted)
     last = numbers.size == numbers[-1] - numbers[0] + 1 and numbers[-1] == n
     nominal = view.experiment.level_is_nominal
-    worse = not nominal and held.relative_force_error > max(LIMITS.held_least, LIMITS.held_factor * fitted_error)
-    if view.chi_square is not None and held.chi_square_per_equation is not None:
-        usual = float(view.chi_square[view.fitted].mean())
-        worse |= held.chi_square_per_equation > LIMITS.held_chi_square * usual
+    usual, there = view.fitted_chi_square, held.chi_square_per_equation
     return _finding(
         FitCode.HELD_OUT, increments=held.increments, of=n, last=bool(last), error=held.relative_force_error,
-        fitted_error=fitted_error, chi_square=held.chi_square_per_equation, worse=bool(worse), level_is_nominal=nominal,
+        fitted_error=fitted_error, chi_square=there, fitted_chi_square=usual,
+        forces_worse=bool(not nominal and held.relative_force_error > max(LIMITS.held_least, LIMITS.held_factor * fitted_error)),
+        equilibrium_worse=bool(usual is not None and there is not None and there > LIMITS.held_chi_square * max(1.0, usual)),
+        level_is_nominal=nominal,
     )  # fmt: skip
 
 

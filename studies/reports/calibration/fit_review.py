@@ -88,6 +88,11 @@ class Review:
         return HeldOut(int(held.sum()), self.force_error(held), chi_square)
 
     @property
+    def fitted_chi_square(self) -> float | None:
+        """Chi-square per equation on the fitted increments, with the noise weights of the final model; None where noise is unknown."""
+        return None if self.chi_square is None else float(self.chi_square[self.fitted].mean())
+
+    @property
     def same_loss(self) -> float:
         """Difference of losses below which two starts count as alike."""
         chi_square = self.calibration.reduced_chi_square

@@ -139,7 +139,7 @@ def _of_forces(view: Review, limits: Limits) -> Iterator[tuple[bool, Finding]]:
 def _of_noise(view: Review, limits: Limits) -> Iterator[tuple[bool, Finding]]:
     chi_square = view.calibration.reduced_chi_square
     if np.isnan(chi_square) and view.chi_square is not None:
-        chi_square = float(view.chi_square[view.fitted].mean())
+        chi_square = float(view.fitted_chi_square or 0.0)
     level = _level(chi_square, limits.chi_square)
     if level is not None:
         yield level, _finding(Reason.ABOVE_NOISE, reduced_chi_square=chi_square)

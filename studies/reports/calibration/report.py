@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from studies.output import Manifest, write_csv, write_figure
 from studies.output.report import Report
@@ -41,8 +40,8 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     write_csv(folder / "forces.csv", columns, rows, [WORDS.forces_csv()])
     record = manifest.to_dict()
     report.heading("How it was made")
-    report.details("Experiment", _flat({"name": experiment.name, **experiment.provenance}))
-    report.details("Settings", _flat(record["settings"])).details("Versions", record["versions"])
+    report.details("Experiment", {"name": experiment.name, **experiment.provenance})
+    report.details("Settings", record["settings"]).details("Versions", record["versions"])
     report.save(folder / "report.html")
     # the manifest is written last: where it is, everything is
     outputs = folder / "report.html", model, folder / "forces.csv"
@@ -50,11 +49,11 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
 
 
 def model_name(view: Review) -> str:
-    """'PANN I1 (4, 4): 37 parameters; 2484 points, 10 increments'."""
+    """'physics-augmented neural network of I1, layers (4, 4), 37 parameters; 2484 points, 10 increments'."""
     architecture, experiment = view.model.architecture, view.experiment
     layers = ", ".join(map(str, architecture.layers))
     return (
-        f"PANN {architecture.inputs} ({layers}): {architecture.n_parameters} parameters; "
+        f"physics-augmented neural network of {architecture.inputs}, layers ({layers}), {architecture.n_parameters} parameters; "
         f"{len(experiment.points)} points, {len(experiment.triangles)} triangles, "
         f"{experiment.n_increments} increments"
     )
@@ -71,12 +70,3 @@ def summary_lines(view: Review) -> Iterator[str]:
         yield f"  {name:{width}}  {text} {unit}".rstrip()
     for finding in findings(view):
         yield f"- {finding.text}"
-
-
-def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested names as 'a / b'."""
-    flat: dict[str, Any] = {}
-    for key, value in content.items():
-        name = f"{prefix}{key}"
-        flat.update(_flat(value, f"{name} / ") if isinstance(value, dict) else {name: value})
-    return flat

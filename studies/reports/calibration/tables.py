@@ -42,6 +42,7 @@ def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
         if not nominal:
             rows.append(["relative force error, held-out increments", 100 * held.relative_force_error, "%"])
         if held.chi_square_per_equation is not None:
+            rows.append(["chi-square per equation, fitted increments", view.fitted_chi_square, ""])
             rows.append(["chi-square per equation, held-out increments", held.chi_square_per_equation, ""])
     for i in INPUT_SETS[model.architecture.inputs]:
         name = INVARIANTS[i]

@@ -50,14 +50,14 @@ def outcome_words(candidate: Candidate, now: Round, thresholds: Thresholds = DEF
     """The outcome in words, with the reason."""
     score = candidate.score
     return WORDS.outcome(
-        kind=outcome(candidate, now, thresholds), status=score.status, missing=score.missing, gauge=score.effect.gauge,
+        kind=outcome(candidate, now, thresholds), status=score.status, missing=score.missing, confounded_with=score.effect.confounded_with,
         reason=_reason(candidate, now),
     )  # fmt: skip
 
 
 def untested_words(score: Score) -> str:
     """Why an effect could not be tested."""
-    return WORDS.untested(status=score.status, missing=score.missing, gauge=score.effect.gauge)
+    return WORDS.untested(status=score.status, missing=score.missing, confounded_with=score.effect.confounded_with)
 
 
 def round_remarks(now: Round) -> list[str]:

@@ -218,7 +218,7 @@ def _of_hold_out(view: View) -> str:
 
 
 def untestable(now: Round) -> list[str]:
-    """What these data cannot support: 'force gain: gauge, cannot be told from ...'."""
+    """What these data cannot support: 'force gain: confounded, cannot be told from ...'."""
     return [
         WORDS.untestable(name=c.name, outcome=outcome_words(c, now)) for c in now.candidates if not c.score.is_tested
     ]

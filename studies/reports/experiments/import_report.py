@@ -44,7 +44,7 @@ def report_lines(experiment: Experiment, target: Path) -> Iterator[str]:
     yield WORDS.imported_size(experiment=experiment, width=size[0], height=size[1])
     for b in experiment.loaded:
         yield f"  {WORDS.imported_boundary(boundary=b, force=np.nanmax(np.abs(b.force)))}"
-    yield f"  {WORDS.imported_noise(noise=noise, kind=experiment.provenance['noise']['kind'])}"
+    yield f"  {WORDS.imported_noise(noise=noise, found=experiment.provenance['noise'])}"
     yield f"  {WORDS.imported_strain(signal=experiment.strain_signal)}"
     if experiment.thickness is None:
         yield f"  {WORDS.imported_without_thickness()}"
@@ -101,9 +101,10 @@ def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Pa
         ["height", height, "mm"],
         *([f"largest force, {name}", force, "N"] for name, force in numbers["largest_force_N"].items()),
         ["largest displacement", numbers["largest_displacement_mm"], "mm"],
-        [f"noise of the displacements ({provenance['noise']['kind']})", noise.displacement_std, "mm"],
+        [f"noise of the displacements ({provenance['noise']['displacement']})", noise.displacement_std, "mm"],
         ["its correlation length", noise.correlation_length, "mm"],
-        ["noise of the force", noise.force_std, "N"],
+        [f"noise of the force ({provenance['noise']['force']})", noise.force_std, "N"],
+        *([["in proportion to the force", 100 * noise.force_std_relative, "%"]] if noise.force_std_relative else []),
         ["strain, largest increment", 100 * experiment.strain_signal.strain, "%"],
         ["its scatter between neighbours", 100 * experiment.strain_signal.scatter, "%"],
         ["signal to noise of the strain", experiment.strain_signal.ratio, ""],
@@ -115,5 +116,6 @@ def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Pa
         page.paragraph(f"Note: {note}.")
     record = manifest.to_dict()
     page.details("Decisions", {k: v for k, v in provenance.items() if k not in ("noise", "notes")})
+    page.details("Noise", provenance["noise"])
     page.details("Settings", record["settings"]).details("Versions", record["versions"])
     return page.save(folder / "report.html")

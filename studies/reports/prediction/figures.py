@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -38,20 +37,4 @@ def _draw_curve(axes: Axes, curve: Curve, against: str | None) -> None:
 
 def draw_forces(found: Forecast) -> Figure:
     """Forces over time or increments, differences below; components that carry next to nothing are left out."""
-    panels = force_record.worth_drawing(found.measured)
-    time = found.experiment.time
-    x = np.arange(1.0, found.experiment.n_increments + 1) if time is None else time
-    with style.figure(max(4.8, 3.0 * len(panels)), 4.4) as figure:
-        axes = figure.subplots(2, len(panels), squeeze=False, sharex=True, height_ratios=(2, 1.2))
-        for (top, bottom), (name, k) in zip(axes.T, panels, strict=True):
-            measured, predicted = found.measured[name][:, k], found.forces[name][:, k]
-            top.plot(x, measured, "o", color="black", mfc="none", label="measured")
-            top.plot(x, predicted, color=style.COLOURS["blue"], label="predicted")
-            bottom.plot(x, predicted - measured, ".-", color=style.COLOURS["blue"])
-            bottom.axhline(0, color="0.4", lw=0.6)
-            top.set_title(f"{name} edge, {force_record.COMPONENTS[k]}")
-            bottom.set_xlabel("increment" if time is None else "time, s")
-        axes[0, 0].set_ylabel("force on the specimen, N")
-        axes[1, 0].set_ylabel("predicted - measured, N")
-        axes[0, 0].legend()
-    return figure
+    return force_record.draw(found.measured, found.forces, found.experiment.time, "predicted")

@@ -117,7 +117,8 @@ def band_finding(model: Model) -> Finding:
         return Finding("prediction", Extent.NO_BANDS)
     data = {
         "noise_is_known": found.noise_is_known, "lower_bound": found.is_lower_bound,
-        "reduced_chi_square": found.reduced_chi_square, "effective_parameters": found.effective_parameters,
+        "widened": float(np.sqrt(found.scale)), "effective_parameters": found.effective_parameters,
+        "parameters": len(found.factor),
     }  # fmt: skip
     return Finding("prediction", Extent.BANDS, data)
 

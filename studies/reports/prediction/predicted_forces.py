@@ -119,5 +119,5 @@ def _forecast(model: Model | ExtendedModel, experiment: Experiment) -> Forecast:
     beyond = ~model.in_range(values) & (values[..., 0] > 3 + UNDEFORMED)
     outside = float((system.areas * beyond).sum() / (system.areas.sum() * len(values)))
     unused = model.bulk_modulus if experiment.plane == "stress" else None
-    name = f"PANN of {model.architecture.inputs}"
+    name = f"network of {model.architecture.inputs}"
     return Forecast(experiment, forces, outside, name, unused_bulk_modulus=unused)

@@ -29,7 +29,10 @@ def write_curves(folder: Path, model: Model, curves: list[Curve], manifest: Mani
         findings=[f.to_dict() for f in found],
     )  # fmt: skip
     layers = ", ".join(map(str, model.architecture.layers))
-    report = Report("Predicted homogeneous tests", f"PANN of {model.architecture.inputs}, layers ({layers})")
+    report = Report(
+        "Predicted homogeneous tests",
+        f"Physics-augmented neural network (PANN) of {model.architecture.inputs}, layers ({layers})",
+    )
     if model.unit == "N/mm":
         report.paragraph(WORDS.thickness_unknown())
     report.figure(picture, WORDS.curves_caption(bands=model.uncertainty is not None))

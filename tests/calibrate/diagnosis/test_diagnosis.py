@@ -336,14 +336,14 @@ def test_what_is_refused_keeps_its_fit():
     assert refused.candidates[0].fit is not None and refused.candidates[0].held is not None
 
 
-def test_gauges_and_what_the_data_lack_are_named():
+def test_confounded_effects_and_what_the_data_lack_are_named():
     scores = {row.name: row.score for row in found().rounds[0].candidates}
-    assert scores["force gain"].status == scores["DIC scale"].status is Status.GAUGE
+    assert scores["force gain"].status == scores["DIC scale"].status is Status.CONFOUNDED
     assert scores["Mullins softening"].status is Status.NOT_TESTABLE
     assert "unloading" in scores["Mullins softening"].missing
 
 
-def test_signature_of_a_gauge_is_absorbed():
+def test_signature_of_a_confounded_effect_is_absorbed():
     """A common factor of the forces is what the base can do: nothing of it is left."""
     problem, state = prepared()
     U = state.columns

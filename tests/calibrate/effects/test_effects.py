@@ -135,7 +135,7 @@ def test_names_and_units_are_stated():
     assert len(set(NAMES)) == len(EVERY)
     for effect in CATALOGUE:
         assert effect.formula and effect.source
-        assert effect.gauge or effect.decided_by
+        assert effect.confounded_with or effect.decided_by
         assert all(p.unit and p.lower <= p.null <= p.upper for p in effect.amplitudes)
 
 
@@ -153,8 +153,9 @@ def test_what_the_data_lack_is_named(chain):
     }
 
 
-def test_a_file_in_the_folder_is_a_candidate(tmp_path):
-    """Nothing else names it; in a process of its own, since the catalogue is made once."""
+@pytest.mark.parametrize("name", ["another", "upturn"])
+def test_a_file_in_the_folder_is_a_candidate(tmp_path, name):
+    """Nothing else names it; in a process of its own, since the catalogue is made once. A name that is taken is refused."""
     import calibrate
 
     copy = tmp_path / "calibrate"
@@ -164,10 +165,18 @@ def test_a_file_in_the_folder_is_a_candidate(tmp_path):
         "from calibrate.effects.effect import Effect, Parameter\n"
         "@dataclass(frozen=True)\n"
         "class Another(Effect):\n"
-        "    name, stage, formula, amplitudes = 'another', 'load', 'f', (Parameter('a', '1', typical=1.0),)\n"
+        "    name, stage, formula, amplitudes = 'NAME', 'load', 'f', (Parameter('a', '1', typical=1.0),)\n".replace(
+            "NAME", name
+        )
     )
     code = "from calibrate.effects import CATALOGUE; print(len(CATALOGUE), CATALOGUE[-1].name)"
-    found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    if name == "upturn":
+        assert (
+            "ConfigError: two effects are named 'upturn': calibrate.effects.upturn.Upturn and calibrate.effects.another.Another"
+            in found.stderr
+        )
+        return
     assert found.stdout.split() == [str(len(CATALOGUE) + 1), "another"]
 
 

@@ -24,7 +24,7 @@ from studies.commands import calibrate as calibration
 from studies.reports.calibration import figures as calibration_figures
 from studies.reports.calibration import fit_review as reviews
 from studies.reports.calibration import report, tables
-from studies.reports.calibration.fit_findings import FitCode, findings
+from studies.reports.calibration.fit_findings import FitCode, findings, held_out
 
 NOISE = Noise(0.01, 3.0, 1e-3, 1e-3)
 FAST = ("--layers", "2", "--starts", "3")
@@ -145,6 +145,17 @@ def test_held_out_increments_do_not_touch_the_model(run):
     assert errors[1] == pytest.approx(1 - 1 / 1.2, abs=0.05)
     assert results[0]["held_out"]["increments"] == 2
     assert results[1]["held_out"]["chi_square_per_equation"] > 2 * results[0]["held_out"]["chi_square_per_equation"]
+
+
+@pytest.mark.parametrize(("forces", "equilibrium"), [(1.0, 4.0), (1.3, 1.0), (1.0, 1.0)])
+def test_held_out_increments_are_judged_by_forces_and_by_equilibrium(forces, equilibrium):
+    """What is said to be worse is what is worse: forces may be predicted where equilibrium inside is not, and the other way round."""
+    fitted = np.arange(noisy().n_increments) < 4
+    scaled = {name: np.where(fitted[:, None], f, forces * f) for name, f in view().forces.items()}
+    found = held_out(replace(view(), fitted=fitted, forces=scaled, chi_square=np.where(fitted, 1.0, equilibrium)))
+    assert found.data["forces_worse"] == (forces != 1)
+    assert found.data["equilibrium_worse"] == (equilibrium != 1)
+    assert found.data["fitted_chi_square"] == 1.0
 
 
 # --- refusals -------------------------------------------------------------------------------------------------

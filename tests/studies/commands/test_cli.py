@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 import types
@@ -12,6 +13,7 @@ from typing import Annotated
 import pytest
 from cyclopts import Parameter
 
+from calibrate.diagnosis.hold_out import Kind
 from studies import cli
 from studies.commandline.option_types import Count, Integers, Repeated
 from studies.commandline.outcome import Outcome
@@ -75,6 +77,16 @@ def test_every_command_has_help_with_examples(name: str, capsys: pytest.CaptureF
     assert f"equigap {name}" in text.split("examples:")[1]
     assert "--output" in text
     assert "--overwrite" in text
+
+
+@pytest.mark.parametrize("name", ["calibrate", "discover"])
+def test_help_names_every_rule_of_holding_out(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with contextlib.suppress(SystemExit):
+        cli.main([name, "--help"])
+    text = capsys.readouterr().out
+    rules = set(Kind) if name == "discover" else {Kind.LAST, Kind.RANDOM, Kind.EVERY, Kind.AFTER}
+    assert all(rule in text for rule in rules)
+    assert "random[:SHARE]" in text
 
 
 def test_without_words_the_help_is_shown(capsys: pytest.CaptureFixture[str]) -> None:

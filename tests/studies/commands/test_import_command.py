@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 from sheets import SCALE, mapped, packed, write_frames
 
 from calibrate import errors
-from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.experiment import Experiment
 from studies import cli
 from studies.errors import OptionError, OutputFolderError
+from studies.importers import importer_of
+from studies.importers.printed_sheets import PrintedSheets
 
 
 @pytest.fixture
@@ -53,7 +56,9 @@ def test_command_reads_a_folder_and_a_column_map(run, tmp_path, folder):
         run(folder, "-o", tmp_path / "a")
     words = f"--record {tmp_path / 'record.csv'} --scale {SCALE} --frame-rate 2 --displacement-std 0.001"
     assert run(folder, "-o", tmp_path / "a", *words.split()) == 0
-    assert Experiment.load(tmp_path / "a" / "experiment.npz").noise == Noise(0.001)
+    stated = Experiment.load(tmp_path / "a" / "experiment.npz").noise
+    assert stated.displacement_std == 0.001
+    assert stated.force_std > 0  # estimated
     assert run(mapped(tmp_path / "m"), "-o", tmp_path / "b") == 0
     assert Experiment.load(tmp_path / "b" / "experiment.npz").name == "mapped"
 
@@ -81,3 +86,34 @@ def test_command_refuses_what_it_cannot_read(run, tmp_path):
         with pytest.raises(kind, match=key):
             run(source, "-o", tmp_path / "a", *more)
     assert not (tmp_path / "a").exists()
+
+
+def test_a_folder_is_told_by_its_content(run, tmp_path, folder):
+    """Not by whichever importer is asked first; where none fits, what was looked for is said."""
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "frame_000.csv").write_text("X,Y,U,V\n0,0,0,0\n")
+    with pytest.raises(errors.FileFormatError, match=r"other: no importer .* column map") as raised:
+        run(other, "-o", tmp_path / "a")
+    assert all(name in str(raised.value) for name in ("output_nodes.csv", "force_disp.csv", "x_px", ".toml"))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(errors.FileFormatError, match="no importer"):
+        run(tmp_path / "empty", "-o", tmp_path / "a")
+    assert isinstance(importer_of(str(folder)), PrintedSheets)
+
+
+def test_two_importers_that_read_the_same(monkeypatch, folder):
+    monkeypatch.setattr("studies.importers.importers", lambda: [PrintedSheets(), PrintedSheets()])
+    with pytest.raises(errors.FileFormatError, match="PrintedSheets .* both read this"):
+        importer_of(str(folder))
+
+
+def test_only_options_that_an_importer_uses_are_taken_and_recorded(run, tmp_path):
+    """The map says frames, scale and noise itself: the report must not show others that were not used."""
+    assert run(mapped(tmp_path / "m"), "-o", tmp_path / "b") == 0
+    settings = json.loads((tmp_path / "b" / "experiment.json").read_text())["settings"]
+    assert settings == {"source": str(tmp_path / "m" / "map.toml")}
+    report = (tmp_path / "b" / "report.html").read_text()
+    assert "map / points / scale_mm_per_px" in report
+    assert "edge_columns" not in report
+    assert "{&#39;" not in report  # no table as Python writes it

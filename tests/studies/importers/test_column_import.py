@@ -12,13 +12,14 @@ from sheets import (
     MAP,
     PITCH,
     ROWS,
+    SCALE,
     force,
     mapped,
     write,
 )
 
 from calibrate import errors
-from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.experiment import Experiment
 from calibrate.data.triangulation import signed_areas
 from studies.importers import column_import, column_map
 from studies.importers.column_map import EdgesTable
@@ -46,7 +47,57 @@ def test_column_map(tmp_path, coordinates):
     assert e.free_nodes.size == 2 * (ROWS - 2)
     slope = np.polyfit(e.points[:, 1], e.displacements[-1, :, 1], 1)[0]
     assert slope == pytest.approx(0.01 * 2 * e.time[-1], rel=1e-4)
-    assert e.noise == Noise(0.001)
+    assert e.noise.displacement_std == 0.001
+
+
+@pytest.mark.parametrize(
+    ("stated", "origin", "force_std", "relative"),
+    [
+        ("displacement_std_mm = 0.001\nforce_std_N = 0.3", "stated", 0.3, 0.0),
+        ("displacement_std_mm = 0.001\nforce_std_relative = 0.02", "stated", 0.0, 0.02),
+        ("displacement_std_mm = 0.001", "estimated", 2.0 * 0.5 / np.sqrt(12), 0.0),  # rate of loading x half a second
+    ],
+)
+def test_what_is_stated_of_the_noise_is_used_and_the_rest_estimated(tmp_path, stated, origin, force_std, relative):
+    e = from_map(mapped(tmp_path, MAP.replace("displacement_std_mm = 0.001", stated)))
+    assert e.noise.displacement_std == 0.001
+    assert e.noise.force_std == pytest.approx(force_std, rel=0.1)
+    assert e.noise.force_std_relative == relative
+    assert e.provenance["noise"]["force"] == origin
+
+
+def test_force_noise_stated_alone(tmp_path):
+    e = from_map(mapped(tmp_path, MAP.replace("displacement_std_mm = 0.001", "force_std_N = 0.3")))
+    assert e.noise.force_std == 0.3
+    assert e.provenance["noise"]["displacement"] == "total"
+    assert e.noise.displacement_std < 1e-5  # exact fields: only what is rounded in the tables
+    columns = column_map.read_map(tmp_path / "map.toml")
+    temporal = to_experiment(
+        column_import.column_series(columns, tmp_path), noise=columns.stated_noise, noise_kind="temporal"
+    )
+    assert temporal.provenance["noise"]["displacement"] == "temporal"
+
+
+@pytest.mark.parametrize(
+    ("units", "per_position", "per_displacement"),
+    [
+        ('unit = "mm"\ndisplacement_unit = "um"', SCALE, 1e3 * SCALE),
+        ('position_unit = "px"\nunit = "mm"\nscale_mm_per_px = 0.05', 1.0, SCALE),
+        ('displacement_unit = "px"\nposition_unit = "cm"\nscale_mm_per_px = 0.05', 0.1 * SCALE, 1.0),
+    ],
+)
+def test_position_and_displacement_in_units_of_their_own(tmp_path, units, per_position, per_displacement):
+    """The same test, written in other units, is the same Experiment."""
+    expected = from_map(mapped(tmp_path / "px"))
+    path = mapped(tmp_path / "own", MAP.replace('unit = "px"\nscale_mm_per_px = 0.05', units))
+    for frame in (tmp_path / "own" / "frames").glob("*.csv"):
+        head, *lines = frame.read_text().splitlines()
+        rows = np.array([line.split(",") for line in lines], float)
+        rows[:, 1:5] *= [per_position, per_position, per_displacement, per_displacement]
+        write(frame, "\n".join([head, *(",".join(f"{v:.9g}" for v in row) for row in rows)]) + "\n")
+    found = from_map(path)
+    np.testing.assert_allclose(found.points, expected.points, atol=1e-6)
+    np.testing.assert_allclose(found.displacements, expected.displacements, atol=1e-6)
 
 
 def test_column_map_keeps_holes_and_finds_their_rims(tmp_path):
@@ -73,6 +124,17 @@ def test_column_map_drops_invalid_points(tmp_path):
     assert e.provenance["frames"] == [3, 8]
 
 
+def test_exchanged_displacements_are_told(tmp_path):
+    """The grips would then move across the pull, not along it; the right way round nothing is said."""
+
+    def notes(text):
+        return [note for note in from_map(mapped(tmp_path, text)).provenance["notes"] if "across the pull" in note]
+
+    assert notes(MAP) == []
+    (note,) = notes(MAP.replace('u = "U"\nv = "V"', 'u = "V"\nv = "U"'))
+    assert "points.u" in note
+
+
 def test_force_per_frame(tmp_path):
     path = mapped(tmp_path)
     write(tmp_path / "load.csv", "F\n" + "\n".join(f"{-1e-3 * k:.4f}" for k in range(12)))
@@ -96,10 +158,17 @@ def test_force_per_frame(tmp_path):
         ('free = ["left", "right", "holes"]', 'free = "left"', "edges.free = 'left': .* valid list"),
         ('unit = "kN"', 'unit = "kp"', "force.unit = 'kp' unknown"),
         ('loaded = ["bottom", "top"]', 'loaded = ["bottom", "up"]', "edges.loaded.1 = 'up' unknown"),
-        ("scale_mm_per_px = 0.05\n", "", "scale_mm_per_px belongs to unit 'px'"),
+        ("scale_mm_per_px = 0.05\n", "", "scale_mm_per_px belongs to a unit 'px'"),
         ('loaded = ["bottom", "top"]', 'loaded = ["bottom", "left"]', "a loaded side is not free"),
         ('time = "t"\n', "", "give frames.rate_hz and force.time"),
         ("[noise]", "[noise", "not valid TOML"),
+        ("displacement_std_mm", "correlation_length_mm", "belongs to noise.displacement_std_mm"),
+        ("displacement_std_mm = 0.001", "force_std_N = -1.0", "noise.force_std_N = -1.0: .*greater than or equal to 0"),
+        ("rate_hz = 2.0", "rate_hz = -2.0", "frames.rate_hz = -2.0: .*greater than 0"),
+        ("rate_hz = 2.0", "rate_hz = nan", "frames.rate_hz = nan: "),
+        ("thickness_mm = 2.0", "thickness_mm = 0.0", "thickness_mm = 0.0: .*greater than 0"),
+        ("count = 4", "onset = 1.0", "frames.onset = 1.0: .*less than 1"),
+        ('unit = "px"', 'unit = "px"\nposition_unit = "mm"\ndisplacement_unit = "um"', "belongs to a unit 'px'"),
         ("[noise]\ndisplacement_std_mm = 0.001", "noise = 3", "unknown key 'edges.noise'"),
     ],
 )

@@ -11,6 +11,7 @@ from calibrate.equations.basis import basis_for
 from calibrate.equations.equilibrium import best_neo_hooke, equilibrium, neo_hooke
 from calibrate.fitting.calibration import Options, calibrate
 from studies.commands.import_data import import_data, import_experiment
+from studies.importers import SheetOptions
 from studies.importers.printed_sheets import grid_triangles
 
 SHEAR, BULK = 1.0, 3.0
@@ -92,6 +93,8 @@ def test_a_calibration_finds_the_law(folder):
 def test_what_is_missing_or_does_not_fit_is_named(folder):
     with pytest.raises(errors.ConfigError, match="--record"):
         import_experiment(folder, record=folder / "machine.csv")
+    with pytest.raises(errors.ConfigError, match="--scale"):
+        import_experiment(folder, sheet=SheetOptions(scale=2.0))
     reactions = folder / "10" / "output_reactions.csv"
     reactions.write_text("forces\n1.0\n")
     with pytest.raises(errors.MeshMismatchError, match="1 reactions for 4 sides"):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calibrate import errors
-from studies.importers.recording import noise_estimate
+from studies.importers.recording import load_cell_noise, noise_estimate
+from studies.importers.recording.load_cell_noise import Origin
 
 STD = 0.004
 
@@ -94,9 +95,49 @@ def test_nothing_that_moves_is_refused():
         noise_estimate.displacement_noise(p, np.zeros((6, len(p), 2)))
 
 
-def test_force_noise():
+def elongation_curve(readings: int, largest: float = 30.0):
+    """Time (s) and force (N) of a neo-Hookean strip pulled to a stretch of 1.5 at an even rate."""
+    time = np.linspace(0.0, 16.0, readings)
+    stretch = 1 + 0.5 * time / 16
+    return time, largest * (stretch - stretch**-2)
+
+
+def test_divided_differences_have_unit_norm_and_no_lower_polynomial():
+    rng = np.random.default_rng(3)
+    time = np.cumsum(rng.uniform(0.2, 2.0, 40))
+    for order in load_cell_noise.ORDERS:
+        smooth = load_cell_noise.differences(time, np.polyval(np.arange(1.0, order + 1), time / 10), order)
+        assert np.abs(smooth).max() < 1e-9
+        unit = np.stack([load_cell_noise.differences(time, one, order) for one in np.eye(40)], axis=1)
+        np.testing.assert_allclose(np.linalg.norm(unit, axis=1), 1.0)
+
+
+def test_noise_of_a_dense_record():
     rng = np.random.default_rng(7)
     time = np.sort(rng.uniform(0, 40, 2000))
     force = 20 * np.sqrt(time / 40) + 0.02 * rng.standard_normal(2000)
-    assert noise_estimate.force_noise(time, force) == pytest.approx(0.02, rel=0.1)
-    assert noise_estimate.force_noise(time[:3], force[:3]) == 0.0
+    force[[300, 1200]] += 5.0  # two jumps
+    found = load_cell_noise.force_noise(time, force)
+    assert found.std == pytest.approx(0.02, rel=0.1)
+    assert (found.order, found.origin) == (2, Origin.ESTIMATED)
+
+
+def test_noise_of_few_readings_of_a_curve():
+    """Nine readings: second differences would give 0.18 N of curvature. Median over seeds within 15 %."""
+    time, curve = elongation_curve(9)
+    rng = np.random.default_rng(0)
+    found = [load_cell_noise.force_noise(time, curve + 0.05 * rng.standard_normal(9)) for _ in range(300)]
+    assert np.median([f.std for f in found]) == pytest.approx(0.05, rel=0.15)
+
+
+def test_curvature_without_noise_is_an_upper_bound_far_below_it():
+    time, curve = elongation_curve(9)
+    found = load_cell_noise.force_noise(time, curve)
+    assert found.origin == Origin.UPPER_BOUND
+    curvature = 1.4826 * np.median(np.abs(load_cell_noise.differences(time, curve, 2)))  # taken for noise: 0.18 N
+    assert found.std < 0.02 * curvature
+
+
+def test_too_few_readings_have_no_noise_to_be_told():
+    time, curve = elongation_curve(4)
+    assert load_cell_noise.force_noise(time, curve).origin == Origin.UNKNOWN

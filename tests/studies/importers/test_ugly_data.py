@@ -231,8 +231,8 @@ def test_temporal_noise_of_filtered_data_is_told():
     pattern = np.random.default_rng(0).normal(0, 0.01, points.shape)  # an error that stays with the specimen
     frames = np.stack([k * (0.01 * points + pattern) for k in np.linspace(0, 1, 12)])
     found = noise_estimate.displacement_noise(points, frames).to_dict()
-    assert noise_notes({"kind": "temporal", **found}) != []
-    assert noise_notes({"kind": "total", **found}) == []
+    assert noise_notes({"displacement": "temporal", "force": "stated", **found}) != []
+    assert noise_notes({"displacement": "total", "force": "stated", **found}) == []
 
 
 def test_one_grip_lengthens_against_the_other_end(tmp_path):

@@ -16,7 +16,7 @@ from forward.sheet.thin_sheet import PermanentSet, Prony
 from studies.errors import OptionError
 from studies.trials import blind_solution
 from studies.trials.blind_data import HISTORIES, RAMP, draw, label, make, write
-from studies.trials.blind_effects import EFFECTS, FREQUENT, GAUGES, SOLID, UNLOADING
+from studies.trials.blind_effects import CONFOUNDED, EFFECTS, FREQUENT, SOLID, UNLOADING
 from studies.trials.blind_solution import SPECIMENS, clean_experiment, sheet
 
 PLATES = [seed for seed in range(60) if draw(seed, None).specimen == "plate"]
@@ -44,7 +44,7 @@ HIDEABLE = [effect for effect in CATALOGUE if effect.name not in ABSORBED]
 
 def test_every_effect_of_the_catalogue_can_be_hidden():
     assert set(EFFECTS) == {effect.name for effect in HIDEABLE}
-    assert set(GAUGES) == {effect.name for effect in CATALOGUE if effect.gauge}
+    assert set(CONFOUNDED) == {effect.name for effect in CATALOGUE if effect.confounded_with}
 
 
 @pytest.mark.parametrize("effect", HIDEABLE, ids=[effect.name for effect in HIDEABLE])
@@ -73,7 +73,7 @@ def test_conditions_do_not_depend_on_the_effect():
             assert getattr(trial, key) == getattr(plain, key)
 
 
-def test_random_trials_hide_all_but_the_gauges():
+def test_random_trials_hide_all_but_the_confounded():
     found = {draw(seed).effects[0].name for seed in range(300)}
     assert found == set(FREQUENT)
 

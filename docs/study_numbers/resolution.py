@@ -1,39 +1,16 @@
-"""Numbers of the page on resolution, from the folder of the finished study.
-
-    python docs/study_numbers.py results/resolution
-
-In: output folder of `equigap resolution`. Out: ``resolution.json`` in `docs/results`; `make numbers` puts it into the pages.
-Biases are those of the worst of the three homogeneous modes.
-"""
+"""The page on resolution. Biases are those of the worst of the three homogeneous modes."""
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Iterable, Sequence
-from datetime import date
 from pathlib import Path
 from typing import Any
+
+from wording import percent, span
 
 from studies.grid.axes import Loss, Settings
 from studies.grid.presets.resolution_study import Row, rows_of
 from studies.grid.results import Results
-
-RESULTS = Path(__file__).parent / "results"
-
-
-def percent(value: float, digits: int = 1, sign: bool = False) -> str:
-    """'0.1 %'; no negative zero."""
-    value = round(value, digits) + 0.0
-    return f"{value:{'+' if sign else ''}.{digits}f} %"
-
-
-def span(values: Iterable[float], digits: int = 0, sign: bool = False) -> str:
-    """'1 to 2 %', the smaller one in magnitude first; '1 %' where both are equal."""
-    found = list(values)
-    low, high = min(found, key=abs), max(found, key=abs)
-    first = f"{low:.{digits}f}"
-    return percent(high, digits, sign) if first == f"{high:.{digits}f}" else f"{first} to {percent(high, digits, sign)}"
 
 
 def worst(rows: Iterable[Row]) -> Row:
@@ -48,7 +25,7 @@ def extremes(rows: Sequence[Row], digits: int) -> str:
 
 
 def resolution(results: Results) -> dict[str, Any]:
-    """Content of `resolution.json` but for what it is made of."""
+    """Numbers and table."""
     rows = rows_of(results)
 
     def at(loss: Loss, level: str, noisy: bool, place: str = "inside") -> Row:
@@ -87,18 +64,8 @@ def resolution(results: Results) -> dict[str, Any]:
     return {"numbers": numbers, "tables": {"bias": table}}
 
 
-def main(words: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("folder", type=Path)
-    folder = parser.parse_args(words).folder
+def take(folder: Path) -> dict[str, Any]:
+    """Content of the file, of the folder of `equigap resolution`."""
     settings = Settings.read(folder)
-    found = resolution(Results(folder, settings))
-    how = f"medians and ranges over {len(settings.seeds)} noise seeds; computed by docs/study_numbers.py from the study's folder"
-    head = {"command": "equigap resolution (default)", "made": date.today().isoformat(), "how": how}
-    text = json.dumps({**head, **found}, indent=1, ensure_ascii=False) + "\n"
-    (RESULTS / "resolution.json").write_text(text)
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+    how = f"medians and ranges over {len(settings.seeds)} noise seeds"
+    return {"command": "equigap resolution (default)", "how": how, **resolution(Results(folder, settings))}

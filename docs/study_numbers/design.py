@@ -1,33 +1,16 @@
-"""Numbers of the page on design, from the folders of finished runs.
-
-    python docs/design_numbers.py results/design results/cross-pattern
-
-In: output folders of `equigap design --validate`, and of `equigap design docs/design/cross_pattern.toml`. Out: ``design.json`` in
-`docs/results`; `make numbers` puts it into the pages.
-"""
+"""The page on design: predicted information and actual errors of candidate specimens."""
 
 from __future__ import annotations
 
-import argparse
 import json
-from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from wording import share, spread
 
-RESULTS = Path(__file__).parent / "results"
+OPTIMISED = "optimised"
 MODES = ("uniaxial", "equibiaxial", "pure_shear")
-
-
-def percent(share: float) -> str:
-    """'0.42 %', two digits."""
-    return f"{100 * share:.2g} %" if share < 1 else f"{100 * share:.0f} %"
-
-
-def spread(values: list[float]) -> str:
-    """Median and range, %."""
-    return f"{percent(float(np.median(values)))} ({percent(min(values))} to {percent(max(values))})"
 
 
 def candidate_rows(found: dict[str, Any]) -> list[list[str]]:
@@ -51,7 +34,7 @@ def candidate_rows(found: dict[str, Any]) -> list[list[str]]:
         end, test = c["end"], c["test"]
         axes = "2" if "cross" in c["specimen"]["specimen"] else "1"
         rows.append([str(number), c["title"], axes, f"{end['displacement']:.0f} mm ({end['limit']})", f"{test['gain']:.0f}",
-                     *(percent(test["deviation"][m]) for m in MODES), percent(test["overall"]),
+                     *(share(test["deviation"][m]) for m in MODES), share(test["overall"]),
                      spread(errors) if errors else "not tested"])  # fmt: skip
     return rows
 
@@ -69,7 +52,7 @@ def correlation_numbers(validation: dict[str, Any]) -> dict[str, Any]:
             f"rank_{kind}": f"{np.median(values):.2f}",
             f"rank_{kind}_range": f"{min(values):.2f} to {max(values):.2f}",
         }
-    errors = validation["errors"]
+    errors = [e for e in validation["errors"] if e["title"] != OPTIMISED]
     by_title: dict[str, list[float]] = {}
     for e in errors:
         by_title.setdefault(e["title"], []).append(overall(e))
@@ -82,9 +65,20 @@ def correlation_numbers(validation: dict[str, Any]) -> dict[str, Any]:
         "seeds": len({e["seed"] for e in errors}),
         "calibrations": len(errors),
         "actual_best": best,
-        "actual_best_error": percent(medians[best]),
-        "actual_least": percent(min(medians.values())),
-        "actual_most": percent(max(medians.values())),
+        "actual_best_error": share(medians[best]),
+        "actual_least": share(min(medians.values())),
+        "actual_most": share(max(medians.values())),
+    }
+
+
+def actual_of_optimised(found: dict[str, Any]) -> dict[str, str]:
+    """Actual error of the specimen that a search found, of all modes and of equi-biaxial tension."""
+    errors = [e for e in (found["validation"] or {"errors": []})["errors"] if e["title"] == OPTIMISED]
+    if not errors:
+        return {}
+    return {
+        "actual": spread([overall(e) for e in errors]),
+        "actual_biaxial": spread([e["modes"]["equibiaxial"] for e in errors]),
     }
 
 
@@ -94,50 +88,43 @@ def numbers_of(found: dict[str, Any], cross: dict[str, Any] | None) -> dict[str,
     by_title = {c["title"]: c for c in found["candidates"]}
     optimised, search = found["optimised"], found["search"]
     numbers = {
-        "before": percent(found["before"]["overall"]),
+        "before": share(found["before"]["overall"]),
         "best": best["title"],
-        "best_overall": percent(best["test"]["overall"]),
-        "last_overall": percent(found["candidates"][-1]["test"]["overall"]),
+        "best_overall": share(best["test"]["overall"]),
+        "last_overall": share(found["candidates"][-1]["test"]["overall"]),
         "last": found["candidates"][-1]["title"],
         "candidates": len(by_title),
-        "optimised_overall": percent(optimised["test"]["overall"]),
-        "optimised_biaxial": percent(optimised["test"]["deviation"]["equibiaxial"]),
+        "optimised_overall": share(optimised["test"]["overall"]),
+        "optimised_biaxial": share(optimised["test"]["deviation"]["equibiaxial"]),
         "evaluations": search["evaluations"],
         **{f"found_{name.replace('.', '_')}": f"{value:g}" for name, value in search["best"]["values"].items()},
     }
     for title in ("PS", "UT", "cross", "small cross", "TTf", "TTd"):
-        numbers |= {f"{title.replace(' ', '_')}_{m}": percent(by_title[title]["test"]["deviation"][m]) for m in MODES}
-        numbers[f"{title.replace(' ', '_')}_overall"] = percent(by_title[title]["test"]["overall"])
+        numbers |= {f"{title.replace(' ', '_')}_{m}": share(by_title[title]["test"]["deviation"][m]) for m in MODES}
+        numbers[f"{title.replace(' ', '_')}_overall"] = share(by_title[title]["test"]["overall"])
     if found["validation"]:
         numbers |= correlation_numbers(found["validation"])
+        numbers |= {f"optimised_{key}": value for key, value in actual_of_optimised(found).items()}
     if cross:
         numbers |= {
             "cross_evaluations": cross["search"]["evaluations"],
-            "cross_found": percent(cross["optimised"]["test"]["overall"]),
-            "cross_found_biaxial": percent(cross["optimised"]["test"]["deviation"]["equibiaxial"]),
+            "cross_found": share(cross["optimised"]["test"]["overall"]),
+            "cross_found_biaxial": share(cross["optimised"]["test"]["deviation"]["equibiaxial"]),
+            **{f"cross_found_{key}": value for key, value in actual_of_optimised(cross).items()},
             **{f"cross_{name}": f"{value:g}" for name, value in cross["search"]["best"]["values"].items()},
         }
     return numbers
 
 
-def main(words: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("cross", type=Path, nargs="?")
-    folders = parser.parse_args(words)
-    content = json.loads((folders.folder / "design.json").read_text())
-    cross = json.loads((folders.cross / "design.json").read_text())["results"] if folders.cross else None
+def take(folder: Path, cross: Path | None = None) -> dict[str, Any]:
+    """Content of the file. folder: of `equigap design --validate`; cross: of the cross's optimised hole pattern."""
+    content = json.loads((folder / "design.json").read_text())
+    pattern = json.loads((cross / "design.json").read_text())["results"] if cross else None
     found = content["results"]
-    head = {
-        "command": "equigap design --validate; equigap design docs/design/cross_pattern.toml",
-        "made": date.today().isoformat(),
+    return {
+        "command": "equigap design --validate; equigap design docs/design/cross_pattern.toml --validate",
+        "how": "medians and ranges over noise seeds",
         "revision": content["revision"],
-        "how": "computed by docs/design_numbers.py from the folders of the runs",
+        "numbers": numbers_of(found, pattern),
+        "tables": {"candidates": candidate_rows(found)},
     }
-    body = {"numbers": numbers_of(found, cross), "tables": {"candidates": candidate_rows(found)}}
-    (RESULTS / "design.json").write_text(json.dumps({**head, **body}, indent=1, ensure_ascii=False) + "\n")
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

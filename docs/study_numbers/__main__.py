@@ -1,0 +1,50 @@
+"""Take the numbers of a page from the folders of finished runs.
+
+    python docs/study_numbers resolution results/resolution
+    python docs/study_numbers thickness results/thickness
+    python docs/study_numbers generalise results/generalise
+    python docs/study_numbers design results/design results/cross-pattern
+    python docs/study_numbers replay results/replay results/calibrate
+
+In: output folders of the commands of `docs/results`. Out: a file of `docs/results`; `make numbers` puts it into the pages.
+The folder of design is made by `--validate`, the second by `equigap design docs/design/cross_pattern.toml`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from datetime import date
+from pathlib import Path
+
+import design
+import generalise
+import replay
+import resolution
+import thickness
+
+RESULTS = Path(__file__).parents[1] / "results"
+STUDIES = {
+    "resolution": resolution,
+    "thickness": thickness,
+    "generalise": generalise,
+    "design": design,
+    "replay": replay,
+}
+
+
+def main(words: list[str] | None = None) -> None:
+    """Write the file of one study; raises what a folder that is no finished run of it raises."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("study", choices=STUDIES)
+    parser.add_argument("folders", type=Path, nargs="+")
+    given = parser.parse_args(words)
+    found = STUDIES[given.study].take(*given.folders)
+    head = {"command": found.pop("command"), "made": date.today().isoformat(),
+            "how": f"{found.pop('how')}; computed by docs/study_numbers from the folder of the run"}  # fmt: skip
+    path = RESULTS / f"{given.study}.json"
+    path.write_text(json.dumps({**head, **found}, indent=1, ensure_ascii=False) + "\n")
+
+
+if __name__ == "__main__":
+    main()

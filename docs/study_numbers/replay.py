@@ -1,0 +1,28 @@
+"""The page on replays: errors of a replay, and of the calibration whose model it takes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from wording import share
+
+
+def take(folder: Path, calibration: Path) -> dict[str, Any]:
+    """Content of the file. folder: of `equigap replay`; calibration: of the `equigap calibrate` before."""
+    told = {f["code"]: f for f in json.loads((folder / "maps.json").read_text())["results"]["findings"]}
+    field, mesh = told["field_error"], told["mesh_effect"]
+    fitted = json.loads((calibration / "report.json").read_text())["results"]["relative_force_error"]
+    return {
+        "command": "equigap import Soft_Homo; equigap calibrate --quick; equigap replay",
+        "how": "measured sheet, twelve pictures",
+        "numbers": {
+            "force_error": share(told["force_error"]["error"]),
+            "field_error": f"{field['last']:.2f}",
+            "in_noise": f"{field['last'] / field['noise']:.0f}",
+            "mesh_field": f"{mesh['field']:.1g}",
+            "calibration_error": share(fitted),
+        },
+        "tables": {},
+    }

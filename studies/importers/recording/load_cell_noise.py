@@ -1,0 +1,77 @@
+"""Noise of a load cell, estimated from its record by the variate difference method (Tintner 1940; von Neumann et al. 1941).
+
+In: time (n,) s and force (n,) N of a record. Out: `ForceNoise`.
+
+A divided difference of order k over k + 1 neighbouring readings vanishes for every polynomial below degree k. Divided by the norm of
+its weights it has the standard deviation of one reading, if errors are independent. What is left of the curvature of the record falls
+with the order, what is left of noise does not: the order is raised until the estimate no longer falls. Where it still falls at the
+highest order that the readings allow, curvature cannot be told from noise, and the estimate is only an upper bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ORDERS = (2, 3, 4)
+WINDOWS = 3  # fewest differences that an estimate is made of
+FALLS = 1.5  # factor between the estimates of two orders, from which the lower one holds curvature
+TO_DEVIATION = 1.4826
+
+
+class Origin(StrEnum):
+    """Where the noise of a force is from."""
+
+    ESTIMATED = "estimated"
+    UPPER_BOUND = "upper bound"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class ForceNoise:
+    """std, N, of one reading. order: of the differences it was found from, 0: too few readings. upper_bound: curvature is part of it,
+    or may be."""
+
+    std: float
+    order: int
+    upper_bound: bool
+
+    @property
+    def origin(self) -> Origin:
+        """What kind of number `std` is."""
+        if self.order == 0:
+            return Origin.UNKNOWN
+        return Origin.UPPER_BOUND if self.upper_bound else Origin.ESTIMATED
+
+
+def force_noise(time: Array, force: Array) -> ForceNoise:
+    """Noise of a record time (n,) s, increasing, force (n,) N, that is smooth but for noise and a few jumps."""
+    orders = [order for order in ORDERS if len(time) - order >= WINDOWS]
+    if not orders:
+        return ForceNoise(0.0, 0, False)
+    found = [_deviation(differences(time, force, order)) for order in orders]
+    for order, lower, higher in zip(orders, found, found[1:], strict=False):
+        if lower <= FALLS * higher:
+            return ForceNoise(lower, order, False)
+    return ForceNoise(found[-1], orders[-1], True)
+
+
+def differences(time: Array, force: Array, order: int) -> Array:
+    """Divided differences (n - order,) of force (n,) at time (n,), each with weights of unit norm."""
+    windows = np.lib.stride_tricks.sliding_window_view(time, order + 1)
+    windows = (windows - windows[:, :1]) / (windows[:, -1:] - windows[:, :1])
+    gaps = windows[:, :, None] - windows[:, None, :]
+    gaps[:, np.arange(order + 1), np.arange(order + 1)] = 1.0
+    weights = 1.0 / gaps.prod(axis=2)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    readings = np.lib.stride_tricks.sliding_window_view(force, order + 1)
+    return np.einsum("ij,ij->i", weights, readings)
+
+
+def _deviation(values: Array) -> float:
+    """Standard deviation from the median of absolute values, so that a few jumps do not count."""
+    return float(TO_DEVIATION * np.median(np.abs(values)))

@@ -1,0 +1,110 @@
+"""The law of a model file, as the forward model solves it.
+
+In: a model of `equigap calibrate` or `equigap discover`, and the test to replay. Out: a `Sheet`, and the effects that are left out
+because they belong to the measurement or to other tests.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibrate.data.experiment import Experiment
+from calibrate.effects.chain import Addition
+from calibrate.equations.basis import SingleBasis
+from calibrate.errors import ConfigError
+from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.network_model import Model
+from forward.materials import Material, Pann
+from forward.materials.tabulated import Tabulated
+from forward.sheet import additions as laws
+from forward.sheet.thin_sheet import Sheet
+from studies.errors import OptionError
+from studies.synthetic import effect_laws
+
+KNOTS = 24  # of the table that stands in for a spline
+FIELD = "stiffness field"
+
+
+@dataclass(frozen=True)
+class Law:
+    """sheet: what is solved. title: of the model. effects: that are solved for; left_out: of the measurement, or of other tests."""
+
+    sheet: Sheet
+    title: str
+    effects: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def needs_time(self) -> bool:
+        """Whether the law has a time of its own."""
+        return self.sheet.prony is not None
+
+
+def law_of(model: Model | ExtendedModel, experiment: Experiment) -> Law:
+    """The law of a model for a test. Raises `ConfigError` for another unit or plane, a time that is unknown, an effect without a law."""
+    if experiment.plane != "stress":
+        raise ConfigError(
+            f"{experiment.name}: a replay solves thin sheets in plane stress, not plane {experiment.plane}"
+        )
+    if experiment.stress_unit != model.unit:
+        raise ConfigError(
+            f"{experiment.name}: its stresses are in {experiment.stress_unit}, the model's in {model.unit}; give the "
+            "thickness to both, or to none"
+        )
+    if isinstance(model, Model):
+        law = material_law(Pann.from_dict(model.to_dict()), f"network of {model.architecture.inputs}", experiment)
+    else:
+        law = _extended(model, experiment)
+    if law.needs_time and experiment.time is None:
+        raise ConfigError(f"{experiment.name}: has no time, which viscoelasticity needs; import it with its times")
+    return law
+
+
+def material_law(material: Material, title: str, experiment: Experiment) -> Law:
+    """A hyperelastic sheet of the test's thickness."""
+    return Law(Sheet(material, _thickness(experiment)), title)
+
+
+def _extended(model: ExtendedModel, experiment: Experiment) -> Law:
+    held = model.for_test(experiment)
+    solved = [a for a in held if a.effect.name in effect_laws.SOLVED or a.effect.name == FIELD]
+    beyond = [a.effect.name for a in held if a not in solved and a.effect.of_material]
+    if beyond:
+        raise OptionError(
+            f"{', '.join(beyond)}: the forward model has no law for it, so that this model cannot be replayed"
+        )
+    low, high = experiment.points.min(axis=0), experiment.points.max(axis=0)
+    fields = [
+        laws.CosineField((*low.tolist(), *(high - low).tolist()), a.amplitudes)
+        for a in solved
+        if a.effect.name == FIELD
+    ]
+    extent = effect_laws.Extent(float((high - low).max()), tuple(((low + high) / 2).tolist()))
+    effects = [_named(a) for a in solved if a.effect.name != FIELD]
+    sheet = effect_laws.sheet(spline_table(model), _thickness(experiment), effects, extent, fields)
+    names = tuple(a.effect.name for a in solved)
+    rest = tuple(a.effect.name for a in model.additions if a.effect.name not in names)
+    return Law(sheet, " + ".join(["spline of I1", *names]), names, rest)
+
+
+def _named(addition: Addition) -> effect_laws.Law:
+    """Name, amplitudes and shape by name."""
+    effect = addition.effect
+    amplitudes = {p.name: float(v) for p, v in zip(effect.amplitudes, addition.amplitudes, strict=True)}
+    shape = {p.name: float(v) for p, v in zip(effect.shapes, addition.shape, strict=True)}
+    return effect.name, amplitudes, shape
+
+
+def spline_table(model: ExtendedModel, knots: int = KNOTS) -> Tabulated:
+    """The base as a table of d psi / d I1, even in sqrt(I1 - 3), constant beyond the fitted range as the spline is."""
+    basis = model.basis
+    if not isinstance(basis, SingleBasis):
+        raise ConfigError("the model is one of plane strain; a replay solves thin sheets in plane stress")
+    s = np.linspace(0.0, 1.0, knots)
+    return Tabulated(tuple(basis.top * s**2), tuple(basis.spline.matrix(s) @ model.c[: basis.n]))
+
+
+def _thickness(experiment: Experiment) -> float:
+    return 1.0 if experiment.thickness is None else experiment.thickness

@@ -1,0 +1,190 @@
+"""A measured test solved by finite elements: its own outline, its own motion, a model's law.
+
+In: an Experiment and a `Law`. Out: `Replay`, predicted fields and forces beside the measured ones.
+
+Loaded edges move as measured, in the components that their grips hold, and so do the rims where the measurement ends: their traction is
+unknown. Free edges are free. Each triangle of the camera becomes three biquadratic quads. How much the mesh matters is told by the last
+increment alone, solved on this mesh and on one with four times as many triangles, without what depends on time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from calibrate.data.experiment import Experiment
+from calibrate.data.triangulation import boundary_edges
+from calibrate.fitting.calibration import relative_force_error
+from forward.loading import MeasuredMotion
+from forward.sheet.inelastic import solve_history
+from forward.solution import SurfaceSolution
+from meshes import Mesh
+from meshes.triangle_quads import split
+from studies.replay.model_law import Law
+
+Array = NDArray[np.float64]
+SUBSTEPS = 3  # of an increment, where the law has a history
+SMALL = 1e-3  # of the largest displacement, which the mesh may matter where the noise is unknown
+
+
+@dataclass(frozen=True)
+class MeshEffect:
+    """What four times as many triangles change at the last increment. field: root mean square at the camera's points, mm; force: relative."""
+
+    field: float
+    force: float
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """displacements (t, n, 2), mm, at the points of the Experiment; forces: {boundary: (t, 2)} N, of the grips on the specimen.
+
+    judged (n,): points that were not prescribed; mesh_effect: None where it was not asked for; refined: how often the
+    triangles were divided.
+    """
+
+    experiment: Experiment
+    law: Law
+    displacements: Array
+    forces: dict[str, Array]
+    judged: NDArray[np.bool_]
+    solution: SurfaceSolution
+    mesh_effect: MeshEffect | None = None
+    refined: int = 0
+
+    @property
+    def measured(self) -> dict[str, Array]:
+        """{boundary: (t, 2)} N."""
+        return {b.name: b.force for b in self.experiment.loaded}
+
+    @property
+    def force_error(self) -> float:
+        """Norm of the force errors over that of the measured forces."""
+        return relative_force_error(self.forces, self.measured)
+
+    @cached_property
+    def residual(self) -> Array:
+        """Measured minus replayed displacements (t, n, 2), mm."""
+        return self.experiment.displacements - self.displacements
+
+    @property
+    def field_error(self) -> Array:
+        """Root mean square residual of a component (t,), mm, over the points that were not prescribed."""
+        return np.sqrt((self.residual[:, self.judged] ** 2).mean(axis=(1, 2)))
+
+    @property
+    def noise(self) -> float | None:
+        """Standard deviation of a measured displacement, mm, if it is known."""
+        noise = self.experiment.noise
+        return noise.displacement_std if noise is not None and noise.displacement_std > 0 else None
+
+
+def replay(
+    experiment: Experiment, law: Law, checkpoint: Path | None = None, check_mesh: bool = True, progress: bool = False
+) -> Replay:
+    """Solve the test. `checkpoint`: as of `solve_history`, from which a killed run goes on.
+
+    Where the mesh matters more than the noise (or `SMALL` of the largest displacement), the whole test is solved on the finer one.
+    Raises `LoadingError` where too little of the boundary is held, `MaterialError`, and `ConvergenceError`.
+    """
+    effect, level = None, 0
+    if check_mesh:
+        effect = mesh_effect(experiment, law)
+        noise = experiment.noise.displacement_std if experiment.noise else 0.0
+        level = int(effect.field > (noise or SMALL * np.abs(experiment.displacements).max()))
+    outline = Outline.of(experiment, level)
+    times = experiment.time if experiment.time is not None else np.arange(1.0, experiment.n_increments + 1)
+    factors = np.arange(1, experiment.n_increments + 1) / experiment.n_increments
+    history = law.sheet.prony is not None or law.sheet.softens
+    solution = solve_history(outline.mesh, law.sheet, outline.motion(experiment.displacements), factors, times,
+                             substeps=SUBSTEPS if history else 1, checkpoint=checkpoint, progress=progress)  # fmt: skip
+    n = len(experiment.points)
+    return Replay(
+        experiment,
+        law,
+        solution.displacements[:, :n],
+        _forces(experiment, solution),
+        outline.judged[:n],
+        solution,
+        effect,
+        level,
+    )
+
+
+def mesh_effect(experiment: Experiment, law: Law) -> MeshEffect:
+    """The last increment in one step, elastic, on two meshes."""
+    sheet = replace(law.sheet, prony=None, permanent_set=None)
+    found = []
+    for level in (0, 1):
+        outline = Outline.of(experiment, level)
+        motion = outline.motion(experiment.displacements[-1:])
+        found.append(solve_history(outline.mesh, sheet, motion, [1.0], [1.0]))
+    n = len(experiment.points)
+    coarse, fine = found
+    inner = Outline.of(experiment, 0).judged[:n]
+    change = (coarse.displacements[-1, :n] - fine.displacements[-1, :n])[inner]
+    forces = [np.concatenate([f[-1] for f in one.reactions.values()]) for one in found]
+    return MeshEffect(
+        float(np.sqrt((change**2).mean())), float(np.linalg.norm(forces[0] - forces[1]) / np.linalg.norm(forces[1]))
+    )
+
+
+def _forces(experiment: Experiment, solution: SurfaceSolution) -> dict[str, Array]:
+    """Of every grip, zero in the components along which it slides."""
+    return {b.name: solution.reactions[b.name] * b.held for b in experiment.loaded}
+
+
+RIM = "rim"
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The test as a boundary value problem. carried (nodes, n): from the camera's points to the nodes; held (nodes, 2)."""
+
+    mesh: Mesh
+    carried: sp.csr_array
+    held: NDArray[np.bool_]
+    sides: tuple[str, ...]
+
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """Nodes (nodes,) of which no component is prescribed."""
+        return ~self.held.any(axis=1)
+
+    @classmethod
+    def of(cls, experiment: Experiment, finer: int = 0) -> Outline:
+        """Quads of the camera's triangles, each divided in four `finer` times before; the first nodes are the camera's points."""
+        edges = named_edges(experiment)
+        quads = split(experiment.points, experiment.triangles, edges, finer)
+        held = np.zeros((len(quads.mesh.points), 2), bool)
+        held[np.unique(quads.mesh.boundaries[RIM])] = True
+        for boundary in experiment.loaded:
+            held[np.unique(quads.mesh.boundaries[boundary.name])] |= np.array(boundary.held)
+        return cls(quads.mesh, quads.interpolation, held, tuple(b.name for b in experiment.loaded))
+
+    def motion(self, displacements: Array) -> MeasuredMotion:
+        """The held nodes as measured: displacements (t, n, 2), mm, of the camera's points."""
+        return MeasuredMotion(self.sides, self.held, np.stack([self.carried @ u for u in displacements]))
+
+
+def named_edges(experiment: Experiment) -> dict[str, NDArray[np.int64]]:
+    """Edges (e, 2) of each grip, and of the rim: those that are neither of a grip nor free.
+
+    An edge from a grip to a free node is free; what a grip only touches at a node has that node's motion.
+    """
+    edges, _ = boundary_edges(experiment.triangles)
+    free = np.isin(edges, experiment.free_nodes)
+    held = np.zeros(edges.shape, bool)
+    found, left = {}, np.ones(len(edges), bool)
+    for boundary in experiment.loaded:
+        on = np.isin(edges, boundary.nodes)
+        found[boundary.name] = edges[on.all(axis=1) & left]
+        left &= ~on.all(axis=1)
+        held |= on
+    left &= ~((free | held).all(axis=1) & free.any(axis=1))
+    return {**found, RIM: edges[left]}

@@ -1,0 +1,59 @@
+"""Effects of the catalogue that are in the material, as parts of a sheet that the forward model solves.
+
+In: names, amplitudes and shapes in the convention of the catalogue. Out: a `Sheet`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from forward.materials import Material
+from forward.sheet import additions as laws
+from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
+
+Values = Mapping[str, float]
+Law = tuple[str, Mapping[str, float], Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Longest side of a test and its middle, mm."""
+
+    size: float
+    centre: tuple[float, float] = (0.0, 0.0)
+
+
+ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {
+    "second invariant": lambda a, s, extent: laws.MooneyPart(a["c01"]),
+    "upturn": lambda a, s, extent: laws.CubicPart(a["c30"]),
+    "one fibre family": lambda a, s, extent: laws.Fibres(a["k"], (s["angle"],)),
+    "two fibre families": lambda a, s, extent: laws.Fibres(a["k"], (s["axis"] + s["half"], s["axis"] - s["half"])),
+    "stiffness gradient": lambda a, s, extent: laws.Gradient(a["gx"], a["gy"], extent.size, *extent.centre),
+    "Mullins softening": lambda a, s, extent: laws.Mullins(a["r"]),
+    "Payne softening": lambda a, s, extent: laws.Payne(a["r"], s["x0"]),
+}
+CHANGES: Mapping[str, Callable[[Values, Values], dict[str, Any]]] = {
+    "compressibility": lambda a, s: {"bulk_modulus": 1 / a["beta"]} if a["beta"] else {},
+    "viscoelasticity": lambda a, s: {"prony": Prony(a["g"], s["tau"])},
+    "permanent set": lambda a, s: {"permanent_set": PermanentSet(a["a"])},
+}
+SOLVED = frozenset({*ADDITIONS, *CHANGES})
+
+
+def sheet(
+    material: Material, thickness: float, effects: Iterable[Law], extent: Extent, more: Iterable[laws.Addition] = ()
+) -> Sheet:
+    """A sheet with effects (name, amplitudes, shape). thickness, mm; more: further additions.
+
+    Raises KeyError for an effect that is not in `SOLVED`, `MaterialError` for values that cannot be.
+    """
+    additions = list(more)
+    changes: dict[str, Any] = {}
+    for name, amplitudes, shape in effects:
+        if name in ADDITIONS:
+            additions.append(ADDITIONS[name](amplitudes, shape, extent))
+        else:
+            changes |= CHANGES[name](amplitudes, shape)
+    return Sheet(material, thickness, tuple(additions), **changes)

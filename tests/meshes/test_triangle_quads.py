@@ -1,0 +1,53 @@
+"""Quads of a triangulation: the same area and outline, a linear field carried exactly, named edges with their whole length."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshes import SquareSheet, triangles
+from meshes.errors import MeshDataError
+from meshes.known_specimens import SPECIMENS
+from meshes.mesh import boundary_edges
+from meshes.triangle_quads import split
+
+
+@pytest.fixture(scope="module")
+def plate():
+    return triangles(SPECIMENS["plate_with_hole"](), n_nodes=300)
+
+
+@pytest.mark.parametrize("finer", [0, 1, 2])
+def test_area_outline_and_linear_fields_are_kept(plate, finer):
+    edges = {name: plate.boundaries[name] for name in ("left", "right")}
+    found = split(plate.points, plate.cells, edges, finer)
+    mesh = found.mesh
+    assert len(mesh.cells) == 3 * 4**finer * len(plate.cells)
+    assert mesh.area() == pytest.approx(plate.area(), rel=1e-12)
+    assert mesh.quality.min() > 0
+    np.testing.assert_array_equal(mesh.points[: len(plate.points)], plate.points)
+    linear = plate.points @ np.array([[0.3, -0.1], [0.2, 0.5]]) + 1.0
+    expected = mesh.points @ np.array([[0.3, -0.1], [0.2, 0.5]]) + 1.0
+    np.testing.assert_allclose(found.interpolation @ linear, expected, atol=1e-10)
+    for name, own in edges.items():
+        a, b, middle = mesh.points[mesh.boundaries[name].T]
+        np.testing.assert_allclose(middle, (a + b) / 2, atol=1e-12)
+        whole = np.linalg.norm(plate.points[own[:, 1]] - plate.points[own[:, 0]], axis=1).sum()
+        assert np.linalg.norm(b - a, axis=1).sum() == pytest.approx(whole)
+
+
+def test_every_node_is_there_once(plate):
+    mesh = split(plate.points, plate.cells, {}, 0).mesh
+    assert len(np.unique(mesh.cells)) == len(mesh.points)
+    assert len(np.unique(np.round(mesh.points, 7), axis=0)) == len(mesh.points)
+    # Euler: points, edges and triangles of the parent give the number of nodes of the quads
+    m, outline = len(plate.cells), len(boundary_edges(plate.cells, "triangle"))
+    assert len(mesh.points) == len(plate.points) + 3 * (3 * m + outline) // 2 + 7 * m
+
+
+def test_an_edge_inside_is_no_outline():
+    sheet = triangles(SquareSheet(), n_nodes=100)
+    outline = {tuple(sorted(e)) for e in boundary_edges(sheet.cells, "triangle").tolist()}
+    inside = next(e for e in sheet.cells[:, :2].tolist() if tuple(sorted(e)) not in outline)
+    with pytest.raises(MeshDataError, match="'grip'.*outline"):
+        split(sheet.points, sheet.cells, {"grip": np.array([inside])})
