@@ -17,6 +17,7 @@ from meshes import Specimen
 from studies.grid.generalise import windows
 from studies.grid.generalise.generalise_results import GeneraliseResults
 from studies.grid.generalise.generalise_settings import SHEETS, GeneraliseSettings
+from studies.grid.generalise.report import set_numbers
 
 TRUTH = "arruda_boyce"
 WIDTH_SETS = ("UT", "UT+PS", "TTd")
@@ -61,6 +62,31 @@ def sets(folder: Path, truth: str, inputs: str) -> list[list[str]]:
     return [list(columns), *([row[column] for column in columns] for row in chosen)]
 
 
+def errors(folder: Path) -> dict[str, str]:
+    """Worst-mode errors and r2_F that the page states, %, medians over seeds unless they say otherwise."""
+    results = GeneraliseResults(folder, GeneraliseSettings.read(folder))
+    settings, law = results.settings, "carroll"
+    found: dict[str, Any] = {(tests, inputs): [set_numbers(results, law, seed, tests, inputs) for seed in settings.seeds]
+                             for tests in settings.sets for inputs in ("I1", "I1I2")}  # fmt: skip
+    medians = {key: float(np.median([row[1] for row in rows])) for key, rows in found.items()}
+    numbers = {"cross": f"{medians['cross', 'I1I2']:.0f} %", "UT_cross": f"{medians['UT+cross', 'I1I2']:.0f} %"}
+    for name, inputs in (("both", "I1I2"), ("first", "I1")):
+        own = [value for (_, i), value in medians.items() if i == inputs]
+        numbers[f"errors_{name}"] = f"{min(own):.0f} to {max(own):.0f} %"
+    astray = [row for (_, i), rows in found.items() if i == "I1I2" for row in rows if row[2] > 100]
+    every = [row for (_, i), rows in found.items() if i == "I1I2" for row in rows]
+    numbers |= {"astray": str(len(astray)), "of_sets": str(len(every)),
+                "ambiguity": f"{np.median([row[2] for row in every]):.1f} %"}  # fmt: skip
+    on_ut = {(tests, inputs): float(np.median([one.scores["UT"] for seed in settings.seeds
+                                               for one in results.chosen(TRUTH, seed, tests=tests, inputs=inputs, layers=(4, 4))]))
+             for tests in settings.sets for inputs in ("I1", "I1I2")}  # fmt: skip
+    below = {key: value for key, value in on_ut.items() if value < 0.99}
+    numbers["below_on_UT"] = (
+        ", ".join(f"{tests} ({inputs}) {value:.3f}" for (tests, inputs), value in below.items()) or "none"
+    )
+    return numbers
+
+
 def holes(specimen: Specimen) -> str:
     """'2 of 4 x 2.5, 2 of 6 x 2.5'; those that lie across the pull say so."""
     kinds: dict[str, int] = {}
@@ -98,7 +124,7 @@ def take(folder: Path) -> dict[str, Any]:
     return {
         "command": "equigap generalise (default)",
         "how": "medians over sizes and noise seeds",
-        "numbers": {"seeds": len(settings["seeds"]), "starts": settings["starts"], **width(folder)},
+        "numbers": {"seeds": len(settings["seeds"]), "starts": settings["starts"], **width(folder), **errors(folder)},
         "tables": {
             "sheets": sheets(folder),
             "statements": statements(folder),
