@@ -101,6 +101,7 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         },
         masked=frames.points[mask.gone],
         tested=True,
+        heights=None if frames.heights is None else frames.heights[:, mesh.kept],
     )
 
 

@@ -27,7 +27,7 @@ Flags = NDArray[np.bool_]
 class Frames:
     """points (n, 2); displacements (n_frames, n, 2), NaN = failed; both mm. flagged (n,): where the masking column is not 0.
 
-    out_of_plane (n_frames, n) mm and plane: of stereo data. paths: files; order: how they were sorted, None: as listed.
+    heights (n_frames, n) mm above the plane fitted to the reference, and plane: of stereo data. paths: files; order: how they were sorted, None: as listed.
     """
 
     points: Array
@@ -35,7 +35,7 @@ class Frames:
     flagged: Flags | None
     paths: list[Path]
     order: Order | None = None
-    out_of_plane: Array | None = None
+    heights: Array | None = None
     plane: Plane | None = None
 
 
@@ -91,7 +91,9 @@ def read_frames(p: PointsTable, folder: Path, mask: str | None = None) -> Frames
         return Frames(points, moved, flagged, paths, order)
     plane = fitted_plane(points)
     inside, along = plane.coordinates(points), plane.components(moved)
-    return Frames(inside, along[..., :2], flagged, paths, order, along[..., 2], plane)
+    height = plane.components(points - plane.origin)[:, 2]
+    heights = np.concatenate([height[None], height + along[1:, :, 2]])
+    return Frames(inside, along[..., :2], flagged, paths, order, heights, plane)
 
 
 def _frames(p: PointsTable, paths: list[Path]) -> Iterator[Frame]:

@@ -234,6 +234,11 @@ def test_one_field_in_the_form_of_every_program(tmp_path, export, program, sheet
     np.testing.assert_allclose(centred[order], np.column_stack([X - X.mean(), Y - Y.mean()]), atol=1e-6)
     for k, u in enumerate(series.displacements[:, order]):
         np.testing.assert_allclose(u, moved(k), atol=1e-6)
+    stereo = export in (dice_stereo, zeiss, vic3d)
+    assert (series.heights is not None) == stereo
+    if stereo:  # moves towards the camera by so much in each frame; the tilt of a specimen is none
+        rate = {dice_stereo: -1.0, zeiss: 0.0, vic3d: 0.1}[export]
+        np.testing.assert_allclose(series.heights, rate * np.arange(STEPS + 1)[:, None] + 0 * X, atol=1e-6)
     assert recording.guesses.get("edges.loaded") == ["left", "right"]
     assert recording.guesses.get("force.per_frame") is True
     written = write(tmp_path / "out" / "column_map.toml", recording.guesses.toml(tmp_path / "out"))
