@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from calibrate import errors
 from studies.importers.exports.frame_order import Order, frame_order
+from studies.importers.exports.ncorr_file import read_ncorr
 from studies.importers.exports.specimen_plane import Plane, fitted_plane
 from studies.importers.map_tables import PointsTable
 from studies.importers.text_tables import read_table
@@ -100,6 +101,12 @@ def _frames(p: PointsTable, paths: list[Path]) -> Iterator[Frame]:
     """Frames in mm, y up (and z towards the observer, where y was turned)."""
     axes = np.array([1.0, -1.0, -1.0]) if p.y_axis == "down" else np.ones(3)
     of_position, of_displacement = p.scales
+    if p.layout == "ncorr":
+        for path in paths:
+            position, frames = read_ncorr(path)
+            for moved in frames:
+                yield Frame(position * of_position * axes[:2], moved * of_displacement * axes[:2], str(path))
+        return
     read = {"table": _table, "matrix": _matrices}[p.layout]
     for path in paths:
         position, moved = read(p, path)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 from sheets import write
 
 from calibrate import errors
@@ -202,6 +203,17 @@ def mudic(folder: Path) -> None:
         table(folder / f"frame{k}.csv", "x,y,ux,uy", [X / SCALE, 900 - Y / SCALE, u, -v])
 
 
+def ncorr(folder: Path) -> None:
+    """One file for all frames; zeros around the region of interest; spacing counts the pixels that are skipped."""
+    frames = np.empty(STEPS, dtype=[("plot_u_ref_formatted", "O"), ("plot_v_ref_formatted", "O")])
+    for k in range(STEPS):
+        u, v = (np.pad(c.reshape(10, 12)[::-1], 2) for c in (moved(k + 1) + 1e-9).T)
+        frames[k] = (u, -v)
+    info = {"pixtounits": SCALE, "spacing": 2.0 / SCALE - 1, "units": "mm", "radius": 20.0}
+    folder.mkdir(parents=True)
+    savemat(folder / "test.mat", {"data_dic_save": {"displacements": frames, "dispinfo": info}})
+
+
 PIXELS = SheetOptions(scale=SCALE)
 
 
@@ -217,12 +229,13 @@ PIXELS = SheetOptions(scale=SCALE)
         (vic3d, "VIC-2D, VIC-3D", SheetOptions(), Answers()),
         (opencorr, "OpenCorr", PIXELS, Answers()),
         (mudic, "muDIC", PIXELS, Answers()),
+        (ncorr, "ncorr", SheetOptions(), Answers()),
     ],
 )
 def test_one_field_in_the_form_of_every_program(tmp_path, export, program, sheet, answers):
     folder = tmp_path / "export"
     export(folder)
-    frames = STEPS + (export not in (dice, matrices))  # files of those without one of the reference
+    frames = STEPS + (export not in (dice, matrices, ncorr))  # files of those without one of the reference
     rows = [f"a{k}.tif;12:0{k};  {k}.0;  {2 * k}.0" for k in range(frames)]
     write(folder / "Image.csv", "\n".join(["File;TimeStamp; Force [V]; Force [N]", *rows]) + "\n")
     _, recording = read(str(folder), Request(sheet=sheet, answers=answers))
@@ -288,3 +301,11 @@ def test_a_cross_with_two_load_cells(tmp_path):
     write(path, text.replace('sides = ["bottom", "top"]', 'sides = ["bottom"]'))
     with pytest.raises(errors.ConfigError, match="every side of edges.loaded needs one load cell"):
         read_map(path)
+
+
+def test_documentation_says_which_programs_were_tested():
+    text = (Path(__file__).parents[3] / "docs" / "import.md").read_text()
+    for vendor in vendors():
+        assert f"| {vendor.name} | " in text
+        row = next(line for line in text.splitlines() if line.startswith(f"| {vendor.name} | "))
+        assert row.split("|")[3].strip().startswith("yes" if vendor.tested_on else "no")
