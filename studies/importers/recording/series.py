@@ -80,6 +80,7 @@ def to_experiment(
         noise=found,
         provenance=provenance,
         plane=series.plane,
+        heights=None if series.heights is None else series.heights[np.concatenate([[0], frames])][:, kept.indices],
     )
     signal = experiment.strain_signal
     more = {"strain_signal": signal.to_dict(), "notes": [*provenance["notes"], *strain_notes(experiment)]}
