@@ -103,10 +103,15 @@ def read_map(path: str | Path) -> ColumnMap:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise errors.ConfigError(f"{path}: not valid TOML ({error})") from error
+    return checked_map(content, path)
+
+
+def checked_map(content: dict[str, Any], source: str | Path) -> ColumnMap:
+    """The column map of nested tables. Raises `ConfigError` that names source and key."""
     try:
         return ColumnMap.model_validate(content)
     except ValidationError as error:
-        raise errors.ConfigError(f"{path}: {_reason(error)}") from None
+        raise errors.ConfigError(f"{source}: {_reason(error)}") from None
 
 
 def _reason(error: ValidationError) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from calibrate import errors
 from studies.importers.column_import import mapped_series
-from studies.importers.column_map import ColumnMap
+from studies.importers.column_map import checked_map
 from studies.importers.exports.field_guesses import has_rest, say_edges, say_grid
 from studies.importers.exports.frame_order import Order, Rule, frame_order
 from studies.importers.exports.guesses import Guesses, Undecided
@@ -229,11 +229,11 @@ def _say_times(order: Order, times: list[float] | None, separate: bool, options:
 
 def _series(found: Guesses) -> Series:
     """Read the column map; the force is turned where the specimen lengthens under a falling force."""
-    columns = ColumnMap.model_validate(found.tables())
+    columns = checked_map(found.tables(), found.get("name"))
     series = mapped_series(columns, Path())
     force = forces_at(series.record, np.clip(series.time, series.record.time[0], series.record.time[-1]))
     if float((force - force[0]) @ np.nan_to_num(elongation(series))) < 0:
         found.say("force.sign", -1.0, "the specimen lengthens while the recorded force falls")
-        series = mapped_series(ColumnMap.model_validate(found.tables()), Path())
+        series = mapped_series(checked_map(found.tables(), found.get("name")), Path())
     series.provenance.update(source=found.get("name"), found=list(found.lines()))
     return series

@@ -273,6 +273,14 @@ def test_questions_leave_a_column_map_to_be_completed(tmp_path):
         import_data(str(tmp_path / "export"), output=tmp_path / "out")
     text = (tmp_path / "out-column_map.toml").read_text()
     assert "# missing: points.scale_mm_per_px (--scale)" in text
+    with pytest.raises(errors.ConfigError, match="--loaded up: unknown"):
+        Answers(loaded=("up",))
+    record = write(tmp_path / "r.csv", "Time,Force\n" + "".join(f"{k},{k}\n" for k in range(9)))
+    with pytest.raises(errors.ConfigError, match="edges.loaded must name a side, and a loaded side is not free"):
+        read(
+            str(tmp_path / "export"),
+            Request(record=record, sheet=SheetOptions(scale=1.0, frame_rate=1.0), answers=Answers(free=("left",))),
+        )
     with pytest.raises(errors.ConfigError, match="--drop-rows is for printed sheets"):
         read(str(tmp_path / "export"), Request(sheet=SheetOptions(drop_rows=1)))
 
