@@ -6,7 +6,6 @@ to mm, y up, triangulated (Delaunay, holes left open), grips and free edges foun
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,12 +15,12 @@ from scipy.spatial import Delaunay, cKDTree
 
 from calibrate import errors
 from calibrate.data.triangulation import boundary_nodes, signed_areas
+from studies.importers.column_frames import frame_paths, read_frames
 from studies.importers.column_map import (
     FORCE_UNITS,
     TIME_UNITS,
     ColumnMap,
     EdgesTable,
-    PointsTable,
     read_map,
 )
 from studies.importers.recording.importer import Importer, Part, Processing, Recording, SheetOptions
@@ -63,9 +62,10 @@ class ColumnMapped(Importer):
 def column_series(m: ColumnMap, folder: str | Path) -> Series:
     """Read the files of a column map; `folder` is where its relative paths start."""
     folder = Path(folder)
-    paths = _frame_paths(folder, m.points.files)
-    everything, displacements, flagged = _read_frames(m.points, paths, m.mask.column)
-    mask = masked(everything, displacements, m.masks, flagged)
+    paths = frame_paths(folder, m.points.files)
+    everything, displacements, flagged = read_frames(m.points, paths, m.mask.column)
+    seen = np.isfinite(displacements).any(axis=(1, 2))  # frames that did not fail as a whole
+    mask = masked(everything, displacements[seen], m.masks, flagged)
     points, displacements = everything[~mask.gone], displacements[:, ~mask.gone]
     triangles = _triangles(points, m.points.max_edge_mm)
     used = np.unique(triangles)
@@ -101,17 +101,6 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
     )
 
 
-def _frame_paths(folder: Path, pattern: str) -> list[Path]:
-    found = [p for p in folder.glob(pattern) if p.is_file()]
-    numbered = [([int(n) for n in re.findall(r"\d+", p.stem)][-1:] or [-1], str(p), p) for p in found]
-    paths = [p for _, _, p in sorted(numbered)]
-    if len(paths) < 2:
-        raise errors.DataNotFoundError(
-            f"{folder / pattern}: {len(paths)} files; points.files must match the reference and at least one frame"
-        )
-    return paths
-
-
 def _not_beside(free: Index, points: Array, gone: Array, edges: EdgesTable) -> Index:
     """Free nodes that are no rim of a gap which masked points left: nothing is known of the traction there."""
     if not len(gone) or not free.size or "holes" not in edges.free:
@@ -125,55 +114,6 @@ def _not_beside(free: Index, points: Array, gone: Array, edges: EdgesTable) -> I
     )
     near = cKDTree(gone).query(points[free])[0] < GAP * pitch
     return free[~near | outer[free]]
-
-
-def _read_frames(p: PointsTable, paths: list[Path], mask: str | None) -> tuple[Array, Array, NDArray[np.bool_] | None]:
-    """Reference points (n, 2) mm, displacements (n_frames, n, 2) mm (NaN = failed), and where the column `mask` is not 0 (n,)."""
-    columns = [p.x, p.y, p.u, p.v] + ([p.valid_column] if p.valid_column else [])
-    flags = None if mask is None else read_table(paths[0], [mask], Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True))[mask]  # fmt: skip
-    layout = Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True)
-    axes = np.array([1.0, -1.0 if p.y_axis == "down" else 1.0])
-    of_position, of_displacement = p.scales
-    frames = []
-    for path in paths:
-        table = read_table(path, columns, layout)
-        position = np.stack([table[p.x], table[p.y]], axis=1) * of_position * axes
-        moved = np.stack([table[p.u], table[p.v]], axis=1) * of_displacement * axes
-        if p.valid_column:
-            quality = table[p.valid_column]
-            good = np.isfinite(quality)
-            good &= quality >= p.valid_minimum if p.valid_minimum is not None else True
-            good &= quality <= p.valid_maximum if p.valid_maximum is not None else True
-            moved[~good] = np.nan
-        frames.append((position - moved if p.coordinates == "current" else position, moved))
-    points = frames[0][0]
-    known = np.isfinite(points).all(axis=1)
-    points = points[known]
-    if len(points) < 4:
-        raise errors.LostPointsError(f"{paths[0]}: {len(points)} valid points in the reference frame")
-    distance = cKDTree(points).query(points, k=2)[0][:, 1]
-    if distance.min() < 1e-6 * np.median(distance) or not np.median(distance) > 0:
-        raise errors.DegenerateMeshError(f"{paths[0]}: points are listed twice; export each point once")
-    displacements = np.stack([_matched(points, *frame, path) for frame, path in zip(frames, paths, strict=True)])
-    return points, displacements, None if flags is None else np.nan_to_num(flags[known]) != 0
-
-
-def _matched(points: Array, position: Array, moved: Array, path: Path) -> Array:
-    """Displacements (n, 2) at `points` of a frame listed in any order; NaN where it has no such point."""
-    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
-    known = np.isfinite(position).all(axis=1) & np.isfinite(moved).all(axis=1)
-    result = np.full((len(points), 2), np.nan)
-    if not known.any():
-        return result
-    distance, index = cKDTree(points).query(position[known])
-    near = distance < 0.3 * pitch
-    if near.mean() < 0.5:
-        raise errors.MeshMismatchError(
-            f"{path}: {int((~near).sum())} of {near.size} points are not in the reference frame; if positions move "
-            "with the specimen, set points.coordinates = 'current'"
-        )
-    result[index[near]] = moved[known][near]
-    return result
 
 
 def _triangles(points: Array, max_edge: float | None) -> Index:
@@ -202,11 +142,6 @@ def _edges(table: EdgesTable, points: Array, triangles: Index) -> tuple[tuple[Gr
     if len(np.unique(taken)) < len(taken):
         corners = f"{', '.join(table.loaded)}"
         raise errors.ConfigError(f"edges.loaded: sides {corners} share corner nodes; only opposite sides can be loaded")
-    if len({SIDES[side][0] for side in table.loaded}) > 1:
-        raise errors.ConfigError(
-            f"edges.loaded: {', '.join(table.loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or "
-            "make an Experiment with both forces in Python (docs/extending.md, an importer)"
-        )
     grips = []
     for side in table.loaded:
         axis, sign = SIDES[side]

@@ -161,6 +161,11 @@ class ColumnMap(Table):
             raise ValueError("points.scale_mm_per_px belongs to a unit 'px', and only to it")
         if not edges.loaded or set(edges.loaded) & set(edges.free):
             raise ValueError("edges.loaded must name a side, and a loaded side is not free")
+        if len({side in ("left", "right") for side in edges.loaded}) > 1:
+            raise ValueError(
+                f"edges.loaded: {', '.join(edges.loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or "
+                "make an Experiment with both forces in Python (docs/extending.md, an importer)"
+            )
         if edges.rim and edges.free:
             raise ValueError("edges.rim: a window in a larger body has no free edge; leave out edges.free")
         if self.noise.correlation_length_mm is not None and self.noise.displacement_std_mm is None:
