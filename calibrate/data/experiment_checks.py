@@ -38,6 +38,8 @@ class Record(Protocol):
     def time(self) -> Array | None: ...
     @property
     def plane(self) -> str: ...
+    @property
+    def heights(self) -> Array | None: ...
 
 
 def check(record: Record) -> None:
@@ -73,6 +75,10 @@ def _check_shapes(e: Record) -> None:
         raise errors.MeshMismatchError(
             f"displacements {e.displacements.shape} do not match {n} nodes; expected (n_increments, {n}, 2): "
             "were mesh and displacements exported from the same analysis?"
+        )
+    if e.heights is not None and e.heights.shape != (len(e.displacements) + 1, n):
+        raise errors.MeshMismatchError(
+            f"heights {e.heights.shape} do not match; expected ({len(e.displacements) + 1}, {n}): the reference and every increment"
         )
     if len(e.displacements) == 0 or len(e.triangles) == 0:
         raise errors.MeshMismatchError("an Experiment needs at least one increment and one triangle")

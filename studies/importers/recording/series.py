@@ -30,7 +30,6 @@ __all__ = ["Grip", "Series", "to_experiment"]
 WORDS = Words("experiment")
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-RIM_FORCE = 1.0  # relative standard deviation of the force of a section that carries an unknown part of it
 
 
 def to_experiment(
@@ -81,6 +80,7 @@ def to_experiment(
         noise=found,
         provenance=provenance,
         plane=series.plane,
+        heights=None if series.heights is None else series.heights[np.concatenate([[0], frames])][:, kept.indices],
     )
     signal = experiment.strain_signal
     more = {"strain_signal": signal.to_dict(), "notes": [*provenance["notes"], *strain_notes(experiment)]}
@@ -96,12 +96,9 @@ def failed_frames(series: Series) -> Index:
 def _noise_of(
     series: Series, nodes: Index, frames: Index, noise: Noise | StatedNoise | None, kind: str
 ) -> tuple[Noise, dict[str, Any]]:
-    """Stated or estimated noise; in a window of a larger body the force is that of the section up to an unknown factor."""
+    """Stated or estimated noise."""
     stated = StatedNoise.all_of(noise) if isinstance(noise, Noise) else noise or StatedNoise()
-    found, report = noise_of(series, nodes, frames, stated, kind)
-    if series.provenance.get("rim"):
-        found = replace(found, force_std_relative=max(found.force_std_relative, RIM_FORCE))
-    return found, report
+    return noise_of(series, nodes, frames, stated, kind)
 
 
 def _spurious_notes(series: Series, kept: points.Kept) -> list[str]:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial import Delaunay
 from sheets import (
     COLUMNS,
     MAP,
@@ -22,7 +21,6 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment
 from calibrate.data.triangulation import signed_areas
 from studies.importers import column_import, column_map
-from studies.importers.column_map import EdgesTable
 from studies.importers.recording.series import to_experiment
 
 
@@ -210,16 +208,6 @@ def test_column_map_with_duplicate_points(tmp_path):
     write(frame, "\n".join([*lines, lines[4]]))
     with pytest.raises(errors.DegenerateMeshError, match="listed twice"):
         from_map(path)
-
-
-def test_one_force_for_sides_of_two_directions():
-    """A cross whose four arms share no corner: a map with all four is refused, as the y arms would get the force of x."""
-    x, y = (v.ravel() for v in np.meshgrid(np.arange(-6, 7), np.arange(-6, 7), indexing="ij"))
-    inside = (np.abs(x) <= 2) | (np.abs(y) <= 2)
-    points = np.column_stack([x, y])[inside].astype(float)
-    triangles = Delaunay(points).simplices
-    triangles = triangles[(np.abs(points[triangles].mean(axis=1)) <= 2.1).any(axis=1)].astype(np.int64)
-    assert len(column_import._edges(EdgesTable(loaded=("left", "right"), tolerance_mm=0.1), points, triangles)[0]) == 2
 
 
 @pytest.mark.parametrize("minimum", ["5.0", "-2.0"])
