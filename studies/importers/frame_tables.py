@@ -80,11 +80,17 @@ def read_frames(p: PointsTable, folder: Path, mask: str | None = None) -> Frames
     known = np.isfinite(frames[0].position).all(axis=1)
     points = frames[0].position[known]
     if len(points) < 4:
-        raise errors.LostPointsError(f"{frames[0].source}: {len(points)} valid points in the reference frame")
+        raise errors.LostPointsError(
+            f"{frames[0].source}: {len(points)} points of the reference frame have a position; it must list every point, with u and v = 0"
+        )
     distance = cKDTree(points).query(points, k=2)[0][:, 1]
     if distance.min() < 1e-6 * np.median(distance) or not np.median(distance) > 0:
         raise errors.DegenerateMeshError(f"{frames[0].source}: points are listed twice; export each point once")
     moved = np.stack([_matched(points, frame) for frame in frames])
+    if not np.isfinite(moved[p.reference != "separate" :]).any():
+        raise errors.LostPointsError(_all_failed(p, paths))
+    if not np.isfinite(moved[0]).any() and p.reference != "separate":
+        moved[0] = 0.0  # displacements count from the reference, whatever its quality
     if p.reference == "separate":
         moved = np.concatenate([np.zeros_like(moved[:1]), moved])
     flagged = None if flags is None else flags[known]
@@ -121,12 +127,27 @@ def _table(p: PointsTable, path: Path) -> tuple[Array, Array]:
     table = read_table(path, [*where, *motion] + ([p.valid_column] if p.valid_column else []), p.text)
     moved = np.stack([table[name] for name in motion], axis=1)
     if p.valid_column:
-        quality = table[p.valid_column]
-        good = np.isfinite(quality)
-        good &= quality >= p.valid_minimum if p.valid_minimum is not None else True
-        good &= quality <= p.valid_maximum if p.valid_maximum is not None else True
-        moved[~good] = np.nan
+        moved[~_valid(p, table[p.valid_column])] = np.nan
     return np.stack([table[name] for name in where], axis=1), moved
+
+
+def _valid(p: PointsTable, quality: Array) -> Flags:
+    """Points (n,) whose quality (n,) is within the limits of the map."""
+    low = -np.inf if p.valid_minimum is None else p.valid_minimum
+    high = np.inf if p.valid_maximum is None else p.valid_maximum
+    return np.isfinite(quality) & (quality >= low) & (quality <= high)
+
+
+def _all_failed(p: PointsTable, paths: list[Path]) -> str:
+    """What to say where no frame has a point."""
+    if p.valid_column is None:
+        return f"{paths[-1]} and all others: no point has a displacement; check points.u and points.v"
+    quality = np.concatenate([read_table(path, [p.valid_column], p.text)[p.valid_column] for path in paths])
+    found = f"from {np.nanmin(quality):g} to {np.nanmax(quality):g}" if np.isfinite(quality).any() else "no number"
+    return (
+        f"{paths[-1]} and all others: no point is valid; '{p.valid_column}' is {found}, check points.valid_minimum "
+        f"({p.valid_minimum}) and valid_maximum ({p.valid_maximum})"
+    )
 
 
 def _matrices(p: PointsTable, path: Path) -> tuple[Array, Array]:
