@@ -50,7 +50,9 @@ def read_ncorr(path: Path) -> tuple[Array, list[Array]]:
             f"{path}: no whole file of ncorr ({error}); format the displacements and save again"
         ) from error
     rows, columns = np.indices(fields[0].shape[:2])
-    points: Array = pitch * np.column_stack([columns.ravel(), rows.ravel()]) + float(content.dispinfo.pixtounits)
+    points = pitch * np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64) + float(
+        content.dispinfo.pixtounits
+    )
     matched = [np.any(field != 0.0, axis=-1, keepdims=True) for field in fields]
     moved = [np.where(good, field, np.nan).reshape(-1, 2) for good, field in zip(matched, fields, strict=True)]
     inside = np.isfinite(moved[0]).all(axis=1)  # of the region of interest
