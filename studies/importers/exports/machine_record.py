@@ -51,14 +51,17 @@ def say_record(others: Sequence[TextFile], answers: RecordAnswers, frames: int, 
     _say_unit(record, force, "force.unit", FORCE_UNITS, "N", found)
     time = answers.time or _clock(record)
     untimed = found.get("frames.rate_hz") is None and found.get("frames.times_s") is None
+    rest = ", and 0 N at the reference picture" if found.get("points.reference") == "separate" else ""
     if record.rows == frames:
-        found.say("force.per_frame", True, f"{record.rows} rows for {frames} frames: one each, whatever the clocks")
+        found.say("force.per_frame", True, f"{record.rows} rows for {frames} frames: one each{rest}")
         if time is not None and untimed:
             _say_time(record, time, answers, found)
         return
     if time is None:
         found.ask(
-            "force.time", "--time-column", f"which of {', '.join(record.names)} in {record.path.name} is the time"
+            "force.time",
+            "--time-column",
+            f"{record.path.name} has {record.rows} rows for {frames} frames, so that a time is needed: which of {', '.join(record.names)}",
         )
         return
     _say_time(record, time, answers, found)
