@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from calibrate.diagnosis.distillation import Distilled, bulk_modulus
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.problem import stiffness_factor
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Doubt, Round
 from calibrate.fitting.calibration import WEAK_SIGNAL
@@ -16,6 +17,7 @@ from studies.reports.discovery.records import shape_records
 from studies.reports.discovery.view import BAND, View
 from studies.reports.experiments.experiment_findings import experiment_findings
 
+ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
 OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
 LISTED = 3  # amplitudes that a cell of the table can hold
 
@@ -192,6 +194,9 @@ def remarks(view: View) -> list[str]:
         result += [WORDS.round_remark(number=i, remark=text) for text in round_remarks(now)]
     if view.unit != "MPa":
         result.append(WORDS.no_thickness())
+    factor = stiffness_factor(found.problem, found.final.c, found.final.additions)
+    if factor > ATTENUATED and not found.problem.level_is_nominal:
+        result.append(WORDS.attenuated(factor=factor))
     result += [WORDS.weak_strain(name=part.experiment.name, signal=part.experiment.strain_signal)
                for part in found.problem.parts if part.experiment.strain_signal.ratio < WEAK_SIGNAL]  # fmt: skip
     for part in found.problem.parts:
