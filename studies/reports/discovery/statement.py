@@ -70,7 +70,7 @@ class BestCandidate:
 class Statement:
     """All that the verdict says. last_step: of a last fit that has not converged, in standard deviations of an equation.
     doubts: why what is closest is no explanation; force_allowed: force error that one may leave. level_is_nominal: whether only ratios
-    of stiffness are known."""
+    of stiffness are known; weak_strain: whether a strain is near its noise."""
 
     verdict: Verdict
     named: tuple[NamedEffect, ...]
@@ -84,6 +84,7 @@ class Statement:
     doubts: tuple[Doubt, ...] = ()
     force_allowed: float = float("nan")
     level_is_nominal: bool = False
+    weak_strain: bool = False
 
     @property
     def force_after(self) -> float:
@@ -108,6 +109,7 @@ class Statement:
             () if found.confirmation is None else found.confirmation.doubts,
             float("nan") if found.confirmation is None else found.confirmation.force_allowed,
             found.problem.level_is_nominal,
+            any(part.experiment.strain_signal.ratio < WEAK_SIGNAL for part in found.problem.trained),
         )
 
 
@@ -195,8 +197,8 @@ def remarks(view: View) -> list[str]:
     if view.unit != "MPa":
         result.append(WORDS.no_thickness())
     factor = stiffness_factor(found.problem, found.final.c, found.final.additions)
-    if factor > ATTENUATED and not found.problem.level_is_nominal:
-        result.append(WORDS.attenuated(factor=factor))
+    if factor > ATTENUATED:
+        result.append(WORDS.attenuated(factor=factor, level_is_nominal=found.problem.level_is_nominal))
     result += [WORDS.weak_strain(name=part.experiment.name, signal=part.experiment.strain_signal)
                for part in found.problem.parts if part.experiment.strain_signal.ratio < WEAK_SIGNAL]  # fmt: skip
     for part in found.problem.parts:
