@@ -82,7 +82,8 @@ class Experiment:
 
     @property
     def level_is_nominal(self) -> bool:
-        """Whether the section carries an unknown part of the forces, so that only ratios of stiffness are identified."""
+        """Whether the section carries an unknown part of the forces (a window in a larger body), so that only ratios of stiffness are
+        identified: see `calibrate.equations.equilibrium`."""
         return bool(self.provenance.get("rim"))
 
     @property

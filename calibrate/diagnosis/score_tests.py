@@ -119,6 +119,8 @@ def untestable(problem: Problem, effect: Effect) -> Score | None:
     if effect.confounded_with:
         return Score(effect, Status.CONFOUNDED)
     missing = {effect.missing(part.chain.data) for part in problem.trained} - {None}
+    if problem.level_is_nominal and effect.stage == "load":
+        missing |= {"forces of the section"}
     if missing or (len(problem.trained) > 1 and not effect.of_material):
         return Score(effect, Status.NOT_TESTABLE, tuple(sorted(map(str, missing))))
     return None

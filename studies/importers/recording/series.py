@@ -30,7 +30,6 @@ __all__ = ["Grip", "Series", "to_experiment"]
 WORDS = Words("experiment")
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-RIM_FORCE = 1.0  # relative standard deviation of the force of a section that carries an unknown part of it
 
 
 def to_experiment(
@@ -90,12 +89,9 @@ def to_experiment(
 def _noise_of(
     series: Series, nodes: Index, frames: Index, noise: Noise | StatedNoise | None, kind: str
 ) -> tuple[Noise, dict[str, Any]]:
-    """Stated or estimated noise; in a window of a larger body the force is that of the section up to an unknown factor."""
+    """Stated or estimated noise."""
     stated = StatedNoise.all_of(noise) if isinstance(noise, Noise) else noise or StatedNoise()
-    found, report = noise_of(series, nodes, frames, stated, kind)
-    if series.provenance.get("rim"):
-        found = replace(found, force_std_relative=max(found.force_std_relative, RIM_FORCE))
-    return found, report
+    return noise_of(series, nodes, frames, stated, kind)
 
 
 def _spurious_notes(series: Series, kept: points.Kept) -> list[str]:

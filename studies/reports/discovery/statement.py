@@ -8,6 +8,7 @@ from calibrate.diagnosis.distillation import Distilled, bulk_modulus
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Doubt, Round
+from calibrate.fitting.calibration import WEAK_SIGNAL
 from calibrate.models.extended_model import amplitude_unit
 from studies.output.words import plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words, round_remarks
@@ -66,7 +67,8 @@ class BestCandidate:
 @dataclass(frozen=True)
 class Statement:
     """All that the verdict says. last_step: of a last fit that has not converged, in standard deviations of an equation.
-    doubts: why what is closest is no explanation; force_allowed: force error that one may leave."""
+    doubts: why what is closest is no explanation; force_allowed: force error that one may leave. level_is_nominal: whether only ratios
+    of stiffness are known."""
 
     verdict: Verdict
     named: tuple[NamedEffect, ...]
@@ -79,6 +81,7 @@ class Statement:
     last_step: float | None
     doubts: tuple[Doubt, ...] = ()
     force_allowed: float = float("nan")
+    level_is_nominal: bool = False
 
     @property
     def force_after(self) -> float:
@@ -102,6 +105,7 @@ class Statement:
             None if final.converged else final.last_step,
             () if found.confirmation is None else found.confirmation.doubts,
             float("nan") if found.confirmation is None else found.confirmation.force_allowed,
+            found.problem.level_is_nominal,
         )
 
 
@@ -188,6 +192,8 @@ def remarks(view: View) -> list[str]:
         result += [WORDS.round_remark(number=i, remark=text) for text in round_remarks(now)]
     if view.unit != "MPa":
         result.append(WORDS.no_thickness())
+    result += [WORDS.weak_strain(name=part.experiment.name, signal=part.experiment.strain_signal)
+               for part in found.problem.parts if part.experiment.strain_signal.ratio < WEAK_SIGNAL]  # fmt: skip
     for part in found.problem.parts:
         result += [f.text for f in experiment_findings(part.experiment, part.assembled.noise_is_known)]
     bulk = bulk_modulus(found.problem, found.final)

@@ -22,7 +22,7 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment
 from calibrate.data.triangulation import signed_areas
 from studies.importers import column_import, column_map
-from studies.importers.column_map import EdgesTable
+from studies.importers.map_tables import EdgesTable
 from studies.importers.recording.series import to_experiment
 
 
@@ -210,8 +210,12 @@ def test_one_force_for_sides_of_two_directions():
     triangles = Delaunay(points).simplices
     triangles = triangles[(np.abs(points[triangles].mean(axis=1)) <= 2.1).any(axis=1)].astype(np.int64)
     with pytest.raises(errors.ConfigError, match="names one force"):
-        column_import._edges(EdgesTable(loaded=("left", "right", "bottom", "top"), tolerance_mm=0.1), points, triangles)
-    assert len(column_import._edges(EdgesTable(loaded=("left", "right"), tolerance_mm=0.1), points, triangles)[0]) == 2
+        column_import._edges(
+            EdgesTable(loaded=("left", "right", "bottom", "top"), tolerance_mm=0.1), {}, points, triangles
+        )
+    assert (
+        len(column_import._edges(EdgesTable(loaded=("left", "right"), tolerance_mm=0.1), {}, points, triangles)[0]) == 2
+    )
 
 
 def test_sides_that_share_a_corner(tmp_path):
