@@ -65,7 +65,8 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
     """Read the files of a column map; `folder` is where its relative paths start."""
     folder = Path(folder)
     frames = read_frames(m.points, folder, m.mask.column)
-    mask = masked(frames.points, frames.displacements, m.masks, frames.flagged)
+    seen = np.isfinite(frames.displacements).any(axis=(1, 2))  # frames that did not fail as a whole
+    mask = masked(frames.points, frames.displacements[seen], m.masks, frames.flagged)
     mesh = _mesh(frames.points, ~mask.gone, m.points.max_edge_mm)
     points = frames.points[mesh.kept]
     records, time = load_cells(m, folder, len(frames.displacements))
@@ -101,6 +102,7 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         },
         masked=frames.points[mask.gone],
         tested=True,
+        heights=None if frames.heights is None else frames.heights[:, mesh.kept],
     )
 
 
@@ -166,11 +168,6 @@ def _edges(
     if len(np.unique(taken)) < len(taken):
         raise errors.ConfigError(
             f"edges.loaded: sides {', '.join(loaded)} share corner nodes; only sides that do not meet can be loaded"
-        )
-    if len({SIDES[side][0] for side in loaded}) > 1 and not cells:
-        raise errors.ConfigError(
-            f"edges.loaded: {', '.join(loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or give "
-            "each axis a [[force]] with its sides (docs/import.md)"
         )
     grips = []
     for side in loaded:

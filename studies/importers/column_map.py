@@ -55,6 +55,11 @@ class ColumnMap(Table):
             raise ValueError("points.scale_mm_per_px belongs to a unit 'px', and only to it")
         if not edges.loaded or set(edges.loaded) & set(edges.free):
             raise ValueError("edges.loaded must name a side, and a loaded side is not free")
+        if len(self.force) == 1 and len({side in ("left", "right") for side in edges.loaded}) > 1:
+            raise ValueError(
+                f"edges.loaded: {', '.join(edges.loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or "
+                "give each axis a [[force]] with its sides (docs/import.md)"
+            )
         if edges.rim and edges.free:
             raise ValueError("edges.rim: a window in a larger body has no free edge; leave out edges.free")
         if self.noise.correlation_length_mm is not None and self.noise.displacement_std_mm is None:
@@ -103,10 +108,15 @@ def read_map(path: str | Path) -> ColumnMap:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise errors.ConfigError(f"{path}: not valid TOML ({error})") from error
+    return checked_map(content, path)
+
+
+def checked_map(content: dict[str, Any], source: str | Path) -> ColumnMap:
+    """The column map of nested tables. Raises `ConfigError` that names source and key."""
     try:
         return ColumnMap.model_validate(content)
     except ValidationError as error:
-        raise errors.ConfigError(f"{path}: {_reason(error)}") from None
+        raise errors.ConfigError(f"{source}: {_reason(error)}") from None
 
 
 def _reason(error: ValidationError) -> str:

@@ -47,7 +47,8 @@ def say_grid(frames: Frames, found: Guesses) -> None:
         found.facts.append(f"failed points: up to {int(failed.sum(axis=1).max())} in a frame")
     if frames.plane is not None:
         tilt, warp = frames.plane.tilt, frames.plane.warp
-        moved = np.nanmean(frames.out_of_plane, axis=1)  # type: ignore[arg-type]
+        assert frames.heights is not None
+        moved = np.nanmean(frames.heights, axis=1)
         found.facts.append(
             f"stereo: fitted plane, tilt {tilt:.2g} degrees, warp {warp:.2g} mm rms; out-of-plane motion up to {np.abs(moved).max():.2g} mm on the mean"
         )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 from sheets import write
 
 from calibrate import errors
@@ -202,6 +203,17 @@ def mudic(folder: Path) -> None:
         table(folder / f"frame{k}.csv", "x,y,ux,uy", [X / SCALE, 900 - Y / SCALE, u, -v])
 
 
+def ncorr(folder: Path) -> None:
+    """One file for all frames; zeros around the region of interest; spacing counts the pixels that are skipped."""
+    frames = np.empty(STEPS, dtype=[("plot_u_ref_formatted", "O"), ("plot_v_ref_formatted", "O")])
+    for k in range(STEPS):
+        u, v = (np.pad(c.reshape(10, 12)[::-1], 2) for c in (moved(k + 1) + 1e-9).T)
+        frames[k] = (u, -v)
+    info = {"pixtounits": SCALE, "spacing": 2.0 / SCALE - 1, "units": "mm", "radius": 20.0}
+    folder.mkdir(parents=True)
+    savemat(folder / "test.mat", {"data_dic_save": {"displacements": frames, "dispinfo": info}})
+
+
 PIXELS = SheetOptions(scale=SCALE)
 
 
@@ -217,12 +229,13 @@ PIXELS = SheetOptions(scale=SCALE)
         (vic3d, "VIC-2D, VIC-3D", SheetOptions(), Answers()),
         (opencorr, "OpenCorr", PIXELS, Answers()),
         (mudic, "muDIC", PIXELS, Answers()),
+        (ncorr, "ncorr", SheetOptions(), Answers()),
     ],
 )
 def test_one_field_in_the_form_of_every_program(tmp_path, export, program, sheet, answers):
     folder = tmp_path / "export"
     export(folder)
-    frames = STEPS + (export not in (dice, matrices))  # files of those without one of the reference
+    frames = STEPS + (export not in (dice, matrices, ncorr))  # files of those without one of the reference
     rows = [f"a{k}.tif;12:0{k};  {k}.0;  {2 * k}.0" for k in range(frames)]
     write(folder / "Image.csv", "\n".join(["File;TimeStamp; Force [V]; Force [N]", *rows]) + "\n")
     _, recording = read(str(folder), Request(sheet=sheet, answers=answers))
@@ -234,6 +247,11 @@ def test_one_field_in_the_form_of_every_program(tmp_path, export, program, sheet
     np.testing.assert_allclose(centred[order], np.column_stack([X - X.mean(), Y - Y.mean()]), atol=1e-6)
     for k, u in enumerate(series.displacements[:, order]):
         np.testing.assert_allclose(u, moved(k), atol=1e-6)
+    stereo = export in (dice_stereo, zeiss, vic3d)
+    assert (series.heights is not None) == stereo
+    if stereo:  # moves towards the camera by so much in each frame; the tilt of a specimen is none
+        rate = {dice_stereo: -1.0, zeiss: 0.0, vic3d: 0.1}[export]
+        np.testing.assert_allclose(series.heights, rate * np.arange(STEPS + 1)[:, None] + 0 * X, atol=1e-6)
     assert recording.guesses.get("edges.loaded") == ["left", "right"]
     assert recording.guesses.get("force.per_frame") is True
     written = write(tmp_path / "out" / "column_map.toml", recording.guesses.toml(tmp_path / "out"))
@@ -255,6 +273,14 @@ def test_questions_leave_a_column_map_to_be_completed(tmp_path):
         import_data(str(tmp_path / "export"), output=tmp_path / "out")
     text = (tmp_path / "out-column_map.toml").read_text()
     assert "# missing: points.scale_mm_per_px (--scale)" in text
+    with pytest.raises(errors.ConfigError, match="--loaded up: unknown"):
+        Answers(loaded=("up",))
+    record = write(tmp_path / "r.csv", "Time,Force\n" + "".join(f"{k},{k}\n" for k in range(9)))
+    with pytest.raises(errors.ConfigError, match="edges.loaded must name a side, and a loaded side is not free"):
+        read(
+            str(tmp_path / "export"),
+            Request(record=record, sheet=SheetOptions(scale=1.0, frame_rate=1.0), answers=Answers(free=("left",))),
+        )
     with pytest.raises(errors.ConfigError, match="--drop-rows is for printed sheets"):
         read(str(tmp_path / "export"), Request(sheet=SheetOptions(drop_rows=1)))
 
@@ -283,3 +309,11 @@ def test_a_cross_with_two_load_cells(tmp_path):
     write(path, text.replace('sides = ["bottom", "top"]', 'sides = ["bottom"]'))
     with pytest.raises(errors.ConfigError, match="every side of edges.loaded needs one load cell"):
         read_map(path)
+
+
+def test_documentation_says_which_programs_were_tested():
+    text = (Path(__file__).parents[3] / "docs" / "import.md").read_text()
+    for vendor in vendors():
+        assert f"| {vendor.name} | " in text
+        row = next(line for line in text.splitlines() if line.startswith(f"| {vendor.name} | "))
+        assert row.split("|")[3].strip().startswith("yes" if vendor.tested_on else "no")
