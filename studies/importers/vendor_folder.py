@@ -25,6 +25,7 @@ from studies.importers.exports.ncorr_file import ncorr_file
 from studies.importers.exports.text_files import TextFile, text_file
 from studies.importers.frame_tables import read_frames
 from studies.importers.map_tables import PointsTable
+from studies.importers.nn_euclid import NODES
 from studies.importers.recording.importer import Answers, Importer, Part, Recording, SheetOptions
 from studies.importers.recording.series import Series, elongation
 from studies.importers.recording.synchronise import forces_at
@@ -142,7 +143,8 @@ def _file(path: Path) -> TextFile | None:
 
 
 def _folders(path: Path) -> list[Path]:
-    return sorted(one for one in path.iterdir() if one.is_dir())
+    """Folders in a folder that are no load steps of NN-EUCLID, whose tables have positions and displacements too."""
+    return sorted(one for one in path.iterdir() if one.is_dir() and not (one / NODES).is_file())
 
 
 def _tested(vendor: Vendor) -> str:
