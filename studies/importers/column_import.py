@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from calibrate import errors
 from calibrate.data.triangulation import boundary_nodes, signed_areas
-from studies.importers.column_map import ColumnMap, read_map
+from studies.importers.column_map import ColumnMap, read_map, tests_of
 from studies.importers.frame_tables import read_frames
 from studies.importers.load_cells import load_cells
 from studies.importers.map_tables import EdgesTable
@@ -43,13 +43,17 @@ class ColumnMapped(Importer):
     instead: ClassVar[str] = "say it in the TOML file (docs/import.md)"
 
     def reads(self, source: str) -> bool:
-        """A path that ends with .toml."""
-        return Path(source).suffix == ".toml"
+        """A path that ends with .toml, or with .toml#NAME of a test in it."""
+        return Path(source.partition("#")[0]).suffix == ".toml"
+
+    def parts(self, source: str) -> tuple[str, ...]:
+        """FILE#NAME of every [[test]]."""
+        return () if "#" in source else tuple(f"{source}#{name}" for name in tests_of(source))
 
     def read(self, source: str, options: SheetOptions, name: str | None, record: Path | None) -> Recording:
         """Raises `ConfigError` for a map that cannot be, and the errors of its tables."""
-        path = Path(source)
-        columns = read_map(path)
+        path = Path(source.partition("#")[0])
+        columns = read_map(source)
         series = mapped_series(columns, path.parent)
         series.provenance.update(source=path.name, map=columns.model_dump(exclude_none=True))
         return Recording(series, (path,), Processing(columns.selection, columns.stated_noise, columns.noise.kind))
@@ -65,7 +69,8 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
     """Read the files of a column map; `folder` is where its relative paths start."""
     folder = Path(folder)
     frames = read_frames(m.points, folder, m.mask.column)
-    mask = masked(frames.points, frames.displacements, m.masks, frames.flagged)
+    seen = np.isfinite(frames.displacements).any(axis=(1, 2))  # frames that did not fail as a whole
+    mask = masked(frames.points, frames.displacements[seen], m.masks, frames.flagged)
     mesh = _mesh(frames.points, ~mask.gone, m.points.max_edge_mm)
     points = frames.points[mesh.kept]
     records, time = load_cells(m, folder, len(frames.displacements))
@@ -167,11 +172,6 @@ def _edges(
     if len(np.unique(taken)) < len(taken):
         raise errors.ConfigError(
             f"edges.loaded: sides {', '.join(loaded)} share corner nodes; only sides that do not meet can be loaded"
-        )
-    if len({SIDES[side][0] for side in loaded}) > 1 and not cells:
-        raise errors.ConfigError(
-            f"edges.loaded: {', '.join(loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or give "
-            "each axis a [[force]] with its sides (docs/import.md)"
         )
     grips = []
     for side in loaded:

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from calibrate import errors
 from studies.importers.exports.frame_order import Order, frame_order
+from studies.importers.exports.ncorr_file import read_ncorr
 from studies.importers.exports.specimen_plane import Plane, fitted_plane
 from studies.importers.map_tables import PointsTable
 from studies.importers.text_tables import read_table
@@ -79,11 +80,17 @@ def read_frames(p: PointsTable, folder: Path, mask: str | None = None) -> Frames
     known = np.isfinite(frames[0].position).all(axis=1)
     points = frames[0].position[known]
     if len(points) < 4:
-        raise errors.LostPointsError(f"{frames[0].source}: {len(points)} valid points in the reference frame")
+        raise errors.LostPointsError(
+            f"{frames[0].source}: {len(points)} points of the reference frame have a position; it must list every point, with u and v = 0"
+        )
     distance = cKDTree(points).query(points, k=2)[0][:, 1]
     if distance.min() < 1e-6 * np.median(distance) or not np.median(distance) > 0:
         raise errors.DegenerateMeshError(f"{frames[0].source}: points are listed twice; export each point once")
     moved = np.stack([_matched(points, frame) for frame in frames])
+    if not np.isfinite(moved[p.reference != "separate" :]).any():
+        raise errors.LostPointsError(_all_failed(p, paths))
+    if not np.isfinite(moved[0]).any() and p.reference != "separate":
+        moved[0] = 0.0  # displacements count from the reference, whatever its quality
     if p.reference == "separate":
         moved = np.concatenate([np.zeros_like(moved[:1]), moved])
     flagged = None if flags is None else flags[known]
@@ -100,6 +107,12 @@ def _frames(p: PointsTable, paths: list[Path]) -> Iterator[Frame]:
     """Frames in mm, y up (and z towards the observer, where y was turned)."""
     axes = np.array([1.0, -1.0, -1.0]) if p.y_axis == "down" else np.ones(3)
     of_position, of_displacement = p.scales
+    if p.layout == "ncorr":
+        for path in paths:
+            position, frames = read_ncorr(path)
+            for moved in frames:
+                yield Frame(position * of_position * axes[:2], moved * of_displacement * axes[:2], str(path))
+        return
     read = {"table": _table, "matrix": _matrices}[p.layout]
     for path in paths:
         position, moved = read(p, path)
@@ -114,12 +127,27 @@ def _table(p: PointsTable, path: Path) -> tuple[Array, Array]:
     table = read_table(path, [*where, *motion] + ([p.valid_column] if p.valid_column else []), p.text)
     moved = np.stack([table[name] for name in motion], axis=1)
     if p.valid_column:
-        quality = table[p.valid_column]
-        good = np.isfinite(quality)
-        good &= quality >= p.valid_minimum if p.valid_minimum is not None else True
-        good &= quality <= p.valid_maximum if p.valid_maximum is not None else True
-        moved[~good] = np.nan
+        moved[~_valid(p, table[p.valid_column])] = np.nan
     return np.stack([table[name] for name in where], axis=1), moved
+
+
+def _valid(p: PointsTable, quality: Array) -> Flags:
+    """Points (n,) whose quality (n,) is within the limits of the map."""
+    low = -np.inf if p.valid_minimum is None else p.valid_minimum
+    high = np.inf if p.valid_maximum is None else p.valid_maximum
+    return np.isfinite(quality) & (quality >= low) & (quality <= high)
+
+
+def _all_failed(p: PointsTable, paths: list[Path]) -> str:
+    """What to say where no frame has a point."""
+    if p.valid_column is None:
+        return f"{paths[-1]} and all others: no point has a displacement; check points.u and points.v"
+    quality = np.concatenate([read_table(path, [p.valid_column], p.text)[p.valid_column] for path in paths])
+    found = f"from {np.nanmin(quality):g} to {np.nanmax(quality):g}" if np.isfinite(quality).any() else "no number"
+    return (
+        f"{paths[-1]} and all others: no point is valid; '{p.valid_column}' is {found}, check points.valid_minimum "
+        f"({p.valid_minimum}) and valid_maximum ({p.valid_maximum})"
+    )
 
 
 def _matrices(p: PointsTable, path: Path) -> tuple[Array, Array]:

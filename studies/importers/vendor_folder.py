@@ -16,14 +16,16 @@ import numpy as np
 
 from calibrate import errors
 from studies.importers.column_import import mapped_series
-from studies.importers.column_map import ColumnMap
+from studies.importers.column_map import checked_map
 from studies.importers.exports.field_guesses import has_rest, say_edges, say_grid
 from studies.importers.exports.frame_order import Order, Rule, frame_order
 from studies.importers.exports.guesses import Guesses, Undecided
 from studies.importers.exports.machine_record import RecordAnswers, say_record
+from studies.importers.exports.ncorr_file import ncorr_file
 from studies.importers.exports.text_files import TextFile, text_file
 from studies.importers.frame_tables import read_frames
 from studies.importers.map_tables import PointsTable
+from studies.importers.nn_euclid import NODES
 from studies.importers.recording.importer import Answers, Importer, Part, Recording, SheetOptions
 from studies.importers.recording.series import Series, elongation
 from studies.importers.recording.synchronise import forces_at
@@ -46,7 +48,9 @@ class VendorFolder(Importer):
     """Every program of `studies.importers.vendors`."""
 
     source: ClassVar[str] = "a folder as a DIC program exported it"
-    looks_for: ClassVar[str] = "tables with the columns of " + ", ".join(vendor.name for vendor in vendors())
+    looks_for: ClassVar[str] = (
+        "tables with the columns of " + ", ".join(vendor.name for vendor in vendors()) + " (.mat saved with -v7)"
+    )
     takes: ClassVar[tuple[Part, ...]] = ("name", "record", "frames", "sheet", "noise", "answers")
     answers: Answers = Answers()
 
@@ -105,14 +109,16 @@ class VendorFolder(Importer):
         if answers.y_axis:
             found.say("points.y_axis", answers.y_axis, "as given")
         _say_scale(options.scale, answers.step, found)
-        separate = _say_field(answers, found)
+        separate, count = _say_field(answers, found)
         _say_times(order, times, separate, options, found)
-        say_record(export.others, RecordAnswers(record, answers.force_column, answers.time_column), len(frames), found)
+        say_record(
+            export.others, RecordAnswers(record, answers.force_column, answers.time_column), count or len(frames), found
+        )
 
 
 def exported(folder: Path, pattern: str | None) -> Export:
     """What a folder holds. pattern: glob of the frames. Raises `DataNotFoundError` for a pattern without a frame."""
-    files = [file for path in sorted(folder.iterdir()) if path.is_file() and (file := text_file(path))]
+    files = [file for path in sorted(folder.iterdir()) if path.is_file() and (file := _file(path))]
     claims = [(next((v for v in vendors() if v.claims(file)), None), file) for file in files]
     chosen = [(v, f) for v, f in claims if v and (pattern is None or fnmatch.fnmatch(f.path.name, pattern))]
     if not chosen:
@@ -127,12 +133,18 @@ def exported(folder: Path, pattern: str | None) -> Export:
 
 def _is_export(folder: Path) -> bool:
     """Whether one of its files is a frame of a known program."""
-    files = (text_file(path) for path in sorted(folder.iterdir()) if path.is_file())
+    files = (_file(path) for path in sorted(folder.iterdir()) if path.is_file())
     return any(file is not None and any(v.claims(file) for v in vendors()) for file in files)
 
 
+def _file(path: Path) -> TextFile | None:
+    """A table, or a file of ncorr."""
+    return ncorr_file(path) if path.suffix == ".mat" else text_file(path)
+
+
 def _folders(path: Path) -> list[Path]:
-    return sorted(one for one in path.iterdir() if one.is_dir())
+    """Folders in a folder that are no load steps of NN-EUCLID, whose tables have positions and displacements too."""
+    return sorted(one for one in path.iterdir() if one.is_dir() and not (one / NODES).is_file())
 
 
 def _tested(vendor: Vendor) -> str:
@@ -172,12 +184,12 @@ def _say_scale(scale: float | None, step: float | None, found: Guesses) -> None:
         found.say("points.step", step, "as given")
 
 
-def _say_field(answers: Answers, found: Guesses) -> bool:
-    """Grid, reference and edges of the measured field; whether the reference has no file of its own."""
+def _say_field(answers: Answers, found: Guesses) -> tuple[bool, int]:
+    """Grid, reference and edges of the measured field; whether the reference is in no file, and the number of frames that are (0: unread)."""
     points: dict[str, Any] = found.tables()["points"]
     unread = {q.key for q in found.questions} & {"points.v", "points.step"}
     if unread:
-        return False
+        return False, 0
     frames = read_frames(PointsTable.model_validate(points | {"reference": "separate"}), Path())
     frames = replace(frames, displacements=frames.displacements[1:])
     separate = not has_rest(frames)
@@ -189,7 +201,7 @@ def _say_field(answers: Answers, found: Guesses) -> bool:
         found.facts.append("the first file is the reference: no point has moved in it")
     say_grid(frames, found)
     say_edges(frames, answers.loaded, answers.free, found)
-    return separate
+    return separate, len(frames.displacements)
 
 
 def _say_times(order: Order, times: list[float] | None, separate: bool, options: SheetOptions, found: Guesses) -> None:
@@ -219,11 +231,11 @@ def _say_times(order: Order, times: list[float] | None, separate: bool, options:
 
 def _series(found: Guesses) -> Series:
     """Read the column map; the force is turned where the specimen lengthens under a falling force."""
-    columns = ColumnMap.model_validate(found.tables())
+    columns = checked_map(found.tables(), found.get("name"))
     series = mapped_series(columns, Path())
     force = forces_at(series.record, np.clip(series.time, series.record.time[0], series.record.time[-1]))
     if float((force - force[0]) @ np.nan_to_num(elongation(series))) < 0:
         found.say("force.sign", -1.0, "the specimen lengthens while the recorded force falls")
-        series = mapped_series(ColumnMap.model_validate(found.tables()), Path())
+        series = mapped_series(checked_map(found.tables(), found.get("name")), Path())
     series.provenance.update(source=found.get("name"), found=list(found.lines()))
     return series

@@ -17,6 +17,7 @@ from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import Names
 from studies.importers.exports.frame_order import Rule
 from studies.importers.exports.guesses import Guesses
+from studies.importers.recording.masks import SIDES
 from studies.importers.recording.series import Series, to_experiment
 from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import DEFAULT_SELECTION, Selection
@@ -88,6 +89,14 @@ class Answers:
     time_column: str | None = None
     """column of the time in the machine record"""
 
+    def __post_init__(self) -> None:
+        for name, value in (("loaded", self.loaded), ("free", self.free)):
+            for side in value:
+                if side not in SIDES and (name, side) != ("free", "holes"):
+                    raise errors.ConfigError(f"--{name} {side}: unknown; choose of {', '.join(SIDES)}")
+        if self.step is not None and not self.step > 0:
+            raise errors.ConfigError(f"--step {self.step:g}: the distance of the points must be positive")
+
 
 @dataclass(frozen=True)
 class Processing:
@@ -129,6 +138,10 @@ class Importer(ABC):
     def answered(self, answers: Answers) -> Importer:
         """The same with answers to what no file states, where it takes them."""
         return self
+
+    def parts(self, source: str) -> tuple[str, ...]:
+        """Sources of the tests that one holds; none where it is one test."""
+        return ()
 
     @abstractmethod
     def reads(self, source: str) -> bool:

@@ -44,7 +44,7 @@ def to_experiment(
     `MissingForceError`, `ForceSignError`, `TimeError`, `ExperimentError` where noise cannot be estimated, and whatever
     the checks of an Experiment find.
     """
-    frames, notes = choose_frames(series.time, series.record, selection, failure(series))
+    frames, notes = choose_frames(series.time, series.record, selection, failure(series), failed_frames(series))
     tare = _at_rest(series, series.record) if selection.tare is None else selection.tare
     force = forces_at(series.record, series.time[frames]) - tare
     across = moves_across(series, frames)
@@ -85,6 +85,12 @@ def to_experiment(
     signal = experiment.strain_signal
     more = {"strain_signal": signal.to_dict(), "notes": [*provenance["notes"], *strain_notes(experiment)]}
     return replace(experiment, provenance={**provenance, **more})
+
+
+def failed_frames(series: Series) -> Index:
+    """Frames with more failed points than can be bridged."""
+    lost = 1 - np.isfinite(series.displacements).all(axis=2).mean(axis=1)
+    return np.flatnonzero(lost > points.MAX_LOST)
 
 
 def _noise_of(

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 from sheets import write
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
-from studies.commands.import_data import Request, import_data, import_experiment, read
+from studies.commands.import_data import Request, SeveralImported, import_data, import_experiment, read
 from studies.importers import column_import, importer_of
 from studies.importers.column_map import read_map
 from studies.importers.exports.guesses import Undecided
@@ -202,6 +203,17 @@ def mudic(folder: Path) -> None:
         table(folder / f"frame{k}.csv", "x,y,ux,uy", [X / SCALE, 900 - Y / SCALE, u, -v])
 
 
+def ncorr(folder: Path) -> None:
+    """One file for all frames; zeros around the region of interest; spacing counts the pixels that are skipped."""
+    frames = np.empty(STEPS, dtype=[("plot_u_ref_formatted", "O"), ("plot_v_ref_formatted", "O")])
+    for k in range(STEPS):
+        u, v = (np.pad(c.reshape(10, 12)[::-1], 2) for c in (moved(k + 1) + 1e-9).T)
+        frames[k] = (u, -v)
+    info = {"pixtounits": SCALE, "spacing": 2.0 / SCALE - 1, "units": "mm", "radius": 20.0}
+    folder.mkdir(parents=True)
+    savemat(folder / "test.mat", {"data_dic_save": {"displacements": frames, "dispinfo": info}})
+
+
 PIXELS = SheetOptions(scale=SCALE)
 
 
@@ -217,12 +229,13 @@ PIXELS = SheetOptions(scale=SCALE)
         (vic3d, "VIC-2D, VIC-3D", SheetOptions(), Answers()),
         (opencorr, "OpenCorr", PIXELS, Answers()),
         (mudic, "muDIC", PIXELS, Answers()),
+        (ncorr, "ncorr", SheetOptions(), Answers()),
     ],
 )
 def test_one_field_in_the_form_of_every_program(tmp_path, export, program, sheet, answers):
     folder = tmp_path / "export"
     export(folder)
-    frames = STEPS + (export not in (dice, matrices))  # files of those without one of the reference
+    frames = STEPS + (export not in (dice, matrices, ncorr))  # files of those without one of the reference
     rows = [f"a{k}.tif;12:0{k};  {k}.0;  {2 * k}.0" for k in range(frames)]
     write(folder / "Image.csv", "\n".join(["File;TimeStamp; Force [V]; Force [N]", *rows]) + "\n")
     _, recording = read(str(folder), Request(sheet=sheet, answers=answers))
@@ -260,6 +273,14 @@ def test_questions_leave_a_column_map_to_be_completed(tmp_path):
         import_data(str(tmp_path / "export"), output=tmp_path / "out")
     text = (tmp_path / "out-column_map.toml").read_text()
     assert "# missing: points.scale_mm_per_px (--scale)" in text
+    with pytest.raises(errors.ConfigError, match="--loaded up: unknown"):
+        Answers(loaded=("up",))
+    record = write(tmp_path / "r.csv", "Time,Force\n" + "".join(f"{k},{k}\n" for k in range(9)))
+    with pytest.raises(errors.ConfigError, match="edges.loaded must name a side, and a loaded side is not free"):
+        read(
+            str(tmp_path / "export"),
+            Request(record=record, sheet=SheetOptions(scale=1.0, frame_rate=1.0), answers=Answers(free=("left",))),
+        )
     with pytest.raises(errors.ConfigError, match="--drop-rows is for printed sheets"):
         read(str(tmp_path / "export"), Request(sheet=SheetOptions(drop_rows=1)))
 
@@ -287,4 +308,35 @@ def test_a_cross_with_two_load_cells(tmp_path):
     assert np.isnan(forces["top"][0])
     write(path, text.replace('sides = ["bottom", "top"]', 'sides = ["bottom"]'))
     with pytest.raises(errors.ConfigError, match="every side of edges.loaded needs one load cell"):
+        read_map(path)
+
+
+def test_documentation_says_which_programs_were_tested():
+    text = (Path(__file__).parents[3] / "docs" / "import.md").read_text()
+    for vendor in vendors():
+        assert f"| {vendor.name} | " in text
+        row = next(line for line in text.splitlines() if line.startswith(f"| {vendor.name} | "))
+        assert row.split("|")[3].strip().startswith("yes" if vendor.tested_on else "no")
+
+
+def test_several_tests_in_one_column_map(tmp_path):
+    for name, factor in (("first", 1.0), ("second", 2.0)):
+        for k in range(STEPS + 1):
+            table(tmp_path / name / f"f_{k}.csv", "x,y,u,v", [X, Y, *moved(k).T])
+        write(tmp_path / name / "force.csv", "F\n" + "".join(f"{factor * k}\n" for k in range(STEPS + 1)))
+    text = (
+        'thickness_mm = 1.0\n[points]\nfiles = "f_*.csv"\nx = "x"\ny = "y"\nu = "u"\nv = "v"\n'
+        '[force]\nforce = "F"\nper_frame = true\n[edges]\nloaded = ["left", "right"]\n'
+    )
+    for name in ("first", "second"):
+        text += f'[[test]]\nname = "{name}"\npoints.folder = "{name}"\nforce.file = "{name}/force.csv"\n'
+    path = write(tmp_path / "tests.toml", text + "thickness_mm = 2.0\n")
+    both = import_data(str(path), output=tmp_path / "out")
+    assert isinstance(both, SeveralImported)
+    assert [one.path for one in both.tests] == [tmp_path / "out" / n / "experiment.npz" for n in ("first", "second")]
+    first, second = (one.experiment for one in both.tests)
+    np.testing.assert_allclose(second.loaded[1].force[:, 0], 2 * first.loaded[1].force[:, 0])
+    assert (first.thickness, second.thickness) == (1.0, 2.0)
+    assert import_experiment(f"{path}#second").fingerprint == second.fingerprint
+    with pytest.raises(errors.ConfigError, match="holds several tests; name one: .*#first"):
         read_map(path)
