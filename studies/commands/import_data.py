@@ -111,6 +111,18 @@ class Imported(Outcome):
         yield f"report: {self.report}"
 
 
+@dataclass(frozen=True)
+class SeveralImported(Outcome):
+    """Experiments of one TOML file."""
+
+    tests: tuple[Imported, ...]
+
+    def lines(self) -> Iterable[str]:
+        """Those of every test."""
+        for one in self.tests:
+            yield from one.lines()
+
+
 def import_data(
     source: Annotated[str, Parameter(help=SOURCE)],
     /,
@@ -125,7 +137,7 @@ def import_data(
     ] = Answers(),
     output: OutputFolder = None,
     overwrite: Overwrite = False,
-) -> Imported:
+) -> Imported | SeveralImported:
     """Read measured full-field data into an Experiment (docs/import.md).
 
     The folder is results/import-NAME unless told.
@@ -138,13 +150,25 @@ def import_data(
         EquigapError: whatever the reader of the source and `series.to_experiment` find.
     """
     request = Request(name, record, frames, sheet, noise, answers)
+    parts = importer_of(source).parts(source)
+    if parts:
+        folder = Path(output or default_folder(f"import-{Path(source).stem}"))
+        return SeveralImported(
+            tuple(import_one(part, request, folder / part.partition("#")[2], overwrite) for part in parts)
+        )
+    return import_one(source, request, output, overwrite)
+
+
+def import_one(source: str, request: Request, output: Path | None, overwrite: bool = False) -> Imported:
+    """Read one test and write its folder. Raises what `import_data` does."""
+    noise = request.noise
     try:
         importer, recording = read(source, request)
     except Undecided as error:
         raise _with_draft(
             error, Path(output) if output else default_folder(f"import-{error.guesses.get('name')}"), overwrite
         ) from error
-    experiment = recording.experiment(Processing(frames.selection, noise.stated, noise.noise))
+    experiment = recording.experiment(Processing(request.frames.selection, noise.stated, noise.noise))
     settings: dict[str, Any] = {"source": source}
     for part in importer.takes:
         settings |= request.options(part)

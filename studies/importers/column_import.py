@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from calibrate import errors
 from calibrate.data.triangulation import boundary_nodes, signed_areas
-from studies.importers.column_map import ColumnMap, read_map
+from studies.importers.column_map import ColumnMap, read_map, tests_of
 from studies.importers.frame_tables import read_frames
 from studies.importers.load_cells import load_cells
 from studies.importers.map_tables import EdgesTable
@@ -43,13 +43,17 @@ class ColumnMapped(Importer):
     instead: ClassVar[str] = "say it in the TOML file (docs/import.md)"
 
     def reads(self, source: str) -> bool:
-        """A path that ends with .toml."""
-        return Path(source).suffix == ".toml"
+        """A path that ends with .toml, or with .toml#NAME of a test in it."""
+        return Path(source.partition("#")[0]).suffix == ".toml"
+
+    def parts(self, source: str) -> tuple[str, ...]:
+        """FILE#NAME of every [[test]]."""
+        return () if "#" in source else tuple(f"{source}#{name}" for name in tests_of(source))
 
     def read(self, source: str, options: SheetOptions, name: str | None, record: Path | None) -> Recording:
         """Raises `ConfigError` for a map that cannot be, and the errors of its tables."""
-        path = Path(source)
-        columns = read_map(path)
+        path = Path(source.partition("#")[0])
+        columns = read_map(source)
         series = mapped_series(columns, path.parent)
         series.provenance.update(source=path.name, map=columns.model_dump(exclude_none=True))
         return Recording(series, (path,), Processing(columns.selection, columns.stated_noise, columns.noise.kind))

@@ -100,15 +100,44 @@ class ColumnMap(Table):
 
 
 def read_map(path: str | Path) -> ColumnMap:
-    """Read a TOML column map. Raises `ConfigError` that names the key, `DataNotFoundError`."""
-    path = Path(path)
+    """Read a TOML column map; FILE#NAME: one of its [[test]]. Raises `ConfigError` that names the key, `DataNotFoundError`."""
+    file, _, name = str(path).partition("#")
+    content = _toml(Path(file))
+    tests = {str(test.get("name")): test for test in content.pop("test", [])}
+    if tests and name not in tests:
+        raise errors.ConfigError(
+            f"{file}: holds several tests; name one: " + ", ".join(f"{file}#{one}" for one in tests)
+        )
+    if name and not tests:
+        raise errors.ConfigError(f"{file}: has no [[test]], so no '{name}'; leave out what follows the #")
+    return checked_map(_merged(content, tests[name]) if tests else content, path)
+
+
+def tests_of(path: str | Path) -> tuple[str, ...]:
+    """Names of the [[test]] of a TOML file; none where it is one test. Raises what `read_map` does."""
+    names = [test.get("name") for test in _toml(Path(path)).get("test", [])]
+    if None in names or len(set(names)) < len(names):
+        raise errors.ConfigError(f"{path}: every [[test]] needs a name of its own")
+    return tuple(map(str, names))
+
+
+def _merged(common: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """Tables of a test over those that all share."""
+    both = {
+        key: _merged(common[key], value)
+        for key, value in own.items()
+        if isinstance(value, dict) and isinstance(common.get(key), dict)
+    }
+    return common | own | both
+
+
+def _toml(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise errors.DataNotFoundError(f"{path}: no such file; see docs/import.md for column maps")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise errors.ConfigError(f"{path}: not valid TOML ({error})") from error
-    return checked_map(content, path)
 
 
 def checked_map(content: dict[str, Any], source: str | Path) -> ColumnMap:

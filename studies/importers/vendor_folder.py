@@ -177,6 +177,7 @@ def _say_scale(scale: float | None, step: float | None, found: Guesses) -> None:
         found.ask("points.scale_mm_per_px", "--scale", "in pixels, and no file states mm per pixel")
     elif scale is not None and "px" in units:
         found.say("points.scale_mm_per_px", scale, "as given")
+        found.say("recording.image_scale", f"{scale:g} mm/px", "as given")
     elif scale is not None:
         raise errors.ConfigError("--scale: nothing in this export is in pixels; leave it out")
     if step is not None:
@@ -221,6 +222,8 @@ def _say_times(order: Order, times: list[float] | None, separate: bool, options:
         )
     elif rate is not None:
         found.say("frames.rate_hz", rate, "as given")
+    if rate is not None:
+        found.say("recording.frame_rate", f"{rate:g} Hz", "as given")
     if times is not None or rate is not None:
         found.say(
             "frames.offset_s",

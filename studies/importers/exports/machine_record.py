@@ -50,24 +50,32 @@ def say_record(others: Sequence[TextFile], answers: RecordAnswers, frames: int, 
     found.say("force.force", force, "as given" if answers.force else "name and unit of the column")
     _say_unit(record, force, "force.unit", FORCE_UNITS, "N", found)
     time = answers.time or _clock(record)
-    if record.rows == frames and (
-        time is None or (found.get("frames.rate_hz") is None and found.get("frames.times_s") is None)
-    ):
-        found.say("force.per_frame", True, f"{record.rows} rows for {frames} frames")
+    untimed = found.get("frames.rate_hz") is None and found.get("frames.times_s") is None
+    rest = ", and 0 N at the reference picture" if found.get("points.reference") == "separate" else ""
+    if record.rows == frames:
+        found.say("force.per_frame", True, f"{record.rows} rows for {frames} frames: one each{rest}")
+        if time is not None and untimed:
+            _say_time(record, time, answers, found)
         return
     if time is None:
         found.ask(
-            "force.time", "--time-column", f"which of {', '.join(record.names)} in {record.path.name} is the time"
+            "force.time",
+            "--time-column",
+            f"{record.path.name} has {record.rows} rows for {frames} frames, so that a time is needed: which of {', '.join(record.names)}",
         )
         return
-    found.say("force.time", time, "as given" if answers.time else "name of the column")
-    _say_unit(record, time, "force.time_unit", TIME_UNITS, "s", found)
-    if found.get("frames.rate_hz") is None and found.get("frames.times_s") is None:
+    _say_time(record, time, answers, found)
+    if untimed:
         found.ask(
             "frames.rate_hz",
             "--frame-rate",
             "no time of the frames is stated, and the record has another number of rows",
         )
+
+
+def _say_time(record: TextFile, time: str, answers: RecordAnswers, found: Guesses) -> None:
+    found.say("force.time", time, "as given" if answers.time else "name of the column")
+    _say_unit(record, time, "force.time_unit", TIME_UNITS, "s", found)
 
 
 def is_record(file: TextFile) -> bool:

@@ -139,6 +139,10 @@ class Importer(ABC):
         """The same with answers to what no file states, where it takes them."""
         return self
 
+    def parts(self, source: str) -> tuple[str, ...]:
+        """Sources of the tests that one holds; none where it is one test."""
+        return ()
+
     @abstractmethod
     def reads(self, source: str) -> bool:
         """Whether a source, as given on the command line, is one of these, by what is in it; no other importer may say so too."""

@@ -18,8 +18,10 @@ class Dice(Vendor):
     documentation: ClassVar[str] = "DICe user's manual, output fields"
 
     def claims(self, file: TextFile) -> bool:
-        """COORDINATE_X with DISPLACEMENT_X, or those of the model."""
+        """COORDINATE_X with DISPLACEMENT_X, or those of the model; not a table of one subset over all frames."""
         names = set(file.names)
+        if "FRAME" in names:
+            return False
         return names >= {"COORDINATE_X", "DISPLACEMENT_X"} or names >= {"MODEL_COORDINATES_X", "MODEL_DISPLACEMENT_X"}
 
     def describe(self, frames: Sequence[TextFile], found: Guesses) -> None:

@@ -61,6 +61,7 @@ def test_an_unknown_word_for_a_missing_value_is_named(tmp_path):
         ("SUBSET_ID,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA,GAMMA,BETA,STATUS_FLAG,UNCERTAINTY", "DICe"),
         ("x,y,u0,v0,u,v,exx,eyy,exy,zncc,iteration,convergence,feature", "OpenCorr"),
         ("d,x,y,ux,uy", "muDIC"),
+        ("FRAME,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA", None),  # one subset over all frames
         ("Time,Force,Displacement", None),
         ("x,y,u,v", None),
     ],

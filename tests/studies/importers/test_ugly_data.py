@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from sheets import COLUMNS, MAP, PITCH, ROWS, SCALE, mapped, motion, pixels, write
 
 from calibrate import errors
@@ -74,11 +75,13 @@ def test_noise_and_steep_fields_are_no_outliers(noise):
         assert outliers(*field(seed=seed, noise=noise)).index.size == 0
 
 
-@pytest.mark.parametrize("together", [False, True])
-def test_spurious_points_are_found_alone_and_beside_each_other(together):
+@pytest.mark.parametrize("cluster", [0, 3, 10])
+def test_spurious_points_are_found_alone_and_in_clusters(cluster):
+    """A cluster of ten moves as one, by eighteen deviations of the noise; nothing else is taken for spurious."""
     points, u = field()
-    wrong = np.array([300, 301, 302]) if together else np.array([100, 500, 1200])
-    u[1:, wrong] += np.array([0.4, -0.3])
+    apart = np.array([100, 500, 1200])
+    wrong = np.sort(cKDTree(points).query(points[333], k=cluster)[1]) if cluster else apart
+    u[1:, wrong] += np.array([0.15, -0.1])
     assert np.array_equal(outliers(points, u).index, wrong)
 
 

@@ -12,7 +12,7 @@ from sheets import write
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
-from studies.commands.import_data import Request, import_data, import_experiment, read
+from studies.commands.import_data import Request, SeveralImported, import_data, import_experiment, read
 from studies.importers import column_import, importer_of
 from studies.importers.column_map import read_map
 from studies.importers.exports.guesses import Undecided
@@ -317,3 +317,26 @@ def test_documentation_says_which_programs_were_tested():
         assert f"| {vendor.name} | " in text
         row = next(line for line in text.splitlines() if line.startswith(f"| {vendor.name} | "))
         assert row.split("|")[3].strip().startswith("yes" if vendor.tested_on else "no")
+
+
+def test_several_tests_in_one_column_map(tmp_path):
+    for name, factor in (("first", 1.0), ("second", 2.0)):
+        for k in range(STEPS + 1):
+            table(tmp_path / name / f"f_{k}.csv", "x,y,u,v", [X, Y, *moved(k).T])
+        write(tmp_path / name / "force.csv", "F\n" + "".join(f"{factor * k}\n" for k in range(STEPS + 1)))
+    text = (
+        'thickness_mm = 1.0\n[points]\nfiles = "f_*.csv"\nx = "x"\ny = "y"\nu = "u"\nv = "v"\n'
+        '[force]\nforce = "F"\nper_frame = true\n[edges]\nloaded = ["left", "right"]\n'
+    )
+    for name in ("first", "second"):
+        text += f'[[test]]\nname = "{name}"\npoints.folder = "{name}"\nforce.file = "{name}/force.csv"\n'
+    path = write(tmp_path / "tests.toml", text + "thickness_mm = 2.0\n")
+    both = import_data(str(path), output=tmp_path / "out")
+    assert isinstance(both, SeveralImported)
+    assert [one.path for one in both.tests] == [tmp_path / "out" / n / "experiment.npz" for n in ("first", "second")]
+    first, second = (one.experiment for one in both.tests)
+    np.testing.assert_allclose(second.loaded[1].force[:, 0], 2 * first.loaded[1].force[:, 0])
+    assert (first.thickness, second.thickness) == (1.0, 2.0)
+    assert import_experiment(f"{path}#second").fingerprint == second.fingerprint
+    with pytest.raises(errors.ConfigError, match="holds several tests; name one: .*#first"):
+        read_map(path)
