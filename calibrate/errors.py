@@ -63,3 +63,7 @@ class ModelFileError(EquigapError, ValueError):
 
 class DecimalCommaError(FileFormatError):
     """A number is written with a decimal comma."""
+
+
+class UndecidedError(ConfigError):
+    """The data do not say what has to be known; names the option that does."""

@@ -135,6 +135,8 @@ def summary(cases: list[Row], plate: list[Row], times: list[Row], settings: Row)
             numbers |= {
                 f"{key}_epochs": str(last["epoch"]),
                 f"{key}_epoch_s": f"{last['cpu_seconds'] / last['epoch']:.1f}",
+                f"{key}_nn_error": f"{percent(mean_error(last, 0))} %",
+                f"{key}_nn_far": f"{percent(mean_error(last, 1))} %",
             }
             if "angle" in last:
                 numbers[f"{key}_angle"] = f"{last['angle']:.1f}"
@@ -157,7 +159,11 @@ def _model_numbers(key: str, row: Row) -> Row:
     }.get(row["name"])
     if name is None:
         return {}
-    found = {f"{key}_{name}_loss": f"{row['loss']:.3g}", f"{key}_{name}_error": f"{percent(mean_error(row, 0))} %"}
+    found = {
+        f"{key}_{name}_loss": f"{row['loss']:.3g}",
+        f"{key}_{name}_error": f"{percent(mean_error(row, 0))} %",
+        f"{key}_{name}_far": f"{percent(mean_error(row, 1))} %",
+    }
     if "bulk_modulus" in row:
         found[f"{key}_{name}_kappa"] = f"{row['bulk_modulus']:.3g}"
         found[f"{key}_{name}_mu"] = f"{row['shear_modulus']:.3g}"

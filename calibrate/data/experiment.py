@@ -35,6 +35,8 @@ class Experiment:
     thickness: None = unknown; then stiffness times thickness (N/mm) is identified instead of MPa.
     time (n_increments,), from the start of loading: None = unknown. noise: None = unknown.
     plane: 'stress' of an incompressible sheet with free faces, or 'strain' of a compressible body held at its faces.
+    heights (n_increments + 1, n_nodes), mm: of stereo data, distance from the plane fitted to the reference, the reference first;
+    None: pictures of one camera.
 
     Raises `ExperimentError` or a subclass of it when a check fails, `ConfigError` for another plane.
     """
@@ -50,12 +52,15 @@ class Experiment:
     noise: Noise | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
     plane: str = "stress"
+    heights: Array | None = None
 
     def __post_init__(self) -> None:
         for key in ("points", "displacements"):
             object.__setattr__(self, key, np.ascontiguousarray(getattr(self, key), dtype=np.float64))
         for key in ("triangles", "free_nodes"):
             object.__setattr__(self, key, np.ascontiguousarray(getattr(self, key), dtype=np.int64))
+        if self.heights is not None:
+            object.__setattr__(self, "heights", np.asarray(self.heights, dtype=np.float64))
         if self.time is not None:
             object.__setattr__(self, "time", np.asarray(self.time, dtype=np.float64))
         loaded = tuple(
@@ -82,7 +87,8 @@ class Experiment:
 
     @property
     def level_is_nominal(self) -> bool:
-        """Whether the section carries an unknown part of the forces, so that only ratios of stiffness are identified."""
+        """Whether the section carries an unknown part of the forces (a window in a larger body), so that only ratios of stiffness are
+        identified: see `calibrate.equations.equilibrium`."""
         return bool(self.provenance.get("rim"))
 
     @property
@@ -112,6 +118,7 @@ class Experiment:
             name=name or self.name,
             displacements=self.displacements[index],
             time=None if self.time is None else self.time[index],
+            heights=None if self.heights is None else self.heights[np.concatenate([[0], index + 1])],
             loaded=tuple(replace(b, force=b.force[index]) for b in self.loaded),
         )
 

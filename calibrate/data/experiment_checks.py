@@ -38,6 +38,8 @@ class Record(Protocol):
     def time(self) -> Array | None: ...
     @property
     def plane(self) -> str: ...
+    @property
+    def heights(self) -> Array | None: ...
 
 
 def check(record: Record) -> None:
@@ -56,9 +58,9 @@ def _place(point: Array) -> str:
     return f"({point[0]:.4g}, {point[1]:.4g}) mm"
 
 
-def _first(mask: NDArray[np.bool_]) -> str:
-    """'3 (first: 17)' for the true entries of `mask`."""
-    return f"{int(mask.sum())} (first: {int(np.flatnonzero(mask)[0])})"
+def _count(mask: NDArray[np.bool_], places: Array) -> str:
+    """'3, the first at (1.2, 3.4) mm' for the true entries of `mask` (k,), which lie at places (k, 2)."""
+    return f"{int(mask.sum())}, the first at {_place(places[mask][0])}"
 
 
 def _check_shapes(e: Record) -> None:
@@ -73,6 +75,10 @@ def _check_shapes(e: Record) -> None:
         raise errors.MeshMismatchError(
             f"displacements {e.displacements.shape} do not match {n} nodes; expected (n_increments, {n}, 2): "
             "were mesh and displacements exported from the same analysis?"
+        )
+    if e.heights is not None and e.heights.shape != (len(e.displacements) + 1, n):
+        raise errors.MeshMismatchError(
+            f"heights {e.heights.shape} do not match; expected ({len(e.displacements) + 1}, {n}): the reference and every increment"
         )
     if len(e.displacements) == 0 or len(e.triangles) == 0:
         raise errors.MeshMismatchError("an Experiment needs at least one increment and one triangle")
@@ -111,23 +117,26 @@ def _check_mesh(e: Record) -> None:
     if not np.isfinite(e.points).all():
         raise errors.DegenerateMeshError("reference points are not finite; drop those points and re-triangulate")
     area = signed_areas(e.points, e.triangles)
+    centroids = e.points[e.triangles].mean(axis=1)
     if (area < 0).any():
         raise errors.DegenerateMeshError(
-            f"inverted triangles: {_first(area < 0)}; order nodes counter-clockwise (image y-axes point down: flip y)"
+            f"inverted triangles: {_count(area < 0, centroids)}; order nodes counter-clockwise (image y-axes point down: flip y)"
         )
     size = np.sqrt(np.median(np.abs(area)))
     flat = area <= 1e-8 * size**2
     if flat.any():
-        raise errors.DegenerateMeshError(f"triangles without area: {_first(flat)}; re-triangulate")
+        raise errors.DegenerateMeshError(f"triangles without area: {_count(flat, centroids)}; re-triangulate")
     rounded = np.round(e.points / (1e-7 * max(size, 1e-300))).astype(np.int64)
     _, first, count = np.unique(rounded, axis=0, return_index=True, return_counts=True)
     if (count > 1).any():
         raise errors.DegenerateMeshError(
-            f"duplicate nodes: {_first(count > 1)}, e.g. node {first[count > 1][0]}; merge nodes at the same place"
+            f"duplicate nodes: {_count(count > 1, e.points[first])}; merge nodes at the same place"
         )
     unused = np.setdiff1d(np.arange(len(e.points)), e.triangles)
     if unused.size:
-        raise errors.DegenerateMeshError(f"{unused.size} nodes belong to no triangle (first: {unused[0]}); drop them")
+        raise errors.DegenerateMeshError(
+            f"{unused.size} nodes belong to no triangle, the first at {_place(e.points[unused[0]])}; drop them"
+        )
 
 
 def _check_loads(e: Record) -> None:

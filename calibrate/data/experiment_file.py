@@ -4,7 +4,7 @@ Its arrays: ``format`` = "equigap-experiment", ``version`` = 1, ``name``, ``poin
 ``free_nodes``, ``time`` and ``thickness`` (absent = unknown), ``loaded_names`` and per loaded boundary ``i``:
 ``loaded_i_nodes``, ``loaded_i_force``; ``noise`` (4 numbers: displacement std mm, correlation length mm, relative force
 std, force std N; absent = unknown); ``provenance`` (JSON text). In plane strain ``plane`` = "strain", and ``version`` = 2,
-which older programs refuse. Where an edge slides, ``loaded_i_held`` (2,) says which components it holds, and ``version`` = 3.
+which older programs refuse. Of stereo data, ``heights``. Where an edge slides, ``loaded_i_held`` (2,) says which components it holds, and ``version`` = 3.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
         arrays[f"loaded_{i}_force"] = boundary.force
         if not all(boundary.held):
             arrays[f"loaded_{i}_held"] = np.array(boundary.held)
-    arrays |= {key: fields[key] for key in ("time", "thickness") if fields[key] is not None}
+    arrays |= {key: fields[key] for key in ("time", "thickness", "heights") if fields[key] is not None}
     if fields["plane"] != "stress":
         arrays["plane"] = fields["plane"]
     if fields["noise"] is not None:
@@ -111,6 +111,7 @@ def _fields(content: Mapping[str, Any]) -> dict[str, Any]:
         "loaded": loaded,
         "thickness": float(content["thickness"]) if "thickness" in content else None,
         "time": content.get("time"),
+        "heights": content.get("heights"),
         "noise": Noise(*map(float, content["noise"])) if "noise" in content else None,
         "provenance": json.loads(str(content["provenance"])),
         "plane": str(content.get("plane", "stress")),

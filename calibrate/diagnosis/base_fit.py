@@ -6,7 +6,7 @@ In: Experiments and the equations used for fitting. Out: `Problem` and the base 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,9 @@ def prepare(
     tests in plane stress and in plane strain come together; and the errors of `calibrate.equations.equilibrium.equilibrium`.
     """
     systems = [equilibrium(e, spacing) for e in experiments]
+    systems = _with_one_level(
+        systems, [bool(function(system).any()) for function, system in zip(train, systems, strict=True)]
+    )
     masks = [function(system) & all_rows(system) for function, system in zip(train, systems, strict=True)]
     if not any(mask.any() for mask in masks):
         raise errors.ConfigError("every equation is held out; leave some to fit")
@@ -85,6 +88,13 @@ def prepare(
     noise_is_known = all(test.assembled.noise_is_known for test in tests)
     problem = Problem(tuple(parts), basis, cone, prior, noise_is_known, with_discrepancy, c, parametric)
     return problem, refit(problem, c, ())
+
+
+def _with_one_level(systems: Sequence[Equilibrium], fitted: Sequence[bool]) -> list[Equilibrium]:
+    """Windows in larger bodies fix no level beside a test whose forces are measured, nor beside another window."""
+    used = [system for system, one in zip(systems, fitted, strict=True) if one]
+    measured = any(not system.experiment.level_is_nominal for system in used)
+    return [replace(s, fixes_level=bool(not measured and used and s is used[0])) for s in systems]
 
 
 def _basis(experiments: Sequence[Experiment], systems: Sequence[Equilibrium]) -> SingleBasis | PlaneStrainBasis:

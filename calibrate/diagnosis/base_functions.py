@@ -22,8 +22,9 @@ STIFFENING = 0.1  # prior: by how much psi_1 may grow from one spline to the nex
 
 
 def first_guess(assembled: Sequence[Assembled]) -> Array:
-    """Coefficients (n_functions,) of neo-Hooke with the mean of the moduli that fit each experiment's forces."""
-    return np.mean([a.first_guess() for a in assembled], axis=0)
+    """Coefficients (n_functions,) of neo-Hooke with the mean of the moduli that fit each experiment's forces, of those that have any."""
+    loaded = (a for a in assembled if np.isfinite(a.system.loads[:, np.tile(a.system.fields.boundary >= 0, 2)]).any())
+    return np.mean([a.first_guess() for a in loaded], axis=0)
 
 
 def trained_top(system: Equilibrium, mask: Mask) -> float:

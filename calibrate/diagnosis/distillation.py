@@ -65,6 +65,7 @@ def distil(
         {"I1": (3.0, 3.0 + problem.parts[0].chain.energy.top)},
         {"loss": network_loss, "spline_loss": fit.loss, "equations": fit.n_rows},
         bulk_modulus=float(found.coefficients[-1]) if isinstance(problem.basis, PlaneStrainBasis) else None,
+        level_is_nominal=problem.level_is_nominal,
     )
     return Distilled(model, fit.loss, network_loss, fit.n_rows)
 

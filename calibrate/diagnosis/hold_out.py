@@ -103,6 +103,7 @@ class HoldOut:
     def training(self, system: Equilibrium) -> Mask:
         """Equations (t, 2 v) that are used for fitting. Raises `ConfigError` when none or all are left."""
         mask = np.repeat(self.increments(system.experiment)[:, None], system.loads.shape[1], axis=1)
+        mask |= system.level_equation  # without it, no stiffness at all meets the others best
         if self.kind != Kind.HALF:
             return mask
         mask[:, np.tile(self._half(system), 2)] = False

@@ -70,7 +70,7 @@ class Part:
     @cached_property
     def linear(self) -> Equilibrium:
         """The same equations with linear triangles."""
-        return Equilibrium(self.experiment, self.system.fields, linear=True)
+        return replace(self.system, linear=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +98,11 @@ class Problem:
     def trained(self) -> tuple[Part, ...]:
         """The parts that have training rows."""
         return tuple(part for part in self.parts if part.train.size)
+
+    @property
+    def level_is_nominal(self) -> bool:
+        """Whether no force of the parts with training rows is that of its section."""
+        return all(part.experiment.level_is_nominal for part in self.trained)
 
     def whiten(self, values: Sequence[Array]) -> Array:
         """Whitened training rows (..., N) of one array (..., t, 2 v) for each trained part."""

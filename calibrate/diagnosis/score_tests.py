@@ -37,11 +37,13 @@ DRAWS = 2000  # of the simulated search
 
 class Status(StrEnum):
     """Whether an effect can be tested: one that is confounded cannot be told from what it names; data may be missing, or it belongs to one
-    test where several are fitted; the base may absorb its signature; or that is not finite at these deformations."""
+    test where several are fitted; the data may exclude it, as stereo
+    data do out-of-plane motion; the base may absorb its signature; or that is not finite at these deformations."""
 
     TESTED = "tested"
     CONFOUNDED = "confounded"
     NOT_TESTABLE = "not testable"
+    EXCLUDED = "excluded"
     ABSORBED = "absorbed"
     NOT_FINITE = "not finite"
 
@@ -118,7 +120,11 @@ def untestable(problem: Problem, effect: Effect) -> Score | None:
     """Score of an effect that cannot be tested with these data, or None."""
     if effect.confounded_with:
         return Score(effect, Status.CONFOUNDED)
+    if all(effect.excluded(part.chain.data) for part in problem.trained):
+        return Score(effect, Status.EXCLUDED)
     missing = {effect.missing(part.chain.data) for part in problem.trained} - {None}
+    if problem.level_is_nominal and effect.stage == "load":
+        missing |= {"forces of the section"}
     if missing or (len(problem.trained) > 1 and not effect.of_material):
         return Score(effect, Status.NOT_TESTABLE, tuple(sorted(map(str, missing))))
     return None

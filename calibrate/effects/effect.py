@@ -105,6 +105,10 @@ class Effect:
         """What the data lack for this effect to be tested ('time', 'unloading', ...), or None."""
         return None
 
+    def excluded(self, data: Data) -> bool:
+        """Whether the data measure what it guesses, or rule it out, so that it is no candidate."""
+        return False
+
     def shape_values(self, data: Data) -> list[tuple[float, ...]]:
         """Shapes to be tried; one empty one for an effect without shapes."""
         return [()]

@@ -20,6 +20,9 @@ class OutOfPlane(Effect):
     amplitudes = (Parameter("m", "1", lower=-0.05, upper=0.05, typical=0.003),)
     decided_by = "a second camera, or a telecentric lens"
 
+    def excluded(self, data):
+        return data.reference_height is not None  # two cameras measure it
+
     def displacements(self, data, u, a, shape):
         size = jnp.sqrt((data.u**2).mean(axis=(1, 2)))
         share = (size / size.max())[:, None, None]

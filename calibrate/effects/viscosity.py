@@ -1,26 +1,27 @@
-"""Viscoelasticity: one Prony branch on the second Piola-Kirchhoff stress (Simo 1987)."""
+"""Viscoelasticity: one Prony branch on the isochoric second Piola-Kirchhoff stress in three dimensions (Simo 1987), condensed by P33 = 0."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter, lacks_rate
-from calibrate.equations.tensors import inverse
+from calibrate.equations.tensors import det, inverse
 
 TIMES = 5
 
 
 @dataclass(frozen=True)
 class Viscosity(Effect):
-    """S gains g int exp(-(t - s) / tau) dS/ds ds; stress is linear in time between increments and zero at t = 0."""
+    """S_iso gains Q = g int exp(-(t - s) / tau) dS_iso/ds ds; S_iso is linear in time between increments and zero at t = 0."""
 
     name = "viscoelasticity"
     stage = "relaxation"
     of_material = True
-    formula = "S + g int exp(-(t - s) / tau) dS"
+    formula = "S + Q - C33 Q33 C^-1, Q = g int exp(-(t - s) / tau) dS_iso"
     source = "Simo 1987"
     amplitudes = (Parameter("g", "1", lower=0.0, typical=0.2),)
     shapes = (Parameter("tau", "s", lower=0.0),)
@@ -34,18 +35,26 @@ class Viscosity(Effect):
         return [(float(t),) for t in np.geomspace(max(steps.min(), 1e-3 * data.time[-1]), data.time[-1], TIMES)]
 
     def stress(self, data, F, P, a, shape, law):
-        tau = shape[0]
-        S = inverse(F) @ P
-        steps = jnp.diff(data.time, prepend=0.0)
-        H, before, overstress = jnp.zeros_like(S[0]), jnp.zeros_like(S[0]), []
-        for i, now in enumerate(S):
-            ratio = steps[i] / tau
-            some = jnp.where(ratio > 0, ratio, 1.0)
-            gain = jnp.where(ratio > 0, -jnp.expm1(-some) / some, 1.0)  # at time 0 the load is there at once
-            H = jnp.exp(-ratio) * H + gain * (now - before)
-            overstress.append(H)
-            before = now
-        return P + a[0] * F @ jnp.stack(overstress)
+        S, C = inverse(F) @ P, jnp.swapaxes(F, -1, -2) @ F
+        inverse_C, C33 = inverse(C), 1 / det(C)
+        trace = jnp.sum(S * C, axis=(-2, -1)) / 3  # S33 = 0 holds for S, and S_iso : C = 0 in three dimensions
+        Q = convolved(S - trace[..., None, None] * inverse_C, data.time, shape[0])
+        Q33 = convolved(-trace / C33, data.time, shape[0])
+        return P + a[0] * F @ (Q - (C33 * Q33)[..., None, None] * inverse_C)
+
+
+def convolved(values: Any, time: Any, tau: Any) -> Any:
+    """int exp(-(t - s) / tau) d values / ds ds of values (t, ...), linear in time (t,), s, and zero at time 0; tau in s."""
+    steps = jnp.diff(time, prepend=0.0)
+    H, before, found = jnp.zeros_like(values[0]), jnp.zeros_like(values[0]), []
+    for i, now in enumerate(values):
+        ratio = steps[i] / tau
+        some = jnp.where(ratio > 0, ratio, 1.0)
+        gain = jnp.where(ratio > 0, -jnp.expm1(-some) / some, 1.0)  # at time 0 the load is there at once
+        H = jnp.exp(-ratio) * H + gain * (now - before)
+        found.append(H)
+        before = now
+    return jnp.stack(found)
 
 
 @dataclass(frozen=True)

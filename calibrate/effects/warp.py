@@ -16,11 +16,13 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 
 ORDER = 4
 STEEPEST = 0.01  # strain; a slope of 8 degrees
+FLAT = 1e-4  # strain that a sheet would regain, below which a measured reference counts as flat
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,9 @@ class InitialWarp(Effect):
         for k in range(ORDER + 1)
     )
     decided_by = "a reference picture under a small load, or a second camera"
+
+    def excluded(self, data):
+        return data.reference_height is not None and regained_strain(data.points, data.reference_height) < FLAT
 
     def missing(self, data):
         return lacks_plane_stress(data) or (None if len(data.u) > 2 else "more increments")
@@ -58,6 +63,20 @@ class UnevenWarp(InitialWarp):
     name = "uneven initial warp"
     formula = "as initial warp, without a_0 and b_0"
     amplitudes = tuple(p for p in InitialWarp.amplitudes if not p.name.endswith("0"))
+
+
+def regained_strain(points, height):
+    """Largest q^2 / 2 of a reference of height (n,), mm, at points (n, 2), mm; q: slopes of a polynomial of total degree ORDER through it."""
+    points, height = np.asarray(points), np.asarray(height)
+    x, y = (2.0 * (p - p.min()) / np.ptp(p) - 1.0 for p in points.T)
+    powers = [(i, j) for i in range(ORDER + 1) for j in range(ORDER + 1 - i)]
+    known = np.isfinite(height)
+    design = np.stack([x**i * y**j for i, j in powers], axis=1)
+    fit, *_ = np.linalg.lstsq(design[known], height[known], rcond=None)
+    along = sum(c * i * x ** max(i - 1, 0) * y**j for c, (i, j) in zip(fit, powers, strict=True))
+    across = sum(c * j * x**i * y ** max(j - 1, 0) for c, (i, j) in zip(fit, powers, strict=True))
+    slopes = 2.0 * np.stack([along, across]) / np.ptp(points, axis=0)[:, None]
+    return float(0.5 * (slopes**2).max())
 
 
 def polynomials(x):

@@ -7,6 +7,10 @@ In: an Experiment, virtual fields, a spline basis. Out: the linear system
 
 one row a virtual field v and component i, in N; c are the spline coefficients of the energy derivatives (MPa).
 With unknown thickness t = 1 mm is used and c is stiffness times thickness (N/mm).
+
+In a window of a larger body the section carries an unknown part of the forces: they have no equations. One equation fixes the level, which
+the others leave open (if c meets them, so does any multiple): where the force of an increment is largest, the section is taken to carry all
+of it. That level is nominal.
 """
 
 from __future__ import annotations
@@ -34,12 +38,14 @@ Array = NDArray[np.float64]
 class Equilibrium:
     """The virtual-work equations of one Experiment; rows are ordered component-major: all x, then all y.
 
-    linear: displacements are linear in the triangles, as the paper has it, instead of recovered (`recovery`).
+    linear: displacements are linear in the triangles, as the paper has it, instead of recovered (`recovery`). fixes_level: whether a
+    window in a larger body has the equation of its nominal level; not beside a test that knows the level.
     """
 
     experiment: Experiment
     fields: VirtualFields
     linear: bool = False
+    fixes_level: bool = True
 
     @cached_property
     def gradient(self) -> sp.csr_array:
@@ -63,8 +69,9 @@ class Equilibrium:
         return sp.csr_array((sp.diags_array(weights) @ (linear @ self.fields.values)).T)
 
     @cached_property
-    def loads(self) -> Array:
-        """Measured force of each row (n_increments, 2 n_fields), N; NaN where it was not measured, or its work is unknown."""
+    def recorded(self) -> Array:
+        """Measured force of each row (n_increments, 2 n_fields), N, whether or not the section carries it; NaN where it was not measured, or
+        its work is unknown."""
         n = self.fields.n_fields
         loads = np.zeros((self.experiment.n_increments, 2 * n))
         for column in np.flatnonzero(self.fields.boundary >= 0):
@@ -73,6 +80,22 @@ class Equilibrium:
         if self.fields.admissible is not None:
             loads[:, ~self.fields.admissible.ravel()] = np.nan
         return loads
+
+    @cached_property
+    def level_equation(self) -> NDArray[np.bool_]:
+        """The equation (n_increments, 2 n_fields) that fixes a nominal level: of the largest force; none where the level is measured."""
+        found = np.zeros(self.recorded.shape, bool)
+        if self.experiment.level_is_nominal and self.fixes_level:
+            found[np.unravel_index(np.argmax(np.nan_to_num(np.abs(self.recorded))), found.shape)] = True
+        return found
+
+    @cached_property
+    def loads(self) -> Array:
+        """Right-hand side of each equation (n_increments, 2 n_fields), N; NaN where there is none: of a force that was not measured, or that
+        the section does not carry."""
+        if not self.experiment.level_is_nominal:
+            return self.recorded
+        return np.where(np.tile(self.fields.boundary >= 0, 2) & ~self.level_equation, np.nan, self.recorded)
 
     @cached_property
     def deformation_gradients(self) -> Array:

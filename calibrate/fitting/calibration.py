@@ -262,6 +262,7 @@ def _collect(
     dead_network: bool = False,
 ) -> Calibration:
     experiment = system.experiment
+    bulk_modulus, deviation = bulk or (None, None)
     model = Model(
         architecture,
         parameters,
@@ -270,7 +271,9 @@ def _collect(
         {"loss": loss, "reason": reason, "options": asdict(options)},
         {"experiment": experiment.name, **experiment.provenance},
         confidence,
-        *(bulk or (None, None)),
+        bulk_modulus,
+        deviation,
+        experiment.level_is_nominal,
     )
     forces, residuals = predict_forces(system, model)
     return Calibration(

@@ -7,7 +7,7 @@ sqrt((I1 - 3) / top) (`calibrate.equations.basis.SingleBasis`), in plane strain 
 [{"name", "unit", "value", "standard_deviation"}], "shape" [{"name", "unit", "value"}]}]; ``training`` [{"name",
 "fingerprint", "spacing" of the virtual fields, mm, or null}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
 from]}; ``network``: a model file of a PANN distilled from the base, or null; ``network_loss``: how good it is;
-``provenance`` (free JSON). The spline is the base; the network stands in for it where programs read networks only.
+``provenance`` (free JSON); optional ``level`` "nominal" where only ratios of stiffness are known. The spline is the base; the network stands in for it where programs read networks only.
 
 An effect that is not one of the material belongs to the tests that were fitted and is left out for any other.
 """
@@ -29,7 +29,7 @@ from calibrate.equations import noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.equations.kinematics import invariants_and_derivatives
-from calibrate.models.json_file import Format, check_unit, read_model, write_model
+from calibrate.models.json_file import MEASURED, NOMINAL, Format, check_level, check_unit, read_model, write_model
 from calibrate.models.network_model import Model
 
 FORMAT, VERSION = "equigap-extended-model", 1
@@ -68,6 +68,7 @@ class ExtendedModel:
     network_loss: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict, repr=False)
     bulk_modulus_deviation: float | None = None
+    level_is_nominal: bool = False
 
     @property
     def plane(self) -> str:
@@ -145,6 +146,7 @@ class ExtendedModel:
             "network": None if self.network is None else self.network.to_dict(),
             "network_loss": self.network_loss,
             "provenance": self.provenance,
+            **({"level": NOMINAL} if self.level_is_nominal else {}),
         }
 
     def save(self, path: str | Path) -> None:
@@ -224,6 +226,7 @@ class ExtendedModel:
             dict(content["network_loss"]),
             dict(content["provenance"]),
             None if base.get("bulk_modulus_deviation") is None else float(base["bulk_modulus_deviation"]),
+            check_level(content.get("level", MEASURED)) == NOMINAL,
         )
 
 

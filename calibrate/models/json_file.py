@@ -15,6 +15,7 @@ from calibrate import errors
 from meshes.files import write_atomically
 
 UNITS = ("MPa", "N/mm")
+MEASURED, NOMINAL = "measured", "nominal"  # where the level of the stresses is from
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,13 @@ def check_unit(unit: str) -> str:
     if unit not in UNITS:
         raise ValueError(f"unit '{unit}' unknown; choose one of {', '.join(UNITS)}")
     return unit
+
+
+def check_level(level: str) -> str:
+    """Where the level of the stresses of a model file is from, if it is one of two. Raises ValueError for another."""
+    if level not in (MEASURED, NOMINAL):
+        raise ValueError(f"level '{level}' unknown; choose {MEASURED} or {NOMINAL}")
+    return level
 
 
 def _read_json(path: Path, commands: str) -> Any:

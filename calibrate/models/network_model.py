@@ -4,7 +4,7 @@ Keys: ``format`` = "equigap-model", ``version`` = 1, ``kind`` = "pann"; ``inputs
 ``layers`` [N...]; ``scales`` [s_1, s_2]; ``energy_scale``; ``hidden`` [{"weights": [[...]], "biases": [...]}];
 ``output`` [...] (w); ``skip`` [...] (v); ``unit`` ("MPa", or "N/mm" where the thickness was unknown);
 ``calibrated_range`` {"I1": [min, max], "I2": [min, max]}; ``fit`` and ``provenance`` (free JSON).
-Optional: ``bulk_modulus`` {"value", "standard_deviation" (or null)} of a calibration in plane strain, where the
+Optional: ``level`` "nominal" where only ratios of stiffness are known, of a window in a larger body; ``bulk_modulus`` {"value", "standard_deviation" (or null)} of a calibration in plane strain, where the
 invariants are those of the isochoric part (`calibrate.equations.isochoric`); ``uncertainty`` {"factor": [[...]] (rows: parameters; covariance =
 factor factor^T), "effective_parameters", "reduced_chi_square", "noise_is_known"}; parameters in the order weights (row by row) and biases of each layer, output, skip.
 The formula is in `calibrate.models.pann`, that of the uncertainty in `calibrate.fitting.uncertainty`.
@@ -34,7 +34,7 @@ from calibrate.equations.deformation_modes import (
 )
 from calibrate.equations.inputs import INPUT_SETS
 from calibrate.models import pann
-from calibrate.models.json_file import Format, check_unit, read_model, write_model
+from calibrate.models.json_file import MEASURED, NOMINAL, Format, check_level, check_unit, read_model, write_model
 from calibrate.models.parameter_covariance import Uncertainty
 
 FORMAT, VERSION = "equigap-model", 1
@@ -60,7 +60,8 @@ class Model:
     """A calibrated PANN. parameters (n_parameters,); calibrated_range: (min, max) of I1 and I2 in the data.
 
     uncertainty: None where the loss was not weighted by noise, and in files written before it was stored.
-    bulk_modulus: None where it was calibrated in plane stress, which takes rubber for incompressible.
+    bulk_modulus: None where it was calibrated in plane stress, which takes rubber for incompressible. level_is_nominal: whether only ratios
+    of its stresses are known.
     """
 
     architecture: pann.Architecture
@@ -72,6 +73,7 @@ class Model:
     uncertainty: Uncertainty | None = field(default=None, repr=False)
     bulk_modulus: float | None = None
     bulk_modulus_deviation: float | None = None
+    level_is_nominal: bool = False
 
     def energy(self, invariants: jax.Array) -> jax.Array:
         """Strain energy at one (I1, I2) (2,), MPa (or N/mm)."""
@@ -152,6 +154,8 @@ class Model:
         optional: dict[str, Any] = {} if self.uncertainty is None else {"uncertainty": self.uncertainty.to_dict()}
         if self.bulk_modulus is not None:
             optional["bulk_modulus"] = {"value": self.bulk_modulus, "standard_deviation": self.bulk_modulus_deviation}
+        if self.level_is_nominal:
+            optional["level"] = NOMINAL
         return {
             "format": FORMAT,
             "version": VERSION,
@@ -209,6 +213,7 @@ class Model:
             provenance=content.get("provenance", {}),
             uncertainty=_uncertainty(content.get("uncertainty"), architecture),
             **_bulk_modulus(content.get("bulk_modulus")),
+            level_is_nominal=check_level(content.get("level", MEASURED)) == NOMINAL,
         )
 
 

@@ -49,7 +49,7 @@ class Page:
         """'-0.02 to 0.09': P5 to P95 of the signed error of P11, medians over seeds."""
         fits = self.fits(condition, loss, noisy)
         low, high = (Spread.of(map(tables.STRESSES[f"P11 {q} (%)"], fits)).median for q in ("P5", "P95"))
-        return f"{low:.2f} to {high:.2f}"
+        return f"{round(low, 2) + 0.0:.2f} to {round(high, 2) + 0.0:.2f}"
 
     def row(self, title: str, quantity: Any, loss: Loss, noisy: bool, digits: int) -> list[str]:
         """A line of the table: the reference has no corrected fits."""
@@ -108,6 +108,8 @@ class Page:
             "corrected_outside_clean": span(corrected(noisy=False)),
             "corrected_outside_noisy": span(corrected(noisy=True)),
             "corrected_outside_worst": percent(float(np.max(seeds)), 0),
+            "noisy_20": span((abs(self.bias(h, DEFAULT, True)) for h in ("10", "15", "20")), 1),
+            "corrected_noisy_20": span((abs(self.bias(h, CORRECTED, True)) for h in ("10", "15", "20")), 1),
             "seeds": str(len(self.results.settings.seeds)),
         }
 

@@ -4,8 +4,9 @@ Plane stress as in `plane_stress_problem`, with what a `Sheet` may have beside i
 Gauss points:
 
 - largest: the largest x = I1 - 3 so far;
-- S and Q of viscosity (Simo 1987). Between two steps S is linear in time, so that with z = dt / tau
-  Q = exp(-z) Q_old + g (1 - exp(-z)) / z (S - S_old);
+- S_iso and Q of viscosity with their 33 components (Simo 1987). Between two steps S_iso is linear in time, so that with z = dt / tau
+  Q = exp(-z) Q_old + g (1 - exp(-z)) / z (S_iso - S_iso,old); P33 = 0 leaves S + Q - C33 Q33 C^-1 in the plane. What is elastic in
+  the step adds its part of S itself, since S_iso condenses to S; the rest is the derivative of (K : C + K33 C33) / 2;
 - F of the last step, and A and A33 of permanent set (Tobolsky 1960): shares of the chains formed anew, times C^-1 and
   1 / C33 of the state they were formed in, which is the mean of a step's ends, so that their energy is
   mu / 2 (tr(C A) + C33 A33), but for a constant; those of a step carry stress from the next one on;
@@ -101,12 +102,11 @@ class InelasticProblem(PlaneStressProblem):
             if self.sheet.permanent_set is not None:
                 self._commit_permanent_set(self.sheet.permanent_set.a, before)
         if self.sheet.prony is not None:
-            S = self._at_points(self._S)
-            self._set(
-                "Q",
-                float(self._decay.value) * self._get("Q") + float(self._gain.value) * (S - self._get("S")),
-            )
-            self._set("S", S)
+            for overstress, stress, now in (("Q", "S", self._S), ("Q33", "S33", self._S33)):
+                S = self._at_points(now).reshape(self._get(stress).shape)
+                change = float(self._gain.value) * (S - self._get(stress))
+                self._set(overstress, float(self._decay.value) * self._get(overstress) + change)
+                self._set(stress, S)
 
     def _commit_permanent_set(self, a: float, before: Array) -> None:
         """Form the chains anew that broke in the step; before (cells, 9): the largest x at its start."""
@@ -166,18 +166,21 @@ class InelasticProblem(PlaneStressProblem):
             elastic *= sheet.factor(x, largest, additions)
         P = elastic
         if sheet.prony is not None:
-            P = self._viscous(elastic, point.F)
+            P = self._viscous(elastic, point)
         if sheet.permanent_set is not None:
             whole = ufl.exp(-self._constant(sheet.permanent_set.a) * largest)
             P = whole * P + self._stress_of_new_chains(sheet, point)
         return P
 
-    def _viscous(self, elastic: Any, F: Any) -> Any:
-        """F (S + Q) with the overstress Q at the end of the step."""
+    def _viscous(self, elastic: Any, point: _Point) -> Any:
+        """F times in-plane S + Q - C33 Q33 C^-1 at the end of the step."""
         self._decay, self._gain = self._constant(0.0), self._constant(0.0)
-        Q, S_old = self._variable("Q", (2, 2)), self._variable("S", (2, 2))
-        self._S = quadrature_expression(ufl.inv(F) * elastic)
-        return (1 + self._gain) * elastic + F * (self._decay * Q - self._gain * S_old)
+        S, inverse_C, C33 = ufl.inv(point.F) * elastic, ufl.inv(point.C), point.F33**2
+        trace = ufl.inner(S, point.C) / 3
+        self._S, self._S33 = quadrature_expression(S - trace * inverse_C), quadrature_expression(-trace / C33)
+        K = self._decay * self._variable("Q", (2, 2)) - self._gain * self._variable("S", (2, 2))
+        K33 = self._decay * self._variable("Q33", ()) - self._gain * self._variable("S33", ())
+        return (1 + self._gain) * elastic + point.F * (K - C33 * K33 * inverse_C)
 
     def _stress_of_new_chains(self, sheet: Sheet, point: _Point) -> Any:
         A, A33 = self._variable("A", (2, 2)), self._variable("A33", ())

@@ -31,8 +31,9 @@ class PermanentSet:
 
 @dataclass(frozen=True)
 class Prony:
-    """Overstress Q of the in-plane second Piola-Kirchhoff stress S: Q' + Q / tau = g S' (Simo 1987). tau in s. Raises
-    `MaterialError`."""
+    """Overstress Q of the isochoric second Piola-Kirchhoff stress in three dimensions: Q' + Q / tau = g S_iso' (Simo 1987). tau in s.
+
+    Raises `MaterialError`."""
 
     g: float
     tau: float

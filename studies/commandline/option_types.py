@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,8 +23,9 @@ def nearest(word: str, words: Iterable[str]) -> str:
 
 
 def default_folder(command: str, quick: bool = False) -> Path:
-    """``results/COMMAND``, or ``results/COMMAND-quick``: where a command writes unless told."""
-    return Path("results") / (f"{command}-quick" if quick else command)
+    """``results/COMMAND``, or ``results/COMMAND-quick``: where a command writes unless told; no blanks or slashes in it."""
+    name = re.sub(r"[^\w.-]+", "-", command).strip("-")
+    return Path("results") / (f"{name}-quick" if quick else name)
 
 
 def within(requirement: str, holds: Callable[[Any], bool]) -> Callable[[type, Any], None]:

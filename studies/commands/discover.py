@@ -202,6 +202,7 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         found.groups,
         provenance={key: record[key] for key in ("command", "settings", "inputs", "versions", "revision")},
         bulk_modulus_deviation=None if bulk is None else bulk[1],
+        level_is_nominal=found.problem.level_is_nominal,
     )
     distilled = distillation.distil(found.problem, final)
     loss = {

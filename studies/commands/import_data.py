@@ -1,7 +1,8 @@
 """`equigap import`: measured full-field data to an Experiment.
 
 In: a published sheet by name, a packed ``.npz``, a folder of DIC frames with a machine record, or a column map
-(TOML). Out: a folder with ``experiment.npz``, a picture of it, and a manifest with every decision taken.
+(TOML), or a folder as a DIC program exported it. Out: a folder with ``experiment.npz``, a picture of it, a manifest with every
+decision taken, and the column map that was found.
 `equigap unpack`: a packed test between two pads to tables of columns and a column map, to be changed and imported.
 """
 
@@ -19,15 +20,18 @@ from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import CountOrList, OutputFolder, Overwrite, default_folder
 from studies.commandline.outcome import Outcome
 from studies.importers import Importer, Processing, Recording, SheetOptions, importer_of, importers
+from studies.importers.exports.guesses import Guesses, Undecided
 from studies.importers.pad_tracks import write_tables
-from studies.importers.recording.importer import Part
+from studies.importers.recording.importer import Answers, Part
 from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import Selection
 from studies.output import Manifest, open_output_folder
 from studies.output.viewer import write_viewer_file
+from studies.output.writing import write_text
 from studies.reports.experiments.import_report import picture, report_lines, summary, write_report
 
 SHEETS_ONLY = "not for column maps, which say this in the TOML"
+MAP = "column_map.toml"
 SOURCE = ", ".join(importer.source for importer in importers())
 
 
@@ -80,6 +84,7 @@ class Request:
     frames: Frames = field(default_factory=Frames)
     sheet: SheetOptions = field(default_factory=SheetOptions)
     noise: NoiseChoice = field(default_factory=NoiseChoice)
+    answers: Answers = field(default_factory=Answers)
 
     def given(self, part: Part) -> dict[str, Any]:
         """Options of a part that differ from their defaults, by name."""
@@ -106,6 +111,18 @@ class Imported(Outcome):
         yield f"report: {self.report}"
 
 
+@dataclass(frozen=True)
+class SeveralImported(Outcome):
+    """Experiments of one TOML file."""
+
+    tests: tuple[Imported, ...]
+
+    def lines(self) -> Iterable[str]:
+        """Those of every test."""
+        for one in self.tests:
+            yield from one.lines()
+
+
 def import_data(
     source: Annotated[str, Parameter(help=SOURCE)],
     /,
@@ -115,9 +132,12 @@ def import_data(
     frames: Frames = Frames(),
     sheet: Annotated[SheetOptions, Parameter(name="*", group=f"Sheets in pixels ({SHEETS_ONLY})")] = SheetOptions(),
     noise: NoiseChoice = NoiseChoice(),
+    answers: Annotated[
+        Answers, Parameter(name="*", group="What an export leaves open (folders of DIC programs)")
+    ] = Answers(),
     output: OutputFolder = None,
     overwrite: Overwrite = False,
-) -> Imported:
+) -> Imported | SeveralImported:
     """Read measured full-field data into an Experiment (docs/import.md).
 
     The folder is results/import-NAME unless told.
@@ -129,9 +149,26 @@ def import_data(
     Raises:
         EquigapError: whatever the reader of the source and `series.to_experiment` find.
     """
-    request = Request(name, record, frames, sheet, noise)
-    importer, recording = read(source, request)
-    experiment = recording.experiment(Processing(frames.selection, noise.stated, noise.noise))
+    request = Request(name, record, frames, sheet, noise, answers)
+    parts = importer_of(source).parts(source)
+    if parts:
+        folder = Path(output or default_folder(f"import-{Path(source).stem}"))
+        return SeveralImported(
+            tuple(import_one(part, request, folder / part.partition("#")[2], overwrite) for part in parts)
+        )
+    return import_one(source, request, output, overwrite)
+
+
+def import_one(source: str, request: Request, output: Path | None, overwrite: bool = False) -> Imported:
+    """Read one test and write its folder. Raises what `import_data` does."""
+    noise = request.noise
+    try:
+        importer, recording = read(source, request)
+    except Undecided as error:
+        raise _with_draft(
+            error, Path(output) if output else default_folder(f"import-{error.guesses.get('name')}"), overwrite
+        ) from error
+    experiment = recording.experiment(Processing(request.frames.selection, noise.stated, noise.noise))
     settings: dict[str, Any] = {"source": source}
     for part in importer.takes:
         settings |= request.options(part)
@@ -144,7 +181,39 @@ def import_data(
     write_viewer_file(experiment, target.with_suffix(".vtu"))
     picture(experiment, recording.series, folder / "experiment.png")
     manifest.beside(target, folder / "experiment.png", **summary(experiment))
+    if recording.guesses is not None:
+        complete = _with_choices(recording.guesses, request)
+        write_text(folder / MAP, complete.toml(folder.resolve()))
+        manifest.beside(folder / MAP)
     return Imported(experiment, target, write_report(experiment, folder, manifest))
+
+
+def _with_draft(error: Undecided, folder: Path, overwrite: bool) -> Undecided:
+    """The same error, after what was found so far was written beside the output folder, to be completed by hand; an earlier one stays
+    unless it is to be replaced."""
+    place = folder.with_name(f"{folder.name}-{MAP}")
+    if overwrite or not place.exists():
+        place.parent.mkdir(parents=True, exist_ok=True)
+        write_text(place, error.guesses.toml(place.parent.resolve()))
+    return error.written(place)
+
+
+def _with_choices(found: Guesses, request: Request) -> Guesses:
+    """The column map with the frames and the noise that were chosen on the command line."""
+    chosen, noise, why = request.frames.selection, request.noise, "chosen by the user, or the default"
+    for key, value in (
+        ("frames.count", None if chosen.frames else chosen.count),
+        ("frames.list", chosen.frames and list(chosen.frames)),
+        ("frames.until_s", chosen.until),
+        ("frames.tare_N", chosen.tare),
+        ("noise.kind", noise.noise),
+        ("noise.displacement_std_mm", noise.displacement_std),
+        ("noise.correlation_length_mm", noise.correlation_length),
+        ("noise.force_std_N", noise.force_std),
+    ):
+        if value is not None:
+            found.say(key, value, why)
+    return found
 
 
 @dataclass(frozen=True)
@@ -192,7 +261,7 @@ def import_experiment(source: str | Path, **options: Any) -> Experiment:
 
 def read(source: str, request: Request) -> tuple[Importer, Recording]:
     """The importer of a source, and what it reads. Raises its errors, `ConfigError` for options that it does not take."""
-    importer = importer_of(source)
+    importer = importer_of(source).answered(request.answers)
     for part in get_args(Part.__value__):
         for name in request.given(part) if part not in importer.takes else ():
             raise errors.ConfigError(f"--{name.replace('_', '-')} is not for {importer.source}; {importer.instead}")

@@ -6,9 +6,9 @@ to mm, y up, triangulated (Delaunay, holes left open), grips and free edges foun
 
 from __future__ import annotations
 
-import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,24 +16,21 @@ from scipy.spatial import Delaunay, cKDTree
 
 from calibrate import errors
 from calibrate.data.triangulation import boundary_nodes, signed_areas
-from studies.importers.column_map import (
-    FORCE_UNITS,
-    TIME_UNITS,
-    ColumnMap,
-    EdgesTable,
-    PointsTable,
-    read_map,
-)
+from studies.importers.column_map import ColumnMap, read_map, tests_of
+from studies.importers.frame_tables import read_frames
+from studies.importers.load_cells import load_cells
+from studies.importers.map_tables import EdgesTable
 from studies.importers.recording.importer import Importer, Part, Processing, Recording, SheetOptions
 from studies.importers.recording.masks import SIDES, masked
 from studies.importers.recording.missing_frames import with_missing_frames
 from studies.importers.recording.notes import edge_notes, mask_notes
 from studies.importers.recording.series import Grip, Series
+from studies.importers.recording.static_frames import noise_floor, static_count
 from studies.importers.recording.synchronise import ForceRecord
-from studies.importers.text_tables import Layout, read_table
 
 Array = NDArray[np.float64]
 GAP = 1.6  # distances of points from a masked one, within which a node is on the rim of its gap
+THIN = 0.02  # of the longest edge squared: such triangles are Delaunay's only along an outline of nearly straight rows
 Index = NDArray[np.int64]
 
 
@@ -46,70 +43,95 @@ class ColumnMapped(Importer):
     instead: ClassVar[str] = "say it in the TOML file (docs/import.md)"
 
     def reads(self, source: str) -> bool:
-        """A path that ends with .toml."""
-        return Path(source).suffix == ".toml"
+        """A path that ends with .toml, or with .toml#NAME of a test in it."""
+        return Path(source.partition("#")[0]).suffix == ".toml"
+
+    def parts(self, source: str) -> tuple[str, ...]:
+        """FILE#NAME of every [[test]]."""
+        return () if "#" in source else tuple(f"{source}#{name}" for name in tests_of(source))
 
     def read(self, source: str, options: SheetOptions, name: str | None, record: Path | None) -> Recording:
         """Raises `ConfigError` for a map that cannot be, and the errors of its tables."""
-        path = Path(source)
-        columns = read_map(path)
-        series = column_series(columns, path.parent)
+        path = Path(source.partition("#")[0])
+        columns = read_map(source)
+        series = mapped_series(columns, path.parent)
         series.provenance.update(source=path.name, map=columns.model_dump(exclude_none=True))
-        if columns.frames.rate_hz is not None:
-            series = with_missing_frames(series)
         return Recording(series, (path,), Processing(columns.selection, columns.stated_noise, columns.noise.kind))
+
+
+def mapped_series(m: ColumnMap, folder: str | Path) -> Series:
+    """What `column_series` reads, with the frames that the camera left out."""
+    series = column_series(m, folder)
+    return series if m.frames.rate_hz is None else with_missing_frames(series)
 
 
 def column_series(m: ColumnMap, folder: str | Path) -> Series:
     """Read the files of a column map; `folder` is where its relative paths start."""
     folder = Path(folder)
-    paths = _frame_paths(folder, m.points.files)
-    everything, displacements, flagged = _read_frames(m.points, paths, m.mask.column)
-    mask = masked(everything, displacements, m.masks, flagged)
-    points, displacements = everything[~mask.gone], displacements[:, ~mask.gone]
-    triangles = _triangles(points, m.points.max_edge_mm)
-    used = np.unique(triangles)
-    alone = points[np.setdiff1d(np.arange(len(points)), used)]
-    points, displacements = points[used], displacements[:, used]
-    triangles = np.searchsorted(used, triangles)
-    grips, free = _edges(m.edges, points, triangles)
-    free = _not_beside(free, points, everything[mask.gone], m.edges)
-    record, time = _force(m, folder, len(paths))
-    notes = mask_notes(everything, mask, alone) + edge_notes(m.edges.loaded, m.edges.free, m.edges.rim)
-    rate = m.frames.rate_hz
+    frames = read_frames(m.points, folder, m.mask.column)
+    seen = np.isfinite(frames.displacements).any(axis=(1, 2))  # frames that did not fail as a whole
+    mask = masked(frames.points, frames.displacements[seen], m.masks, frames.flagged)
+    mesh = _mesh(frames.points, ~mask.gone, m.points.max_edge_mm)
+    points = frames.points[mesh.kept]
+    records, time = load_cells(m, folder, len(frames.displacements))
+    cells: dict[str, ForceRecord] = {
+        side: record for cell, record in zip(m.force, records, strict=True) for side in cell.sides if len(m.force) > 1
+    }
+    grips, free = _edges(m.edges, cells, points, mesh.triangles)
+    free = _not_beside(free, points, frames.points[mask.gone], m.edges)
+    notes = mask_notes(frames.points, mask, frames.points[mesh.alone])
+    notes += edge_notes(m.edges.loaded, m.edges.free, m.edges.rim)
+    rate, clock = m.frames.rate_hz, any(not cell.per_frame for cell in m.force)
     return Series(
         name=m.name,
         points=points,
-        triangles=triangles,
-        displacements=displacements,
+        triangles=mesh.triangles,
+        displacements=frames.displacements[:, mesh.kept],
         time=time,
-        record=record,
+        record=records[0],
         grips=grips,
         free_nodes=free,
         thickness=m.thickness_mm,
         plane=m.plane,
-        synchronisation_std=0.0 if m.force.per_frame or rate is None else 1.0 / rate / np.sqrt(12.0),
+        synchronisation_std=1.0 / rate / np.sqrt(12.0) if clock and rate is not None else 0.0,
         provenance={
             "reader": "column map",
-            "points_without_triangle": len(alone),
-            "masked": mask.to_dict(everything),
+            "points_without_triangle": len(mesh.alone),
+            "masked": mask.to_dict(frames.points),
             "rim": m.edges.rim,
             "notes": notes,
+            "recording": m.recording.model_dump(exclude_none=True),
+            **_static(m, points, mesh.triangles, frames.displacements[:, mesh.kept]),
+            **({} if frames.plane is None else {"specimen_plane": frames.plane.to_dict()}),
         },
-        masked=everything[mask.gone],
+        masked=frames.points[mask.gone],
         tested=True,
+        heights=None if frames.heights is None else frames.heights[:, mesh.kept],
     )
 
 
-def _frame_paths(folder: Path, pattern: str) -> list[Path]:
-    found = [p for p in folder.glob(pattern) if p.is_file()]
-    numbered = [([int(n) for n in re.findall(r"\d+", p.stem)][-1:] or [-1], str(p), p) for p in found]
-    paths = [p for _, _, p in sorted(numbered)]
-    if len(paths) < 2:
-        raise errors.DataNotFoundError(
-            f"{folder / pattern}: {len(paths)} files; points.files must match the reference and at least one frame"
-        )
-    return paths
+def _static(m: ColumnMap, points: Array, triangles: Index, displacements: Array) -> dict[str, Any]:
+    """Noise floor of the frames before the loading, as many as stated or as show no strain."""
+    count = m.recording.static_frames or static_count(points, displacements)
+    floor = noise_floor(points, triangles, displacements[1 : count + 1])
+    return {} if floor is None else {"static": floor.to_dict()}
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """kept (k,): points with a triangle; alone: those without; triangles (m, 3) in numbers of kept."""
+
+    kept: Index
+    alone: Index
+    triangles: Index
+
+
+def _mesh(points: Array, staying: NDArray[np.bool_], max_edge: float | None) -> Mesh:
+    """Triangles of the points that stay."""
+    inside = np.flatnonzero(staying)
+    triangles = inside[_triangles(points[inside], max_edge)]
+    kept = np.unique(triangles)
+    return Mesh(kept, np.setdiff1d(inside, kept), np.searchsorted(kept, triangles))
 
 
 def _not_beside(free: Index, points: Array, gone: Array, edges: EdgesTable) -> Index:
@@ -127,55 +149,6 @@ def _not_beside(free: Index, points: Array, gone: Array, edges: EdgesTable) -> I
     return free[~near | outer[free]]
 
 
-def _read_frames(p: PointsTable, paths: list[Path], mask: str | None) -> tuple[Array, Array, NDArray[np.bool_] | None]:
-    """Reference points (n, 2) mm, displacements (n_frames, n, 2) mm (NaN = failed), and where the column `mask` is not 0 (n,)."""
-    columns = [p.x, p.y, p.u, p.v] + ([p.valid_column] if p.valid_column else [])
-    flags = None if mask is None else read_table(paths[0], [mask], Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True))[mask]  # fmt: skip
-    layout = Layout(p.delimiter, p.header_line, p.units_row, p.comment, missing_allowed=True)
-    axes = np.array([1.0, -1.0 if p.y_axis == "down" else 1.0])
-    of_position, of_displacement = p.scales
-    frames = []
-    for path in paths:
-        table = read_table(path, columns, layout)
-        position = np.stack([table[p.x], table[p.y]], axis=1) * of_position * axes
-        moved = np.stack([table[p.u], table[p.v]], axis=1) * of_displacement * axes
-        if p.valid_column:
-            quality = table[p.valid_column]
-            good = np.isfinite(quality)
-            good &= quality >= p.valid_minimum if p.valid_minimum is not None else True
-            good &= quality <= p.valid_maximum if p.valid_maximum is not None else True
-            moved[~good] = np.nan
-        frames.append((position - moved if p.coordinates == "current" else position, moved))
-    points = frames[0][0]
-    known = np.isfinite(points).all(axis=1)
-    points = points[known]
-    if len(points) < 4:
-        raise errors.LostPointsError(f"{paths[0]}: {len(points)} valid points in the reference frame")
-    distance = cKDTree(points).query(points, k=2)[0][:, 1]
-    if distance.min() < 1e-6 * np.median(distance) or not np.median(distance) > 0:
-        raise errors.DegenerateMeshError(f"{paths[0]}: points are listed twice; export each point once")
-    displacements = np.stack([_matched(points, *frame, path) for frame, path in zip(frames, paths, strict=True)])
-    return points, displacements, None if flags is None else np.nan_to_num(flags[known]) != 0
-
-
-def _matched(points: Array, position: Array, moved: Array, path: Path) -> Array:
-    """Displacements (n, 2) at `points` of a frame listed in any order; NaN where it has no such point."""
-    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
-    known = np.isfinite(position).all(axis=1) & np.isfinite(moved).all(axis=1)
-    result = np.full((len(points), 2), np.nan)
-    if not known.any():
-        return result
-    distance, index = cKDTree(points).query(position[known])
-    near = distance < 0.3 * pitch
-    if near.mean() < 0.5:
-        raise errors.MeshMismatchError(
-            f"{path}: {int((~near).sum())} of {near.size} points are not in the reference frame; if positions move "
-            "with the specimen, set points.coordinates = 'current'"
-        )
-    result[index[near]] = moved[known][near]
-    return result
-
-
 def _triangles(points: Array, max_edge: float | None) -> Index:
     """Delaunay triangles whose edges are no longer than `max_edge` mm (default 2.2 times the spacing)."""
     triangles = Delaunay(points).simplices.astype(np.int64)
@@ -184,13 +157,36 @@ def _triangles(points: Array, max_edge: float | None) -> Index:
     corners = points[triangles]
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     limit = max_edge or 2.2 * float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
-    keep = (edge <= limit) & (np.abs(area) > 1e-4 * edge**2)
+    keep = (edge <= limit) & (np.abs(area) > THIN * edge**2)
     if not keep.any():
         raise errors.ConfigError(f"no triangle has edges below points.max_edge_mm = {limit:g} mm")
     return triangles[keep]
 
 
-def _edges(table: EdgesTable, points: Array, triangles: Index) -> tuple[tuple[Grip, ...], Index]:
+def _edges(
+    table: EdgesTable, cells: dict[str, ForceRecord], points: Array, triangles: Index
+) -> tuple[tuple[Grip, ...], Index]:
+    """Loaded sides and free nodes. cells: record of the load cell of every side, empty where there is only one."""
+    nodes, loaded = _sides(table, points, triangles), table.loaded
+    taken = np.concatenate([nodes[side] for side in loaded])
+    if len(np.unique(taken)) < len(taken):
+        raise errors.ConfigError(
+            f"edges.loaded: sides {', '.join(loaded)} share corner nodes; only sides that do not meet can be loaded"
+        )
+    grips = []
+    for side in loaded:
+        axis, sign = SIDES[side]
+        direction = (float(sign), 0.0) if axis == 0 else (0.0, float(sign))
+        grips.append(Grip(side, nodes[side], direction, cells.get(side)))
+    rim = boundary_nodes(triangles)
+    free = [nodes[side] for side in table.free if side in SIDES]
+    if "holes" in table.free:
+        free.append(np.setdiff1d(rim, np.concatenate(list(nodes.values()))))
+    return tuple(grips), np.setdiff1d(np.unique(np.concatenate([*free, []])), taken).astype(np.int64)
+
+
+def _sides(table: EdgesTable, points: Array, triangles: Index) -> dict[str, Index]:
+    """Nodes of every side of the outline."""
     rim = boundary_nodes(triangles)
     pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
     tolerance = table.tolerance_mm or 0.4 * pitch
@@ -198,44 +194,4 @@ def _edges(table: EdgesTable, points: Array, triangles: Index) -> tuple[tuple[Gr
     for side, (axis, sign) in SIDES.items():
         value = sign * points[:, axis]
         nodes[side] = rim[value[rim] >= value.max() - tolerance]
-    taken = np.concatenate([nodes[side] for side in table.loaded])
-    if len(np.unique(taken)) < len(taken):
-        corners = f"{', '.join(table.loaded)}"
-        raise errors.ConfigError(f"edges.loaded: sides {corners} share corner nodes; only opposite sides can be loaded")
-    if len({SIDES[side][0] for side in table.loaded}) > 1:
-        raise errors.ConfigError(
-            f"edges.loaded: {', '.join(table.loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or "
-            "make an Experiment with both forces in Python (docs/extending.md, an importer)"
-        )
-    grips = []
-    for side in table.loaded:
-        axis, sign = SIDES[side]
-        grips.append(Grip(side, nodes[side], (float(sign), 0.0) if axis == 0 else (0.0, float(sign))))
-    free = [nodes[side] for side in table.free if side in SIDES]
-    if "holes" in table.free:
-        free.append(np.setdiff1d(rim, np.concatenate(list(nodes.values()))))
-    return tuple(grips), np.setdiff1d(np.unique(np.concatenate([*free, []])), taken).astype(np.int64)
-
-
-def _force(m: ColumnMap, folder: Path, n_frames: int) -> tuple[ForceRecord, Array]:
-    """The machine record and the time of every frame on its clock, s."""
-    f = m.force
-    layout = Layout(f.delimiter, f.header_line, f.units_row, f.comment, missing_allowed=True)
-    columns = [f.force] + ([f.time] if f.time else [])
-    table = read_table(folder / f.file, columns, layout)
-    force = f.sign * FORCE_UNITS[f.unit] * table[f.force]
-    source = str(folder / f.file)
-    if not f.per_frame:
-        assert f.time is not None
-        assert m.frames.rate_hz is not None
-        record = ForceRecord(TIME_UNITS[f.time_unit] * table[f.time], force, source)
-        return record, np.arange(n_frames) / m.frames.rate_hz + m.frames.offset_s
-    if len(force) != n_frames:
-        raise errors.MeshMismatchError(
-            f"{source}: {len(force)} forces for {n_frames} frames; one row a frame is needed"
-        )
-    if f.time:
-        time = TIME_UNITS[f.time_unit] * table[f.time]
-    else:
-        time = np.arange(n_frames) / (m.frames.rate_hz or 1.0) + m.frames.offset_s
-    return ForceRecord(time, force, source), time
+    return nodes

@@ -8,149 +8,43 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from calibrate import errors
+from studies.importers.map_tables import (
+    EdgesTable,
+    ForceTable,
+    FramesTable,
+    MaskTable,
+    NoiseTable,
+    PointsTable,
+    Positive,
+    RecordingTable,
+    Table,
+)
 from studies.importers.recording.masks import Mask
 from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import Selection
 
-LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}
-FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0}
-type LengthUnit = Literal["px", "mm", "cm", "m", "um"]
-type Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-type NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-type PositiveNumber = Annotated[int, Field(gt=0)]
-type NotNegativeNumber = Annotated[int, Field(ge=0)]
-type Side = Literal["left", "right", "bottom", "top"]
 
-
-class Table(BaseModel):
-    """A table of the TOML file: no other keys, and no value is converted but a whole number to a float."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class PointsTable(Table):
-    """[points]: one table a frame. files: glob; the frames are sorted by the last number in their names and the
-    first is the reference. x, y, u, v: columns of position and displacement. unit: of both, 'px' with scale_mm_per_px, or
-    a length; position_unit, displacement_unit: of one alone. y_axis: 'up' or 'down' (image coordinates). coordinates: 'reference' or 'current' (position after
-    displacement). valid_column with valid_minimum and/or valid_maximum: other points have failed."""
-
-    files: str
-    x: str
-    y: str
-    u: str
-    v: str
-    unit: LengthUnit = "mm"
-    position_unit: LengthUnit | None = None
-    displacement_unit: LengthUnit | None = None
-    scale_mm_per_px: Positive | None = None
-    y_axis: Literal["up", "down"] = "up"
-    coordinates: Literal["reference", "current"] = "reference"
-    delimiter: str = ","
-    header_line: NotNegativeNumber = 1
-    units_row: bool = False
-    comment: str = ""
-    valid_column: str | None = None
-    valid_minimum: float | None = None
-    valid_maximum: float | None = None
-    max_edge_mm: Positive | None = None
-
-    @property
-    def units(self) -> tuple[LengthUnit, LengthUnit]:
-        """Of position and displacement."""
-        return self.position_unit or self.unit, self.displacement_unit or self.unit
-
-    @property
-    def scales(self) -> tuple[float, float]:
-        """mm per unit of position and of displacement."""
-        position, displacement = (LENGTH_UNITS.get(unit, self.scale_mm_per_px or 1.0) for unit in self.units)
-        return position, displacement
-
-
-class FramesTable(Table):
-    """[frames]: rate_hz and offset_s (time of the reference frame on the clock of the machine), or one force a
-    frame ([force] per_frame). count, list, until_s, onset, tare_N: which frames are kept (see `Selection`)."""
-
-    rate_hz: Positive | None = None
-    offset_s: float = 0.0
-    count: PositiveNumber = 12
-    list: tuple[int, ...] | None = Field(default=None, strict=False)
-    until_s: float | None = None
-    onset: Annotated[float, Field(ge=0, lt=1)] = 0.01
-    tare_N: float | None = None
-
-
-class ForceTable(Table):
-    """[force]: file and columns of the machine record; sign = -1 where tension is recorded as negative.
-    per_frame: one row a frame, in their order; then no time is needed."""
-
-    file: str
-    force: str
-    time: str | None = None
-    unit: Literal["N", "kN", "mN"] = "N"
-    time_unit: Literal["s", "ms", "min"] = "s"
-    sign: float = 1.0
-    per_frame: bool = False
-    delimiter: str = ","
-    header_line: NotNegativeNumber = 1
-    units_row: bool = False
-    comment: str = ""
-
-
-class EdgesTable(Table):
-    """[edges]: loaded: sides ('left', 'right', 'bottom', 'top') that are gripped, each with the force of the record
-    pulling outwards; free: sides and 'holes' that are truly traction-free. tolerance_mm: nodes this close to the
-    extreme coordinate belong to the side (default: 0.4 of the spacing of the points). drop_mm, drop_points: by side, how far
-    inwards, or how many rows of points, are left out before the sides are found. rim: the window lies in a larger body, so that
-    its section does not carry the force of the record: only ratios of stiffness are identified."""
-
-    loaded: tuple[Side, ...] = Field(strict=False)
-    free: tuple[Side | Literal["holes"], ...] = Field(default=(), strict=False)
-    tolerance_mm: Positive | None = None
-    drop_mm: dict[Side, NotNegative] = {}
-    drop_points: dict[Side, NotNegativeNumber] = {}
-    rim: bool = False
-
-
-class MaskTable(Table):
-    """[mask]: points that are left out, mm of the imported frame (y up). points: [[x, y], ...]; boxes: [[x0, y0, x1, y1], ...];
-    circles: [[x, y, radius], ...]; column: of the reference table, not 0 where a point goes. outliers: 'mask' or 'keep' what the
-    test for spurious points finds."""
-
-    points: tuple[Annotated[tuple[float, float], Field(strict=False)], ...] = Field(default=(), strict=False)
-    boxes: tuple[Annotated[tuple[float, float, float, float], Field(strict=False)], ...] = Field(
-        default=(), strict=False
-    )
-    circles: tuple[Annotated[tuple[float, float, float], Field(strict=False)], ...] = Field(default=(), strict=False)
-    column: str | None = None
-    outliers: Literal["mask", "keep"] = "mask"
-
-
-class NoiseTable(Table):
-    """[noise]: what is known of the noise; the rest is estimated. kind: 'total' or 'temporal' of the estimate."""
-
-    displacement_std_mm: NotNegative | None = None
-    correlation_length_mm: NotNegative | None = None
-    force_std_relative: NotNegative | None = None
-    force_std_N: NotNegative | None = None
-    kind: Literal["total", "temporal"] = "total"
+def _listed(value: Any) -> Any:
+    """[force] is the only one of [[force]]."""
+    return [value] if isinstance(value, dict) else value
 
 
 class ColumnMap(Table):
-    """The whole TOML file."""
+    """The whole TOML file. force: load cells; one without sides pulls at all that are loaded."""
 
     name: str
     points: PointsTable
-    force: ForceTable
+    force: Annotated[tuple[ForceTable, ...], Field(strict=False, min_length=1), BeforeValidator(_listed)]
     edges: EdgesTable
     frames: FramesTable = FramesTable()
     mask: MaskTable = MaskTable()
     noise: NoiseTable = NoiseTable()
+    recording: RecordingTable = RecordingTable()
     thickness_mm: Positive | None = None
     plane: Literal["stress", "strain"] = "stress"
 
@@ -161,12 +55,22 @@ class ColumnMap(Table):
             raise ValueError("points.scale_mm_per_px belongs to a unit 'px', and only to it")
         if not edges.loaded or set(edges.loaded) & set(edges.free):
             raise ValueError("edges.loaded must name a side, and a loaded side is not free")
+        if len(self.force) == 1 and len({side in ("left", "right") for side in edges.loaded}) > 1:
+            raise ValueError(
+                f"edges.loaded: {', '.join(edges.loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or "
+                "give each axis a [[force]] with its sides (docs/import.md)"
+            )
         if edges.rim and edges.free:
             raise ValueError("edges.rim: a window in a larger body has no free edge; leave out edges.free")
         if self.noise.correlation_length_mm is not None and self.noise.displacement_std_mm is None:
             raise ValueError("noise.correlation_length_mm belongs to noise.displacement_std_mm; state both or none")
-        if not self.force.per_frame and (self.frames.rate_hz is None or self.force.time is None):
-            raise ValueError("give frames.rate_hz and force.time, or force.per_frame = true")
+        timed = self.frames.rate_hz is not None or self.frames.times_s is not None
+        if any(not cell.per_frame and not (timed and cell.time) for cell in self.force):
+            raise ValueError(
+                "give frames.rate_hz and force.time (or frames.times_s and force.time), or force.per_frame = true"
+            )
+        if len(self.force) > 1 and sorted(s for cell in self.force for s in cell.sides) != sorted(edges.loaded):
+            raise ValueError("force.sides: every side of edges.loaded needs one load cell, and only one")
         return self
 
     @property
@@ -196,24 +100,58 @@ class ColumnMap(Table):
 
 
 def read_map(path: str | Path) -> ColumnMap:
-    """Read a TOML column map. Raises `ConfigError` that names the key, `DataNotFoundError`."""
-    path = Path(path)
+    """Read a TOML column map; FILE#NAME: one of its [[test]]. Raises `ConfigError` that names the key, `DataNotFoundError`."""
+    file, _, name = str(path).partition("#")
+    content = _toml(Path(file))
+    tests = {str(test.get("name")): test for test in content.pop("test", [])}
+    if tests and name not in tests:
+        raise errors.ConfigError(
+            f"{file}: holds several tests; name one: " + ", ".join(f"{file}#{one}" for one in tests)
+        )
+    if name and not tests:
+        raise errors.ConfigError(f"{file}: has no [[test]], so no '{name}'; leave out what follows the #")
+    return checked_map(_merged(content, tests[name]) if tests else content, path)
+
+
+def tests_of(path: str | Path) -> tuple[str, ...]:
+    """Names of the [[test]] of a TOML file; none where it is one test. Raises what `read_map` does."""
+    names = [test.get("name") for test in _toml(Path(path)).get("test", [])]
+    if None in names or len(set(names)) < len(names):
+        raise errors.ConfigError(f"{path}: every [[test]] needs a name of its own")
+    return tuple(map(str, names))
+
+
+def _merged(common: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """Tables of a test over those that all share."""
+    both = {
+        key: _merged(common[key], value)
+        for key, value in own.items()
+        if isinstance(value, dict) and isinstance(common.get(key), dict)
+    }
+    return common | own | both
+
+
+def _toml(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise errors.DataNotFoundError(f"{path}: no such file; see docs/import.md for column maps")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise errors.ConfigError(f"{path}: not valid TOML ({error})") from error
+
+
+def checked_map(content: dict[str, Any], source: str | Path) -> ColumnMap:
+    """The column map of nested tables. Raises `ConfigError` that names source and key."""
     try:
         return ColumnMap.model_validate(content)
     except ValidationError as error:
-        raise errors.ConfigError(f"{path}: {_reason(error)}") from None
+        raise errors.ConfigError(f"{source}: {_reason(error)}") from None
 
 
 def _reason(error: ValidationError) -> str:
     """What is wrong with the first key that is, and what to write instead."""
     first = min(error.errors(), key=lambda found: found["type"] != "extra_forbidden")
-    place = ".".join(map(str, first["loc"]))
+    place = ".".join(map(str, first["loc"])).replace("force.0.", "force.")
     match first["type"]:
         case "extra_forbidden":
             known = _keys(first["loc"][:-1])
@@ -234,5 +172,7 @@ def _keys(place: tuple[int | str, ...]) -> list[str]:
     """Keys of the table at a place."""
     table: Any = ColumnMap
     for name in place:
-        table = table.model_fields[name].annotation
+        if not isinstance(name, int):
+            annotation = table.model_fields[name].annotation
+            table = next((one for one in get_args(annotation) if one is not Ellipsis), annotation)
     return list(table.model_fields)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from studies.importers.recording.importer import Importer, Recording, SheetOptions, arrays_in
+from studies.importers.recording.importer import SCALE_MM_PER_PIXEL, Importer, Recording, SheetOptions, arrays_in
 from studies.importers.recording.missing_frames import with_missing_frames
 from studies.importers.recording.series import Grip, Series
 from studies.importers.recording.synchronise import ForceRecord
@@ -142,10 +142,11 @@ def sheet_series(
     """
     order, columns, rows = _grid(frames.points)
     pixels = frames.points[order].reshape(rows, columns, 2)
-    u = frames.displacements[:, order].reshape(-1, rows, columns, 2) * options.scale
+    scale = options.scale or SCALE_MM_PER_PIXEL
+    u = frames.displacements[:, order].reshape(-1, rows, columns, 2) * scale
     u[..., 1] *= -1.0
     low, high = pixels[0, 0], pixels[-1, -1]
-    points = (pixels - 0.5 * (low + high)) * options.scale * np.array([1.0, -1.0])
+    points = (pixels - 0.5 * (low + high)) * scale * np.array([1.0, -1.0])
     down, across = options.drop_rows, options.drop_columns
     if rows - 2 * down < 5 or columns - 2 * across < 12:
         raise errors.ConfigError(f"dropping {down} rows and {across} columns leaves too little of {columns} x {rows}")
@@ -161,7 +162,7 @@ def sheet_series(
     number = np.arange(rows * columns).reshape(rows, columns)
     sides = np.concatenate([number[1:-1, 0], number[1:-1, -1]])
     rate = options.frame_rate or frames.frame_rate or FRAME_RATE_HZ
-    strip = across * float(np.median(np.diff(np.unique(frames.points[:, 0])))) * options.scale
+    strip = across * float(np.median(np.diff(np.unique(frames.points[:, 0])))) * scale
     return Series(
         name=name,
         points=points.reshape(-1, 2),

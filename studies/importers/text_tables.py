@@ -19,20 +19,28 @@ from numpy.typing import NDArray
 from calibrate import errors
 
 Array = NDArray[np.float64]
-MISSING = {"", "nan", "none", "null", "n/a", "na", "-"}
+# not a number: of C, .NET and MATLAB, and as .NET writes it in other languages
+MISSING = {
+    *("", "nan", "none", "null", "n/a", "na", "-", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind", "1.#ind"),
+    *("non un numero reale", "n. def.", "non numérique", "neun", "nan (niet-een-getal)", "nan (não é um número)"),
+    *("nie jest liczbą", "není číslo", "nem szám", "не число", "非数字", "ej ett tal", "epäluku", "ikke et tal"),
+}
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 
 
 @dataclass(frozen=True)
 class Layout:
     """How a table is written. header_line counts from 1 and skips blank lines and comments; 0 = no header,
-    columns are then named by their number from 1. units_row: a row of units follows the header."""
+    columns are then named by their number from 1. units_row: a row of units follows the header. decimal: '.' or ','.
+    missing_words: what else stands for a missing value, in lower case."""
 
     delimiter: str = ","
     header_line: int = 1
     units_row: bool = False
     comment: str = ""
     missing_allowed: bool = False
+    decimal: str = "."
+    missing_words: tuple[str, ...] = ()
 
 
 def read_table(path: str | Path, columns: Sequence[str] | None = None, layout: Layout = Layout()) -> dict[str, Array]:
@@ -53,7 +61,7 @@ def read_table(path: str | Path, columns: Sequence[str] | None = None, layout: L
         try:
             row = [float(fields[i]) for i in index]
         except ValueError:
-            row = [_number(path, line, fields[i], names[i], layout.missing_allowed) for i in index]
+            row = [_number(path, line, fields[i], names[i], layout) for i in index]
         if not layout.missing_allowed and not all(map(math.isfinite, row)):
             bad = names[index[[math.isfinite(v) for v in row].index(False)]]
             raise errors.FileFormatError(f"{path}, line {line}: '{bad}' is not a finite number")
@@ -65,23 +73,31 @@ def read_table(path: str | Path, columns: Sequence[str] | None = None, layout: L
     return {name: table[:, i] for i, name in enumerate(wanted)}
 
 
+def decoded(raw: bytes) -> str:
+    """Text of a file: UTF-16 with its mark, UTF-8 with or without, else Latin-1."""
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return raw.decode("utf-16")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
 def _rows(path: Path, layout: Layout) -> list[tuple[int, list[str]]]:
-    """[(line number, fields)] of all lines that are neither blank nor comments."""
+    """[(line number, fields)] of all lines that are neither blank nor comments; a delimiter that ends every line ends no field."""
     if not path.is_file():
         raise errors.DataNotFoundError(f"{path}: no such file")
-    raw = path.read_bytes()
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
-    return [
-        (number, _split(line, layout.delimiter))
-        for number, line in enumerate(text.splitlines(), 1)
+    rows = [
+        (number, split(line, layout.delimiter))
+        for number, line in enumerate(decoded(path.read_bytes()).splitlines(), 1)
         if line.strip() and not (layout.comment and line.lstrip().startswith(layout.comment))
     ]
+    trailing = rows and all(len(fields) > 1 and not fields[-1] for _, fields in rows)
+    return [(number, fields[:-1]) for number, fields in rows] if trailing else rows
 
 
-def _split(line: str, delimiter: str) -> list[str]:
+def split(line: str, delimiter: str) -> list[str]:
+    """Fields of a line without blanks around them; a blank as delimiter means any number of them."""
     if delimiter.isspace() and delimiter != "\t":
         return line.split()
     if '"' not in line:
@@ -109,19 +125,23 @@ def _find(path: Path, names: list[str], name: str) -> int:
     )
 
 
-def _number(path: Path, line: int, field: str, name: str, missing_allowed: bool) -> float:
+def _number(path: Path, line: int, field: str, name: str, layout: Layout) -> float:
     if DECIMAL_COMMA.fullmatch(field):
+        if layout.decimal == ",":
+            return float(field.replace(",", "."))
         raise errors.DecimalCommaError(
-            f"{path}, line {line}: '{field}' in '{name}' has a decimal comma; export with decimal points"
+            f"{path}, line {line}: '{field}' in '{name}' has a decimal comma; export with decimal points, or set decimal = \",\" in a column map"
         )
-    if field.lower() in MISSING:
-        if missing_allowed:
+    if field.lower() in MISSING or field.lower() in layout.missing_words:
+        if layout.missing_allowed:
             return math.nan
         raise errors.FileFormatError(f"{path}, line {line}: no value in '{name}'")
     try:
         return float(field)
     except ValueError:
-        raise errors.FileFormatError(f"{path}, line {line}: '{field}' in '{name}' is not a number") from None
+        raise errors.FileFormatError(
+            f"{path}, line {line}: '{field}' in '{name}' is not a number; if it stands for a missing value, name it in missing_words of a column map"
+        ) from None
 
 
 def _wrong_length(path: Path, line: int, fields: list[str], expected: int) -> errors.FileFormatError:

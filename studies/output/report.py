@@ -231,6 +231,8 @@ def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
     for key, value in content.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{key} / ")
+        elif isinstance(value, (list, tuple)) and any(isinstance(one, Mapping) for one in value):
+            yield from _flat({f"{key} {i}": one for i, one in enumerate(value, 1)}, prefix)
         elif isinstance(value, (list, tuple)):
             yield f"{prefix}{key}", ", ".join(map(str, value)) or None
         else:

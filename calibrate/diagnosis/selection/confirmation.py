@@ -22,8 +22,7 @@ def confirm(base: Model, final: Model, thresholds: Thresholds = DEFAULT) -> Conf
     before, after = (misfit(one.problem, one.fit.c, one.fit.additions, held) for one in (base, final))
     assert before is not None
     assert after is not None
-    nominal = any(part.experiment.level_is_nominal for part in final.problem.parts)
-    limit = float("nan") if nominal else allowed_force_error(before, after, thresholds)
+    limit = allowed_force_error(before, after, thresholds)
     found = {
         Doubt.ERRORS_GROW: _grows(before, after, thresholds),
         Doubt.NO_CLEAR_FALL: not _falls_clearly(before, after, thresholds),

@@ -86,11 +86,11 @@ class _Sums:
 
 def _sums(part: Part, weights: Weights, c: Array, additions: Additions) -> _Sums:
     """Sums over the equations of one experiment."""
-    r, load = part.own_residual(c, part.valid(additions)), np.nan_to_num(part.system.loads)
+    r, load = part.own_residual(c, part.valid(additions)), np.nan_to_num(part.system.recorded)
     loaded = np.broadcast_to(np.tile(part.system.fields.boundary >= 0, 2), r.shape)
-    forces = weights.rows & loaded
+    forces = weights.rows & loaded & ~part.system.level_equation
     # where only fields without a load are used, errors are relative to all forces
-    of_size = forces if forces.any() else np.isfinite(part.system.loads) & loaded
+    of_size = forces if forces.any() else np.isfinite(part.system.recorded) & loaded
     numbers = (
         float((r[forces] ** 2).sum()),
         float((r[weights.rows & ~loaded] ** 2).sum()),
@@ -100,7 +100,10 @@ def _sums(part: Part, weights: Weights, c: Array, additions: Additions) -> _Sums
         float(forces.sum()),
         float(weights.size),
     )
-    return _Sums(numbers, (float(weights.variance[loaded].sum()), float(weights.variance[~loaded].sum())))
+    return _Sums(
+        numbers,
+        (float(weights.variance[loaded & ~part.system.level_equation].sum()), float(weights.variance[~loaded].sum())),
+    )
 
 
 def is_larger(before: Misfit, after: Misfit | None, worse: float) -> bool:

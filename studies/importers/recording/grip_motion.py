@@ -28,13 +28,20 @@ def grip_motion(series: Series) -> Array:
     """Motion of the grips against each other (n_frames, 2), mm: along the pull, and across it."""
     total = np.zeros((len(series.time), 2))
     for grip in series.grips:
-        total += np.nanmean(series.displacements[:, grip.nodes], axis=1) @ _along_and_across(grip)
+        total += _mean(series.displacements[:, grip.nodes]) @ _along_and_across(grip)
     if len(series.grips) == 1:  # the other end may move along
         axes = _along_and_across(series.grips[0])
         along = series.points @ axes[:, 0]
         other = along <= along.min() + 0.1 * np.ptp(along)
-        total -= np.nanmean(series.displacements[:, other], axis=1) @ axes
+        total -= _mean(series.displacements[:, other]) @ axes
     return total
+
+
+def _mean(displacements: Array) -> Array:
+    """Mean (n_frames, 2) over the points (n_frames, k, 2) that did not fail; NaN where all did."""
+    known = np.isfinite(displacements)
+    count = known.sum(axis=1)
+    return np.where(count > 0, np.where(known, displacements, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
 
 
 def _along_and_across(grip: Grip) -> Array:

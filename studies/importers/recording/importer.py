@@ -14,13 +14,17 @@ from typing import ClassVar, Literal, get_args
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
+from studies.commandline.option_types import Names
+from studies.importers.exports.frame_order import Rule
+from studies.importers.exports.guesses import Guesses
+from studies.importers.recording.masks import SIDES
 from studies.importers.recording.series import Series, to_experiment
 from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import DEFAULT_SELECTION, Selection
 
 type EdgeColumns = Literal["extrapolate", "drop", "keep"]
 type FreeEdges = Literal["auto", "yes", "no"]
-type Part = Literal["name", "record", "frames", "sheet", "noise"]
+type Part = Literal["name", "record", "frames", "sheet", "noise", "answers"]
 type NoiseKind = Literal["total", "temporal"]
 SCALE_MM_PER_PIXEL = 0.0432
 
@@ -34,10 +38,10 @@ class SheetOptions:
     (the true edge is there, or at most two pitches away); 'no' makes them the rim of the measured region.
     """
 
-    scale: float = SCALE_MM_PER_PIXEL
-    """mm per pixel"""
+    scale: float | None = None
+    """mm per pixel (default: 0.0432 for printed sheets)"""
     frame_rate: float | None = None
-    """frames per second (default: file's own, else 5)"""
+    """frames per second (default: as the files state; printed sheets: 5)"""
     offset: float = 0.0
     """time of frame 0 on the clock of the machine, s"""
     drop_rows: int = 2
@@ -58,10 +62,40 @@ class SheetOptions:
         ):
             if getattr(self, name) not in choices:
                 raise errors.ConfigError(f"{name} '{getattr(self, name)}' unknown; choose one of {', '.join(choices)}")
-        if not self.scale > 0 or (self.frame_rate is not None and not self.frame_rate > 0):
+        if (self.scale is not None and not self.scale > 0) or (self.frame_rate is not None and not self.frame_rate > 0):
             raise errors.ConfigError("scale (mm per pixel) and frame rate (Hz) must be positive")
         if self.drop_rows < 0 or self.drop_columns < 0:
             raise errors.ConfigError("numbers of rows and columns to drop cannot be negative")
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What an export of a DIC program may leave open."""
+
+    files: str | None = None
+    """pattern of the files that are frames, such as 'frame*.csv'"""
+    order: Rule = "auto"
+    """of the frames, where several numbers of their names disagree: natural, from left to right"""
+    step: float | None = None
+    """distance of the points of a matrix, mm"""
+    y_axis: Literal["up", "down"] | None = None
+    """which way y of the export points"""
+    loaded: Names = ()
+    """gripped sides: left, right, bottom, top"""
+    free: Names = ()
+    """traction-free sides, and holes"""
+    force_column: str | None = None
+    """column of the force in the machine record"""
+    time_column: str | None = None
+    """column of the time in the machine record"""
+
+    def __post_init__(self) -> None:
+        for name, value in (("loaded", self.loaded), ("free", self.free)):
+            for side in value:
+                if side not in SIDES and (name, side) != ("free", "holes"):
+                    raise errors.ConfigError(f"--{name} {side}: unknown; choose of {', '.join(SIDES)}")
+        if self.step is not None and not self.step > 0:
+            raise errors.ConfigError(f"--step {self.step:g}: the distance of the points must be positive")
 
 
 @dataclass(frozen=True)
@@ -76,11 +110,13 @@ class Processing:
 
 @dataclass(frozen=True)
 class Recording:
-    """What an importer reads. inputs: files that were read. processing: as the source states it; None: the user chooses."""
+    """What an importer reads. inputs: files that were read. processing: as the source states it; None: the user chooses.
+    guesses: the column map that was found, where there is one."""
 
     series: Series
     inputs: tuple[Path, ...]
     processing: Processing | None = None
+    guesses: Guesses | None = None
 
     def experiment(self, processing: Processing = Processing()) -> Experiment:
         """The Experiment. Raises whatever `to_experiment` finds."""
@@ -98,6 +134,14 @@ class Importer(ABC):
     looks_for: ClassVar[str] = ""
     takes: ClassVar[tuple[Part, ...]] = ("name", "record", "frames", "sheet", "noise")
     instead: ClassVar[str] = "leave it out"
+
+    def answered(self, answers: Answers) -> Importer:
+        """The same with answers to what no file states, where it takes them."""
+        return self
+
+    def parts(self, source: str) -> tuple[str, ...]:
+        """Sources of the tests that one holds; none where it is one test."""
+        return ()
 
     @abstractmethod
     def reads(self, source: str) -> bool:

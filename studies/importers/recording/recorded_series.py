@@ -47,7 +47,7 @@ class Series:
     """Every frame of a test. points (n, 2) mm, y up; triangles (m, 3); displacements (n_frames, n, 2) mm, NaN where
     a point failed; time (n_frames,) s on the clock of the machine; resolution (s) of that synchronisation. has_clock: False
     where times only number the frames. force_std: of the forces, N, where it is known; None: estimated from the record.
-    masked (k, 2) mm: points left out before; tested: whether spurious points were looked for."""
+    heights (n_frames, n) mm: of stereo data, distance from the plane of the reference; None: one camera. masked (k, 2) mm: points left out before; tested: whether spurious points were looked for."""
 
     name: str
     points: Array
@@ -65,3 +65,4 @@ class Series:
     provenance: dict[str, Any] = field(default_factory=dict)
     masked: Array = field(default_factory=lambda: np.zeros((0, 2)))
     tested: bool = False
+    heights: Array | None = None

@@ -30,7 +30,6 @@ __all__ = ["Grip", "Series", "to_experiment"]
 WORDS = Words("experiment")
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-RIM_FORCE = 1.0  # relative standard deviation of the force of a section that carries an unknown part of it
 
 
 def to_experiment(
@@ -45,7 +44,7 @@ def to_experiment(
     `MissingForceError`, `ForceSignError`, `TimeError`, `ExperimentError` where noise cannot be estimated, and whatever
     the checks of an Experiment find.
     """
-    frames, notes = choose_frames(series.time, series.record, selection, failure(series))
+    frames, notes = choose_frames(series.time, series.record, selection, failure(series), failed_frames(series))
     tare = _at_rest(series, series.record) if selection.tare is None else selection.tare
     force = forces_at(series.record, series.time[frames]) - tare
     across = moves_across(series, frames)
@@ -81,21 +80,25 @@ def to_experiment(
         noise=found,
         provenance=provenance,
         plane=series.plane,
+        heights=None if series.heights is None else series.heights[np.concatenate([[0], frames])][:, kept.indices],
     )
     signal = experiment.strain_signal
     more = {"strain_signal": signal.to_dict(), "notes": [*provenance["notes"], *strain_notes(experiment)]}
     return replace(experiment, provenance={**provenance, **more})
 
 
+def failed_frames(series: Series) -> Index:
+    """Frames with more failed points than can be bridged."""
+    lost = 1 - np.isfinite(series.displacements).all(axis=2).mean(axis=1)
+    return np.flatnonzero(lost > points.MAX_LOST)
+
+
 def _noise_of(
     series: Series, nodes: Index, frames: Index, noise: Noise | StatedNoise | None, kind: str
 ) -> tuple[Noise, dict[str, Any]]:
-    """Stated or estimated noise; in a window of a larger body the force is that of the section up to an unknown factor."""
+    """Stated or estimated noise."""
     stated = StatedNoise.all_of(noise) if isinstance(noise, Noise) else noise or StatedNoise()
-    found, report = noise_of(series, nodes, frames, stated, kind)
-    if series.provenance.get("rim"):
-        found = replace(found, force_std_relative=max(found.force_std_relative, RIM_FORCE))
-    return found, report
+    return noise_of(series, nodes, frames, stated, kind)
 
 
 def _spurious_notes(series: Series, kept: points.Kept) -> list[str]:

@@ -91,10 +91,14 @@ def find_break(record: ForceRecord) -> tuple[float, float] | None:
 
 
 def choose_frames(
-    time: Array, record: ForceRecord, selection: Selection, broke: float | None = None
+    time: Array,
+    record: ForceRecord,
+    selection: Selection,
+    broke: float | None = None,
+    failed: Index = np.zeros(0, np.int64),
 ) -> tuple[Index, list[str]]:
     """Frame numbers that become increments, and notes on what was left out. time (n_frames,): of the frames, s;
-    broke: of a failure, s.
+    broke: of a failure, s; failed (k,): frames that are not chosen unless the selection lists them.
 
     Raises `ConfigError` for frames outside the record, `MissingForceError` when no frame has a force.
     """
@@ -111,6 +115,10 @@ def choose_frames(
         end = min(end, selection.until)
     force = forces_at(record, np.clip(time, record.time[0], record.time[-1]))
     usable = np.flatnonzero((time >= record.time[0]) & (time <= end + 1e-9) & (np.arange(len(time)) > 0))
+    skipped = np.intersect1d(usable, failed)
+    if 0 < skipped.size < usable.size:
+        notes.append(WORDS.note_failed_frames(frames=skipped.tolist()))
+        usable = np.setdiff1d(usable, skipped)
     if usable.size == 0:
         raise errors.MissingForceError(
             f"no frame has a force: frames run from {time[0]:g} to {time[-1]:g} s, the force record from "

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibrate.models.parameter_covariance import MISFIT
 from studies.output.findings import Finding
-from studies.reports.calibration.fit_review import Review
+from studies.reports.calibration.fit_review import Review, section_shares
 from studies.reports.experiments.experiment_findings import experiment_findings
 from studies.reports.prediction.predicted_curves import band_finding
 
@@ -25,6 +25,7 @@ class FitCode(StrEnum):
     AS_NOISE = "residuals_as_noise"
     STARTS = "starts"
     FORCES = "forces"
+    NOMINAL_LEVEL = "nominal_level"
     HELD_OUT = "held_out"
     NOTHING_HELD_OUT = "nothing_held_out"
     THICKNESS_UNKNOWN = "thickness_unknown"
@@ -91,10 +92,21 @@ def starts(view: Review) -> Finding:
 
 
 def forces(view: Review) -> Finding:
-    """How well forces are met, beside the best neo-Hookean modulus."""
+    """How well forces are met, beside the best neo-Hookean modulus; how the level was fixed where they are not those of the section."""
+    if view.experiment.level_is_nominal:
+        increment, boundary = level_of(view)
+        return _finding(FitCode.NOMINAL_LEVEL, increment=increment + 1, boundary=boundary, shares=section_shares(view))
     error, simple = view.force_error(view.fitted), view.neo_hooke_error
     worse = error > max(LIMITS.factor * simple, LIMITS.negligible)
     return _finding(FitCode.FORCES, error=error, neo_hooke_error=simple, worse_than_neo_hooke=bool(worse))
+
+
+def level_of(view: Review) -> tuple[int, str]:
+    """Increment, counted from 0, and boundary whose force fixes a nominal level."""
+    system = view.calibration.system
+    i, row = np.argwhere(system.level_equation)[0]
+    boundary = system.experiment.loaded[system.fields.boundary[row % system.fields.n_fields]].name
+    return int(np.flatnonzero(view.fitted)[i]), boundary
 
 
 def held_out(view: Review) -> Finding:
@@ -105,12 +117,14 @@ def held_out(view: Review) -> Finding:
     numbers = np.flatnonzero(~view.fitted) + 1
     n, fitted_error = view.experiment.n_increments, view.force_error(view.fitted)
     last = numbers.size == numbers[-1] - numbers[0] + 1 and numbers[-1] == n
+    nominal = view.experiment.level_is_nominal
     usual, there = view.fitted_chi_square, held.chi_square_per_equation
     return _finding(
         FitCode.HELD_OUT, increments=held.increments, of=n, last=bool(last), error=held.relative_force_error,
         fitted_error=fitted_error, chi_square=there, fitted_chi_square=usual,
-        forces_worse=bool(held.relative_force_error > max(LIMITS.held_least, LIMITS.held_factor * fitted_error)),
+        forces_worse=bool(not nominal and held.relative_force_error > max(LIMITS.held_least, LIMITS.held_factor * fitted_error)),
         equilibrium_worse=bool(usual is not None and there is not None and there > LIMITS.held_chi_square * max(1.0, usual)),
+        level_is_nominal=nominal,
     )  # fmt: skip
 
 

@@ -22,11 +22,13 @@ from calibrate.equations.inputs import REFERENCE
 from calibrate.equations.reduction import assemble
 from calibrate.equations.weights import weights_of
 from calibrate.fitting.calibration import Calibration, predict_forces, relative_force_error
+from calibrate.models.json_file import MEASURED, NOMINAL
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
+WELL_LOADED = 0.1  # of the largest force
 SAME_LOSS, SAME_CHI_SQUARE = 1e-3, 4.0  # relative, or where the loss is a chi-square: two standard deviations
 
 
@@ -112,6 +114,8 @@ class Review:
             "initial_shear_modulus_deviation": modulus_deviation(self.model),
             "curve_points": curve_points(self.model),
             "unit": self.model.unit,
+            "level": NOMINAL if self.model.level_is_nominal else MEASURED,
+            "section_shares": section_shares(self),
             "neo_hooke_force_error": self.neo_hooke_error,
             "starts_alike": self.starts_alike,
             "held_out": None if self.held_out is None else asdict(self.held_out),
@@ -188,6 +192,22 @@ def _neo_hooke_error(system: Equilibrium) -> float:
     c, rows = best_neo_hooke(system, basis), np.tile(system.fields.boundary >= 0, 2)
     forces = np.array([system.matrix(basis, F)[rows] @ c for F in system.deformation_gradients])
     return relative_force_error({"all": forces}, {"all": system.loads[:, rows]})
+
+
+def section_shares(view: Review) -> dict[str, tuple[float, float]]:
+    """{boundary: (smallest, largest)} of what the section carries over what the machine recorded, at the level of the model.
+
+    Along the pull, of increments with at least `WELL_LOADED` of the largest force. Where the level is nominal, 1 is its increment.
+    """
+    found = {}
+    for name, force in view.measured.items():
+        k = int(np.argmax(np.nanmax(np.abs(force), axis=0, initial=0.0)))
+        size = np.abs(np.nan_to_num(force[:, k]))
+        used = (size >= WELL_LOADED * size.max()) & (size > 0)
+        if used.any():
+            shares = view.forces[name][used, k] / force[used, k]
+            found[name] = (float(shares.min()), float(shares.max()))
+    return found
 
 
 def initial_shear_modulus(model: Model) -> float:

@@ -28,7 +28,9 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     found = findings(view)
     for finding in found:
         report.paragraph(finding.text)
-    report.table(*force_table(view), WORDS.force_table()).table(*curve_table(view), WORDS.curve_table())
+    if not view.model.level_is_nominal:
+        report.table(*force_table(view), WORDS.force_table())
+    report.table(*curve_table(view), WORDS.curve_table())
     report.heading("Evidence")
     for name, draw in FIGURES.items():
         path = folder / f"{name}.png"

@@ -14,6 +14,7 @@ from studies.reports.calibration.fit_review import (
     curve_points,
     initial_shear_modulus,
     modulus_deviation,
+    section_shares,
 )
 from studies.reports.force_record import COMPONENTS
 
@@ -21,10 +22,10 @@ from studies.reports.force_record import COMPONENTS
 def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
     """Columns and rows: quantity, value, unit."""
     model, chi_square = view.model, view.calibration.reduced_chi_square
+    nominal = model.level_is_nominal
     rows: list[list[Any]] = [
-        ["initial shear modulus", initial_shear_modulus(model), model.unit],
-        ["relative force error, fitted increments", 100 * view.force_error(view.fitted), "%"],
-        ["best neo-Hooke, the same error", 100 * view.neo_hooke_error, "%"],
+        [f"initial shear modulus{', nominal' if nominal else ''}", initial_shear_modulus(model), model.unit],
+        *(_shares(view) if nominal else _force_errors(view)),
         ["loss", view.calibration.loss, ""],
     ]
     rows.append(["signal to noise of the strain", view.experiment.strain_signal.ratio, ""])
@@ -38,7 +39,8 @@ def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
         rows.append(["reduced chi-square", chi_square, ""])
     held = view.held_out
     if held is not None:
-        rows.append(["relative force error, held-out increments", 100 * held.relative_force_error, "%"])
+        if not nominal:
+            rows.append(["relative force error, held-out increments", 100 * held.relative_force_error, "%"])
         if held.chi_square_per_equation is not None:
             rows.append(["chi-square per equation, fitted increments", view.fitted_chi_square, ""])
             rows.append(["chi-square per equation, held-out increments", held.chi_square_per_equation, ""])
@@ -47,6 +49,22 @@ def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
         rows.append([f"calibrated to {name}", model.calibrated_range[name][1], ""])
     rows += [[f"calibrated to stretch, {title}", model.largest_stretch(mode), ""] for mode, title in TITLES.items()]
     return ["quantity", "value", "unit"], rows
+
+
+def _force_errors(view: Review) -> list[list[Any]]:
+    return [
+        ["relative force error, fitted increments", 100 * view.force_error(view.fitted), "%"],
+        ["best neo-Hooke, the same error", 100 * view.neo_hooke_error, "%"],
+    ]
+
+
+def _shares(view: Review) -> list[list[Any]]:
+    """Force of each section at the nominal level over the recorded one."""
+    return [
+        [f"force of the section over the recorded one, {name}, {which}", value, ""]
+        for name, pair in section_shares(view).items()
+        for which, value in zip(("smallest", "largest"), pair, strict=True)
+    ]
 
 
 def force_table(view: Review) -> tuple[list[str], list[list[float | str]]]:

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 from calibrate.diagnosis.distillation import Distilled, bulk_modulus
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.problem import stiffness_factor
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Doubt, Round
+from calibrate.fitting.calibration import WEAK_SIGNAL
 from calibrate.models.extended_model import amplitude_unit
 from studies.output.words import plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words, round_remarks
@@ -15,6 +17,7 @@ from studies.reports.discovery.records import shape_records
 from studies.reports.discovery.view import BAND, View
 from studies.reports.experiments.experiment_findings import experiment_findings
 
+ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
 OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
 LISTED = 3  # amplitudes that a cell of the table can hold
 
@@ -66,7 +69,8 @@ class BestCandidate:
 @dataclass(frozen=True)
 class Statement:
     """All that the verdict says. last_step: of a last fit that has not converged, in standard deviations of an equation.
-    doubts: why what is closest is no explanation; force_allowed: force error that one may leave."""
+    doubts: why what is closest is no explanation; force_allowed: force error that one may leave. level_is_nominal: whether only ratios
+    of stiffness are known; weak_strain: whether a strain is near its noise."""
 
     verdict: Verdict
     named: tuple[NamedEffect, ...]
@@ -79,6 +83,8 @@ class Statement:
     last_step: float | None
     doubts: tuple[Doubt, ...] = ()
     force_allowed: float = float("nan")
+    level_is_nominal: bool = False
+    weak_strain: bool = False
 
     @property
     def force_after(self) -> float:
@@ -102,6 +108,8 @@ class Statement:
             None if final.converged else final.last_step,
             () if found.confirmation is None else found.confirmation.doubts,
             float("nan") if found.confirmation is None else found.confirmation.force_allowed,
+            found.problem.level_is_nominal,
+            any(part.experiment.strain_signal.ratio < WEAK_SIGNAL for part in found.problem.trained),
         )
 
 
@@ -188,6 +196,11 @@ def remarks(view: View) -> list[str]:
         result += [WORDS.round_remark(number=i, remark=text) for text in round_remarks(now)]
     if view.unit != "MPa":
         result.append(WORDS.no_thickness())
+    factor = stiffness_factor(found.problem, found.final.c, found.final.additions)
+    if factor > ATTENUATED:
+        result.append(WORDS.attenuated(factor=factor, level_is_nominal=found.problem.level_is_nominal))
+    result += [WORDS.weak_strain(name=part.experiment.name, signal=part.experiment.strain_signal)
+               for part in found.problem.parts if part.experiment.strain_signal.ratio < WEAK_SIGNAL]  # fmt: skip
     for part in found.problem.parts:
         result += [f.text for f in experiment_findings(part.experiment, part.assembled.noise_is_known)]
     bulk = bulk_modulus(found.problem, found.final)

@@ -56,9 +56,9 @@ def forces(part: Part, fit: Fit) -> dict[str, tuple[Array, Array, Array]]:
     r, spread = residual(part, fit), deviations(part)
     result = {}
     for v in np.flatnonzero(system.fields.boundary >= 0):
-        loads = system.loads[:, [v, n + v]]
+        loads = np.nan_to_num(system.loads[:, [v, n + v]])
         name = part.experiment.loaded[system.fields.boundary[v]].name
-        result[name] = (loads, np.nan_to_num(loads) + r[:, [v, n + v]], spread[:, [v, n + v]])
+        result[name] = (system.recorded[:, [v, n + v]], loads + r[:, [v, n + v]], spread[:, [v, n + v]])
     return result
 
 

@@ -17,6 +17,7 @@ from studies.importers.recording.series import Series
 from studies.output import Manifest, style, write_figure
 from studies.output.report import Report
 from studies.output.words import Words
+from studies.reports.experiments.good_practice import good_practice_rows
 
 WORDS = Words("experiment")
 
@@ -48,6 +49,8 @@ def report_lines(experiment: Experiment, target: Path) -> Iterator[str]:
     yield f"  {WORDS.imported_strain(signal=experiment.strain_signal)}"
     if experiment.thickness is None:
         yield f"  {WORDS.imported_without_thickness()}"
+    for line in experiment.provenance.get("found", []):
+        yield f"  found: {line}"
     for note in experiment.provenance["notes"]:
         yield f"  note: {note}"
     yield f"wrote {target}"
@@ -114,8 +117,12 @@ def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Pa
     page.table(["quantity", "value", "unit"], rows)
     for note in provenance["notes"]:
         page.paragraph(f"Note: {note}.")
+    if provenance.get("found"):
+        page.paragraph(WORDS.imported_found())
+        page.table(["found in the export"], [[line] for line in provenance["found"]])
+    page.table(["how it was measured", "value"], good_practice_rows(experiment))
     record = manifest.to_dict()
-    page.details("Decisions", {k: v for k, v in provenance.items() if k not in ("noise", "notes")})
+    page.details("Decisions", {k: v for k, v in provenance.items() if k not in ("noise", "notes", "found")})
     page.details("Noise", provenance["noise"])
     page.details("Settings", record["settings"]).details("Versions", record["versions"])
     return page.save(folder / "report.html")

@@ -26,6 +26,7 @@ MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
 class Extent(StrEnum):
     """How far a curve is calibrated, and what its bands hold; macros of ``templates/prediction.txt``."""
 
+    NOMINAL_LEVEL = "nominal_level"
     NO_RANGE = "no_calibrated_range"
     WITHIN = "within_calibrated_range"
     EXTRAPOLATES = "leaves_calibrated_range"
@@ -124,4 +125,5 @@ def band_finding(model: Model) -> Finding:
 
 def findings(model: Model, curves: list[Curve]) -> list[Finding]:
     """What a reader of the curves should know."""
-    return [*(curve.finding for curve in curves), band_finding(model)]
+    level = [Finding("prediction", Extent.NOMINAL_LEVEL)] if model.level_is_nominal else []
+    return [*level, *(curve.finding for curve in curves), band_finding(model)]

@@ -6,7 +6,7 @@ predicted with their relative error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from calibrate.errors import ConfigError
 from calibrate.fitting.calibration import predict_forces, relative_force_error
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.model_file import load_model
+from calibrate.models.network_model import Model
 from studies.output.findings import Finding
 
 Array = NDArray[np.float64]
@@ -30,6 +31,7 @@ class Remark(StrEnum):
     """What a reader of the error should know; macros of ``templates/prediction.txt``."""
 
     ERROR = "force_error"
+    ONE_FACTOR = "one_factor"
     OUTSIDE = "outside_range"
     BULK_MODULUS = "bulk_modulus_unused"
     LEFT_OUT = "effects_left_out"
@@ -38,7 +40,8 @@ class Remark(StrEnum):
 @dataclass(frozen=True)
 class Forecast:
     """What a model says of a test. forces: {boundary: (t, 2)} N, predicted. outside: share of area and increments beyond the
-    calibrated range. model: its name. left_out: effects of other tests, which do not hold here."""
+    calibrated range. model: its name. left_out: effects of other tests, which do not hold here. factor: by which the forces were
+    multiplied, None where the levels of model and test are known; nominal_model: whether that of the model is not."""
 
     experiment: Experiment
     forces: dict[str, Array]
@@ -46,6 +49,8 @@ class Forecast:
     model: str
     left_out: tuple[str, ...] = ()
     unused_bulk_modulus: float | None = None
+    factor: float | None = None
+    nominal_model: bool = False
 
     @property
     def measured(self) -> dict[str, Array]:
@@ -64,6 +69,8 @@ class Forecast:
         found: list[tuple[Remark, dict[str, object]]] = [
             (Remark.ERROR, {"name": e.name, "relative_force_error": self.error})
         ]
+        if self.factor is not None:
+            found.append((Remark.ONE_FACTOR, {"factor": self.factor, "of_model": self.nominal_model}))
         if self.outside > 0:
             found.append((Remark.OUTSIDE, {"share": self.outside}))
         if self.unused_bulk_modulus is not None:
@@ -74,8 +81,28 @@ class Forecast:
 
 
 def forecast(path: Path, experiment: Experiment) -> Forecast:
-    """Raises `ModelFileError`, `ConfigError` where units or times do not go together."""
+    """Raises `ModelFileError`, `ConfigError` where units or times do not go together.
+
+    Where the level of model or test is nominal, all forces are multiplied by the factor that fits the recorded ones best.
+    """
     model = load_model(path)
+    found = _forecast(model, experiment)
+    if not (model.level_is_nominal or experiment.level_is_nominal):
+        return found
+    factor = _best_factor(found.forces, found.measured)
+    forces = {name: factor * force for name, force in found.forces.items()}
+    return replace(found, forces=forces, factor=factor, nominal_model=model.level_is_nominal)
+
+
+def _best_factor(predicted: dict[str, Array], measured: dict[str, Array]) -> float:
+    """Least squares over every measured component."""
+    a, b = (np.concatenate([forces[name].ravel() for name in predicted]) for forces in (predicted, measured))
+    known = np.isfinite(b)
+    return float(a[known] @ b[known] / max(a[known] @ a[known], 1e-300))
+
+
+def _forecast(model: Model | ExtendedModel, experiment: Experiment) -> Forecast:
+    """At the level of the model."""
     if isinstance(model, ExtendedModel):
         found = model.predict(experiment)
         kept = [a.effect.name for a in model.for_test(experiment)]

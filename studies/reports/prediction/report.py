@@ -51,7 +51,7 @@ def write_forces(folder: Path, forecast: Forecast, manifest: Manifest) -> Path:
     write_csv(table, columns, rows, [WORDS.forces_csv()])
     write_figure(picture, draw_forces(forecast))
     manifest.beside(
-        picture, table, relative_force_error=forecast.error, outside=forecast.outside,
+        picture, table, relative_force_error=forecast.error, factor=forecast.factor, outside=forecast.outside,
         findings=[f.to_dict() for f in forecast.findings],
     )  # fmt: skip
     report = Report(f"Prediction of {forecast.experiment.name}", forecast.model)

@@ -5,14 +5,18 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from made_up import made_up_chain
+from viscous_states import LATERAL, nominal_stress
 
+from calibrate import errors
 from calibrate.data.experiment import Experiment, LoadedBoundary
+from calibrate.diagnosis.score_tests import Status, untestable
 from calibrate.effects import CATALOGUE, KNOWN, Data
 from calibrate.effects.chain import Addition
 from calibrate.effects.compressibility import Compressibility
@@ -29,6 +33,7 @@ from calibrate.effects.support.nodal_derivatives import gradients, second_deriva
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import Viscosity
+from calibrate.effects.warp import FLAT, InitialWarp, regained_strain
 
 EVERY = KNOWN
 NAMES = [effect.name for effect in EVERY]
@@ -201,6 +206,21 @@ def test_viscous_overstress_of_a_ramp(chain):
     P = F * jnp.asarray(time)[:, None, None, None]
     found = Viscosity().stress(chain.data, F, P, jnp.array([0.3]), jnp.array([2.0]), None) - P
     np.testing.assert_allclose(found[:, 0, 0, 0], 0.3 * 2.0 * (1 - np.exp(-time / 2.0)), rtol=1e-12)
+
+
+@pytest.mark.parametrize("mode", LATERAL)
+@pytest.mark.parametrize("stretch", [1.1, 1.4, 2.0])
+def test_relaxation_is_three_dimensional(chain, mode, stretch):
+    """A ramp of five relaxation times, by quadrature of the three-dimensional stress; in the plane alone the overstress is up to 66 % too small."""
+    t, g, tau, steps = 5.0, 0.5, 1.0, 100
+    time = t * np.arange(1, steps + 1) / steps
+    a = 1 + (stretch - 1) * time / t
+    F = jax.vmap(jnp.diag)(jnp.stack([a, a ** LATERAL[mode]], axis=1))[:, None]
+    P = jax.vmap(jax.vmap(neo_hooke_law))(F)
+    data = dataclasses.replace(chain.data, time=jnp.asarray(time))
+    found = np.asarray(Viscosity().stress(data, F, P, jnp.array([g]), jnp.array([tau]), None) - P)[-1, 0]
+    whole, elastic = (nominal_stress(mode, 1.0, part, tau, (stretch - 1) / t, t) for part in (g, 0.0))
+    np.testing.assert_allclose(np.diag(found), whole - elastic, rtol=1e-3, atol=1e-6)
 
 
 def test_an_offset_points_along_the_largest_force(chain):
@@ -423,3 +443,33 @@ def test_a_strip_widens_the_sheet(chain):
 
 def test_gradients(chain):
     np.testing.assert_allclose(gradients(chain.data, chain.data.u), chain.system.deformation_gradients, atol=1e-14)
+
+
+def test_a_measured_reference_tells_its_warp():
+    """A reference bent to a cylinder of slope q regains q^2 / 2; one that is flat within noise regains nothing that matters."""
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(0, 40, 41), np.linspace(0, 20, 21)))
+    points, rng = np.column_stack([x, y]), np.random.default_rng(0)
+    bent = 0.25 * (1 - ((x - 20) / 20) ** 2)  # slope 0.025 at the ends
+    assert regained_strain(points, bent) == pytest.approx(0.5 * 0.025**2, rel=1e-6)
+    assert regained_strain(points, rng.normal(0, 0.003, x.size)) < FLAT
+
+
+def test_stereo_data_exclude_what_they_measure(tmp_path):
+    plain = made_up_chain().system.experiment
+    bent = 0.01 * (plain.points[:, 0] - 10) ** 2
+    moved = np.concatenate([np.zeros((1, len(plain.points))), 0.1 * np.arange(1, 5)[:, None] + 0 * bent[None]])
+    stereo = dataclasses.replace(plain, heights=moved)
+    assert not OutOfPlane().excluded(Data.of(plain))
+    assert not InitialWarp().excluded(Data.of(plain))
+    assert OutOfPlane().excluded(Data.of(stereo))
+    assert InitialWarp().excluded(Data.of(stereo))
+    assert not InitialWarp().excluded(Data.of(dataclasses.replace(plain, heights=moved + bent)))
+    parts = [SimpleNamespace(chain=SimpleNamespace(data=Data.of(one))) for one in (stereo, plain)]
+    found = [untestable(SimpleNamespace(trained=[part], level_is_nominal=False), OutOfPlane()) for part in parts]
+    assert found[0].status is Status.EXCLUDED
+    assert found[1] is None
+    stereo.save(tmp_path / "stereo.npz")
+    np.testing.assert_array_equal(Experiment.load(tmp_path / "stereo.npz").heights, moved)
+    np.testing.assert_array_equal(stereo.select([1, 3]).heights, moved[[0, 2, 4]])
+    with pytest.raises(errors.MeshMismatchError, match="the reference and every increment"):
+        dataclasses.replace(plain, heights=moved[1:])

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from calibrate.diagnosis.hold_out import Kind
 from studies import cli
-from studies.commandline.option_types import Count, Integers, Repeated
+from studies.commandline.option_types import Count, Integers, Repeated, default_folder
 from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 
@@ -77,6 +77,11 @@ def test_every_command_has_help_with_examples(name: str, capsys: pytest.CaptureF
     assert f"equigap {name}" in text.split("examples:")[1]
     assert "--output" in text
     assert "--overwrite" in text
+
+
+def test_default_folder_has_no_blanks_or_slashes():
+    assert default_folder("import-my test / ä") == Path("results/import-my-test-ä")
+    assert default_folder("import-../../x", quick=True).parent == Path("results")
 
 
 @pytest.mark.parametrize("name", ["calibrate", "discover"])

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial import Delaunay
 from sheets import (
     COLUMNS,
     MAP,
@@ -22,7 +21,6 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment
 from calibrate.data.triangulation import signed_areas
 from studies.importers import column_import, column_map
-from studies.importers.column_map import EdgesTable
 from studies.importers.recording.series import to_experiment
 
 
@@ -169,6 +167,16 @@ def test_force_per_frame(tmp_path):
         ("thickness_mm = 2.0", "thickness_mm = 0.0", "thickness_mm = 0.0: .*greater than 0"),
         ("count = 4", "onset = 1.0", "frames.onset = 1.0: .*less than 1"),
         ('unit = "px"', 'unit = "px"\nposition_unit = "mm"\ndisplacement_unit = "um"', "belongs to a unit 'px'"),
+        (
+            'loaded = ["bottom", "top"]\nfree = ["left", "right", "holes"]',
+            'loaded = ["left", "top"]',
+            "names one force",
+        ),
+        (
+            'loaded = ["bottom", "top"]\nfree = ["left", "right", "holes"]',
+            'loaded = ["left", "right", "top"]',
+            "names one force",
+        ),
         ("[noise]\ndisplacement_std_mm = 0.001", "noise = 3", "unknown key 'edges.noise'"),
     ],
 )
@@ -202,22 +210,33 @@ def test_column_map_with_duplicate_points(tmp_path):
         from_map(path)
 
 
-def test_one_force_for_sides_of_two_directions():
-    """A cross whose four arms share no corner; the y arms would silently get the force of x."""
-    x, y = (v.ravel() for v in np.meshgrid(np.arange(-6, 7), np.arange(-6, 7), indexing="ij"))
-    inside = (np.abs(x) <= 2) | (np.abs(y) <= 2)
-    points = np.column_stack([x, y])[inside].astype(float)
-    triangles = Delaunay(points).simplices
-    triangles = triangles[(np.abs(points[triangles].mean(axis=1)) <= 2.1).any(axis=1)].astype(np.int64)
-    with pytest.raises(errors.ConfigError, match="names one force"):
-        column_import._edges(EdgesTable(loaded=("left", "right", "bottom", "top"), tolerance_mm=0.1), points, triangles)
-    assert len(column_import._edges(EdgesTable(loaded=("left", "right"), tolerance_mm=0.1), points, triangles)[0]) == 2
+@pytest.mark.parametrize("minimum", ["5.0", "-2.0"])
+def test_limits_of_validity_that_no_point_meets(tmp_path, minimum):
+    """All points of all frames; the values that were found are named."""
+    path = mapped(tmp_path, MAP.replace("valid_minimum = 0.0", f"valid_minimum = {minimum}"))
+    if minimum == "5.0":
+        with pytest.raises(
+            errors.LostPointsError, match=r"'sigma' is from 0.01 to 0.01, check points.valid_minimum \(5.0\)"
+        ):
+            from_map(path)
+    else:
+        assert len(from_map(path).points) == COLUMNS * ROWS
 
 
-def test_sides_that_share_a_corner(tmp_path):
-    text = MAP.replace('["bottom", "top"]', '["bottom", "left"]').replace('["left", "right", "holes"]', "[]")
-    with pytest.raises(errors.ConfigError, match="share corner nodes"):
-        from_map(mapped(tmp_path, text))
+def test_frames_that_failed_as_a_whole(tmp_path):
+    """The reference counts as zero, a later one is not chosen by itself; one that is listed is refused."""
+    expected = from_map(mapped(tmp_path / "whole"))
+    path = mapped(tmp_path / "failed")
+    for number in (0, 11):
+        frame = path.parent / "frames" / f"f_{number}.csv"
+        head, *lines = frame.read_text().splitlines()
+        write(frame, "\n".join([head, *(line.rsplit(",", 1)[0] + ",-1" for line in lines)]) + "\n")
+    found = from_map(path)
+    assert any("frame 11: not chosen" in note for note in found.provenance["notes"])
+    assert expected.provenance["frames"][-1] == 11
+    assert found.provenance["frames"][-1] == 10
+    with pytest.raises(errors.LostPointsError, match="frames.list"):
+        from_map(write(path, MAP.replace("count = 4", "list = [5, 11]")))
 
 
 @pytest.mark.parametrize("name", ["matchid", "vic", "dice"])

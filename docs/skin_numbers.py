@@ -1,0 +1,72 @@
+"""Numbers of the page on ugly data: `python docs/skin_numbers.py FOLDER`.
+
+In: the folder in which the commands of the page were run (`equigap unpack ... -o skin`, `import skin/columns.toml -o imported`,
+`calibrate imported/experiment.npz --hold-out every:3 -o calibrated`). Out: `skin.json` in docs/results and its manifest;
+`make numbers` puts it into the page.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from studies.output import Manifest, write_json
+from studies.output.words import digits, percent, plus_minus
+
+RESULTS = Path(__file__).parent / "results"
+COMMAND = "equigap unpack sutula_skin_dic/monolithic.npz --name skin -o skin; equigap import skin/columns.toml -o imported; equigap calibrate imported/experiment.npz --hold-out every:3 -o calibrated"  # fmt: skip
+
+
+def reason(results: dict[str, Any], code: str, key: str) -> float:
+    """A number behind a reason of the headline. Raises `SystemExit` where the headline does not give it."""
+    for finding in (*results["headline"]["against"], *results["headline"]["reservations"]):
+        if finding["code"] == code:
+            return float(finding[key])
+    raise SystemExit(f"the headline no longer says {code}: rewrite the page")
+
+
+def numbers(imported: dict[str, Any], results: dict[str, Any]) -> dict[str, Any]:
+    """What the page states, of the manifests of an import and of a calibration."""
+    provenance = imported["provenance"]
+    masked, signal = provenance["masked"]["spurious"], provenance["strain_signal"]
+    found = results["initial_shear_modulus"], results["initial_shear_modulus_deviation"]
+    ends = [one["stretch"] for one in results["curve_points"] if one["mode"] == "uniaxial" and one["calibrated"]]
+    return {
+        "points": imported["points"] + len(masked),
+        "spurious": len(masked),
+        "strain": percent(signal["strain"]),
+        "scatter": percent(signal["scatter"]),
+        "ratio": f"{signal['ratio']:.1f}",
+        "force_error": percent(results["relative_force_error"]),
+        "held_error": percent(results["held_out"]["relative_force_error"]),
+        "expected_error": percent(reason(results, "forces_missed", "expected")),
+        "neo_hooke_error": percent(results["neo_hooke_force_error"]),
+        "chi_square": digits(results["reduced_chi_square"], 2),
+        "attenuation": digits(results["attenuation"], 2),
+        "modulus": plus_minus(*found),
+        "stretch": f"{max(ends):.2f}",
+        "verdict": results["headline"]["verdict"],
+    }
+
+
+def main(words: list[str] | None = None) -> int:
+    """Write the file."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args(words).folder
+    inputs = folder / "imported" / "experiment.json", folder / "calibrated" / "report.json"
+    imported, calibrated = (json.loads(path.read_text()) for path in inputs)
+    manifest = Manifest(settings={"import": imported["settings"], "calibrate": calibrated["settings"]})
+    how = "sutula_skin_dic/monolithic.npz (healthy skin), 12 of 50 frames, nothing else chosen"
+    target = RESULTS / "skin.json"
+    head = {"command": COMMAND, "made": date.today().isoformat(), "revision": calibrated["revision"], "how": how}
+    write_json(target, {**head, "numbers": numbers(imported["results"], calibrated["results"])})
+    manifest.beside(target)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

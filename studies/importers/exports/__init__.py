@@ -1,0 +1,1 @@
+"""What an export of a DIC program holds, found from the content of its files."""

@@ -1,0 +1,120 @@
+"""What the measured field itself says: whether its reference has a file, its grid, which way it was pulled.
+
+In: frames, as a column map reads them. Out: entries and facts of a column map, or the question which sides are loaded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from studies.importers.exports.guesses import Guesses
+from studies.importers.frame_tables import Frames
+from studies.importers.recording.masks import SIDES
+
+Array = NDArray[np.float64]
+STILL = 1e-9  # of the distance of the points: a displacement that is zero but for rounding
+STRAINED, SIGNIFICANT = 1e-4, 10.0  # least strain, and least ratio of it to its standard error, that tell the pull
+USUAL_DEPTH, DEEPEST, SPANNED = 0.4, 4.0, 0.95  # of a side: spacings, spacings, share of the section
+ALIKE = 0.6  # of the larger strain, from which the smaller of equal sign makes the pull undecided
+
+
+def has_rest(frames: Frames) -> bool:
+    """Whether the first file is the reference itself: all its displacements are zero."""
+    return bool(np.nanmax(np.abs(frames.displacements[0]), initial=0.0) < STILL * pitch(frames.points))
+
+
+def pitch(points: Array) -> float:
+    """Median distance of neighbours, mm."""
+    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+
+
+def say_grid(frames: Frames, found: Guesses) -> None:
+    """Number, spacing and regularity of the points, and how many failed."""
+    spacing = pitch(frames.points)
+    on_grid = all(_regular(np.unique(frames.points[:, k].round(6)), spacing) for k in range(2))
+    size = np.ptp(frames.points, axis=0)
+    kind = "regular grid" if on_grid else "scattered points"
+    unit = "px" if any(q.key == "points.scale_mm_per_px" for q in found.questions) else "mm"
+    found.facts.append(
+        f"{len(frames.points)} points, {size[0]:.4g} x {size[1]:.4g} {unit}, {kind}, spacing {spacing:.4g} {unit}"
+    )
+    failed = ~np.isfinite(frames.displacements).all(axis=2)
+    if failed.any():
+        found.facts.append(f"failed points: up to {int(failed.sum(axis=1).max())} in a frame")
+    if frames.plane is not None:
+        tilt, warp = frames.plane.tilt, frames.plane.warp
+        assert frames.heights is not None
+        moved = np.nanmean(frames.heights, axis=1)
+        found.facts.append(
+            f"stereo: fitted plane, tilt {tilt:.2g} degrees, warp {warp:.2g} mm rms; out-of-plane motion up to {np.abs(moved).max():.2g} mm on the mean"
+        )
+
+
+def _regular(values: Array, spacing: float) -> bool:
+    steps = np.diff(values)
+    return len(steps) > 0 and bool(np.all(np.abs(steps / spacing - np.round(steps / spacing)) < 0.05))
+
+
+def say_edges(frames: Frames, loaded: Sequence[str], free: Sequence[str], found: Guesses) -> None:
+    """Loaded sides, as given or along the pull; free sides only as given."""
+    if loaded:
+        found.say("edges.loaded", list(loaded), "as given")
+    else:
+        axis, why = pull_axis(frames)
+        if axis is None:
+            found.ask("edges.loaded", "--loaded", f"which sides are gripped ({why}), such as left,right")
+        else:
+            found.say("edges.loaded", [["left", "right"], ["bottom", "top"]][axis], why)
+    _say_tolerance(frames.points, found)
+    if free:
+        found.say("edges.free", list(free), "as given")
+    else:
+        found.facts.append(
+            "no side counts as traction-free: whether the points reach the edges of the specimen is not stated (--free)"
+        )
+
+
+def _say_tolerance(points: Array, found: Guesses) -> None:
+    """How deep the outermost row is where it is not parallel to the axes: so that a loaded side spans the section."""
+    depths = [_depth(points, side) for side in found.get("edges.loaded") or ()]
+    wide = max((depth for depth in depths if depth is not None), default=0.0)
+    if wide > USUAL_DEPTH and None not in depths:
+        why = "the outermost rows are not parallel to the axes; so deep they span the section"
+        found.say("edges.tolerance_mm", round(wide * pitch(points), 6), why)
+
+
+def _depth(points: Array, side: str) -> float | None:
+    """Distance from the outermost point, in spacings, within which points span the section; None where that is more than `DEEPEST`."""
+    axis, sign = SIDES[side]
+    inwards = (sign * points[:, axis]).max() - sign * points[:, axis]
+    across, spacing = points[:, 1 - axis], pitch(points)
+    for depth in np.arange(USUAL_DEPTH, DEEPEST, 0.1):
+        if np.ptp(across[inwards <= depth * spacing]) >= SPANNED * np.ptp(across):
+            return float(depth)
+    return None
+
+
+def pull_axis(frames: Frames) -> tuple[int | None, str]:
+    """0 or 1: x or y, along which the mean strain is largest in the last frame; None where that is not decided, and why."""
+    strain, error = mean_strains(frames.points, frames.displacements[-1])
+    larger = int(np.argmax(np.abs(strain)))
+    text = f"mean strains {100 * strain[0]:.3g} % along x, {100 * strain[1]:.3g} % along y in the last frame"
+    if not abs(strain[larger]) > max(STRAINED, SIGNIFICANT * error[larger]):
+        return None, f"no significant strain: {text}"
+    if strain[1 - larger] / strain[larger] > ALIKE:
+        return None, f"pulled along both axes: {text}"
+    return larger, text
+
+
+def mean_strains(points: Array, displacement: Array) -> tuple[Array, Array]:
+    """du/dx and dv/dy of a linear fit to a frame (n, 2), and their standard errors."""
+    known = np.isfinite(displacement).all(axis=1)
+    design = np.column_stack([np.ones(known.sum()), points[known] - points[known].mean(axis=0)])
+    fit, *_ = np.linalg.lstsq(design, displacement[known], rcond=None)
+    scatter = (displacement[known] - design @ fit).std(axis=0)
+    spread = np.sqrt(np.diag(np.linalg.inv(design.T @ design)))[1:]
+    return np.array([fit[1, 0], fit[2, 1]]), scatter * spread

@@ -1,0 +1,155 @@
+"""The machine record among the files of a folder: which file, which columns, which units.
+
+In: tables that are no frames. Out: entries of [force] and [frames] of a column map, or questions.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calibrate import errors
+from studies.importers.exports.guesses import Guesses
+from studies.importers.exports.text_files import UNIT, TextFile, text_file
+from studies.importers.map_tables import FORCE_UNITS, TIME_UNITS
+from studies.importers.text_tables import read_table
+
+FORCE = re.compile(r"\b(force|load|kraft|last|forza|fuerza|carga|axial force)\b|^f[xy]?$", re.IGNORECASE)
+TIME = re.compile(r"\b(time|zeit|temps|tempo|tiempo|elapsed)\b|^t$|timestamp", re.IGNORECASE)
+SECONDS = {"sec": "s", "second": "s", "seconds": "s"}
+
+
+@dataclass(frozen=True)
+class RecordAnswers:
+    """What the user says of the record."""
+
+    file: Path | None = None
+    force: str | None = None
+    time: str | None = None
+
+
+def say_record(others: Sequence[TextFile], answers: RecordAnswers, frames: int, found: Guesses) -> None:
+    """Find file and columns of the force. frames: number of frames with a file.
+
+    Raises `DataNotFoundError` and `FileFormatError` for a record that was named and is none.
+    """
+    record = _named(answers.file) if answers.file else _only_one(others, found)
+    if record is None:
+        return
+    why = "as given" if answers.file else "the only table beside the frames with a column of forces"
+    found.say("force.file", str(record.path.resolve()), why)
+    _say_layout(record, found)
+    force = answers.force or _column(record, FORCE, FORCE_UNITS)
+    if force is None:
+        found.ask(
+            "force.force", "--force-column", f"which of {', '.join(record.names)} in {record.path.name} is the force"
+        )
+        return
+    found.say("force.force", force, "as given" if answers.force else "name and unit of the column")
+    _say_unit(record, force, "force.unit", FORCE_UNITS, "N", found)
+    time = answers.time or _clock(record)
+    untimed = found.get("frames.rate_hz") is None and found.get("frames.times_s") is None
+    rest = ", and 0 N at the reference picture" if found.get("points.reference") == "separate" else ""
+    if record.rows == frames:
+        found.say("force.per_frame", True, f"{record.rows} rows for {frames} frames: one each{rest}")
+        if time is not None and untimed:
+            _say_time(record, time, answers, found)
+        return
+    if time is None:
+        found.ask(
+            "force.time",
+            "--time-column",
+            f"{record.path.name} has {record.rows} rows for {frames} frames, so that a time is needed: which of {', '.join(record.names)}",
+        )
+        return
+    _say_time(record, time, answers, found)
+    if untimed:
+        found.ask(
+            "frames.rate_hz",
+            "--frame-rate",
+            "no time of the frames is stated, and the record has another number of rows",
+        )
+
+
+def _say_time(record: TextFile, time: str, answers: RecordAnswers, found: Guesses) -> None:
+    found.say("force.time", time, "as given" if answers.time else "name of the column")
+    _say_unit(record, time, "force.time_unit", TIME_UNITS, "s", found)
+
+
+def is_record(file: TextFile) -> bool:
+    """Whether a table has a column of forces."""
+    return any(FORCE.search(UNIT.sub("", name)) for name in file.names)
+
+
+def _named(path: Path) -> TextFile:
+    if not path.is_file():
+        raise errors.DataNotFoundError(f"{path}: no such file; give the machine record with --record")
+    found = text_file(path)
+    if found is None or found.is_matrix:
+        raise errors.FileFormatError(
+            f"{path}: no table with a header; export the machine record as text with named columns"
+        )
+    return found
+
+
+def _only_one(others: Sequence[TextFile], found: Guesses) -> TextFile | None:
+    """The one record of a folder; else a question."""
+    records = [file for file in others if is_record(file)]
+    if len(records) == 1:
+        return records[0]
+    several = ", ".join(file.path.name for file in records)
+    found.ask(
+        "force.file",
+        "--record",
+        f"which of {several} is the machine record"
+        if records
+        else "no file with a column of forces: the machine record",
+    )
+    return None
+
+
+def _column(file: TextFile, kind: re.Pattern[str], units: dict[str, float]) -> str | None:
+    """The only column of a kind, or the only one of those with a known unit."""
+    named = [name for name in file.names if kind.search(UNIT.sub("", name))]
+    if len(named) > 1:
+        named = [name for name in named if _spelled(file.unit(name)) in units]
+    return named[0] if len(named) == 1 else None
+
+
+def _clock(file: TextFile) -> str | None:
+    """The column of the time, where it holds numbers and no dates."""
+    time = _column(file, TIME, TIME_UNITS)
+    try:
+        return time and next(iter(read_table(file.path, [time], file.layout)))
+    except errors.FileFormatError:
+        return None
+
+
+def _spelled(unit: str | None) -> str:
+    return SECONDS.get((unit or "").casefold(), unit or "")
+
+
+def _say_unit(file: TextFile, name: str, key: str, units: dict[str, float], usual: str, found: Guesses) -> None:
+    unit = _spelled(file.unit(name))
+    if unit in units:
+        found.say(key, unit, "unit in the header")
+    else:
+        found.say(
+            key,
+            usual,
+            f"unit {'not stated' if not unit else f'[{unit}] unknown'}; {usual} assumed, look at the picture",
+        )
+
+
+def _say_layout(file: TextFile, found: Guesses) -> None:
+    for key, value, usual in (
+        ("delimiter", file.delimiter, ","),
+        ("decimal", file.decimal, "."),
+        ("comment", file.comment, ""),
+        ("header_line", file.header_line, 1),
+        ("units_row", bool(file.units), False),
+    ):
+        if value != usual:
+            found.say(f"force.{key}", value, "as the file is written")

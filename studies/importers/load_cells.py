@@ -1,0 +1,54 @@
+"""Load cells of a column map: machine records in, forces on the clock of the frames out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import errors
+from studies.importers.column_map import ColumnMap
+from studies.importers.map_tables import FORCE_UNITS, TIME_UNITS, ForceTable, FramesTable
+from studies.importers.recording.synchronise import ForceRecord
+from studies.importers.text_tables import read_table
+
+Array = NDArray[np.float64]
+
+
+def load_cells(m: ColumnMap, folder: Path, n_frames: int) -> tuple[list[ForceRecord], Array]:
+    """A record of every [[force]], and the time (n_frames,) of every frame on their clock, s.
+
+    Raises the errors of tables and records, `MeshMismatchError` for another number of forces or times than frames.
+    """
+    found = [_load_cell(cell, m, folder, n_frames) for cell in m.force]
+    return [record for record, _ in found], found[0][1]
+
+
+def _load_cell(cell: ForceTable, m: ColumnMap, folder: Path, n_frames: int) -> tuple[ForceRecord, Array]:
+    path = folder / cell.file
+    table = read_table(path, [cell.force] + ([cell.time] if cell.time else []), cell.text)
+    force = cell.sign * FORCE_UNITS[cell.unit] * table[cell.force]
+    scale = TIME_UNITS[cell.time_unit]
+    if not cell.per_frame:
+        assert cell.time is not None
+        return ForceRecord(scale * table[cell.time], force, str(path)), _times(m.frames, n_frames)
+    time = scale * table[cell.time] if cell.time else None
+    if len(force) == n_frames - 1 and m.points.reference == "separate":  # no row for a picture without a file
+        force = np.concatenate([[0.0], force])
+        time = None if time is None else np.concatenate([[2 * time[0] - time[1]], time])
+    if len(force) != n_frames:
+        raise errors.MeshMismatchError(f"{path}: {len(force)} forces for {n_frames} frames; one row a frame is needed")
+    time = _times(m.frames, n_frames) if time is None else time
+    return ForceRecord(time, force, str(path)), time
+
+
+def _times(frames: FramesTable, n_frames: int) -> Array:
+    """Times of the frames, s, as stated or at an even rate."""
+    if frames.times_s is None:
+        return np.arange(n_frames) / (frames.rate_hz or 1.0) + frames.offset_s
+    if len(frames.times_s) != n_frames:
+        raise errors.MeshMismatchError(
+            f"frames.times_s: {len(frames.times_s)} times for {n_frames} frames; a time for every frame is needed, the reference too"
+        )
+    return np.array(frames.times_s) + frames.offset_s
