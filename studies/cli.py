@@ -72,6 +72,11 @@ COMMANDS = {
         "solve a measured test by finite elements with a model, and compare",
         "equigap replay sheet.npz results/calibrate/model.json\nequigap replay sheet.npz neo_hooke --parameter mu=0.3",
     ),
+    "export": Command(
+        "studies.commands.export:export",
+        "write a model as a law for a finite-element program",
+        "equigap export results/calibrate/model.json --to uhyper\nequigap export yeoh --parameter c1=0.2 --to umat -o results/umat",
+    ),
     "discover": Command(
         "studies.commands.discover:discover",
         "find what a hyperelastic model leaves unexplained in a test",

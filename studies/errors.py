@@ -27,3 +27,7 @@ class WorkflowError(StudyError, RuntimeError):
 
 class DesignError(StudyError, ValueError):
     """A design file that cannot be read, or asks for what no specimen can do."""
+
+
+class ExportError(StudyError, ValueError):
+    """A model that an export target cannot carry, or an option that it does not have."""

@@ -1,0 +1,36 @@
+"""Exporters: a calibrated model in, a file for another program out. One target a file; a new one is found by itself."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Iterator
+from typing import Any
+
+from studies.errors import ExportError
+from studies.exporters.target import Target
+
+__all__ = ["Target", "target_named", "targets"]
+
+
+def targets() -> dict[str, Target]:
+    """Every target by its name: those in modules of this folder, and those that were defined elsewhere."""
+    for module in pkgutil.iter_modules(__path__, f"{__name__}."):
+        importlib.import_module(module.name)
+    return {kind.name: kind() for kind in sorted(_kinds(Target), key=lambda kind: kind.name)}
+
+
+def target_named(name: str) -> Target:
+    """Raises `ExportError` for an unknown name."""
+    known = targets()
+    if name not in known:
+        raise ExportError(f"--to {name}: unknown; choose from {', '.join(known)}")
+    return known[name]
+
+
+def _kinds(parent: Any) -> Iterator[Any]:
+    for kind in parent.__subclasses__():
+        if not inspect.isabstract(kind):
+            yield kind
+        yield from _kinds(kind)

@@ -1,0 +1,260 @@
+      SUBROUTINE UMAT(STRESS, STATEV, DDSDDE, SSE, SPD, SCD,
+     1 RPL, DDSDDT, DRPLDE, DRPLDT, STRAN, DSTRAN, TIME, DTIME, TEMP,
+     2 DTEMP, PREDEF, DPRED, CMNAME, NDI, NSHR, NTENS, NSTATV, PROPS,
+     3 NPROPS, COORDS, DROT, PNEWDT, CELENT, DFGRD0, DFGRD1, NOEL,
+     4 NPT, LAYER, KSPT, KSTEP, KINC)
+!     Solid elements (NTENS = 6; plane strain and axisymmetric: 4).
+!     Order of components: 11 22 33 12 13 23. DDSDDE: tangent of the
+!     Kirchhoff stress over J in the Jaumann rate{{ ", not symmetric:" if unsymmetric else "." }}
+{% if unsymmetric %}
+!     *USER MATERIAL, UNSYMM
+{% endif %}
+!     *DEPVAR {{ depvar }}
+!       1: largest I1BAR - 3 so far (softening)
+{% if law.branches %}
+{% for b in law.branches %}
+!       {{ 2 + 12 * loop.index0 }}-{{ 7 + 12 * loop.index0 }}: S before branch {{ loop.index }}, {{ 8 + 12 * loop.index0 }}-{{ 13 + 12 * loop.index0 }}: its overstress
+{% endfor %}
+{% endif %}
+!     Relaxation acts on the whole S (second Piola-Kirchhoff), that of
+!     the volume and of earlier branches included;
+!     softening is a factor on it. In a sheet with free faces this is
+!     the calibrated law, elsewhere an extrapolation.
+      IMPLICIT NONE
+      INTEGER NTENS, NSTATV, NPROPS, NDI, NSHR, NOEL, NPT, LAYER, KSPT
+      INTEGER KSTEP, KINC
+      CHARACTER*80 CMNAME
+      DOUBLE PRECISION STRESS(NTENS), STATEV(NSTATV)
+      DOUBLE PRECISION DDSDDE(NTENS, NTENS), SSE, SPD, SCD, RPL
+      DOUBLE PRECISION DDSDDT(NTENS), DRPLDE(NTENS), DRPLDT
+      DOUBLE PRECISION STRAN(NTENS), DSTRAN(NTENS), TIME(2), DTIME
+      DOUBLE PRECISION TEMP, DTEMP, PREDEF(*), DPRED(*), PROPS(NPROPS)
+      DOUBLE PRECISION COORDS(3), DROT(3, 3), PNEWDT, CELENT
+      DOUBLE PRECISION DFGRD0(3, 3), DFGRD1(3, 3)
+      INTEGER NB, NF
+      PARAMETER (NB = {{ law.branches | length }}, NF = {{ law.fibres | length }})
+      INTEGER I, J, K, L, A, B, IV(6), JV(6)
+      DOUBLE PRECISION F(3, 3), FI(3, 3), DET, BB(3, 3), B2(3, 3)
+      DOUBLE PRECISION I1, I2, D(6), KAPPA, T(3, 3), C(3, 3, 3, 3)
+      DOUBLE PRECISION G1(3, 3), G2(3, 3), E(3, 3), SYM, BSB
+      DOUBLE PRECISION X, XMAX, PHI, DPHI, R, S(6), H, GAIN, SUMG
+      DOUBLE PRECISION Q, M(3), OVER(3, 3), V(3, 3), EQGAIN
+      DATA IV /1, 2, 3, 1, 1, 2/
+      DATA JV /1, 2, 3, 2, 3, 3/
+      KAPPA = {{ volume.bulk_modulus | fortran }}
+      DO I = 1, 3
+        DO J = 1, 3
+          F(I, J) = DFGRD1(I, J)
+          E(I, J) = 0.0D0
+        END DO
+        E(I, I) = 1.0D0
+      END DO
+      CALL EQINV(F, FI, DET)
+      DO I = 1, 3
+        DO J = 1, 3
+          BB(I, J) = 0.0D0
+          DO K = 1, 3
+            BB(I, J) = BB(I, J) + F(I, K)*F(J, K)
+          END DO
+          BB(I, J) = BB(I, J)*DET**(-2.0D0/3.0D0)
+        END DO
+      END DO
+      I1 = BB(1, 1) + BB(2, 2) + BB(3, 3)
+      I2 = I1**2
+      DO I = 1, 3
+        DO J = 1, 3
+          B2(I, J) = 0.0D0
+          DO K = 1, 3
+            B2(I, J) = B2(I, J) + BB(I, K)*BB(K, J)
+          END DO
+        END DO
+        I2 = I2 - B2(I, I)
+      END DO
+      I2 = I2/2.0D0
+      CALL EQGAPW(I1, I2, D)
+!     Kirchhoff stress T and its tangent C, elastic
+      DO I = 1, 3
+        DO J = 1, 3
+          G1(I, J) = 2.0D0*(BB(I, J) - I1/3.0D0*E(I, J))
+          G2(I, J) = I1*BB(I, J) - B2(I, J) - 2.0D0/3.0D0*I2*E(I, J)
+          G2(I, J) = 2.0D0*G2(I, J)
+          T(I, J) = D(2)*G1(I, J) + D(3)*G2(I, J)
+          T(I, J) = T(I, J) + KAPPA*(DET - 1.0D0)*DET*E(I, J)
+          V(I, J) = I1*BB(I, J) - B2(I, J)
+        END DO
+      END DO
+      DO L = 1, 3
+      DO K = 1, 3
+      DO J = 1, 3
+      DO I = 1, 3
+        SYM = (E(I, K)*E(J, L) + E(I, L)*E(J, K))/2.0D0
+        BSB = (BB(I, K)*BB(J, L) + BB(I, L)*BB(J, K))/2.0D0
+        Q = D(4)*G1(I, J)*G1(K, L) + D(6)*G2(I, J)*G2(K, L)
+        Q = Q + D(5)*(G1(I, J)*G2(K, L) + G2(I, J)*G1(K, L))
+        R = -4.0D0/3.0D0*(BB(I, J)*E(K, L) + E(I, J)*BB(K, L))
+        R = R + I1*(4.0D0/9.0D0*E(I, J)*E(K, L) + 4.0D0/3.0D0*SYM)
+        Q = Q + D(2)*R
+        R = 4.0D0*(BB(I, J)*BB(K, L) - BSB)
+        R = R - 8.0D0/3.0D0*(E(I, J)*V(K, L) + V(I, J)*E(K, L))
+        R = R + I2*(16.0D0/9.0D0*E(I, J)*E(K, L) + 8.0D0/3.0D0*SYM)
+        Q = Q + D(3)*R
+        R = DET**2*E(I, J)*E(K, L)
+        R = R + (DET - 1.0D0)*DET*(E(I, J)*E(K, L) - 2.0D0*SYM)
+        C(I, J, K, L) = Q + KAPPA*R
+      END DO
+      END DO
+      END DO
+      END DO
+      SSE = D(1) + KAPPA/2.0D0*(DET - 1.0D0)**2
+{% for f in law.fibres %}
+!     fibres: {{ f.k }}/2 (I4 - 1)**2 along this unit vector
+      M(1) = {{ cosines[loop.index0][0] | fortran }}
+      M(2) = {{ cosines[loop.index0][1] | fortran }}
+      M(3) = 0.0D0
+      CALL EQFIBR({{ f.k | fortran }}, M, F, T, C, SSE)
+{% endfor %}
+      X = MAX(I1 - 3.0D0, 0.0D0)
+      XMAX = MAX(STATEV(1), X)
+      STATEV(1) = XMAX
+      PHI = 1.0D0
+      DPHI = 0.0D0
+{% if law.mullins %}
+      R = {{ law.mullins | fortran }}
+      Q = 1.0D0 - R*(1.0D0 - X/MAX(XMAX, 1.0D-9))
+      H = 0.0D0
+      IF (X .LT. XMAX) H = R/MAX(XMAX, 1.0D-9)
+      DPHI = DPHI*Q + PHI*H
+      PHI = PHI*Q
+{% endif %}
+{% if law.payne %}
+      R = {{ law.payne[0] | fortran }}
+      H = {{ law.payne[1] | fortran }}
+      Q = 1.0D0 + R*EXP(-XMAX/H)
+      H = -R*EXP(-XMAX/H)/H
+      IF (X .LT. XMAX) H = 0.0D0
+      DPHI = DPHI*Q + PHI*H
+      PHI = PHI*Q
+{% endif %}
+      DO L = 1, 3
+      DO K = 1, 3
+      DO J = 1, 3
+      DO I = 1, 3
+        Q = PHI*C(I, J, K, L) + DPHI*T(I, J)*G1(K, L)
+        C(I, J, K, L) = Q
+      END DO
+      END DO
+      END DO
+      END DO
+      DO I = 1, 3
+        DO J = 1, 3
+          T(I, J) = PHI*T(I, J)
+          OVER(I, J) = 0.0D0
+        END DO
+      END DO
+      SUMG = 1.0D0
+{% if law.branches %}
+      DO A = 1, 6
+        S(A) = 0.0D0
+        DO K = 1, 3
+          DO L = 1, 3
+            S(A) = S(A) + FI(IV(A), K)*T(K, L)*FI(JV(A), L)
+          END DO
+        END DO
+      END DO
+{% for b in law.branches %}
+!     branch {{ loop.index }}: g = {{ b.g }}, tau = {{ b.tau }} s
+      R = DTIME/{{ b.tau | fortran }}
+      GAIN = 1.0D0
+      IF (R .GT. 1.0D-12) GAIN = EQGAIN(R)
+      SUMG = SUMG*(1.0D0 + {{ b.g | fortran }}*GAIN)
+      DO A = 1, 6
+        K = {{ 7 + 12 * loop.index0 }} + A
+        STATEV(K) = EXP(-R)*STATEV(K) + GAIN*(S(A) - STATEV(K - 6))
+        STATEV(K - 6) = S(A)
+        H = {{ b.g | fortran }}*STATEV(K)
+        S(A) = S(A) + H
+        OVER(IV(A), JV(A)) = OVER(IV(A), JV(A)) + H
+        IF (A .GT. 3) OVER(JV(A), IV(A)) = OVER(JV(A), IV(A)) + H
+      END DO
+{% endfor %}
+      DO I = 1, 3
+        DO J = 1, 3
+          DO K = 1, 3
+            DO L = 1, 3
+              T(I, J) = T(I, J) + F(I, K)*OVER(K, L)*F(J, L)
+            END DO
+          END DO
+        END DO
+      END DO
+{% endif %}
+      DO A = 1, NTENS
+        I = IV(A)
+        J = JV(A)
+        STRESS(A) = T(I, J)/DET
+        DO B = 1, NTENS
+          K = IV(B)
+          L = JV(B)
+          Q = E(I, K)*T(J, L) + E(J, L)*T(I, K)
+          Q = (Q + E(I, L)*T(J, K) + E(J, K)*T(I, L))/2.0D0
+          Q = Q + SUMG*C(I, J, K, L)
+          DDSDDE(A, B) = Q/DET
+        END DO
+      END DO
+      END
+
+      SUBROUTINE EQINV(F, FI, DET)
+!     inverse and determinant
+      IMPLICIT NONE
+      DOUBLE PRECISION F(3, 3), FI(3, 3), DET
+      INTEGER I, J, I1, I2, J1, J2
+      DO I = 1, 3
+        DO J = 1, 3
+          I1 = MOD(I, 3) + 1
+          I2 = MOD(I + 1, 3) + 1
+          J1 = MOD(J, 3) + 1
+          J2 = MOD(J + 1, 3) + 1
+          FI(J, I) = F(I1, J1)*F(I2, J2) - F(I1, J2)*F(I2, J1)
+        END DO
+      END DO
+      DET = F(1, 1)*FI(1, 1) + F(1, 2)*FI(2, 1) + F(1, 3)*FI(3, 1)
+      DO I = 1, 3
+        DO J = 1, 3
+          FI(I, J) = FI(I, J)/DET
+        END DO
+      END DO
+      END
+
+      SUBROUTINE EQFIBR(K, M, F, T, C, W)
+!     adds K/2 (I4 - 1)**2, I4 = |F M|**2
+      IMPLICIT NONE
+      DOUBLE PRECISION K, M(3), F(3, 3), T(3, 3), C(3, 3, 3, 3), W
+      DOUBLE PRECISION V(3), I4
+      INTEGER I, J, A, B
+      I4 = 0.0D0
+      DO I = 1, 3
+        V(I) = F(I, 1)*M(1) + F(I, 2)*M(2) + F(I, 3)*M(3)
+        I4 = I4 + V(I)**2
+      END DO
+      W = W + K/2.0D0*(I4 - 1.0D0)**2
+      DO I = 1, 3
+        DO J = 1, 3
+          T(I, J) = T(I, J) + 2.0D0*K*(I4 - 1.0D0)*V(I)*V(J)
+          DO A = 1, 3
+            DO B = 1, 3
+              C(I, J, A, B) = C(I, J, A, B)
+     1          + 4.0D0*K*V(I)*V(J)*V(A)*V(B)
+            END DO
+          END DO
+        END DO
+      END DO
+      END
+
+      DOUBLE PRECISION FUNCTION EQGAIN(R)
+!     (1 - exp(-R))/R
+      IMPLICIT NONE
+      DOUBLE PRECISION R
+      EQGAIN = (1.0D0 - EXP(-R))/R
+      IF (R .LT. 1.0D-5) EQGAIN = 1.0D0 - R/2.0D0 + R*R/6.0D0
+      END
+
+{% include "exported_energy.f" %}

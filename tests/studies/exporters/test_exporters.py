@@ -1,0 +1,139 @@
+"""Exported code against the model itself: energy, stress, tangent, histories; what a target cannot carry is refused."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from calibrate.effects import KNOWN
+from calibrate.effects.chain import Addition
+from calibrate.equations.basis import SingleBasis
+from calibrate.models import pann
+from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.network_model import Model
+from forward.materials import MATERIALS, Yeoh
+from studies.errors import ExportError
+from studies.exporters import targets
+from studies.exporters.certificate import random_states, relative
+from studies.exporters.fortran_code import compiler
+from studies.exporters.material_law import law_of
+from studies.exporters.python_function import namespace
+from studies.exporters.target import volume_of
+from studies.exporters.umat import differences, history_size, material_point, sheet_stress, solid
+
+EFFECTS = {effect.name: effect for effect in KNOWN}
+needs_gfortran = pytest.mark.skipif(compiler() is None, reason="gfortran is not installed")
+
+
+def network(inputs="I1I2", layers=(8, 3)):
+    architecture = pann.Architecture(inputs, layers, (0.5, 0.1), 0.4)
+    parameters = np.asarray(architecture.random_start(jax.random.key(1)))
+    return Model(architecture, parameters, calibrated_range={"I1": (3.0, 5.0), "I2": (3.0, 5.0)})
+
+
+def extended(additions=(), k=0):
+    basis = SingleBasis(k, 4.0, 12)
+    c = (0.3, 0.04)[k] * (1 + 0.4 * basis.spline.sites**2 + 0.02 * np.sin(9 * basis.spline.sites))
+    members = tuple(Addition(EFFECTS[name], a, shape) for name, a, shape in additions)
+    deviations = tuple(tuple(0.0 for _ in a.amplitudes) for a in members)
+    return ExtendedModel(basis, c, members, deviations, "MPa")
+
+
+ENERGY = (("second invariant", (0.03,), ()), ("upturn", (0.001,), ()))
+HISTORY = (
+    ("two fibre families", (0.05,), (0.4, 0.2)),
+    ("viscoelasticity", (0.3,), (2.0,)),
+    ("second relaxation time", (0.2,), (0.3,)),
+    ("Mullins softening", (0.2,), ()),
+    ("Payne softening", (0.3,), (0.1,)),
+)
+LAWS = {
+    "network": network(),
+    "network of I2": network("I2", (1,)),
+    "spline of I1 and two terms": extended(ENERGY),
+    "spline of I2": extended(k=1),
+    "carroll": MATERIALS["carroll"](),
+    "arruda_boyce": MATERIALS["arruda_boyce"](),
+}
+
+
+SLOWER = ("network of I2", "spline of I2", "arruda_boyce")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOWER else []) for n in LAWS])
+def test_exported_energy_stress_and_tangent_are_those_of_the_model(name):
+    law = law_of(LAWS[name], name)
+    for target in ("python", "ufl", "uhyper"):
+        errors = targets()[target].export(law).errors
+        if errors is None:
+            pytest.skip("gfortran is not installed")
+        assert errors.stress < 1e-10 and errors.tangent < 1e-10, target
+        assert errors.energy < 1e-8, target  # a quadrature over the kinks of splines
+
+
+@needs_gfortran
+def test_umat_at_a_material_point():
+    errors = targets()["umat"].export(law_of(extended(HISTORY[:1]), "law")).errors
+    assert errors.energy < 1e-9 and errors.stress < 1e-10 and errors.tangent < 1e-8
+
+
+@needs_gfortran
+def test_umat_follows_a_history_of_relaxation_and_softening_in_a_sheet():
+    law = law_of(extended(HISTORY), "law")
+    target = targets()["umat"]
+    update = material_point(target.body(law, volume_of(law, 1e6)), history_size(law))
+    stretch, time = np.array([1.2, 1.5, 1.7, 1.4, 1.2, 1.6]), np.array([0.5, 1.0, 1.5, 3.0, 4.0, 4.1])
+    path = np.array([[[x, 0.1 * (x - 1)], [0.0, x**-0.3]] for x in stretch])
+    expected = np.asarray(law.stress(jnp.asarray(path)[:, None], jnp.asarray(time)))[:, 0]
+    history, found = np.zeros(history_size(law)), []
+    for f, step in zip(path, np.diff(time, prepend=0.0), strict=True):
+        F = solid(f)
+        for _ in range(6):  # the thickness at which the faces are free
+            stress, tangent, state, _ = update(F, history, step)
+            F[2, 2] *= np.exp(-stress[2] / tangent[2, 2])
+        assert relative(tangent, differences(update, F, history, step)) < 1e-7
+        history = state
+        found.append(sheet_stress(stress, f))
+    assert relative(np.array(found), expected) < 1e-5  # the shear modulus over the bulk modulus of 1e6 MPa
+
+
+@needs_gfortran
+def test_volume_of_a_compressible_law():
+    law = law_of(extended((("compressibility", (0.5,), ()),)), "law")
+    body = targets()["umat"].body(law, volume_of(law, None))
+    stress, *_ = material_point(body, 1)(1.1 * np.eye(3), np.zeros(1), 1.0)
+    np.testing.assert_allclose(stress[:3], 2.0 * (1.1**3 - 1), rtol=1e-12)  # kappa (J - 1), kappa = 1 / beta
+
+
+def test_python_tangent_of_a_sheet_is_the_derivative_of_its_stress():
+    law = law_of(network(), "law")
+    code = namespace(targets()["python"].export(law).text)
+    F = np.moveaxis(random_states(law, 5), 0, -1)
+    A = code["plane_stress"](F)[1]
+    for k, m in np.ndindex(2, 2):
+        step = np.zeros_like(F)
+        step[k, m] = 1e-6
+        slope = (code["plane_stress"](F + step)[0] - code["plane_stress"](F - step)[0]) / 2e-6
+        np.testing.assert_allclose(A[:, :, k, m], slope, atol=1e-7)
+
+
+def test_what_a_target_cannot_carry_is_refused_by_name():
+    law = law_of(extended(HISTORY), "law")
+    for target in ("uhyper", "python", "ufl"):
+        with pytest.raises(ExportError, match="viscoelasticity"):
+            targets()[target].export(law)
+    with pytest.raises(ExportError, match="permanent set"):
+        law_of(extended((("permanent set", (0.1,), ()),)), "law")
+    left = law_of(extended((("force gain", (0.1,), ()),)), "law")
+    assert left.left_out == ("force gain",)
+    assert "force gain" in targets()["python"].export(left).text
+
+
+def test_export_command(equigap, tmp_path):
+    file = tmp_path / "model.json"
+    network().save(file)
+    said = equigap("export", file, "--to", "python", "-o", tmp_path / "law")
+    assert said.code == 0
+    text = (tmp_path / "law" / "law.py").read_text()
+    assert "Valid range" in text and (tmp_path / "law" / "law.json").exists()
+    assert law_of(Yeoh(), "yeoh").beside == ()
