@@ -32,7 +32,7 @@ class Umat(Target):
     def body(self, law: MaterialLaw, volume: Volume) -> str:
         return render(
             "exported_umat.f", law=law, terms=law.terms, volume=volume, depvar=history_size(law),
-            cosines=[(cos(f.angle), sin(f.angle)) for f in law.fibres], unsymmetric=bool(law.mullins or law.payne),
+            cosines=[(cos(f.angle), sin(f.angle)) for f in law.fibres], unsymmetric=is_unsymmetric(law),
         )  # fmt: skip
 
     def errors(self, law: MaterialLaw, volume: Volume, body: str) -> Errors | None:
@@ -55,6 +55,11 @@ class Umat(Target):
             len(F),
             "compiled with gfortran (tangent: against differences of its stress)",
         )
+
+
+def is_unsymmetric(law: MaterialLaw) -> bool:
+    """Whether the tangent is: softening has no potential, nor has the deviator of what is no function of the isochoric part."""
+    return bool(law.mullins or law.payne or len(law.branches) > 1 or (law.branches and law.fibres))
 
 
 def history_size(law: MaterialLaw) -> int:

@@ -13,13 +13,12 @@
 !       1: largest I1BAR - 3 so far (softening)
 {% if law.branches %}
 {% for b in law.branches %}
-!       {{ 2 + 12 * loop.index0 }}-{{ 7 + 12 * loop.index0 }}: S before branch {{ loop.index }}, {{ 8 + 12 * loop.index0 }}-{{ 13 + 12 * loop.index0 }}: its overstress
+!       {{ 2 + 12 * loop.index0 }}-{{ 7 + 12 * loop.index0 }}: DEV S before branch {{ loop.index }}, {{ 8 + 12 * loop.index0 }}-{{ 13 + 12 * loop.index0 }}: its overstress
 {% endfor %}
 {% endif %}
-!     Relaxation acts on the whole S (second Piola-Kirchhoff), that of
-!     the volume and of earlier branches included;
-!     softening is a factor on it. In a sheet with free faces this is
-!     the calibrated law, elsewhere an extrapolation.
+!     Relaxation acts on DEV S = S - (S : C)/3 C**-1 (S: second Piola-
+!     Kirchhoff stress, earlier branches included), not on the pressure.
+!     Softening is a factor on the whole elastic stress, volume included.
       IMPLICIT NONE
       INTEGER NTENS, NSTATV, NPROPS, NDI, NSHR, NOEL, NPT, LAYER, KSPT
       INTEGER KSTEP, KINC
@@ -37,8 +36,9 @@
       DOUBLE PRECISION F(3, 3), FI(3, 3), DET, BB(3, 3), B2(3, 3)
       DOUBLE PRECISION I1, I2, D(6), KAPPA, T(3, 3), C(3, 3, 3, 3)
       DOUBLE PRECISION G1(3, 3), G2(3, 3), E(3, 3), SYM, BSB
-      DOUBLE PRECISION X, XMAX, PHI, DPHI, R, S(6), H, GAIN, SUMG
+      DOUBLE PRECISION X, XMAX, PHI, DPHI, R, H, GAIN, TD(3, 3)
       DOUBLE PRECISION Q, M(3), OVER(3, 3), V(3, 3), EQGAIN
+      DOUBLE PRECISION CD(3, 3, 3, 3)
       DATA IV /1, 2, 3, 1, 1, 2/
       DATA JV /1, 2, 3, 2, 3, 3/
       KAPPA = {{ volume.bulk_modulus | fortran }}
@@ -148,17 +148,6 @@
       DO I = 1, 3
         DO J = 1, 3
           T(I, J) = PHI*T(I, J)
-          OVER(I, J) = 0.0D0
-        END DO
-      END DO
-      SUMG = 1.0D0
-{% if law.branches %}
-      DO A = 1, 6
-        S(A) = 0.0D0
-        DO K = 1, 3
-          DO L = 1, 3
-            S(A) = S(A) + FI(IV(A), K)*T(K, L)*FI(JV(A), L)
-          END DO
         END DO
       END DO
 {% for b in law.branches %}
@@ -166,27 +155,34 @@
       R = DTIME/{{ b.tau | fortran }}
       GAIN = 1.0D0
       IF (R .GT. 1.0D-12) GAIN = EQGAIN(R)
-      SUMG = SUMG*(1.0D0 + {{ b.g | fortran }}*GAIN)
+      CALL EQDEV(T, C, TD, CD)
       DO A = 1, 6
+        H = 0.0D0
+        DO K = 1, 3
+          DO L = 1, 3
+            H = H + FI(IV(A), K)*TD(K, L)*FI(JV(A), L)
+          END DO
+        END DO
         K = {{ 7 + 12 * loop.index0 }} + A
-        STATEV(K) = EXP(-R)*STATEV(K) + GAIN*(S(A) - STATEV(K - 6))
-        STATEV(K - 6) = S(A)
-        H = {{ b.g | fortran }}*STATEV(K)
-        S(A) = S(A) + H
-        OVER(IV(A), JV(A)) = OVER(IV(A), JV(A)) + H
-        IF (A .GT. 3) OVER(JV(A), IV(A)) = OVER(JV(A), IV(A)) + H
+        Q = EXP(-R)*STATEV(K) - GAIN*STATEV(K - 6)
+        STATEV(K) = Q + GAIN*H
+        STATEV(K - 6) = H
+        OVER(IV(A), JV(A)) = {{ b.g | fortran }}*Q
+        OVER(JV(A), IV(A)) = OVER(IV(A), JV(A))
       END DO
-{% endfor %}
+      GAIN = {{ b.g | fortran }}*GAIN
+      DO J = 1, 3
       DO I = 1, 3
-        DO J = 1, 3
-          DO K = 1, 3
-            DO L = 1, 3
-              T(I, J) = T(I, J) + F(I, K)*OVER(K, L)*F(J, L)
-            END DO
+        T(I, J) = T(I, J) + GAIN*TD(I, J)
+        DO K = 1, 3
+          DO L = 1, 3
+            T(I, J) = T(I, J) + F(I, K)*OVER(K, L)*F(J, L)
+            C(I, J, K, L) = C(I, J, K, L) + GAIN*CD(I, J, K, L)
           END DO
         END DO
       END DO
-{% endif %}
+      END DO
+{% endfor %}
       DO A = 1, NTENS
         I = IV(A)
         J = JV(A)
@@ -196,7 +192,7 @@
           L = JV(B)
           Q = E(I, K)*T(J, L) + E(J, L)*T(I, K)
           Q = (Q + E(I, L)*T(J, K) + E(J, K)*T(I, L))/2.0D0
-          Q = Q + SUMG*C(I, J, K, L)
+          Q = Q + C(I, J, K, L)
           DDSDDE(A, B) = Q/DET
         END DO
       END DO
@@ -246,6 +242,35 @@
             END DO
           END DO
         END DO
+      END DO
+      END
+
+      SUBROUTINE EQDEV(T, C, TD, CD)
+!     Kirchhoff stress of DEV S = S - (S : C)/3 C**-1 and its tangent
+      IMPLICIT NONE
+      DOUBLE PRECISION T(3, 3), C(3, 3, 3, 3), TD(3, 3), CD(3, 3, 3, 3)
+      DOUBLE PRECISION E(3, 3), MEAN, SYM
+      INTEGER I, J, K, L
+      MEAN = (T(1, 1) + T(2, 2) + T(3, 3))/3.0D0
+      DO I = 1, 3
+        DO J = 1, 3
+          E(I, J) = 0.0D0
+          IF (I .EQ. J) E(I, J) = 1.0D0
+          TD(I, J) = T(I, J) - MEAN*E(I, J)
+        END DO
+      END DO
+      DO L = 1, 3
+      DO K = 1, 3
+      DO J = 1, 3
+      DO I = 1, 3
+        SYM = (E(I, K)*E(J, L) + E(I, L)*E(J, K))/2.0D0
+        CD(I, J, K, L) = C(I, J, K, L) + 2.0D0*MEAN*SYM
+        CD(I, J, K, L) = CD(I, J, K, L) - E(I, J)/3.0D0
+     1    *(C(1, 1, K, L) + C(2, 2, K, L) + C(3, 3, K, L))
+        CD(I, J, K, L) = CD(I, J, K, L) - E(I, J)*2.0D0/3.0D0*T(K, L)
+      END DO
+      END DO
+      END DO
       END DO
       END
 
