@@ -192,6 +192,7 @@ def test_calibration_finds_energy_and_bulk_modulus():
         np.testing.assert_allclose(model.homogeneous(mode, stretch), expected, rtol=5e-3)
 
 
+@pytest.mark.slow
 def test_deviation_of_the_bulk_modulus_holds():
     """Six seeds of noise: pulls of unit size, as far as six tell (chi-square, 0.1 to 99.9 %)."""
     found = [calibrate(recorded(plate(), seed), Options(starts=2)).model for seed in range(6)]
@@ -199,6 +200,7 @@ def test_deviation_of_the_bulk_modulus_holds():
     assert 0.38 < (pulls**2).sum() < 22.5
 
 
+@pytest.mark.slow
 def test_noise_in_the_change_of_volume_does_not_bias_the_bulk_modulus():
     """36 shear moduli at 0.1 mm of noise: 8.2 MPa without the correction, which is five deviations away."""
     found = [calibrate(recorded(plate(kappa=10.0), seed, 5e-4), Options(starts=2)).model for seed in range(4)]
