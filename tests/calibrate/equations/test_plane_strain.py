@@ -227,6 +227,7 @@ def test_a_uniform_test_cannot_tell_the_moduli_apart():
         calibrate(sheet, Options(starts=2))
 
 
+@pytest.mark.slow
 def test_the_deviation_in_a_diagnosis_is_that_of_a_calibration():
     e = recorded(plate(), 0)
     problem, fit = prepare([e], [lambda s: np.isfinite(s.loads)])

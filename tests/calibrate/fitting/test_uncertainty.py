@@ -235,6 +235,7 @@ def plate():
     return pulls.clean_plate()
 
 
+@pytest.mark.slow
 def test_pulls_of_few_seeds():
     """20 seeds: the standard deviation of a pull is known to 16 % at best; a factor of two would be seen."""
     clean = plate_experiment(n_increments=2, n_theta=24, n_radial=4)

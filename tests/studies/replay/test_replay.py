@@ -101,6 +101,7 @@ def test_an_extended_model_is_solved_with_its_effects():
     assert without.force_error > 0.1
 
 
+@pytest.mark.slow
 def test_the_mesh_is_refined_where_it_matters_more_than_the_noise():
     plate = experiment(250)
     law = material_law(ArrudaBoyce(), "", plate)
