@@ -218,7 +218,7 @@ def _label(
     points: Array, cells: Indices, cell_type: str, specimen: Specimen, quarter: bool = False
 ) -> dict[str, Indices]:
     """Boundary edges by name, recognised by where they lie."""
-    edges = boundary_edges(cells, cell_type)
+    edges, _ = boundary_edges(cells, cell_type)
     ends = points[edges[:, :2]]
     x_max, y_max = specimen.half_extent
 

@@ -144,13 +144,14 @@ def quad_shape_gradients(xi: Array) -> Array:
     )
 
 
-def boundary_edges(cells: Indices, cell_type: str) -> Indices:
-    """Edges that belong to one cell only, (e, 2) for triangles or (e, 3) for quads, oriented along it."""
+def boundary_edges(cells: Indices, cell_type: str) -> tuple[Indices, Indices]:
+    """Edges that belong to one cell only, (e, 2) for triangles or (e, 3) for quads, the cell on their left; and these cells (e,)."""
     n = CORNERS[cell_type]
     columns = [(i, (i + 1) % n, *([n + i] if cell_type == "quad" else [])) for i in range(n)]
     edges = np.concatenate([cells[:, c] for c in columns])
     _, first, count = np.unique(np.sort(edges[:, :2], axis=1), axis=0, return_index=True, return_counts=True)
-    return edges[first[count == 1]]
+    single = first[count == 1]
+    return edges[single], single % len(cells)
 
 
 def _node(coordinate: float) -> int:

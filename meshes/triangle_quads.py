@@ -66,7 +66,7 @@ def _quads(triangles: Indices, n: int) -> tuple[Indices, sp.csr_array]:
 
 def _boundaries(cells: Indices, carried: sp.csr_array, named: Mapping[str, Indices]) -> dict[str, Indices]:
     """Edges (k, 3) of the quads on each named edge of the outline: the middle of one lies between the two points of its parent."""
-    outline = boundary_edges(cells, "quad")
+    outline, _ = boundary_edges(cells, "quad")
     between = sp.csr_array(carried[outline[:, 2]])
     between.sort_indices()
     if (np.diff(between.indptr) != 2).any():

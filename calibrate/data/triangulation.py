@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes import mesh
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -31,10 +33,7 @@ def unique_edges(triangles: Indices) -> tuple[Indices, Indices]:
 
 def boundary_edges(triangles: Indices) -> tuple[Indices, Indices]:
     """Edges (k, 2) of one triangle only, outline and holes, and their triangles (k,); the specimen is on the left of each."""
-    edges = half_edges(triangles)
-    _, first, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
-    single = first[count == 1]
-    return edges[single], single % len(triangles)
+    return mesh.boundary_edges(triangles, "triangle")
 
 
 def boundary_nodes(triangles: Indices) -> Indices:

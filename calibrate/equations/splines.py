@@ -51,6 +51,12 @@ class Spline:
         return dense
 
 
+def pieces_of(c: Array) -> Array:
+    """(n - 3, 4): powers of t, from 0 to 1 in each interval, of the spline with coefficients c (n,)."""
+    local = np.stack([c[i : i + DEGREE + 1] for i in range(len(c) - DEGREE)])
+    return np.einsum("ipk,ik->ip", polynomial_pieces(len(c))[0], local)
+
+
 @cache
 def polynomial_pieces(n: int) -> tuple[Array, Array, Array]:
     """Polynomial coefficients (interval, power, function) of n unit-width clamped B-splines and two derivatives."""

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibrate.data.experiment import Experiment
-from calibrate.data.triangulation import boundary_edges
+from calibrate.data.outline import Outline
 from calibrate.equations import kinematics
 from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium, check_force_sign
@@ -50,7 +50,7 @@ class WindowEquilibrium(Equilibrium):
     @cached_property
     def rim(self) -> Indices:
         """Edges (k, 2) of the rim: neither of a grip nor free."""
-        return rim_edges(self.experiment)
+        return Outline.of(self.experiment).rim
 
     @cached_property
     def _along(self) -> tuple[Array, Array]:
@@ -117,21 +117,12 @@ def window_equilibrium(experiment: Experiment, margin: float, spacing: float | N
         raise ConfigError(
             f"{experiment.name}: a margin of {margin} mm; give 0 or the width of the strip that is not seen"
         )
-    if margin == 0 or not len(rim_edges(experiment)):
+    if margin == 0 or not len(Outline.of(experiment).rim):
         system: Equilibrium = Equilibrium(experiment, virtual_fields(experiment, spacing))
     else:
         system = WindowEquilibrium(experiment, section_fields(experiment, spacing), margin=margin)
     check_force_sign(system)
     return system
-
-
-def rim_edges(experiment: Experiment) -> Indices:
-    """Edges (k, 2) of the boundary that are neither of one grip nor free; the specimen is on their left."""
-    edges, _ = boundary_edges(experiment.triangles)
-    known = np.isin(edges, experiment.free_nodes).all(axis=1)
-    for b in experiment.loaded:
-        known |= np.isin(edges, b.nodes).all(axis=1)
-    return edges[~known]
 
 
 def section_fields(experiment: Experiment, spacing: float | None = None) -> VirtualFields:

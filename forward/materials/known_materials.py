@@ -10,6 +10,7 @@ from forward.materials.carroll import Carroll
 from forward.materials.mooney_rivlin import MooneyRivlin
 from forward.materials.neo_hooke import NeoHooke
 from forward.materials.network_energy import Pann
+from forward.materials.spline_energy import SplineEnergy
 from forward.materials.strain_energy import Material
 from forward.materials.tabulated import Tabulated
 from forward.materials.yeoh import Yeoh
@@ -17,7 +18,7 @@ from forward.materials.yeoh import Yeoh
 MATERIALS: dict[str, type[Material]] = {
     kind.name: kind for kind in (ArrudaBoyce, NeoHooke, MooneyRivlin, Yeoh, Carroll)
 }
-_ALL: dict[str, type[Material]] = {**MATERIALS, Pann.name: Pann, Tabulated.name: Tabulated}
+_ALL: dict[str, type[Material]] = {**MATERIALS, **{kind.name: kind for kind in (Pann, Tabulated, SplineEnergy)}}
 
 
 def material_from_dict(content: dict[str, Any]) -> Material:

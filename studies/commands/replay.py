@@ -19,8 +19,8 @@ from studies.commands.simulate import read_material
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder
 from studies.replay.model_law import Law, law_of, material_law
-from studies.replay.replay_test import Replay
-from studies.replay.replay_test import replay as replayed
+from studies.replay.replayed_experiment import Replay
+from studies.replay.replayed_experiment import replay as replayed
 from studies.replay.report import findings, write_report
 
 

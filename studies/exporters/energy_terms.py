@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.inputs import INPUT_SETS, REFERENCE
-from calibrate.equations.splines import DEGREE, polynomial_pieces
+from calibrate.equations.splines import DEGREE, pieces_of
 from calibrate.models.network_model import Model
 
 Array = NDArray[np.float64]
@@ -49,9 +49,7 @@ class SplineTerm:
     @cached_property
     def pieces(self) -> Array:
         """(n - 3, 4): dW/dJ = sum_p pieces[i, p] t^p on interval i, t = (n - 3) s - i from 0 to 1."""
-        n, c = len(self.coefficients), np.asarray(self.coefficients)
-        local = np.stack([c[i : i + DEGREE + 1] for i in range(n - DEGREE)])
-        return np.einsum("ipk,ik->ip", polynomial_pieces(n)[0], local)
+        return pieces_of(np.asarray(self.coefficients))
 
     @cached_property
     def energies(self) -> Array:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 from studies.output import style
-from studies.replay.replay_test import Replay
+from studies.replay.replayed_experiment import Replay
 from studies.reports import force_record
 
 

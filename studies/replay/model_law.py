@@ -8,22 +8,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from calibrate.data.experiment import Experiment
 from calibrate.effects.chain import Addition
 from calibrate.equations.basis import SingleBasis
+from calibrate.equations.splines import pieces_of
 from calibrate.errors import ConfigError
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.network_model import Model
 from forward.materials import Material, Pann
-from forward.materials.tabulated import Tabulated
+from forward.materials.spline_energy import SplineEnergy
 from forward.sheet import additions as laws
 from forward.sheet.thin_sheet import Sheet
 from studies.errors import OptionError
 from studies.synthetic import effect_laws
 
-KNOTS = 24  # of the table that stands in for a spline
 FIELD = "stiffness field"
 
 
@@ -83,7 +81,7 @@ def _extended(model: ExtendedModel, experiment: Experiment) -> Law:
     ]
     extent = effect_laws.Extent(float((high - low).max()), tuple(((low + high) / 2).tolist()))
     effects = [_named(a) for a in solved if a.effect.name != FIELD]
-    sheet = effect_laws.sheet(spline_table(model), _thickness(experiment), effects, extent, fields)
+    sheet = effect_laws.sheet(spline_law(model), _thickness(experiment), effects, extent, fields)
     names = tuple(a.effect.name for a in solved)
     rest = tuple(a.effect.name for a in model.additions if a.effect.name not in names)
     return Law(sheet, " + ".join(["spline of I1", *names]), names, rest)
@@ -97,13 +95,12 @@ def _named(addition: Addition) -> effect_laws.Law:
     return effect.name, amplitudes, shape
 
 
-def spline_table(model: ExtendedModel, knots: int = KNOTS) -> Tabulated:
-    """The base as a table of d psi / d I1, even in sqrt(I1 - 3), constant beyond the fitted range as the spline is."""
+def spline_law(model: ExtendedModel) -> SplineEnergy:
+    """The base of a diagnosis as a material. Raises `ConfigError` for one of plane strain."""
     basis = model.basis
     if not isinstance(basis, SingleBasis):
         raise ConfigError("the model is one of plane strain; a replay solves thin sheets in plane stress")
-    s = np.linspace(0.0, 1.0, knots)
-    return Tabulated(tuple(basis.top * s**2), tuple(basis.spline.matrix(s) @ model.c[: basis.n]))
+    return SplineEnergy(basis.top, tuple(map(tuple, pieces_of(model.c[: basis.n]).tolist())))
 
 
 def _thickness(experiment: Experiment) -> float:

@@ -14,7 +14,7 @@ from studies.output.report import Report
 from studies.output.viewer import write_viewer_file
 from studies.output.words import Words
 from studies.replay import figures
-from studies.replay.replay_test import Replay
+from studies.replay.replayed_experiment import Replay
 from studies.reports import force_record
 
 WORDS = Words("replay")

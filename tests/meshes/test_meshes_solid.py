@@ -91,7 +91,9 @@ def test_boundaries_cover_the_outside_once(specimen, eighth):
     named = np.concatenate([eighth.boundaries[name][:, ends.get(name, [0, 1, 6, 7])] for name in names])
     assert count.max() == 2
     assert sorted(map(tuple, np.sort(named).tolist())) == sorted(map(tuple, unique[count == 1].tolist()))
-    assert len(boundary_edges(eighth.plane.cells, "quad")) * eighth.layers == len(named) - 2 * len(eighth.plane.cells)
+    assert len(boundary_edges(eighth.plane.cells, "quad")[0]) * eighth.layers == len(named) - 2 * len(
+        eighth.plane.cells
+    )
 
 
 def test_rims_are_second_order_curves(specimen, eighth):

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.data.triangulation import boundary_edges
+from calibrate.data.outline import Outline
 from calibrate.effects.support.borders import nearest_lines
 from calibrate.effects.support.branches import motion
 from calibrate.effects.support.membrane import Membrane
@@ -116,14 +116,9 @@ def padded(operator: sp.csr_array) -> tuple[NDArray[np.int64], Array]:
 
 def free_edges(experiment: Experiment) -> tuple[Array, NDArray[np.int64]]:
     """Length (m,), mm, of the free edges of each triangle, and the nodes (m, 2) of one of them (0 where there is none)."""
-    points, n_triangles = experiment.points, len(experiment.triangles)
-    ends, owners = boundary_edges(experiment.triangles)
-    free, gripped = np.zeros(len(points), bool), np.zeros(len(points), bool)
-    free[experiment.free_nodes] = True
-    for boundary in experiment.loaded:
-        gripped[boundary.nodes] = True
-    edge = (free | gripped)[ends].all(axis=1) & free[ends].any(axis=1)
+    points, n_triangles, outline = experiment.points, len(experiment.triangles), Outline.of(experiment)
+    ends, owners = outline.edges[outline.free], outline.owners[outline.free]
     length = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
     nodes = np.zeros((n_triangles, 2), np.int64)
-    nodes[owners[edge]] = ends[edge]
-    return np.bincount(owners[edge], length[edge], n_triangles), nodes
+    nodes[owners] = ends
+    return np.bincount(owners, length, n_triangles), nodes

@@ -32,7 +32,7 @@ from calibrate.effects.support.branches import motion
 from calibrate.effects.support.nodal_derivatives import gradients, second_derivatives
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.effects.upturn import Upturn
-from calibrate.effects.viscosity import Viscosity
+from calibrate.effects.viscosity import Viscosity, convolved
 from calibrate.effects.warp import FLAT, InitialWarp, regained_strain
 
 EVERY = KNOWN
@@ -208,19 +208,26 @@ def test_viscous_overstress_of_a_ramp(chain):
     np.testing.assert_allclose(found[:, 0, 0, 0], 0.3 * 2.0 * (1 - np.exp(-time / 2.0)), rtol=1e-12)
 
 
-@pytest.mark.parametrize("mode", LATERAL)
-@pytest.mark.parametrize("stretch", [1.1, 1.4, 2.0])
-def test_relaxation_is_three_dimensional(chain, mode, stretch):
-    """A ramp of five relaxation times, by quadrature of the three-dimensional stress; in the plane alone the overstress is up to 66 % too small."""
+@pytest.mark.parametrize(
+    ("mode", "stretch", "too_small"),
+    [("uniaxial", 1.1, 0.06), ("uniaxial", 1.4, 0.23), ("uniaxial", 2.0, 0.48), ("pure_shear", 1.1, 0.11), ("pure_shear", 1.4, 0.38),
+     ("pure_shear", 2.0, 0.66), ("equibiaxial", 1.4, None)],
+)  # fmt: skip
+def test_relaxation_is_three_dimensional(chain, mode, stretch, too_small):
+    """A ramp of five relaxation times, by quadrature of the three-dimensional stress; and by how much the overstress of the condensed stress is too
+    small, as docs/forward.md states it."""
     t, g, tau, steps = 5.0, 0.5, 1.0, 100
     time = t * np.arange(1, steps + 1) / steps
     a = 1 + (stretch - 1) * time / t
     F = jax.vmap(jnp.diag)(jnp.stack([a, a ** LATERAL[mode]], axis=1))[:, None]
     P = jax.vmap(jax.vmap(neo_hooke_law))(F)
     data = dataclasses.replace(chain.data, time=jnp.asarray(time))
-    found = np.asarray(Viscosity().stress(data, F, P, jnp.array([g]), jnp.array([tau]), None) - P)[-1, 0]
+    found = np.diag(np.asarray(Viscosity().stress(data, F, P, jnp.array([g]), jnp.array([tau]), None) - P)[-1, 0])
     whole, elastic = (nominal_stress(mode, 1.0, part, tau, (stretch - 1) / t, t) for part in (g, 0.0))
-    np.testing.assert_allclose(np.diag(found), whole - elastic, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(found, whole - elastic, rtol=1e-3, atol=1e-6)
+    if too_small is not None:
+        condensed = g * np.asarray(F @ convolved(jnp.linalg.inv(F) @ P, data.time, tau))[-1, 0, 0, 0]
+        assert 1 - condensed / found[0] == pytest.approx(too_small, abs=0.006)
 
 
 def test_an_offset_points_along_the_largest_force(chain):

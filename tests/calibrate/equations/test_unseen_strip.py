@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from calibrate.data.experiment import Experiment, LoadedBoundary
+from calibrate.data.outline import Outline
 from calibrate.equations.basis import basis_for
 from calibrate.equations.equilibrium import neo_hooke
 from calibrate.equations.unseen_strip import (
     WindowEquilibrium,
     quadratic_gradients,
-    rim_edges,
     section_fields,
     window_equilibrium,
 )
@@ -55,14 +55,14 @@ def test_every_equation_holds_in_uniaxial_tension(uniaxial):
 def test_without_the_strip_a_sixth_of_the_force_is_missing(uniaxial):
     system = window_equilibrium(uniaxial, 0.0, 5.0)
     held = np.concatenate([b.nodes for b in uniaxial.loaded])
-    free = replace(uniaxial, free_nodes=np.setdiff1d(rim_edges(uniaxial), held))
+    free = replace(uniaxial, free_nodes=np.setdiff1d(Outline.of(uniaxial).rim, held))
     assert not isinstance(system, WindowEquilibrium)
     found, _, _ = residual(window_equilibrium(free, 0.0, 5.0))
     assert np.abs(found).max() == pytest.approx(np.abs(system.loads).max() * 2 * MARGIN / WIDTH, rel=0.05)
 
 
 def test_the_rim_is_where_the_region_ends_beside_a_free_side(uniaxial):
-    edges = rim_edges(uniaxial)
+    edges = Outline.of(uniaxial).rim
     np.testing.assert_allclose(np.abs(uniaxial.points[edges][:, :, 1]), WIDTH / 2 - MARGIN)
     assert np.ptp(uniaxial.points[edges], axis=1)[:, 0].sum() == pytest.approx(2 * 40.0)
 
@@ -71,7 +71,7 @@ def test_no_field_works_on_an_unknown_traction(uniaxial):
     """Fields inside vanish on the rim; those that do not are 1 on one grip, or 0 on both, so that only resultants do work."""
     fields = section_fields(uniaxial, 5.0)
     values = fields.values.toarray()
-    sections = np.abs(values[np.unique(rim_edges(uniaxial))]).max(axis=0) > 0
+    sections = np.abs(values[np.unique(Outline.of(uniaxial).rim)]).max(axis=0) > 0
     assert (fields.boundary[~sections] == -1).all()
     assert sorted(fields.boundary[sections])[-2:] == [0, 1]
     assert sections.sum() > 4

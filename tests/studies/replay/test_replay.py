@@ -27,7 +27,7 @@ from meshes.known_specimens import SPECIMENS
 from studies import cli
 from studies.errors import OptionError
 from studies.replay.model_law import law_of, material_law
-from studies.replay.replay_test import mesh_effect, named_edges, replay
+from studies.replay.replayed_experiment import mesh_effect, named_edges, replay
 from studies.synthetic import camera
 
 PLATE = SPECIMENS["plate_with_hole"]()

@@ -1,22 +1,13 @@
-"""Numbers of the page on ugly data: `python docs/skin_numbers.py FOLDER`.
-
-In: the folder in which the commands of the page were run (`equigap unpack ... -o skin`, `import skin/columns.toml -o imported`,
-`calibrate imported/experiment.npz --hold-out every:3 -o calibrated`). Out: `skin.json` in docs/results and its manifest;
-`make numbers` puts it into the page.
-"""
+"""The page on ugly data: the healthy skin, through the commands that the page names."""
 
 from __future__ import annotations
 
-import argparse
 import json
-from datetime import date
 from pathlib import Path
 from typing import Any
 
-from studies.output import Manifest, write_json
 from studies.output.words import digits, percent, plus_minus
 
-RESULTS = Path(__file__).parent / "results"
 COMMAND = "equigap unpack sutula_skin_dic/monolithic.npz --name skin -o skin; equigap import skin/columns.toml -o imported; equigap calibrate imported/experiment.npz --hold-out every:3 -o calibrated"  # fmt: skip
 
 
@@ -52,21 +43,13 @@ def numbers(imported: dict[str, Any], results: dict[str, Any]) -> dict[str, Any]
     }
 
 
-def main(words: list[str] | None = None) -> int:
-    """Write the file."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("folder", type=Path)
-    folder = parser.parse_args(words).folder
+def take(folder: Path) -> dict[str, Any]:
+    """Content of the file. folder: in which the commands were run."""
     inputs = folder / "imported" / "experiment.json", folder / "calibrated" / "report.json"
     imported, calibrated = (json.loads(path.read_text()) for path in inputs)
-    manifest = Manifest(settings={"import": imported["settings"], "calibrate": calibrated["settings"]})
-    how = "sutula_skin_dic/monolithic.npz (healthy skin), 12 of 50 frames, nothing else chosen"
-    target = RESULTS / "skin.json"
-    head = {"command": COMMAND, "made": date.today().isoformat(), "revision": calibrated["revision"], "how": how}
-    write_json(target, {**head, "numbers": numbers(imported["results"], calibrated["results"])})
-    manifest.beside(target)
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+    return {
+        "command": COMMAND,
+        "how": "sutula_skin_dic/monolithic.npz (healthy skin), 12 of 50 frames, nothing else chosen",
+        "revision": calibrated["revision"],
+        "numbers": numbers(imported["results"], calibrated["results"]),
+    }

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.data.triangulation import boundary_edges
+from calibrate.data.outline import Outline
 from calibrate.fitting.calibration import relative_force_error
 from forward.loading import MeasuredMotion
 from forward.sheet.inelastic import solve_history
@@ -97,11 +97,11 @@ def replay(
         effect = mesh_effect(experiment, law)
         noise = experiment.noise.displacement_std if experiment.noise else 0.0
         level = int(effect.field > (noise or SMALL * np.abs(experiment.displacements).max()))
-    outline = Outline.of(experiment, level)
+    problem = BoundaryValues.of(experiment, level)
     times = experiment.time if experiment.time is not None else np.arange(1.0, experiment.n_increments + 1)
     factors = np.arange(1, experiment.n_increments + 1) / experiment.n_increments
     history = law.sheet.prony is not None or law.sheet.softens
-    solution = solve_history(outline.mesh, law.sheet, outline.motion(experiment.displacements), factors, times,
+    solution = solve_history(problem.mesh, law.sheet, problem.motion(experiment.displacements), factors, times,
                              substeps=SUBSTEPS if history else 1, checkpoint=checkpoint, progress=progress)  # fmt: skip
     n = len(experiment.points)
     return Replay(
@@ -109,7 +109,7 @@ def replay(
         law,
         solution.displacements[:, :n],
         _forces(experiment, solution),
-        outline.judged[:n],
+        problem.judged[:n],
         solution,
         effect,
         level,
@@ -121,12 +121,12 @@ def mesh_effect(experiment: Experiment, law: Law) -> MeshEffect:
     sheet = replace(law.sheet, prony=None, permanent_set=None)
     found = []
     for level in (0, 1):
-        outline = Outline.of(experiment, level)
-        motion = outline.motion(experiment.displacements[-1:])
-        found.append(solve_history(outline.mesh, sheet, motion, [1.0], [1.0]))
+        problem = BoundaryValues.of(experiment, level)
+        motion = problem.motion(experiment.displacements[-1:])
+        found.append(solve_history(problem.mesh, sheet, motion, [1.0], [1.0]))
     n = len(experiment.points)
     coarse, fine = found
-    inner = Outline.of(experiment, 0).judged[:n]
+    inner = BoundaryValues.of(experiment).judged[:n]
     change = (coarse.displacements[-1, :n] - fine.displacements[-1, :n])[inner]
     forces = [np.concatenate([f[-1] for f in one.reactions.values()]) for one in found]
     return MeshEffect(
@@ -143,7 +143,7 @@ RIM = "rim"
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class BoundaryValues:
     """The test as a boundary value problem. carried (nodes, n): from the camera's points to the nodes; held (nodes, 2)."""
 
     mesh: Mesh
@@ -157,7 +157,7 @@ class Outline:
         return ~self.held.any(axis=1)
 
     @classmethod
-    def of(cls, experiment: Experiment, finer: int = 0) -> Outline:
+    def of(cls, experiment: Experiment, finer: int = 0) -> BoundaryValues:
         """Quads of the camera's triangles, each divided in four `finer` times before; the first nodes are the camera's points."""
         edges = named_edges(experiment)
         quads = split(experiment.points, experiment.triangles, edges, finer)
@@ -173,18 +173,6 @@ class Outline:
 
 
 def named_edges(experiment: Experiment) -> dict[str, NDArray[np.int64]]:
-    """Edges (e, 2) of each grip, and of the rim: those that are neither of a grip nor free.
-
-    An edge from a grip to a free node is free; what a grip only touches at a node has that node's motion.
-    """
-    edges, _ = boundary_edges(experiment.triangles)
-    free = np.isin(edges, experiment.free_nodes)
-    held = np.zeros(edges.shape, bool)
-    found, left = {}, np.ones(len(edges), bool)
-    for boundary in experiment.loaded:
-        on = np.isin(edges, boundary.nodes)
-        found[boundary.name] = edges[on.all(axis=1) & left]
-        left &= ~on.all(axis=1)
-        held |= on
-    left &= ~((free | held).all(axis=1) & free.any(axis=1))
-    return {**found, RIM: edges[left]}
+    """Edges (e, 2) of each grip, and of the rim."""
+    outline = Outline.of(experiment)
+    return {b.name: outline.edges[outline.grip == i] for i, b in enumerate(experiment.loaded)} | {RIM: outline.rim}
