@@ -22,6 +22,7 @@ import design
 import generalise
 import replay
 import resolution
+import skin
 import thickness
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -31,6 +32,7 @@ STUDIES = {
     "generalise": generalise,
     "design": design,
     "replay": replay,
+    "skin": skin,
 }
 
 
