@@ -273,7 +273,7 @@ def _errors(problem: Problem, linear: _Linearised, fit: Fit) -> tuple[tuple[floa
     M = outside.T @ outside
     values, vectors = np.linalg.eigh(subtract(M, _noise_of_signatures(problem, linear, fit)))
     inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
-    spread = np.sqrt(np.diag(inverse @ M @ inverse)) * scale
+    spread = np.linalg.norm(outside @ inverse, axis=0) * scale
     spread = spread * np.sqrt(max(1.0, fit.free_loss / max(fit.degrees, 1)))
     wrong = residual_tests.kinematic_error(problem, fit.c)
     free = np.full(len(scale), np.inf)

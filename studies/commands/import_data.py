@@ -19,7 +19,7 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import CountOrList, OutputFolder, Overwrite, default_folder
 from studies.commandline.outcome import Outcome
-from studies.importers import Importer, Processing, Recording, SheetOptions, importer_of, importers
+from studies.importers import Importer, Processing, Recording, SheetOptions, importer_of, importers, measured_data
 from studies.importers.exports.guesses import Guesses, Undecided
 from studies.importers.pad_tracks import write_tables
 from studies.importers.recording.importer import Answers, Part
@@ -236,13 +236,14 @@ def unpack(
     The folder is results/unpack-NAME unless told.
 
     Args:
-        packed: .npz with xt_dic_mm, xt_pad_mov_mm, ux_pad_mm and fx_pad_N
+        packed: .npz with xt_dic_mm, xt_pad_mov_mm, ux_pad_mm and fx_pad_N; also by its path in EQUIGAP_DATA
         name: of the experiment (default: that of the file)
 
     Raises:
         EquigapError: no such file, or another one.
     """
     settings = {"command": "unpack", "name": name, "packed": str(packed)}
+    packed = packed if packed.is_file() else measured_data.find(str(packed))
     folder = open_output_folder(output or default_folder(f"unpack-{name or packed.stem}"), overwrite, settings)
     columns = write_tables(packed, folder, name)
     Manifest(settings=settings, inputs=[packed]).beside(columns)

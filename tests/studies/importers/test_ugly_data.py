@@ -13,6 +13,7 @@ from sheets import COLUMNS, MAP, PITCH, ROWS, SCALE, mapped, motion, pixels, wri
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
+from studies import cli
 from studies.importers import column_import, column_map, importer_of
 from studies.importers.column_map import MaskTable
 from studies.importers.pad_tracks import PadTest, write_tables
@@ -281,6 +282,16 @@ def test_tables_of_a_packed_test_have_the_force_at_the_same_displacement_of_the_
     np.savez(tmp_path / "other.npz", xt_dic_mm=np.zeros((2, 4, 2)))
     with pytest.raises(errors.FileFormatError, match="has no xt_pad_mov_mm"):
         PadTest.load(tmp_path / "other.npz")
+
+
+def test_a_packed_test_is_found_in_the_data_folder_and_a_missing_one_leaves_nothing(tmp_path, monkeypatch):
+    (tmp_path / "data").mkdir()
+    packed(tmp_path / "data")
+    monkeypatch.setenv("EQUIGAP_DATA", str(tmp_path / "data"))
+    assert cli.main(["unpack", "skin.npz", "-o", str(tmp_path / "tables")]) == 0
+    assert (tmp_path / "tables" / "columns.toml").is_file()
+    assert cli.main(["unpack", "nothing.npz", "-o", str(tmp_path / "none")]) == 2
+    assert not (tmp_path / "none").exists()
 
 
 @pytest.mark.skipif(not SKIN.is_file(), reason="EQUIGAP_DATA has no sutula_skin_dic")
