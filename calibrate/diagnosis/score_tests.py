@@ -123,7 +123,7 @@ def untestable(problem: Problem, effect: Effect) -> Score | None:
     if all(effect.excluded(part.chain.data) for part in problem.trained):
         return Score(effect, Status.EXCLUDED)
     missing = {effect.missing(part.chain.data) for part in problem.trained} - {None}
-    if problem.level_is_nominal and effect.stage == "load":
+    if problem.level_is_nominal and effect.of_forces:
         missing |= {"forces of the section"}
     if missing or (len(problem.trained) > 1 and not effect.of_material):
         return Score(effect, Status.NOT_TESTABLE, tuple(sorted(map(str, missing))))

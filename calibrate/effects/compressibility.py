@@ -5,19 +5,18 @@ of a sheet with in-plane F and volume ratio J is the incompressible sheet with J
 
     P = J^(-1/3) P0(J^(-1/3) F),    J = 1 + beta p / J,    p = P0(Fbar) : Fbar / 3,    beta = 1 / kappa,
 
-with P0 the stress of the incompressible sheet: exact, whatever psi. To first order psi falls by beta p^2 / 2.
+with P0 the stress of the incompressible sheet, of all energies and with its history: exact, whatever these are (relaxation as in
+Simo 1987). To first order psi falls by beta p^2 / 2. J is found by Newton's method with the slope of a neo-Hookean sheet.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
-
-ITERATIONS = 5
+from calibrate.equations.tensors import det
 
 
 @dataclass(frozen=True)
@@ -35,12 +34,8 @@ class Compressibility(Effect):
     def missing(self, data):
         return lacks_plane_stress(data)
 
-    def stress(self, data, F, P, a, shape, law):
-        def change(f):
-            J = jnp.ones(())
-            for _ in range(ITERATIONS):
-                relaxed = J ** (-1 / 3) * f
-                J = 1.0 + a[0] * jnp.sum(law(relaxed) * relaxed) / (3.0 * J)
-            return J ** (-1 / 3) * law(J ** (-1 / 3) * f) - law(f)
-
-        return P + jnp.reshape(jax.vmap(change)(F.reshape(-1, 2, 2)), F.shape)
+    def volume(self, F, P, J, a, modulus):
+        pressure = jnp.sum(P * F, axis=(-2, -1)) / 3.0
+        inside, across = jnp.sum(F * F, axis=(-2, -1)), 1.0 / det(F) ** 2
+        slope = a[0] * modulus * (2.0 / 9.0) * (inside + 4.0 * across)  # - d/dJ of beta p / J, of neo-Hooke at J = 1
+        return J + (1.0 + a[0] * pressure / J - J) / (1.0 + slope)

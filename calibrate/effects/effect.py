@@ -11,17 +11,20 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 
 from calibrate import errors
 from calibrate.effects.support.effect_data import Data
+from calibrate.equations.tensors import inverse
 
-STAGES = ("energy", "kinematics", "stiffness", "softening", "relaxation", "set", "measurement", "load")
-"""Where effects act, from the material to the camera: on the energy; on what a sheet is in three dimensions; as a factor that
-depends on the place; as one that depends on the history; over time; by chains formed anew; on what is measured.
+MATERIAL = ("energy", "set", "stiffness", "softening", "relaxation")
+MEASURED = ("kinematics", "clock", "measurement", "lens", "correlation", "load")
+STAGES = MATERIAL + MEASURED
+"""Where effects act, from the material to what is recorded: on the energy; by chains formed anew; as a factor that depends on the
+place; as one that depends on the history; over time; on what a sheet is in three dimensions; on when, where and how it is seen.
 
-What varies, softens or relaxes is all that comes before, so that kinematics, which know the law of the base alone, come early."""
-ELSEWHERE = ("kinematics", "measurement", "load")
+What varies, softens or relaxes is all that comes before; what is recorded is corrected in the opposite order."""
 
 
 @dataclass(frozen=True)
@@ -90,12 +93,17 @@ class Effect:
     @property
     def in_material(self) -> bool:
         """Whether it makes stress from F at a place and its past."""
-        return self.stage not in ELSEWHERE
+        return self.stage in MATERIAL
 
     @property
     def remembers(self) -> bool:
         """Whether its stress depends on earlier increments."""
-        return self.stage in ("softening", "relaxation", "set")
+        return self.stage in ("set", "softening", "relaxation")
+
+    @property
+    def of_forces(self) -> bool:
+        """Whether it is seen in measured forces only."""
+        return self.stage in ("clock", "load")
 
     def is_degenerate(self, shape: tuple[float, ...]) -> bool:
         """Whether a member of a family is a simpler effect under another name."""
@@ -113,18 +121,48 @@ class Effect:
         """Shapes to be tried; one empty one for an effect without shapes."""
         return [()]
 
+    def places(self, data: Data, X: Any, a: Any, shape: Any) -> Any:
+        """True places of the nodes in the reference (n, 2), mm, of where they were measured, X (n, 2)."""
+        return X
+
     def displacements(self, data: Data, u: Any, a: Any, shape: Any) -> Any:
-        """True displacements (t, n, 2), mm, of the measured ones u (t, n, 2)."""
+        """Displacements (t, n, 2), mm, from the measured places of the reference to true places, of those to measured ones."""
         return u
 
-    def stress(self, data: Data, F: Any, P: Any, a: Any, shape: Any, law: Any) -> Any:
+    def time(self, time: Any, a: Any) -> Any:
+        """True times (t,), s, of the forces, of those that were recorded."""
+        return time
+
+    def of_the_mean(self, data: Data, u: Any, places: Any, a: Any) -> Any:
+        """Displacements (t, n, 2), mm, of the mean over the thickness, of those of the surface; see `finite_thickness`, which has
+        also what this does to the stress."""
+        return u
+
+    def stress(self, data: Data, F: Any, P: Any, a: Any, shape: Any) -> Any:
         """In-plane first Piola-Kirchhoff stress (t, m, 2, 2), MPa, from the one so far, P; F (t, m, 2, 2), of an
         incompressible sheet.
 
         In plane strain F is the isochoric part, and P what it would be in such a sheet; see `calibrate.equations.isochoric`.
-        law: the base model's stress (2, 2), MPa, at one deformation gradient (2, 2).
         """
         return P
+
+    def stress_formed(self, data: Data, F: Any, formed: Any, a: Any, shape: Any) -> Any:
+        """What an energy adds to P (t, m, 2, 2), MPa, where it is free of stress at the deformation `formed` (t, m, 2, 2)."""
+        back = inverse(formed)
+        return self.stress(data, F @ back, jnp.zeros_like(F), a, shape) @ jnp.swapaxes(back, -1, -2)
+
+    def reformed(self, F: Any, P: Any, a: Any, law: Any) -> Any:
+        """P (t, m, 2, 2), MPa, with chains formed anew; law: that of all energies, (t, m, 2, 2) at F and the deformation at which it is free of stress."""
+        return P
+
+    def volume(self, F: Any, P: Any, J: Any, a: Any, modulus: Any) -> Any:
+        """J (t, m), one iteration nearer to that of a sheet with free faces; P: at F, the deformation over J^(1/3); modulus: about that of
+        shear, MPa."""
+        return J
+
+    def beyond(self, data: Data, mean: Any, F: Any, u: Any, places: Any, a: Any) -> Any:
+        """Deformation (t, m, 2, 2) of an unmeasured strip beside each triangle; see `unmeasured_strip`."""
+        return mean
 
     def loads(self, data: Data, loads: Any, a: Any, shape: Any) -> Any:
         """True forces (t, 2, b), N, of the measured ones (t, 2, b) on the b loaded boundaries."""

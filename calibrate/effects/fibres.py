@@ -30,8 +30,11 @@ class OneFibreFamily(Effect):
     def shape_values(self, data):
         return [(float(angle),) for angle in np.arange(ANGLES) * np.pi / ANGLES]
 
-    def stress(self, data, F, P, a, shape, law):
+    def stress(self, data, F, P, a, shape):
         return P + a[0] * reinforcement(F, shape[0])
+
+    def stress_formed(self, data, F, formed, a, shape):
+        return a[0] * reinforcement(F, shape[0], formed)
 
 
 @dataclass(frozen=True)
@@ -55,14 +58,21 @@ class TwoFibreFamilies(Effect):
     def is_degenerate(self, shape):
         return shape[1] < CLOSED
 
-    def stress(self, data, F, P, a, shape, law):
-        both = reinforcement(F, shape[0] + shape[1]) + reinforcement(F, shape[0] - shape[1])
-        return P + a[0] * both
+    def stress(self, data, F, P, a, shape):
+        return P + self.stress_formed(data, F, None, a, shape)
+
+    def stress_formed(self, data, F, formed, a, shape):
+        both = (reinforcement(F, shape[0] + sign * shape[1], formed) for sign in (1, -1))
+        return a[0] * sum(both)
 
 
-def reinforcement(F, angle):
-    """d/dF of (I4 - 1)^2 / 2 for fibres at `angle`, rad, to x: (..., 2, 2) at F (..., 2, 2)."""
+def reinforcement(F, angle, formed=None):
+    """d/dF of (I4 - 1)^2 / 2 for fibres at `angle`, rad, to x: (..., 2, 2) at F (..., 2, 2).
+
+    formed (..., 2, 2): deformation at which they are straight and free of stress, along the same line of the material.
+    """
     M = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     FM = F @ M
-    I4 = jnp.sum(FM * FM, axis=-1)
-    return 2.0 * ((I4 - 1.0)[..., None] * FM)[..., :, None] * M
+    rest = 1.0 if formed is None else jnp.sum((formed @ M) ** 2, axis=-1)
+    I4 = jnp.sum(FM * FM, axis=-1) / rest
+    return 2.0 * (((I4 - 1.0) / rest)[..., None] * FM)[..., :, None] * M

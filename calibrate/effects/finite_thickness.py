@@ -15,7 +15,8 @@ traction. To second order in h over the lengths on which a changes:
 
       P = P(f of the mean) + h^2 / 12 [f dS/dC : (grad a (x) grad a) + a div(S grad a) f^-T].                     (2)
 
-(2) is the derivative of the energy psi + h^2 / 24 grad a . S grad a. For small strains S vanishes, and (1) is the
+The first of both is the change of S where C grows by h^2 / 12 grad a (x) grad a, whatever the material and its history. (2) is
+the derivative of the energy psi + h^2 / 24 grad a . S grad a. For small strains S vanishes, and (1) is the
 parabola of generalised plane stress (Michell 1899; Timoshenko and Goodier, section 98), exact there.
 
 Next to edges a layer of about h / 2 departs from (1). At a free edge the parabola of the stress over the thickness cannot
@@ -39,7 +40,7 @@ import numpy as np
 from calibrate.data.experiment import Experiment
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 from calibrate.effects.support.effect_data import Data
-from calibrate.effects.support.nodal_derivatives import gradient, slopes, to_nodes
+from calibrate.effects.support.nodal_derivatives import gradient, reference_gradients, slopes, to_nodes
 from calibrate.equations.tensors import det, inverse
 from calibrate.errors import ConfigError
 
@@ -62,11 +63,27 @@ class Thickness(Effect):
     def missing(self, data):
         return lacks_plane_stress(data)
 
-    def displacements(self, data, u, a, shape):
-        return u + a[0] * bend(data, jnp.eye(2) + gradient(data, u))
+    def of_the_mean(self, data, u, places, a):
+        back = inverse(gradient(data, places[None]))
+        return u + a[0] * bend(data, gradient(data, data.points + u) @ back, back)
 
-    def stress(self, data, F, P, a, shape, law):
-        return P + a[0] * stress_of_bend(data, F, law)
+    def thinning(self, data, F, places):
+        """grad a (t, n, 2), 1/mm, at the nodes, of F (t, m, 2, 2) at the centroids."""
+        nodal = at_nodes(data, F)
+        B = bend(data, nodal, inverse(gradient(data, places[None])))
+        return jnp.einsum("tnji,tnj->tni", nodal, B) * det(nodal)[..., None]
+
+    def mean_deformation(self, data, F, thinning, a):
+        """F (t, m, 2, 2) whose C has grown by b grad a (x) grad a."""
+        g = inside(data, thinning)
+        return F + 0.5 * a[0] * jnp.einsum("tmji,tmj,tmk->tmik", inverse(F), g, g)
+
+    def mean_stress(self, data, P, F, mean, thinning, places, a):
+        """(2) with P (t, m, 2, 2) at the mean deformation; S of a layer at Z is taken to F of the mid-plane."""
+        S = inverse(mean) @ P
+        slope = slopes(data, jnp.moveaxis(jnp.einsum("tnij,tnj->tni", at_nodes(data, S), thinning), -1, 0))
+        by_true = jnp.einsum("itmk,mki->tm", slope, inverse(reference_gradients(data, places)))
+        return F @ S + a[0] * (by_true / det(F))[..., None, None] * jnp.swapaxes(inverse(F), -1, -2)
 
 
 def of_the_mean(experiment: Experiment) -> Experiment:
@@ -82,36 +99,25 @@ def of_the_mean(experiment: Experiment) -> Experiment:
 
 @jax.jit
 def _mean(data: Any, b: Any) -> Any:
-    return Thickness().displacements(data, data.u, (b,), ())
+    return Thickness().of_the_mean(data, data.u, data.points, (b,))
 
 
-def bend(data: Any, F: Any) -> Any:
-    """B (t, n, 2), 1/mm, of F (t, n, 2, 2) at the nodes: mean = surface + h^2 / 12 B."""
+def bend(data: Any, F: Any, back: Any) -> Any:
+    """B (t, n, 2), 1/mm, of F (t, n, 2, 2) at the nodes: mean = surface + h^2 / 12 B.
+
+    back (1, n, 2, 2): gradient of the measured by the true places of the reference.
+    """
     thinning = 1.0 / det(F)
-    raw = thinning[..., None] * jnp.einsum("tnji,tnj->tni", inverse(F), gradient(data, thinning))
+    steep = jnp.einsum("tnk,tnkj->tnj", gradient(data, thinning), jnp.broadcast_to(back, F.shape))
+    raw = thinning[..., None] * jnp.einsum("tnji,tnj->tni", inverse(F), steep)
     return data.membrane.smoothed(raw, RELAXATION * data.thickness)
 
 
-def stress_of_bend(data: Any, F: Any, law: Any) -> Any:
-    """(t, m, 2, 2): what (2) adds to the stress for h^2 / 12 = 1 mm^2, at the centroids as F (t, m, 2, 2) is.
+def at_nodes(data: Any, values: Any) -> Any:
+    """Tensors (t, n, 2, 2) at the nodes of tensors (t, m, 2, 2) in the triangles."""
+    return jnp.moveaxis(to_nodes(data, jnp.moveaxis(values, 1, -1)), -1, 1)
 
-    law: P (2, 2) of plane stress at F (2, 2).
-    """
-    nodal = jnp.stack([jnp.stack([to_nodes(data, F[..., i, j]) for j in range(2)], axis=-1) for i in range(2)], axis=-2)
-    steep = jnp.einsum("tnji,tnj->tni", nodal, bend(data, nodal)) * det(nodal)[..., None]
 
-    def second(f):
-        return inverse(f) @ law(f)
-
-    S = jax.vmap(second)(nodal.reshape(-1, 2, 2)).reshape(nodal.shape)
-    flow = slopes(data, jnp.moveaxis(jnp.einsum("tnij,tnj->tni", S, steep), -1, 0))
-
-    def change(f, g, divergence):
-        dual = inverse(f).T
-        df = 0.5 * jnp.outer(dual @ g, g)  # changes C by g (x) g
-        return f @ jax.jvp(second, (f,), (df,))[1] + divergence * dual
-
-    divergence = (flow[0, ..., 0] + flow[1, ..., 1]) / det(F)
-    inside = steep[:, data.triangles].mean(axis=2)
-    found = jax.vmap(change)(F.reshape(-1, 2, 2), inside.reshape(-1, 2), divergence.ravel())
-    return found.reshape(F.shape)
+def inside(data: Any, nodal: Any) -> Any:
+    """Means (t, m, 2) over the nodes of each triangle."""
+    return nodal[:, data.triangles].mean(axis=2)

@@ -16,11 +16,11 @@ class Lag(Effect):
 
     Displacements are interpolated on the branch of the history that follows a picture if dt > 0, and on the one before if
     dt < 0. `branch` stands for the sign of dt where that is not known yet: 1, -1, or 0 for the mean of both. Forces, which
-    are less smooth in time and may be held out, stay as they are.
+    are less smooth in time and may be held out, stay as they are; their true times are dt later, too.
     """
 
     name = "lag between force and image"
-    stage = "load"
+    stage = "clock"
     formula = "u(t + dt)"
     amplitudes = (Parameter("dt", "s", typical=0.2),)
     shapes = (Parameter("branch", "1", lower=-1.0, upper=1.0),)
@@ -34,6 +34,9 @@ class Lag(Effect):
         if data.motion is None or np.allclose(data.motion[0], data.motion[1]):
             return [(0.0,)]
         return [(1.0,), (-1.0,), (0.0,)]
+
+    def time(self, time, a):
+        return time + a[0]
 
     def displacements(self, data, u, a, shape):
         after = jnp.where(a[0] > 0, 1.0, jnp.where(a[0] < 0, 0.0, 0.5 * (1.0 + shape[0])))

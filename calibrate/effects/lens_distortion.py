@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
-from calibrate.equations.tensors import det, inverse
 
 NEWTON = 4  # steps
 
@@ -17,13 +15,11 @@ NEWTON = 4  # steps
 class LensDistortion(Effect):
     """Radial: a point at x from the middle of the picture is seen at x (1 + k |x|^2 / R^2), R half the extent.
 
-    Both pictures are distorted; the true places are found exactly, and R from those of the reference. With A the gradient
-    of the true by the seen reference points, the true deformation gradient is F A^-1, F that of the true places by the
-    seen points, and P turns into det A P A^-T (Piola transformation).
+    Both pictures are distorted; the true places are found exactly, and R from those of the reference.
     """
 
     name = "lens distortion"
-    stage = "measurement"
+    stage = "lens"
     formula = "x (1 + k |x|^2 / R^2)"
     source = "Brown 1971"
     amplitudes = (Parameter("k", "1", lower=-0.2, upper=0.2, typical=0.005),)
@@ -36,16 +32,8 @@ class LensDistortion(Effect):
         X = data.points - data.centre
         return undistorted(X + u, a[0], radius(data, a[0])) - X
 
-    def stress(self, data, F, P, a, shape, law):
-        X, R = data.centroids - data.centre, radius(data, a[0])
-        s, q = shrinkage(X, a[0], R)
-        slope = -2.0 * a[0] / R**2 * s**3 / (1.0 + 3.0 * q * s**2) * X  # of s
-        A = s[:, :, None] * jnp.eye(2) + X[:, :, None] * slope[:, None, :]
-        back = inverse(A)
-        full = jax.vmap(law)((F @ back).reshape(-1, 2, 2)).reshape(F.shape)
-        plain = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
-        seen = det(A)[:, None, None] * full @ jnp.swapaxes(back, -1, -2)
-        return P + seen - plain
+    def places(self, data, X, a, shape):
+        return data.centre + undistorted(X - data.centre, a[0], radius(data, a[0]))
 
 
 def undistorted(x, k, R):

@@ -25,6 +25,6 @@ class Mullins(Effect):
     def missing(self, data):
         return lacks_unloading(data)
 
-    def stress(self, data, F, P, a, shape, law):
+    def stress(self, data, F, P, a, shape):
         value, largest = excess(F)
         return P * (1.0 - a[0] * (1.0 - value / jnp.maximum(largest, 1e-9)))[..., None, None]

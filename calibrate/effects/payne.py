@@ -29,5 +29,5 @@ class Payne(Effect):
     def shape_values(self, data):
         return [(0.02,), (0.1,), (0.5,)]
 
-    def stress(self, data, F, P, a, shape, law):
+    def stress(self, data, F, P, a, shape):
         return P * (1.0 + a[0] * jnp.exp(-excess(F)[1] / shape[0]))[..., None, None]

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 
 from calibrate.effects.effect import Effect, Parameter
 from calibrate.effects.support.largest_deformation import excess, lacks_unloading
-from calibrate.equations.tensors import inverse
 
 
 @dataclass(frozen=True)
@@ -17,13 +16,13 @@ class PermanentSet(Effect):
     """Chains that break as x = I1 - 3 grows are formed anew, without stress, in the deformed state (Green and Tobolsky 1946).
 
     Those that break between two increments have the mean G of both deformations as their reference, P = law(F G^-1) G^-T,
-    with the law of the base alone.
+    with the whole elastic law; fibres stay along the lines of the material that they were along.
     """
 
     name = "permanent set"
     stage = "set"
     of_material = True
-    formula = "exp(-a x_max) P + sum w_j P0(F G_j^-1) G_j^-T, w_j: fall of exp(-a x_max), P0: of the base"
+    formula = "exp(-a x_max) P0 + sum w_j P0(F G_j^-1) G_j^-T, w_j: fall of exp(-a x_max), P0: of the energy"
     source = "Green and Tobolsky 1946"
     amplitudes = (Parameter("a", "1", lower=0.0, typical=0.05),)
     decided_by = "unloading to zero force, and a pause there"
@@ -31,18 +30,15 @@ class PermanentSet(Effect):
     def missing(self, data):
         return lacks_unloading(data)
 
-    def stress(self, data, F, P, a, shape, law):
+    def reformed(self, F, P, a, law):
         whole = jnp.exp(-a[0] * excess(F)[1])
         broken = -jnp.diff(whole, axis=0, prepend=1.0)
         before = jnp.concatenate([jnp.broadcast_to(jnp.eye(2), F[:1].shape), F[:-1]])
-        back = inverse((before + F) / 2)
-
-        def formed(f, share, g):
-            return share * law(f @ g) @ g.T
+        formed = (before + F) / 2
 
         def stress(index, f):
             past = (jnp.arange(len(F)) <= index)[:, None]
-            each = jax.vmap(jax.vmap(formed), (None, 0, 0))(f, jnp.where(past, broken, 0.0), back)
-            return each.sum(axis=0)
+            share = jnp.where(past, broken, 0.0)[..., None, None]
+            return (share * law(jnp.broadcast_to(f, F.shape), formed)).sum(axis=0)
 
         return whole[..., None, None] * P + jax.lax.map(lambda both: stress(*both), (jnp.arange(len(F)), F))

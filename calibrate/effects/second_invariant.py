@@ -23,6 +23,6 @@ class SecondInvariant(Effect):
     amplitudes = (Parameter("c01", "MPa", lower=0.0, typical=0.03),)
     decided_by = "an equi-biaxial test beside a uniaxial one"
 
-    def stress(self, data, F, P, a, shape, law):
+    def stress(self, data, F, P, a, shape):
         slope = jax.vmap(jax.grad(lambda f: invariants(f)[1]))(F.reshape(-1, 2, 2))
         return P + a[0] * jnp.reshape(slope, F.shape)

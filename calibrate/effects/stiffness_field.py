@@ -27,7 +27,7 @@ class StiffnessField(Effect):
     )
     decided_by = "strips cut from different places, or a thickness gauge"
 
-    def stress(self, data, F, P, a, shape, law):
+    def stress(self, data, F, P, a, shape):
         low, high = data.points.min(axis=0), data.points.max(axis=0)
         x = (data.centroids - low) / (high - low)
         k = jnp.arange(ORDER + 1)

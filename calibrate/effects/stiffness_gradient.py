@@ -17,5 +17,5 @@ class StiffnessGradient(Effect):
     amplitudes = tuple(Parameter(name, "1/extent", lower=-1.5, upper=1.5, typical=0.2) for name in ("gx", "gy"))
     decided_by = "strips cut from different places, or a thickness gauge"
 
-    def stress(self, data, F, P, a, shape, law):
+    def stress(self, data, F, P, a, shape):
         return P * (1.0 + (data.centroids - data.centre) / data.size @ a)[:, None, None]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 from calibrate.effects.support.nodal_derivatives import gradient
+from calibrate.equations.tensors import inverse
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class UnmeasuredStrip(Effect):
     """A strip of width w between the measured region and the true free edge carries load, too.
 
     Its deformation gradient is continued in a straight line from that at the centroid and at the edge of the triangle
-    beside it to the middle of the strip; a strip around a hole of radius 1 / q is shorter than the edge by w q / 2.
+    beside it to the middle of the strip, where the whole material acts; a strip around a hole of radius 1 / q is shorter than the edge by w q / 2.
     """
 
     name = "unmeasured strip"
@@ -29,11 +29,12 @@ class UnmeasuredStrip(Effect):
     def missing(self, data):
         return lacks_plane_stress(data)
 
-    def stress(self, data, F, P, a, shape, law):
-        w, there = a[0], (data.edges > 0)[:, None, None]
-        at_nodes = gradient(data, data.u)
-        at_edge = jnp.eye(2) + at_nodes[:, data.edge_nodes].mean(axis=2)
-        beyond = jnp.where(there, F + (at_edge - F) * (1.0 + 0.75 * w * data.edges)[:, None, None], F)
-        both = [jax.vmap(law)(f.reshape(-1, 2, 2)).reshape(F.shape) for f in (beyond, F)]
-        share = w * data.edges * (1.0 - 0.5 * w * data.lines[data.edge_nodes, 0, 3].mean(axis=1))
-        return P + share[:, None, None] * (P + both[0] - both[1])
+    def beyond(self, data, mean, F, u, places, a):
+        at_nodes = gradient(data, data.points + u) @ inverse(gradient(data, places[None]))
+        at_edge = at_nodes[:, data.edge_nodes].mean(axis=2)
+        steep = (at_edge - F) * (1.0 + 0.75 * a[0] * data.edges)[:, None, None]
+        return mean + jnp.where((data.edges > 0)[:, None, None], steep, 0.0)
+
+    def share(self, data, a):
+        """Volume (m,) of the strip beside each triangle over that of the triangle."""
+        return a[0] * data.edges * (1.0 - 0.5 * a[0] * data.lines[data.edge_nodes, 0, 3].mean(axis=1))

@@ -27,6 +27,6 @@ class Upturn(Effect):
     amplitudes = (Parameter("c30", "MPa", lower=0.0, typical=0.003),)
     decided_by = "a test to a larger stretch"
 
-    def stress(self, data, F, P, a, shape, law):
+    def stress(self, data, F, P, a, shape):
         slope = jax.vmap(jax.grad(lambda f: (invariants(f)[0] - 3.0) ** 3))(F.reshape(-1, 2, 2))
         return P + a[0] * jnp.reshape(slope, F.shape)

@@ -34,7 +34,7 @@ class Viscosity(Effect):
         steps = np.diff(np.asarray(data.time), prepend=0.0)
         return [(float(t),) for t in np.geomspace(max(steps.min(), 1e-3 * data.time[-1]), data.time[-1], TIMES)]
 
-    def stress(self, data, F, P, a, shape, law):
+    def stress(self, data, F, P, a, shape):
         S, C = inverse(F) @ P, jnp.swapaxes(F, -1, -2) @ F
         inverse_C, C33 = inverse(C), 1 / det(C)
         trace = jnp.sum(S * C, axis=(-2, -1)) / 3  # S33 = 0 holds for S, and S_iso : C = 0 in three dimensions

@@ -7,14 +7,13 @@ the sheet was bent to a cylinder about the other:
     e_x = sum a_k p_k(x),   e_y = sum b_k p_k(y),   p_k Legendre polynomials over the extent, k = 0 .. 4.
 
 A bend shortens, whatever its sign, so that the means a_0 and b_0 are not negative. With A = diag(1 + e_x, 1 + e_y), the
-gradient of the true by the seen reference points, the true deformation gradient is F A^-1, and P turns into det A P A^-T (Piola transformation).
+gradient of the places in the flat sheet by the seen ones, the elastic deformation gradient is F A^-1.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -46,14 +45,12 @@ class InitialWarp(Effect):
     def missing(self, data):
         return lacks_plane_stress(data) or (None if len(data.u) > 2 else "more increments")
 
-    def stress(self, data, F, P, a, shape, law):
-        low, high = data.points.min(axis=0), data.points.max(axis=0)
-        x = 2.0 * (data.centroids - low) / (high - low) - 1.0
+    def places(self, data, X, a, shape):
+        low, high = X.min(axis=0), X.max(axis=0)
+        x = 2.0 * (X - low) / (high - low) - 1.0
         n = len(self.amplitudes) // 2  # the highest polynomials, all or without the mean
-        s = 1.0 + jnp.einsum("ik,kmi->mi", jnp.reshape(a, (2, n)), polynomials(x)[-n:])
-        full = jax.vmap(law)((F / s[:, None, :]).reshape(-1, 2, 2)).reshape(F.shape)
-        plain = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
-        return P + full * s[:, None, ::-1] - plain
+        regained = jnp.einsum("ik,kni->ni", jnp.reshape(a, (2, n)), integrals(x)[-n:])
+        return X + 0.5 * (high - low) * regained
 
 
 @dataclass(frozen=True)
@@ -79,9 +76,9 @@ def regained_strain(points, height):
     return float(0.5 * (slopes**2).max())
 
 
-def polynomials(x):
-    """Legendre polynomials (ORDER + 1, ...) of x in [-1, 1]."""
+def integrals(x):
+    """Legendre polynomials integrated from -1 to x (ORDER + 1, ...) in [-1, 1]."""
     p = [jnp.ones_like(x), x]
-    for k in range(1, ORDER):
+    for k in range(1, ORDER + 1):
         p.append(((2 * k + 1) * x * p[k] - k * p[k - 1]) / (k + 1))
-    return jnp.stack(p)
+    return jnp.stack([x + 1.0, *((p[k + 1] - p[k - 1]) / (2 * k + 1) for k in range(1, ORDER + 1))])

@@ -139,19 +139,20 @@ def _of_extended(model: ExtendedModel, name: str) -> MaterialLaw:
         left_out=tuple(a.effect.name for a in model.additions if not a.effect.of_material),
         origin=(f"found by a diagnosis of {names or 'tests that are not stated'}; verdict: {model.verdict or 'not stated'}",),
     )  # fmt: skip
+    history = [a.effect.name for a in material if a.effect.remembers]
     for addition in material:
-        law = _with_addition(law, addition, len(material))
+        law = _with_addition(law, addition, history)
     return law
 
 
-def _with_addition(law: MaterialLaw, addition: Addition, count: int) -> MaterialLaw:
-    """Raises `ExportError` naming an effect that no target carries."""
+def _with_addition(law: MaterialLaw, addition: Addition, beside: list[str]) -> MaterialLaw:
+    """beside: effects that depend on the history. Raises `ExportError` naming an effect that no target carries."""
     name, a, shape = addition.effect.name, addition.amplitudes, addition.shape
     if name == "compressibility":
-        if count > 1:
+        if beside:
             raise ExportError(
-                f"{law.name}: compressibility beside other effects of the material was fitted as a correction of the base alone, which no "
-                "law in three dimensions is; diagnose again with --without for one of them"
+                f"{law.name}: compressibility beside '{beside[0]}', which depends on the history, has no verified export; diagnose again "
+                "with --without for one of them"
             )
         return replace(law, bulk_modulus=1 / a[0])
     if name not in _ADDED:

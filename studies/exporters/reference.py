@@ -36,10 +36,11 @@ def stress_of_extended(basis: SingleBasis, c: Array, additions: Additions, F: An
     law = partial(base_law, basis.k, basis.n, basis.top, jnp.asarray(c))
     P = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
     data: Any = SimpleNamespace(time=time)
+    relaxing = [a for a in additions if a.effect.stage == "relaxation"]
     for a in ordered(additions):
-        if a.effect.name != "compressibility":
-            P = a.effect.stress(data, F, P, jnp.asarray(a.amplitudes), a.shape, law)
-    return P
+        if a not in relaxing:  # compressibility leaves this stress as it is
+            P = a.effect.stress(data, F, P, jnp.asarray(a.amplitudes), a.shape)
+    return P + sum(a.effect.stress(data, F, P, jnp.asarray(a.amplitudes), a.shape) - P for a in relaxing)
 
 
 def point_stress(stress: Stress, F: Array) -> Array:

@@ -1,6 +1,6 @@
 """The chain from measured displacements and forces to the residual of the virtual-work equations, with effects in it.
 
-`link`: one link, applied and differentiated. `linearisation`: links one after another. `stages`: which links there are, in
+`link`: one link, applied and differentiated. `linearisation`: links one after another. `links`: which there are. `stages`: in
 which order. `composition`: the chain of an Experiment. `noise_spread`: what noise of the displacements does to it.
 """
 

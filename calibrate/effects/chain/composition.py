@@ -20,15 +20,13 @@ from numpy.typing import NDArray
 from calibrate.effects.chain import noise_spread
 from calibrate.effects.chain.addition import Addition, Additions, ordered
 from calibrate.effects.chain.linearisation import Constants, Linearisation, Quantities, Recent, Stage
+from calibrate.effects.chain.links import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
 from calibrate.effects.chain.stages import (
-    DISPLACEMENTS,
-    LOADS,
-    MEASURED,
-    STRESS,
-    Base,
+    deformation_name,
     displacement_stages,
-    gradients_link,
+    gradients_stage,
     load_stages,
+    local_stages,
     stages,
     stress_stages,
 )
@@ -107,8 +105,7 @@ class Chain:
 
     def stress(self, c: Any, additions: Additions = ()) -> Array:
         """P (t, m, 2, 2), MPa, of coefficients c (n,) and the effects in the model."""
-        deformation = self._deformation(additions).quantities
-        return np.asarray(self._run(stress_stages(self.base, additions), c, deformation).quantities[STRESS])
+        return np.asarray(self._run(stress_stages(self.base, additions), c, self._start).quantities[STRESS])
 
     def external(self, additions: Additions = ()) -> Array:
         """Loads (t, 2 v), N, as the effects correct them: minus the residual of a material without stiffness."""
@@ -137,9 +134,8 @@ class Chain:
     def linearised(self, c: Any, additions: Additions) -> Linearisation:
         """The run of the whole chain; the last one is kept."""
         c = np.asarray(c, float)
-        start = self._displacements | {LOADS: self.measured}
         return self.recent.get(
-            (c.tobytes(), ordered(additions)), lambda: self._run(stages(self.base, additions), c, start)
+            (c.tobytes(), ordered(additions)), lambda: self._run(stages(self.base, additions), c, self._start)
         )
 
     def noise_shift(self, c: Any, factor: Any) -> Array:
@@ -154,7 +150,7 @@ class Chain:
         """K^T forces (t, n, 2) of forces (t, 2 v), N; K: tangent of base and effects in the material, at the displacements
         that additions correct."""
         deformation = self._deformation(additions)
-        stress = self._run(stress_stages(self.base, in_material(additions)), c, deformation.quantities)
+        stress = self._run(local_stages(self.base, additions), c, deformation.quantities)
         t = len(forces)
         virtual = np.asarray(forces).reshape(t, 2, -1) @ self.virtual
         dual = jnp.asarray(virtual.reshape(t, 2, -1, 2).swapaxes(1, 2))
@@ -166,10 +162,10 @@ class Chain:
 
         What an increment has of the noise of others is taken for more of its own.
         """
-        deformation, local = self._deformation(additions), in_material(additions)
+        deformation, local = self._deformation(additions), [a for a in additions if a.effect.in_material]
         gradients = np.asarray(deformation.steps[-1].output)
         if local:
-            run = self._run(stress_stages(self.base, local), c, deformation.quantities)
+            run = self._run(local_stages(self.base, additions), c, deformation.quantities)
             remembers = any(one.effect.remembers for one in local)
             moduli = noise_spread.tangent_moduli(run, self.base, self.system.areas, remembers)
             tangents = [self.system.stiffness(modulus) for modulus in moduli]
@@ -178,23 +174,26 @@ class Chain:
         rows = np.array(
             [np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks]) for blocks in tangents]
         )
-        correction = self._run(displacement_stages(additions), (), self._displacements)
+        correction = self._run(displacement_stages(additions), (), self._start)
         if correction.steps:
             rows = _by_measured(correction.pull({DISPLACEMENTS: jnp.asarray(rows.swapaxes(0, 1))})).swapaxes(0, 1)
         return [np.hstack([row[..., k] @ factor for k in range(2)]) for row in rows]
 
     @property
-    def _displacements(self) -> Quantities:
-        return {MEASURED: self.data.u, DISPLACEMENTS: self.data.u}
+    def _start(self) -> Quantities:
+        """What is measured."""
+        data = self.data
+        found = {MEASURED: data.u, DISPLACEMENTS: data.u, PLACES: data.points, LOADS: self.measured}
+        return found if data.time is None else found | {TIME: data.time}
 
     @property
     def _gradients(self) -> Stage:
-        return Stage(gradients_link(self.base))
+        return gradients_stage(deformation_name(self.base))
 
     @cached_property
     def _uncorrected(self) -> Linearisation:
         """From the measured displacements to their F."""
-        return self._run((self._gradients,), (), self._displacements)
+        return self._run((self._gradients,), (), self._start)
 
     def _run(self, links: Sequence[Stage], c: Any, start: Quantities) -> Linearisation:
         return Linearisation.run(links, self.constants(c), start)
@@ -202,7 +201,7 @@ class Chain:
     def _deformation(self, additions: Additions) -> Linearisation:
         """From the measured displacements to F at those that effects correct."""
         corrections = displacement_stages(additions)
-        return self._run((*corrections, self._gradients), (), self._displacements) if corrections else self._uncorrected
+        return self._run((*corrections, self._gradients), (), self._start) if corrections else self._uncorrected
 
     def _change(self, run: Linearisation, addition: Addition, place: int, with_shape: bool = False) -> Array:
         """d residual / d amplitudes of an addition, and shapes behind them, (p, t, 2 v)."""
@@ -219,11 +218,6 @@ class Chain:
 def place_of(addition: Addition, additions: Additions) -> int:
     """Place of an addition among all in their order."""
     return next(i for i, one in enumerate(ordered(additions)) if one is addition)
-
-
-def in_material(additions: Additions) -> Additions:
-    """Those that make stress from F at a place and its past."""
-    return tuple(a for a in additions if a.effect.in_material)
 
 
 def _by_measured(duals: Quantities) -> Array:

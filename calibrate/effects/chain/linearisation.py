@@ -1,12 +1,12 @@
 """Links one after another: run from some quantities, and the derivatives of that run along and against its direction.
 
-Quantities, changes and duals are dictionaries by the names that links read and write. A link may write what it reads.
+Quantities, changes and duals are dictionaries by the names that stages read and write. A stage may write what it reads.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -35,22 +35,45 @@ class Constants:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A link in its place. addition: the effect that it belongs to, with its values, None for a link of the base; place: of
-    this addition among all in their order, which tells two of one effect apart."""
+    """A link in its place.
+
+    additions: the effects that it depends on, with their values, none for a link of the base; where the first has the null
+    value, what the link `passes` is left. places: of these among all in their order, which tells two of one effect apart. names: what a quantity of the link
+    is called here, if not as in the link. turn: which of several runs of the same link for the same effect it is.
+    """
 
     link: Link
-    addition: Addition | None = None
-    place: int | None = None
+    additions: tuple[Addition, ...] = ()
+    places: tuple[int, ...] = ()
+    names: Mapping[str, str] = field(default_factory=dict)
+    turn: Any = None
 
     @property
     def parameters(self) -> Parameters:
-        """Amplitudes (p,) and shape (s,)."""
-        if self.addition is None:
-            return (), ()
-        return jnp.asarray(self.addition.amplitudes, float), jnp.asarray(self.addition.shape, float)
+        """Amplitudes (p,) and shape (s,) of each effect."""
+        return tuple((jnp.asarray(a.amplitudes, float), jnp.asarray(a.shape, float)) for a in self.additions)
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the quantities that are read."""
+        return tuple(self.names.get(name, name) for name in self.link.reads)
+
+    @property
+    def writes(self) -> str:
+        """Name of the quantity that is written."""
+        return self.names.get(self.link.writes, self.link.writes)
 
     def inputs(self, quantities: Quantities) -> tuple[Any, ...]:
-        return tuple(quantities[name] for name in self.link.reads)
+        """Values of the quantities that are read."""
+        return tuple(quantities[name] for name in self.reads)
+
+    def key(self, without: int | None = None) -> Any:
+        """What tells it from all others of a run, as it would be without the addition at a place."""
+        if not self.places:
+            return self.link, self.turn
+        left = (place for place in self.places if place != without)
+        places = tuple(place - (without is not None and place > without) for place in left)
+        return type(self.link), places, self.turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,32 +96,40 @@ class Linearisation:
     @classmethod
     def run(cls, stages: Sequence[Stage], constants: Constants, start: Mapping[str, Any]) -> Linearisation:
         """Apply the stages in their order."""
-        quantities, steps = dict(start), []
-        for stage in stages:
-            inputs = stage.inputs(quantities)
-            output = apply(stage.link, inputs, constants.of(stage.link), stage.parameters)
-            quantities[stage.link.writes] = output
-            steps.append(Step(stage, inputs, output))
-        return cls(constants, dict(start), tuple(steps))
+        return cls(constants, dict(start), ()).extended(stages, lambda stage, quantities: None)
 
     def with_null(self, stages: Sequence[Stage], null: int) -> Linearisation:
-        """The run of `stages`, which are those of this run and those of the addition at place `null`, which changes nothing."""
-        quantities, steps, known = dict(self.start), [], iter(self.steps)
+        """The run of `stages`, which are those of this run and those that the addition at place `null` brings; it changes
+        nothing, so that what this run has found holds."""
+        known = {step.stage.key(): step.output for step in self.steps}
+
+        def find(stage: Stage, quantities: Quantities) -> Any:
+            passes, output = stage.link.passes, known.get(stage.key(null))
+            if output is None and passes is not None and stage.places[:1] == (null,):
+                return quantities[stage.names.get(passes, passes)]
+            return output
+
+        return Linearisation(self.constants, self.start, ()).extended(stages, find)
+
+    def extended(self, stages: Sequence[Stage], find: Callable[[Stage, Quantities], Any]) -> Linearisation:
+        """With further stages, applied where `find` does not know what they write."""
+        quantities, steps = self.quantities, list(self.steps)
         for stage in stages:
-            inputs = stage.inputs(quantities)
-            output = quantities[stage.link.writes] if stage.place == null else next(known).output
-            quantities[stage.link.writes] = output
+            inputs, output = stage.inputs(quantities), find(stage, quantities)
+            if output is None:
+                output = apply(stage.link, inputs, self.constants.of(stage.link), stage.parameters)
+            quantities[stage.writes] = output
             steps.append(Step(stage, inputs, output))
         return Linearisation(self.constants, self.start, tuple(steps))
 
     @property
     def quantities(self) -> Quantities:
         """Every quantity, as it is at the end."""
-        return self.start | {step.stage.link.writes: step.output for step in self.steps}
+        return self.start | {step.stage.writes: step.output for step in self.steps}
 
     def split_at(self, name: str) -> tuple[Linearisation, Linearisation]:
         """The steps up to the first one that writes a quantity, and those behind it."""
-        place = 1 + next(i for i, step in enumerate(self.steps) if step.stage.link.writes == name)
+        place = 1 + next(i for i, step in enumerate(self.steps) if step.stage.writes == name)
         first = Linearisation(self.constants, self.start, self.steps[:place])
         return first, Linearisation(self.constants, first.quantities, self.steps[place:])
 
@@ -114,9 +145,10 @@ class Linearisation:
         moved: Quantities = {}
         for step in self.steps:
             change = self._pushed(step, moved)
-            if step.stage.place == place:
-                link = step.stage.link
-                own = push_parameters(link, with_shape, step.inputs, self.constants.of(link), step.stage.parameters)
+            if place in step.stage.places:
+                link, which = step.stage.link, step.stage.places.index(place)
+                given = step.inputs, self.constants.of(link), step.stage.parameters
+                own = push_parameters(link, which, with_shape, *given)
                 change = own if change is None else own + change
             _write(moved, step, change)
         return moved
@@ -126,17 +158,17 @@ class Linearisation:
         found = dict(duals)
         for step in reversed(self.steps):
             link = step.stage.link
-            dual = found.pop(link.writes, None)
+            dual = found.pop(step.stage.writes, None)
             if dual is None:
                 continue
             backs = pull(link, step.inputs, self.constants.of(link), step.stage.parameters, dual)
-            for name, back in zip(link.reads, backs, strict=True):
+            for name, back in zip(step.stage.reads, backs, strict=True):
                 found[name] = found[name] + back if name in found else back
         return found
 
     def _pushed(self, step: Step, changes: Quantities) -> Any:
         """Changes (k, ...) of what a step writes; None if none of its inputs changes."""
-        given, link = tuple(changes.get(name) for name in step.stage.link.reads), step.stage.link
+        given, link = tuple(changes.get(name) for name in step.stage.reads), step.stage.link
         if all(change is None for change in given):
             return None
         return push(link, step.inputs, self.constants.of(link), step.stage.parameters, given)
@@ -144,9 +176,9 @@ class Linearisation:
 
 def _write(changes: Quantities, step: Step, change: Any) -> None:
     if change is None:
-        changes.pop(step.stage.link.writes, None)
+        changes.pop(step.stage.writes, None)
     else:
-        changes[step.stage.link.writes] = change
+        changes[step.stage.writes] = change
 
 
 class Recent:

@@ -1,7 +1,7 @@
 """One link of the chain: a function of quantities, applied and differentiated by JAX, and compiled by itself.
 
 A link reads some quantities and writes one. Since every link is compiled by itself, for the sizes of its arrays, a model with
-a new combination of effects compiles nothing, nor does another experiment of the same size.
+a new combination of effects compiles hardly anything, nor does another experiment of the same size.
 """
 
 from __future__ import annotations
@@ -13,18 +13,20 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
-Parameters = tuple[Any, Any]  # amplitudes (p,) and shape (s,) of an effect; both empty for a link of no effect
+Parameters = tuple[tuple[Any, Any], ...]  # amplitudes (p,) and shape (s,) of each effect in a link; none for a link of no effect
 
 
 class Link(ABC):
     """A function from quantities to one quantity; equal links share their compiled code, so that subclasses are frozen
     dataclasses.
 
-    reads, writes: names of the quantities. uses_coefficients: whether it depends on the base model.
+    reads, writes: names of the quantities. passes: the one that is written unchanged where its effect has the null value, if
+    there is one. uses_coefficients: whether it depends on the base model.
     """
 
     reads: ClassVar[tuple[str, ...]]
     writes: ClassVar[str]
+    passes: ClassVar[str | None] = None
     uses_coefficients: ClassVar[bool] = False
 
     @abstractmethod
@@ -60,14 +62,19 @@ def pull(link: Link, inputs: tuple[Any, ...], constants: Any, parameters: Parame
     return tuple(jax.lax.map(lambda dual: back(dual)[0], duals))
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=(0, 1, 2))
 def push_parameters(
-    link: Link, with_shape: bool, inputs: tuple[Any, ...], constants: Any, parameters: Parameters
+    link: Link, which: int, with_shape: bool, inputs: tuple[Any, ...], constants: Any, parameters: Parameters
 ) -> Any:
-    """Derivatives (p, ...) of what is written by the amplitudes, and behind them by the shape if `with_shape`."""
-    amplitudes, shape = parameters
+    """Derivatives (p, ...) of what is written by the amplitudes of an effect in the link, and behind them by its shape if
+    `with_shape`."""
+    amplitudes, shape = parameters[which]
+
+    def moved(a: Any, s: Any) -> Any:
+        return link(inputs, constants, (*parameters[:which], (a, s), *parameters[which + 1 :]))
+
     if not with_shape:
-        return jnp.moveaxis(jax.jacfwd(lambda a: link(inputs, constants, (a, shape)))(amplitudes), -1, 0)
+        return jnp.moveaxis(jax.jacfwd(lambda a: moved(a, shape))(amplitudes), -1, 0)
     n = len(amplitudes)
-    both = jax.jacfwd(lambda x: link(inputs, constants, (x[:n], x[n:])))(jnp.concatenate([amplitudes, shape]))
+    both = jax.jacfwd(lambda x: moved(x[:n], x[n:]))(jnp.concatenate([amplitudes, shape]))
     return jnp.moveaxis(both, -1, 0)

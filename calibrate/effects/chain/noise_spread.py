@@ -16,7 +16,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.effects.chain.linearisation import Constants, Linearisation
-from calibrate.effects.chain.stages import STRESS, Base, gradients_link
+from calibrate.effects.chain.links import STRESS, Base
+from calibrate.effects.chain.stages import deformation_name
 from calibrate.effects.support.nodal_derivatives import gradients
 from calibrate.equations import isochoric
 
@@ -45,11 +46,9 @@ def stress_shift(base: Base, constants: Constants, axes: Any) -> Any:
     (sigma points; Julier and Uhlmann 1997).
     """
     F = gradients(constants.data, constants.data.u)
-    law = jax.vmap(base.law(constants))
 
     def stress(F: Any) -> Any:
-        taken = isochoric.isochoric(F) if base.plane_strain else F
-        P = law(taken.reshape(-1, 2, 2)).reshape(F.shape)
+        P = base.stress(constants, isochoric.isochoric(F) if base.plane_strain else F)
         return isochoric.stress(F, P, constants.c[-1]) if base.plane_strain else P
 
     change = -4.0 * stress(F)
@@ -66,7 +65,7 @@ def tangent_moduli(run: Linearisation, base: Base, areas: Array, remembers: bool
     run: from F to P, of base and effects in the material; areas (m,), mm^2; remembers: whether stress depends on earlier
     increments.
     """
-    name = gradients_link(base).writes
+    name = deformation_name(base)
     t, m = run.start[name].shape[:2]
     areas = areas[:, None, None]
     own, others = np.zeros((t, m, 2, 2, 2, 2)), np.zeros(t)

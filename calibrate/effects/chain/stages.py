@@ -1,184 +1,164 @@
-"""Which links a chain has, in their order: displacements, deformation gradients, stress of the base and of effects, loads.
+"""Which links a chain has, in the order of nature.
 
-    measured displacements -> as effects correct them -> F -> [plane strain: isochoric part] -> stress of the base
-    -> as every effect changes it -> [plane strain: whole stress];        measured loads -> as effects correct them
+    places and displacements as the camera saw them -> true ones, at the times of the forces -> mean over the thickness
+    -> F by the true places of the reference -> [thickness: mean deformation] -> [volume at which the faces are free of stress]
+    -> energies -> chains formed anew -> stiffness, softening, relaxation -> P -> [mean over the thickness] -> [strip]
+    -> P by the measured places;        measured loads -> as effects correct them
 
-In plane strain base and effects act on the isochoric part, as in an incompressible sheet; the bulk modulus is the last
-coefficient (`calibrate.equations.isochoric`).
+An effect changes one of them, and every other one sees the change: where the volume is to be found, and in the strip beside the
+measured region, the whole material is run again. In plane strain the material acts on the isochoric part, as in an
+incompressible sheet; the bulk modulus is the last coefficient (`calibrate.equations.isochoric`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from typing import Any
 
-import jax
-
+from calibrate.effects.chain import links
 from calibrate.effects.chain.addition import Addition, Additions, ordered
-from calibrate.effects.chain.base_law import base_law
-from calibrate.effects.chain.linearisation import Constants, Stage
-from calibrate.effects.chain.link import Link, Parameters
+from calibrate.effects.chain.linearisation import Stage
+from calibrate.effects.chain.link import Link
+from calibrate.effects.chain.links import (
+    CURVED,
+    CURVED_BESIDE,
+    DEFORMATION,
+    ELASTIC,
+    GRADIENTS,
+    STRESS,
+    STRESS_BESIDE,
+    VOLUME,
+    Base,
+)
 from calibrate.effects.effect import Effect
-from calibrate.effects.support.effect_data import Data
-from calibrate.effects.support.nodal_derivatives import gradients
-from calibrate.equations import isochoric
 
-Inputs = tuple[Any, ...]
-
-MEASURED = "measured displacements"  # (t, n, 2), mm
-DISPLACEMENTS = "displacements"  # (t, n, 2), mm, as effects correct them
-GRADIENTS = "deformation gradients"  # F (t, m, 2, 2)
-DEFORMATION = "deformation of laws"  # (t, m, 2, 2): F, in plane strain its isochoric part
-STRESS = "stress"  # P (t, m, 2, 2), MPa
-LOADS = "loads"  # (t, 2, b), N, as effects correct them
+Stages = tuple[Stage, ...]
+Names = Mapping[str, str]
+SWEEPS = 6  # of the volume ratio
 
 
-@dataclass(frozen=True)
-class Base:
-    """A base model of one invariant: its number, that of its functions, and whether in plane strain."""
-
-    invariant: int
-    n_functions: int
-    plane_strain: bool
-
-    def law(self, constants: Constants) -> Any:
-        """Its stress (2, 2) at one deformation gradient (2, 2); in plane strain at its isochoric part."""
-        return partial(base_law, self.invariant, self.n_functions, constants.top, constants.c)
-
-
-@dataclass(frozen=True)
-class CorrectedDisplacements(Link):
-    """Displacements as an effect corrects them; it may look at the measured ones, too."""
-
-    effect: Effect
-    reads: ClassVar[tuple[str, ...]] = (DISPLACEMENTS, MEASURED)
-    writes: ClassVar[str] = DISPLACEMENTS
-
-    def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
-        u, measured = inputs
-        return self.effect.displacements(replace(constants, u=measured), u, *parameters)
-
-
-@dataclass(frozen=True)
-class DeformationGradients(Link):
-    """F of displacements."""
-
-    reads: ClassVar[tuple[str, ...]] = (DISPLACEMENTS,)
-    writes: ClassVar[str] = GRADIENTS
-
-    def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
-        return gradients(constants, *inputs)
-
-
-@dataclass(frozen=True)
-class SheetGradients(DeformationGradients):
-    """F of displacements in plane stress, where laws take it as it is."""
-
-    writes: ClassVar[str] = DEFORMATION
-
-
-@dataclass(frozen=True)
-class IsochoricPart(Link):
-    """The deformation gradient of an incompressible sheet, in plane strain."""
-
-    reads: ClassVar[tuple[str, ...]] = (GRADIENTS,)
-    writes: ClassVar[str] = DEFORMATION
-
-    def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
-        return isochoric.isochoric(*inputs)
-
-
-@dataclass(frozen=True)
-class BaseStress(Link):
-    """P of the base model."""
-
-    base: Base
-    reads: ClassVar[tuple[str, ...]] = (DEFORMATION,)
-    writes: ClassVar[str] = STRESS
-    uses_coefficients: ClassVar[bool] = True
-
-    def __call__(self, inputs: Inputs, constants: Constants, parameters: Parameters) -> Any:
-        (F,) = inputs
-        return jax.vmap(self.base.law(constants))(F.reshape(-1, 2, 2)).reshape(F.shape)
-
-
-@dataclass(frozen=True)
-class ChangedStress(Link):
-    """P as an effect changes it."""
-
-    effect: Effect
-    base: Base
-    reads: ClassVar[tuple[str, ...]] = (DEFORMATION, STRESS)
-    writes: ClassVar[str] = STRESS
-    uses_coefficients: ClassVar[bool] = True
-
-    def __call__(self, inputs: Inputs, constants: Constants, parameters: Parameters) -> Any:
-        F, P = inputs
-        return self.effect.stress(constants.data, F, P, parameters[0], parameters[1], self.base.law(constants))
-
-
-@dataclass(frozen=True)
-class PlaneStrainStress(Link):
-    """P of F and of the stress that an incompressible sheet has at its isochoric part."""
-
-    reads: ClassVar[tuple[str, ...]] = (GRADIENTS, STRESS)
-    writes: ClassVar[str] = STRESS
-    uses_coefficients: ClassVar[bool] = True
-
-    def __call__(self, inputs: Inputs, constants: Constants, parameters: Parameters) -> Any:
-        F, P = inputs
-        return isochoric.stress(F, P, constants.c[-1])
-
-
-@dataclass(frozen=True)
-class CorrectedLoads(Link):
-    """Forces as an effect corrects them."""
-
-    effect: Effect
-    reads: ClassVar[tuple[str, ...]] = (LOADS,)
-    writes: ClassVar[str] = LOADS
-
-    def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
-        return self.effect.loads(constants, inputs[0], *parameters)
-
-
-def stages(base: Base, additions: Additions) -> tuple[Stage, ...]:
+def stages(base: Base, additions: Additions) -> Stages:
     """All stages of a chain, additions in whatever order these are given."""
+    return (*stress_stages(base, additions), *load_stages(additions))
+
+
+def displacement_stages(additions: Additions) -> Stages:
+    """Those that correct displacements, the correlation's first, the mean over the thickness last."""
+    camera = _backwards(links.CorrectedDisplacements, "displacements", additions)
+    return (*camera, *_backwards(links.MeanDisplacements, "of_the_mean", additions))
+
+
+def load_stages(additions: Additions) -> Stages:
+    """Those that correct loads, the load cell's first."""
+    return _backwards(links.CorrectedLoads, "loads", additions)
+
+
+def gradients_stage(name: str) -> Stage:
+    """From displacements to F, under a name."""
+    return Stage(links.DeformationGradients(), names={GRADIENTS: name})
+
+
+def deformation_name(base: Base) -> str:
+    """What a deformation gradient is called that goes into the material as it is."""
+    return CURVED if base.plane_strain else DEFORMATION
+
+
+def local_stages(base: Base, additions: Additions) -> Stages:
+    """Those from F, called `deformation_name`, to P that hold at a place and its past."""
+    local = tuple(a for a in additions if a.effect.in_material)
+    return _plane_strain(base, local) if base.plane_strain else _laws(base, local, {}, (0,))
+
+
+def stress_stages(base: Base, additions: Additions) -> Stages:
+    """Those from what is measured to P."""
+    places = _backwards(links.CorrectedPlaces, "places", additions)
+    moved = (*places, *displacement_stages(additions), *_backwards(links.CorrectedTime, "time", additions))
+    thick, strip = _acting("of_the_mean", additions), _acting("beyond", additions)
+    curved = CURVED if base.plane_strain or _acting("volume", additions) else DEFORMATION
+    names = {CURVED: curved, ELASTIC: ELASTIC if thick else curved}
+    found = [*moved, gradients_stage(GRADIENTS if places else names[ELASTIC])]
+    if places:
+        found.append(Stage(links.ElasticGradients(), names=names))
+    for place, a in thick:
+        found.append(Stage(links.Thinning(a.effect), names=names))
+        found.append(Stage(links.MeanDeformation(a.effect), (a,), (place,), names))
+    found += _material(base, additions, names, ())
+    found += [Stage(links.MeanStress(a.effect), (a,), (place,), names) for place, a in thick]
+    for place, a in strip:
+        found += _strip(base, additions, place, a, names)
+    return (*found, *([Stage(links.MeasuredReference())] if places else []))
+
+
+def _strip(base: Base, additions: Additions, place: int, strip: Addition, names: Names) -> Stages:
+    """The material in the strip beside the measured region, and what it carries."""
+    compressible = names[CURVED] == CURVED
+    inside = {
+        CURVED: CURVED_BESIDE,
+        VOLUME: f"{VOLUME} of the strip",
+        DEFORMATION: f"{DEFORMATION} of the strip" if compressible else CURVED_BESIDE,
+        STRESS: STRESS_BESIDE,
+    }
     return (
-        *displacement_stages(additions),
-        Stage(gradients_link(base)),
-        *stress_stages(base, additions),
-        *load_stages(additions),
+        Stage(links.StripDeformation(strip.effect), (strip,), (place,), names),
+        *_material(base, additions, inside, ("strip",)),
+        Stage(links.WithStrip(strip.effect), (strip,), (place,)),
     )
 
 
-def gradients_link(base: Base) -> Link:
-    """From displacements to F."""
-    return DeformationGradients() if base.plane_strain else SheetGradients()
+def _material(base: Base, additions: Additions, names: Names, turn: tuple[str, ...]) -> Stages:
+    """From the mean deformation to its stress."""
+    compressible = _acting("volume", additions)
+    if base.plane_strain:
+        return _plane_strain(base, additions)
+    if not compressible:
+        return _laws(base, additions, names, (*turn, 0))
+    place, a = compressible[0]
+    sweeps = 1 if a.is_null else SWEEPS  # one is exact for the derivative, and its laws are those without the effect
+    found = [Stage(links.Incompressible(), names=names, turn=turn)]
+    for k in range(sweeps + 1):
+        now = (*turn, 0 if a.is_null else k)
+        found.append(Stage(links.FreeOfVolume(), names=names, turn=now))
+        found += _laws(base, additions, names, now)
+        if k < sweeps:
+            found.append(Stage(links.VolumeRatio(a.effect, base), (a,), (place,), names, now))
+    return (*found, Stage(links.StressAtVolume(), names=names, turn=turn))
 
 
-def displacement_stages(additions: Additions) -> tuple[Stage, ...]:
-    """Those that correct displacements, the camera's first."""
-    acting = reversed(acting_on("displacements", additions))
-    return tuple(Stage(CorrectedDisplacements(a.effect), a, place) for place, a in acting)
+def _plane_strain(base: Base, additions: Additions) -> Stages:
+    """From F to P in plane strain."""
+    return Stage(links.IsochoricPart()), *_laws(base, additions, {}, (0,)), Stage(links.PlaneStrainStress())
 
 
-def stress_stages(base: Base, additions: Additions) -> tuple[Stage, ...]:
-    """Those from F to P, the material's first."""
-    changes = [Stage(ChangedStress(a.effect, base), a, place) for place, a in acting_on("stress", additions)]
-    if not base.plane_strain:
-        return Stage(BaseStress(base)), *changes
-    return Stage(IsochoricPart()), Stage(BaseStress(base)), *changes, Stage(PlaneStrainStress())
+def _laws(base: Base, additions: Additions, names: Names, turn: tuple[Any, ...]) -> Stages:
+    """The stress of an incompressible sheet, with its history."""
+    found = [Stage(links.BaseStress(base), names=names, turn=turn)]
+    acting = _acting("stress", additions) + _acting("reformed", additions)
+    energies = [(place, a) for place, a in acting if a.effect.stage == "energy"]
+    relaxing = [(place, a) for place, a in acting if a.effect.stage == "relaxation"]
+    for place, a in sorted(acting, key=lambda both: both[0]):
+        if a.effect.stage == "set":
+            together = [(place, a), *energies]
+            link: Link = links.FormedAnew(a.effect, tuple(one.effect for _, one in energies), base)
+        elif a.effect.stage == "relaxation":
+            continue
+        else:
+            together, link = [(place, a)], links.ChangedStress(a.effect)
+        found.append(_together(link, together, names, turn))
+    if relaxing:
+        found.append(_together(links.RelaxedStress(tuple(a.effect for _, a in relaxing)), relaxing, names, turn))
+    return tuple(found)
 
 
-def load_stages(additions: Additions) -> tuple[Stage, ...]:
-    """Those that correct loads, the camera's first."""
-    acting = reversed(acting_on("loads", additions))
-    return tuple(Stage(CorrectedLoads(a.effect), a, place) for place, a in acting)
+def _together(link: Link, acting: list[tuple[int, Addition]], names: Names, turn: Any) -> Stage:
+    return Stage(link, tuple(a for _, a in acting), tuple(place for place, _ in acting), names, turn)
 
 
-def acting_on(quantity: str, additions: Additions) -> list[tuple[int, Addition]]:
-    """Additions that change 'displacements', 'stress' or 'loads', with their places in the order of all."""
-    plain = getattr(Effect, quantity)
-    return [(i, a) for i, a in enumerate(ordered(additions)) if getattr(type(a.effect), quantity) is not plain]
+def _backwards(link: type[links.OfEffect], hook: str, additions: Additions) -> Stages:
+    """A link for every effect that overrides a method, from the camera and the load cell to the material."""
+    return tuple(Stage(link(a.effect), (a,), (place,)) for place, a in reversed(_acting(hook, additions)))
+
+
+def _acting(hook: str, additions: Additions) -> list[tuple[int, Addition]]:
+    """Additions that override a method of `Effect`, with their places in the order of all."""
+    plain = getattr(Effect, hook)
+    return [(i, a) for i, a in enumerate(ordered(additions)) if getattr(type(a.effect), hook) is not plain]

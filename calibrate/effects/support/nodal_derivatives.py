@@ -12,6 +12,11 @@ def gradients(data, u):
     return jnp.eye(2) + jnp.einsum("tmki,mkj->tmij", u[:, data.stencil], data.slopes)
 
 
+def reference_gradients(data, places):
+    """Gradient (m, 2, 2) at the centroids of true places (n, 2) by the measured ones of the reference."""
+    return gradients(data, (places - data.points)[None])[0]
+
+
 def law_gradients(data, u):
     """What effects take for the deformation gradient (t, m, 2, 2) at displacements (t, n, 2)."""
     F = gradients(data, u)

@@ -108,6 +108,6 @@ def test_beside_a_test_whose_forces_are_measured_a_window_fixes_no_level():
 
 def test_effects_of_a_load_cell_need_forces_that_are_used():
     problem, base = prepare([window()], [all_rows])
-    chosen = [effect for effect in CATALOGUE if effect.stage == "load"]
+    chosen = [effect for effect in CATALOGUE if effect.of_forces]
     assert chosen
     assert not {one.status for one in score(problem, base, chosen)} & {Status.TESTED, Status.ABSORBED}
