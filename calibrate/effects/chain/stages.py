@@ -34,7 +34,7 @@ from calibrate.effects.effect import Effect
 
 Stages = tuple[Stage, ...]
 Names = Mapping[str, str]
-SWEEPS = 6  # of the volume ratio
+SWEEPS = 4  # of the volume ratio
 
 
 def stages(base: Base, additions: Additions) -> Stages:
