@@ -133,11 +133,6 @@ class Effect:
         """True times (t,), s, of the forces, of those that were recorded."""
         return time
 
-    def of_the_mean(self, data: Data, u: Any, places: Any, a: Any) -> Any:
-        """Displacements (t, n, 2), mm, of the mean over the thickness, of those of the surface; see `finite_thickness`, which has
-        also what this does to the stress."""
-        return u
-
     def stress(self, data: Data, F: Any, P: Any, a: Any, shape: Any) -> Any:
         """In-plane first Piola-Kirchhoff stress (t, m, 2, 2), MPa, from the one so far, P; F (t, m, 2, 2), of an
         incompressible sheet.
@@ -150,19 +145,6 @@ class Effect:
         """What an energy adds to P (t, m, 2, 2), MPa, where it is free of stress at the deformation `formed` (t, m, 2, 2)."""
         back = inverse(formed)
         return self.stress(data, F @ back, jnp.zeros_like(F), a, shape) @ jnp.swapaxes(back, -1, -2)
-
-    def reformed(self, F: Any, P: Any, a: Any, law: Any) -> Any:
-        """P (t, m, 2, 2), MPa, with chains formed anew; law: that of all energies, (t, m, 2, 2) at F and the deformation at which it is free of stress."""
-        return P
-
-    def volume(self, F: Any, P: Any, J: Any, a: Any, modulus: Any) -> Any:
-        """J (t, m), one iteration nearer to that of a sheet with free faces; P: at F, the deformation over J^(1/3); modulus: about that of
-        shear, MPa."""
-        return J
-
-    def beyond(self, data: Data, mean: Any, F: Any, u: Any, places: Any, a: Any) -> Any:
-        """Deformation (t, m, 2, 2) of an unmeasured strip beside each triangle; see `unmeasured_strip`."""
-        return mean
 
     def loads(self, data: Data, loads: Any, a: Any, shape: Any) -> Any:
         """True forces (t, 2, b), N, of the measured ones (t, 2, b) on the b loaded boundaries."""

@@ -139,19 +139,19 @@ def _of_extended(model: ExtendedModel, name: str) -> MaterialLaw:
         left_out=tuple(a.effect.name for a in model.additions if not a.effect.of_material),
         origin=(f"found by a diagnosis of {names or 'tests that are not stated'}; verdict: {model.verdict or 'not stated'}",),
     )  # fmt: skip
-    history = [a.effect.name for a in material if a.effect.remembers]
+    unverified = [a.effect.name for a in material if a.effect.name not in ISOTROPIC]
     for addition in material:
-        law = _with_addition(law, addition, history)
+        law = _with_addition(law, addition, unverified)
     return law
 
 
 def _with_addition(law: MaterialLaw, addition: Addition, beside: list[str]) -> MaterialLaw:
-    """beside: effects that depend on the history. Raises `ExportError` naming an effect that no target carries."""
+    """beside: effects beside which a finite bulk modulus is not carried. Raises `ExportError` naming an effect that no target carries."""
     name, a, shape = addition.effect.name, addition.amplitudes, addition.shape
     if name == "compressibility":
         if beside:
             raise ExportError(
-                f"{law.name}: compressibility beside '{beside[0]}', which depends on the history, has no verified export; diagnose again "
+                f"{law.name}: compressibility beside '{beside[0]}' has no verified export; diagnose again "
                 "with --without for one of them"
             )
         return replace(law, bulk_modulus=1 / a[0])
@@ -164,6 +164,7 @@ def _with_addition(law: MaterialLaw, addition: Addition, beside: list[str]) -> M
     return replace(law, **changes)
 
 
+ISOTROPIC = ("compressibility", "second invariant", "upturn")  # energies of the isochoric invariants, and the volume's
 _ADDED: dict[str, Callable[..., dict[str, Any]]] = {
     "second invariant": lambda law, a, s: {"terms": (*law.terms, PowerTerm(a[0], 2))},
     "upturn": lambda law, a, s: {"terms": (*law.terms, PowerTerm(a[0], 1, 3.0))},

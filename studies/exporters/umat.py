@@ -59,7 +59,7 @@ class Umat(Target):
 
 def is_unsymmetric(law: MaterialLaw) -> bool:
     """Whether the tangent is: softening has no potential, nor has the deviator of what is no function of the isochoric part."""
-    return bool(law.mullins or law.payne or len(law.branches) > 1 or (law.branches and law.fibres))
+    return bool(law.mullins or law.payne or (law.branches and law.fibres))
 
 
 def history_size(law: MaterialLaw) -> int:

@@ -13,11 +13,11 @@
 !       1: largest I1BAR - 3 so far (softening)
 {% if law.branches %}
 {% for b in law.branches %}
-!       {{ 2 + 12 * loop.index0 }}-{{ 7 + 12 * loop.index0 }}: DEV S before branch {{ loop.index }}, {{ 8 + 12 * loop.index0 }}-{{ 13 + 12 * loop.index0 }}: its overstress
+!       {{ 2 + 12 * loop.index0 }}-{{ 7 + 12 * loop.index0 }}: DEV S of branch {{ loop.index }}, {{ 8 + 12 * loop.index0 }}-{{ 13 + 12 * loop.index0 }}: its overstress
 {% endfor %}
 {% endif %}
 !     Relaxation acts on DEV S = S - (S : C)/3 C**-1 (S: second Piola-
-!     Kirchhoff stress, earlier branches included), not on the pressure.
+!     Kirchhoff stress, elastic), not on the pressure; branches add up.
 !     Softening is a factor on the whole elastic stress, volume included.
       IMPLICIT NONE
       INTEGER NTENS, NSTATV, NPROPS, NDI, NSHR, NOEL, NPT, LAYER, KSPT
@@ -150,12 +150,14 @@
           T(I, J) = PHI*T(I, J)
         END DO
       END DO
+{% if law.branches %}
+      CALL EQDEV(T, C, TD, CD)
+{% endif %}
 {% for b in law.branches %}
 !     branch {{ loop.index }}: g = {{ b.g }}, tau = {{ b.tau }} s
       R = DTIME/{{ b.tau | fortran }}
       GAIN = 1.0D0
       IF (R .GT. 1.0D-12) GAIN = EQGAIN(R)
-      CALL EQDEV(T, C, TD, CD)
       DO A = 1, 6
         H = 0.0D0
         DO K = 1, 3

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from calibrate.effects.chain import noise_spread
 from calibrate.effects.chain.addition import Addition, Additions, ordered
 from calibrate.effects.chain.linearisation import Constants, Linearisation, Quantities, Recent, Stage
-from calibrate.effects.chain.links import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
+from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
 from calibrate.effects.chain.stages import (
     deformation_name,
     displacement_stages,

@@ -13,7 +13,9 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
-Parameters = tuple[tuple[Any, Any], ...]  # amplitudes (p,) and shape (s,) of each effect in a link; none for a link of no effect
+Parameters = tuple[
+    tuple[Any, Any], ...
+]  # amplitudes (p,) and shape (s,) of each effect in a link; none for a link of no effect
 
 
 class Link(ABC):

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.effects.chain.linearisation import Constants, Linearisation
-from calibrate.effects.chain.links import STRESS, Base
+from calibrate.effects.chain.quantities import STRESS, Base
 from calibrate.effects.chain.stages import deformation_name
 from calibrate.effects.support.nodal_derivatives import gradients
 from calibrate.equations import isochoric

@@ -15,11 +15,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from calibrate.effects.chain import links
+from calibrate.effects.chain import links_of_motion as motion
+from calibrate.effects.chain import links_of_stress as stress
 from calibrate.effects.chain.addition import Addition, Additions, ordered
 from calibrate.effects.chain.linearisation import Stage
 from calibrate.effects.chain.link import Link
-from calibrate.effects.chain.links import (
+from calibrate.effects.chain.quantities import (
     CURVED,
     CURVED_BESIDE,
     DEFORMATION,
@@ -30,7 +31,11 @@ from calibrate.effects.chain.links import (
     VOLUME,
     Base,
 )
+from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.effect import Effect
+from calibrate.effects.finite_thickness import Thickness
+from calibrate.effects.permanent_set import PermanentSet
+from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 
 Stages = tuple[Stage, ...]
 Names = Mapping[str, str]
@@ -44,18 +49,19 @@ def stages(base: Base, additions: Additions) -> Stages:
 
 def displacement_stages(additions: Additions) -> Stages:
     """Those that correct displacements, the correlation's first, the mean over the thickness last."""
-    camera = _backwards(links.CorrectedDisplacements, "displacements", additions)
-    return (*camera, *_backwards(links.MeanDisplacements, "of_the_mean", additions))
+    camera = _backwards(motion.CorrectedDisplacements, "displacements", additions)
+    thick = _of(Thickness, additions)
+    return (*camera, *(Stage(motion.MeanDisplacements(effect), (a,), (place,)) for place, a, effect in thick))
 
 
 def load_stages(additions: Additions) -> Stages:
     """Those that correct loads, the load cell's first."""
-    return _backwards(links.CorrectedLoads, "loads", additions)
+    return _backwards(motion.CorrectedLoads, "loads", additions)
 
 
 def gradients_stage(name: str) -> Stage:
     """From displacements to F, under a name."""
-    return Stage(links.DeformationGradients(), names={GRADIENTS: name})
+    return Stage(motion.DeformationGradients(), names={GRADIENTS: name})
 
 
 def deformation_name(base: Base) -> str:
@@ -71,91 +77,91 @@ def local_stages(base: Base, additions: Additions) -> Stages:
 
 def stress_stages(base: Base, additions: Additions) -> Stages:
     """Those from what is measured to P."""
-    places = _backwards(links.CorrectedPlaces, "places", additions)
-    moved = (*places, *displacement_stages(additions), *_backwards(links.CorrectedTime, "time", additions))
-    thick, strip = _acting("of_the_mean", additions), _acting("beyond", additions)
-    curved = CURVED if base.plane_strain or _acting("volume", additions) else DEFORMATION
+    places = _backwards(motion.CorrectedPlaces, "places", additions)
+    moved = (*places, *displacement_stages(additions), *_backwards(motion.CorrectedTime, "time", additions))
+    thick = _of(Thickness, additions)
+    curved = CURVED if base.plane_strain or _of(Compressibility, additions) else DEFORMATION
     names = {CURVED: curved, ELASTIC: ELASTIC if thick else curved}
     found = [*moved, gradients_stage(GRADIENTS if places else names[ELASTIC])]
     if places:
-        found.append(Stage(links.ElasticGradients(), names=names))
-    for place, a in thick:
-        found.append(Stage(links.Thinning(a.effect), names=names))
-        found.append(Stage(links.MeanDeformation(a.effect), (a,), (place,), names))
+        found.append(Stage(motion.ElasticGradients(), names=names))
+    for place, a, effect in thick:
+        found.append(Stage(motion.Thinning(effect), names=names))
+        found.append(Stage(motion.MeanDeformation(effect), (a,), (place,), names))
     found += _material(base, additions, names, ())
-    found += [Stage(links.MeanStress(a.effect), (a,), (place,), names) for place, a in thick]
-    for place, a in strip:
-        found += _strip(base, additions, place, a, names)
-    return (*found, *([Stage(links.MeasuredReference())] if places else []))
+    found += [Stage(stress.MeanStress(effect), (a,), (place,), names) for place, a, effect in thick]
+    for place, a, strip in _of(UnmeasuredStrip, additions):
+        found.append(Stage(motion.StripDeformation(strip), (a,), (place,), names))
+        found += _material(base, additions, _inside_strip(names), ("strip",))
+        found.append(Stage(stress.WithStrip(strip), (a,), (place,)))
+    return (*found, *([Stage(stress.MeasuredReference())] if places else []))
 
 
-def _strip(base: Base, additions: Additions, place: int, strip: Addition, names: Names) -> Stages:
-    """The material in the strip beside the measured region, and what it carries."""
+def _inside_strip(names: Names) -> Names:
+    """What quantities are called in the strip beside the measured region."""
     compressible = names[CURVED] == CURVED
-    inside = {
+    return {
         CURVED: CURVED_BESIDE,
         VOLUME: f"{VOLUME} of the strip",
         DEFORMATION: f"{DEFORMATION} of the strip" if compressible else CURVED_BESIDE,
         STRESS: STRESS_BESIDE,
     }
-    return (
-        Stage(links.StripDeformation(strip.effect), (strip,), (place,), names),
-        *_material(base, additions, inside, ("strip",)),
-        Stage(links.WithStrip(strip.effect), (strip,), (place,)),
-    )
 
 
 def _material(base: Base, additions: Additions, names: Names, turn: tuple[str, ...]) -> Stages:
     """From the mean deformation to its stress."""
-    compressible = _acting("volume", additions)
+    compressible = _of(Compressibility, additions)
     if base.plane_strain:
         return _plane_strain(base, additions)
     if not compressible:
         return _laws(base, additions, names, (*turn, 0))
-    place, a = compressible[0]
+    place, a, effect = compressible[0]
     sweeps = 1 if a.is_null else SWEEPS  # one is exact for the derivative, and its laws are those without the effect
-    found = [Stage(links.Incompressible(), names=names, turn=turn)]
+    found = [Stage(motion.Incompressible(), names=names, turn=turn)]
     for k in range(sweeps + 1):
         now = (*turn, 0 if a.is_null else k)
-        found.append(Stage(links.FreeOfVolume(), names=names, turn=now))
+        found.append(Stage(motion.FreeOfVolume(), names=names, turn=now))
         found += _laws(base, additions, names, now)
         if k < sweeps:
-            found.append(Stage(links.VolumeRatio(a.effect, base), (a,), (place,), names, now))
-    return (*found, Stage(links.StressAtVolume(), names=names, turn=turn))
+            found.append(Stage(stress.VolumeRatio(effect, base), (a,), (place,), names, now))
+    return (*found, Stage(stress.StressAtVolume(), names=names, turn=turn))
 
 
 def _plane_strain(base: Base, additions: Additions) -> Stages:
     """From F to P in plane strain."""
-    return Stage(links.IsochoricPart()), *_laws(base, additions, {}, (0,)), Stage(links.PlaneStrainStress())
+    return Stage(motion.IsochoricPart()), *_laws(base, additions, {}, (0,)), Stage(stress.PlaneStrainStress())
 
 
 def _laws(base: Base, additions: Additions, names: Names, turn: tuple[Any, ...]) -> Stages:
     """The stress of an incompressible sheet, with its history."""
-    found = [Stage(links.BaseStress(base), names=names, turn=turn)]
-    acting = _acting("stress", additions) + _acting("reformed", additions)
-    energies = [(place, a) for place, a in acting if a.effect.stage == "energy"]
-    relaxing = [(place, a) for place, a in acting if a.effect.stage == "relaxation"]
-    for place, a in sorted(acting, key=lambda both: both[0]):
-        if a.effect.stage == "set":
-            together = [(place, a), *energies]
-            link: Link = links.FormedAnew(a.effect, tuple(one.effect for _, one in energies), base)
-        elif a.effect.stage == "relaxation":
-            continue
-        else:
-            together, link = [(place, a)], links.ChangedStress(a.effect)
-        found.append(_together(link, together, names, turn))
+    found = [Stage(stress.BaseStress(base), names=names, turn=turn)]
+    acting = _acting("stress", additions)
+    energies, relaxing = ([both for both in acting if both[1].effect.stage == stage] for stage in ("energy", "relaxation"))
+    factors = [both for both in acting if both not in energies + relaxing]
+
+    def add(link: Link, *together: tuple[int, Addition]) -> None:
+        places, some = zip(*together, strict=True)
+        found.append(Stage(link, some, places, names, turn))
+
+    for one in energies:
+        add(stress.ChangedStress(one[1].effect), one)
+    for place, a, effect in _of(PermanentSet, additions):
+        add(stress.FormedAnew(effect, tuple(one.effect for _, one in energies), base), (place, a), *energies)
+    for one in factors:
+        add(stress.ChangedStress(one[1].effect), one)
     if relaxing:
-        found.append(_together(links.RelaxedStress(tuple(a.effect for _, a in relaxing)), relaxing, names, turn))
+        add(stress.RelaxedStress(tuple(a.effect for _, a in relaxing)), *relaxing)
     return tuple(found)
 
 
-def _together(link: Link, acting: list[tuple[int, Addition]], names: Names, turn: Any) -> Stage:
-    return Stage(link, tuple(a for _, a in acting), tuple(place for place, _ in acting), names, turn)
-
-
-def _backwards(link: type[links.OfEffect], hook: str, additions: Additions) -> Stages:
+def _backwards(link: type[motion.OfEffect], hook: str, additions: Additions) -> Stages:
     """A link for every effect that overrides a method, from the camera and the load cell to the material."""
     return tuple(Stage(link(a.effect), (a,), (place,)) for place, a in reversed(_acting(hook, additions)))
+
+
+def _of[Kind: Effect](kind: type[Kind], additions: Additions) -> list[tuple[int, Addition, Kind]]:
+    """Additions of a kind of effect, with their places in the order of all."""
+    return [(i, a, a.effect) for i, a in enumerate(ordered(additions)) if isinstance(a.effect, kind)]
 
 
 def _acting(hook: str, additions: Additions) -> list[tuple[int, Addition]]:

@@ -67,7 +67,15 @@ def error_of_signature(name, beside, fine):
 def test_an_experiment_made_anew_leaves_no_residual():
     """With seven effects at once, from the energy to the load cell."""
     chain, c = sheet(1)
-    names = ("second invariant", "stiffness gradient", "viscoelasticity", "initial warp", "lens distortion", "image rotation", "force offset")
+    names = (
+        "second invariant",
+        "stiffness gradient",
+        "viscoelasticity",
+        "initial warp",
+        "lens distortion",
+        "image rotation",
+        "force offset",
+    )
     additions = tuple(strong(name) for name in names)
     made, inside = World(chain, c, additions).experiment()
     assert np.abs(made.residual(c, additions) - inside).max() < 2e-3 * np.abs(inside).max()
@@ -75,7 +83,12 @@ def test_an_experiment_made_anew_leaves_no_residual():
 
 
 @pytest.mark.parametrize(
-    ("name", "beside"), [("initial warp", "second invariant"), ("initial warp", "viscoelasticity"), ("lens distortion", "second invariant")]
+    ("name", "beside"),
+    [
+        ("initial warp", "second invariant"),
+        ("initial warp", "viscoelasticity"),
+        ("lens distortion", "second invariant"),
+    ],
 )
 def test_signature_beside_another(name, beside):
     """0.59, 0.37 and 0.57 where kinematics know the law of the base alone."""
