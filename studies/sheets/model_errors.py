@@ -120,4 +120,4 @@ def section_forces(e: Experiment, model: ExtendedModel, n: int = SECTIONS) -> Ar
 
 
 def _without_loads(model: ExtendedModel) -> Additions:
-    return tuple(a for a in model.additions if a.effect.stage != "load")
+    return tuple(a for a in model.additions if not a.effect.of_forces)

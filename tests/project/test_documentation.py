@@ -54,7 +54,7 @@ def test_the_new_effect_changes_nothing_at_its_null_value(tmp_path: Path, monkey
     exec(plain("\n".join(blocks("extending.md")[:3])), names)
     effect = names["LogarithmOfTheSecondInvariant"]()
     F, P = np.random.default_rng(0).normal([[1.0, 0.0], [0.0, 1.0]], 0.1, (2, 5, 2, 2)), np.ones((2, 5, 2, 2))
-    np.testing.assert_array_equal(effect.stress(None, F, P, (0.0,), (), None), P)
+    np.testing.assert_array_equal(effect.stress(None, F, P, (0.0,), ()), P)
 
 
 def script(name: str) -> ModuleType:
