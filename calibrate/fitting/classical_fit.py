@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from calibrate.models.classical_laws import CLASSICAL_LAWS, Law
 Array = NDArray[np.float64]
 TOLD_APART = 10.0  # difference of the criterion that counts as very strong (Kass and Raftery 1995)
 EVALUATIONS = 100  # of a fit, at most
+AT_REST = (3.001, 3.001)  # invariants
 
 
 class Verdict(StrEnum):
@@ -36,29 +38,53 @@ class Verdict(StrEnum):
     NONE_FITTED = "none fitted"
 
 
+class StressLaw(Protocol):
+    """What can be fitted: P (..., 2, 2) and its derivatives (q, ..., 2, 2) at F (..., 2, 2) and parameters (q,)."""
+
+    def stress_and_sensitivity(self, F: Array, parameters: Array) -> tuple[Array, Array]: ...
+
+
 @dataclass(frozen=True)
-class ClassicalFit:
-    """parameters (q,) as they are fitted (reciprocal limits), with the covariance (q, q) of unit noise. chi_square: of the fit.
+class LeastSquares:
+    """parameters (q,) with the covariance (q, q) of unit noise; chi_square: of the fit to so many equations."""
 
-    stability: see `Law.stability`, of the initial shear modulus of the law the share; NaN where the fit failed.
-    """
-
-    law: Law
     parameters: Array
     chi_square: float
     equations: int
     reason: Stop
     covariance: Array = field(repr=False)
-    stability: float = np.nan
+
+
+@dataclass(frozen=True)
+class ClassicalFit:
+    """A law with its parameters as they are fitted (reciprocal limits), the stiffness put right for noise.
+
+    stability: see `Law.stability`, over that at rest.
+    """
+
+    law: Law
+    found: LeastSquares
+    stability: float
+
+    @property
+    def reason(self) -> Stop:
+        """Why the fit ended."""
+        return self.found.reason
 
     @property
     def values(self) -> dict[str, float]:
         """Parameters as they are reported."""
-        return {p.name: p.value(float(x)) for p, x in zip(self.law.parameters, self.parameters, strict=True)}
+        return {p.name: p.value(float(x)) for p, x in zip(self.law.parameters, self.found.parameters, strict=True)}
+
+    def deviations(self, scale: float = 1.0) -> Array:
+        """Standard deviations (q,) of `values`; of a reciprocal to first order. scale: variance of the whitened noise."""
+        fitted = np.sqrt(scale * np.diag(self.found.covariance))
+        reciprocal = np.array([p.reciprocal for p in self.law.parameters])
+        return np.where(reciprocal, fitted / self.found.parameters**2, fitted)
 
     def stress(self, F: Array) -> Array:
         """P (..., 2, 2) at F (..., 2, 2)."""
-        return self.law.stress(F, self.parameters)
+        return self.law.stress(F, self.found.parameters)
 
 
 @dataclass(frozen=True)
@@ -111,8 +137,10 @@ def weights_at(system: Equilibrium, calibration: Calibration) -> Weights:
     return weights_of(covariances, np.isfinite(system.loads))
 
 
-def fit_law(law: Law, system: Equilibrium, weights: Weights, start: Array) -> ClassicalFit:
-    """Parameters of least weighted residual, from `start` (q,)."""
+def fit_law(
+    law: StressLaw, system: Equilibrium, weights: Weights, start: Array, lower: Array | float = -np.inf
+) -> LeastSquares:
+    """Parameters of least weighted residual above `lower` (q,), from `start` (q,)."""
     F, loads = system.deformation_gradients, np.nan_to_num(system.loads)
     last: list[tuple[Array, Array, Array]] = []
 
@@ -124,13 +152,13 @@ def fit_law(law: Law, system: Equilibrium, weights: Weights, start: Array) -> Cl
         return last[0]
 
     found = least_squares(
-        lambda p: evaluated(p)[1], start, lambda p: evaluated(p)[2], bounds=(law.lower, np.inf), x_scale="jac",
+        lambda p: evaluated(p)[1], start, lambda p: evaluated(p)[2], bounds=(lower, np.inf), x_scale="jac",
         xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=EVALUATIONS,
     )  # fmt: skip
     reason = Stop.CONVERGED if found.success else Stop.ITERATION_LIMIT
     if not np.isfinite(found.x).all():
         reason = Stop.NOT_FINITE
-    return ClassicalFit(law, found.x, float(2 * found.cost), weights.size, reason, np.linalg.pinv(found.jac.T @ found.jac))
+    return LeastSquares(found.x, float(2 * found.cost), weights.size, reason, np.linalg.pinv(found.jac.T @ found.jac))
 
 
 def compare(calibration: Calibration, laws: Sequence[Law] = CLASSICAL_LAWS) -> Comparison | None:
@@ -143,8 +171,10 @@ def compare(calibration: Calibration, laws: Sequence[Law] = CLASSICAL_LAWS) -> C
     network, mu = _network(calibration, weights, b)
     tops = tuple(calibration.model.calibrated_range[k][1] for k in ("I1", "I2"))
     largest = max(float((system.isochoric_gradients**2).sum((-1, -2)).max()), tops[0]) - 2
-    fits = [fit_law(law, system, weights, law.start(mu, largest)) for law in laws]
-    fits = [_checked(_raised(fit, system, weights, b), (tops[0], tops[1])) for fit in fits]
+    fits = []
+    for law in laws:
+        fit = fit_law(law, system, weights, law.start(mu, largest), law.lower)
+        fits.append(_raised(law, fit, system, weights, b, (tops[0], tops[1])))
     spread = calibration.model.uncertainty
     assert spread is not None
     return _ranked(network, spread.effective_parameters, fits, len(b), spread.noise_is_known)
@@ -158,30 +188,28 @@ def _network(calibration: Calibration, weights: Weights, b: Array) -> tuple[floa
     return float(b @ b - (a @ b) ** 2 / (a @ a)), mu
 
 
-def _raised(fit: ClassicalFit, system: Equilibrium, weights: Weights, b: Array) -> ClassicalFit:
-    """With the stiffness that noise attenuates put right, as `Quadratic.stiffness_factor` does it."""
-    a = weights(system.internal_forces(fit.stress(system.deformation_gradients)))
-    factor = np.where(fit.law.moduli, float(b @ b) / float(a @ b), 1.0)
-    return replace(fit, parameters=factor * fit.parameters, covariance=fit.covariance * np.outer(factor, factor))
-
-
-def _checked(fit: ClassicalFit, tops: tuple[float, float]) -> ClassicalFit:
-    at_rest = fit.law.stability(fit.parameters, (3.001, 3.001))
-    least = fit.law.stability(fit.parameters, tops)
-    return replace(fit, stability=least / abs(at_rest) if at_rest else np.nan)
+def _raised(
+    law: Law, fit: LeastSquares, system: Equilibrium, weights: Weights, b: Array, tops: tuple[float, float]
+) -> ClassicalFit:
+    """With the stiffness that noise attenuates put right, as `Quadratic.stiffness_factor` does it, and the stability of the law."""
+    a = weights(system.internal_forces(law.stress(system.deformation_gradients, fit.parameters)))
+    factor = np.where(law.moduli, float(b @ b) / float(a @ b), 1.0)
+    p, covariance = factor * fit.parameters, fit.covariance * np.outer(factor, factor)
+    share = law.stability(p, tops) / abs(law.stability(p, AT_REST))
+    return ClassicalFit(law, replace(fit, parameters=p, covariance=covariance), share)
 
 
 def _ranked(network: float, numbers: float, fits: list[ClassicalFit], equations: int, known: bool) -> Comparison:
     best = [network / (equations - numbers)]
-    best += [f.chi_square / (equations - len(f.parameters)) for f in fits if f.reason.is_success]
+    best += [f.found.chi_square / (equations - len(f.law.parameters)) for f in fits if f.reason.is_success]
     scale = max(1.0, min(best)) if known else min(best)
     criterion: Callable[[float, float], float] = lambda chi, k: chi / scale + k * np.log(equations)  # noqa: E731
     laws = [
         Candidate(
             f.law.name,
-            len(f.parameters),
-            (f.chi_square - network) / scale,
-            criterion(f.chi_square, len(f.parameters)) - criterion(network, numbers),
+            len(f.law.parameters),
+            (f.found.chi_square - network) / scale,
+            criterion(f.found.chi_square, len(f.law.parameters)) - criterion(network, numbers),
             f,
         )
         for f in fits

@@ -27,6 +27,8 @@ class FitCode(StrEnum):
     FORCES = "forces"
     NOMINAL_LEVEL = "nominal_level"
     HELD_OUT = "held_out"
+    CLASSICAL = "classical_laws"
+    CLASSICAL_NOT_FITTED = "classical_not_fitted"
     NOTHING_HELD_OUT = "nothing_held_out"
     THICKNESS_UNKNOWN = "thickness_unknown"
     PLANE_STRAIN = "plane_strain"
@@ -57,7 +59,7 @@ LIMITS = Thresholds()
 
 def findings(view: Review) -> list[Finding]:
     """What a reader of the numbers should know, the most important first."""
-    found = [residuals(view), starts(view), forces(view), held_out(view)]
+    found = [residuals(view), starts(view), forces(view), held_out(view), *classical(view)]
     if view.model.uncertainty is not None:
         found.append(band_finding(view.model))
     if view.experiment.thickness is None:
@@ -66,6 +68,23 @@ def findings(view: Review) -> list[Finding]:
     if view.experiment.plane == "strain":
         found.append(_finding(FitCode.PLANE_STRAIN))
     return found
+
+
+def classical(view: Review) -> list[Finding]:
+    """Whether the data can tell the network from the classical laws; nothing where they were not fitted."""
+    if view.classical is None:
+        return []
+    failed = [c.name for c in view.classical.laws if c.fit is not None and not c.fit.reason.is_success]
+    if not view.classical.converged:
+        return [_finding(FitCode.CLASSICAL_NOT_FITTED, failed=failed)]
+    best, alike = view.classical.converged[0], view.classical.alike
+    return [
+        _finding(
+            FitCode.CLASSICAL, verdict=str(view.classical.verdict), law=best.name, numbers=int(best.numbers),
+            difference=best.criterion, inputs=view.model.architecture.inputs, alike=[c.name for c in alike], failed=failed,
+            unstable=[c.name for c in (best, *alike) if c.fit is not None and not c.fit.stability > 0],
+        )
+    ]  # fmt: skip
 
 
 def residuals(view: Review) -> Finding:

@@ -9,6 +9,7 @@ from studies.output import Manifest, write_csv, write_figure
 from studies.output.report import Report
 from studies.output.words import Words
 from studies.reports import force_record
+from studies.reports.calibration.classical_table import classical_record, classical_table, terminal_lines
 from studies.reports.calibration.figures import FIGURES
 from studies.reports.calibration.fit_findings import findings
 from studies.reports.calibration.fit_review import Review
@@ -31,6 +32,8 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     if not view.model.level_is_nominal:
         report.table(*force_table(view), WORDS.force_table())
     report.table(*curve_table(view), WORDS.curve_table())
+    if view.classical is not None:
+        report.table(*classical_table(view, view.classical), WORDS.classical_table(scale=view.classical.scale))
     report.heading("Evidence")
     for name, draw in FIGURES.items():
         path = folder / f"{name}.png"
@@ -45,7 +48,10 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     report.save(folder / "report.html")
     # the manifest is written last: where it is, everything is
     outputs = folder / "report.html", model, folder / "forces.csv"
-    manifest.beside(*outputs, headline=first.to_dict(), **view.summary(), findings=[f.to_dict() for f in found])
+    manifest.beside(
+        *outputs, headline=first.to_dict(), **view.summary(), classical_laws=classical_record(view),
+        findings=[f.to_dict() for f in found],
+    )  # fmt: skip
 
 
 def model_name(view: Review) -> str:
@@ -68,5 +74,6 @@ def summary_lines(view: Review) -> Iterator[str]:
     for name, value, unit in rows:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         yield f"  {name:{width}}  {text} {unit}".rstrip()
+    yield from terminal_lines(view)
     for finding in findings(view):
         yield f"- {finding.text}"
