@@ -47,7 +47,9 @@ def numbers(imported: dict[str, Any], results: dict[str, Any], discovered: dict[
 
 def take(folder: Path) -> dict[str, Any]:
     """Content of the file. folder: in which the commands were run."""
-    inputs = [folder / name for name in ("imported/experiment.json", "calibrated/report.json", "discovered/report.json")]
+    inputs = [
+        folder / name for name in ("imported/experiment.json", "calibrated/report.json", "discovered/report.json")
+    ]
     imported, calibrated, discovered = (json.loads(path.read_text()) for path in inputs)
     return {
         "command": COMMAND,
