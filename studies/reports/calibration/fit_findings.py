@@ -113,19 +113,16 @@ def starts(view: Review) -> Finding:
 def forces(view: Review) -> Finding:
     """How well forces are met, beside the best neo-Hookean modulus; how the level was fixed where they are not those of the section."""
     if view.experiment.level_is_nominal:
-        increment, boundary = level_of(view)
-        return _finding(FitCode.NOMINAL_LEVEL, increment=increment + 1, boundary=boundary, shares=section_shares(view))
+        return _finding(FitCode.NOMINAL_LEVEL, increment=level_increment(view) + 1, shares=section_shares(view))
     error, simple = view.force_error(view.fitted), view.neo_hooke_error
     worse = error > max(LIMITS.factor * simple, LIMITS.negligible)
     return _finding(FitCode.FORCES, error=error, neo_hooke_error=simple, worse_than_neo_hooke=bool(worse))
 
 
-def level_of(view: Review) -> tuple[int, str]:
-    """Increment, counted from 0, and boundary whose force fixes a nominal level."""
-    system = view.calibration.system
-    i, row = np.argwhere(system.level_equation)[0]
-    boundary = system.experiment.loaded[system.fields.boundary[row % system.fields.n_fields]].name
-    return int(np.flatnonzero(view.fitted)[i]), boundary
+def level_increment(view: Review) -> int:
+    """The increment, counted from 0, whose forces fix a nominal level."""
+    fitted = int(np.argwhere(view.calibration.system.level_equation)[0, 0])
+    return int(np.flatnonzero(view.fitted)[fitted])
 
 
 def held_out(view: Review) -> Finding:

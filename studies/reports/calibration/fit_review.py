@@ -199,7 +199,7 @@ def _neo_hooke_error(system: Equilibrium) -> float:
 def section_shares(view: Review) -> dict[str, tuple[float, float]]:
     """{boundary: (smallest, largest)} of what the section carries over what the machine recorded, at the level of the model.
 
-    Along the pull, of increments with at least `WELL_LOADED` of the largest force. Where the level is nominal, 1 is its increment.
+    Along the pull, of increments with at least `WELL_LOADED` of the largest force. Where the level is nominal, they are 1 on average in its increment.
     """
     found = {}
     for name, force in view.measured.items():

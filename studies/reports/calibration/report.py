@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from studies.output import Manifest, write_csv, write_figure
 from studies.output.report import Report
 from studies.output.words import Words
 from studies.reports import force_record
+from studies.reports.calibration.calibration_quality import calibration_quality
 from studies.reports.calibration.classical_table import classical_record, classical_table, terminal_lines
 from studies.reports.calibration.figures import FIGURES
 from studies.reports.calibration.fit_findings import findings
 from studies.reports.calibration.fit_review import Review
-from studies.reports.calibration.headline import headline
 from studies.reports.calibration.tables import curve_table, force_table, summary_table
+from studies.reports.headline import headline
 
 WORDS = Words("calibration")
 
@@ -22,9 +24,9 @@ WORDS = Words("calibration")
 def write(folder: Path, view: Review, manifest: Manifest) -> None:
     """Write model, figures, table of forces, report and manifest into `folder`."""
     model, experiment = folder / "model.json", view.experiment
-    view.calibration.model.save(model)
+    first = headline(calibration_quality(view))
+    replace(view.model, fitness=first.fitness).save(model)
     report = Report(f"Calibration on {experiment.name}", model_name(view))
-    first = headline(view)
     report.heading("Result").paragraph(first.text).table(*summary_table(view))
     found = findings(view)
     for finding in found:
@@ -67,7 +69,7 @@ def model_name(view: Review) -> str:
 
 def summary_lines(view: Review) -> Iterator[str]:
     """The numbers and what they mean, for a terminal."""
-    yield headline(view).text
+    yield headline(calibration_quality(view)).text
     yield f"{view.experiment.name}: {model_name(view)}"
     _, rows = summary_table(view)
     width = max(len(str(row[0])) for row in rows)
