@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,10 +142,18 @@ def ogden(T: Array, D: Array, p: Array) -> Array:
     parts = []
     for mu, alpha in p.reshape(-1, 2):
         parts += [
-            _of_stretches(T, D, lambda s, a=alpha: s ** (a / 2 - 1) / a),
-            mu * _of_stretches(T, D, lambda s, a=alpha: s ** (a / 2 - 1) * (np.log(s) / (2 * a) - 1 / a**2)),
+            _of_stretches(T, D, partial(_ogden_slope, alpha)),
+            mu * _of_stretches(T, D, partial(_ogden_slope_by_alpha, alpha)),
         ]
     return np.array([sum(mu * part for mu, part in zip(p[::2], parts[::2], strict=True)), *parts])
+
+
+def _ogden_slope(alpha: float, s: Array) -> Array:
+    return np.asarray(s ** (alpha / 2 - 1) / alpha)
+
+
+def _ogden_slope_by_alpha(alpha: float, s: Array) -> Array:
+    return np.asarray(s ** (alpha / 2 - 1) * (np.log(s) / (2 * alpha) - 1 / alpha**2))
 
 
 def _of_stretches(T: Array, D: Array, slope: Callable[[Array], Array]) -> Array:
