@@ -26,7 +26,8 @@ from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.inputs import REFERENCE
 from calibrate.equations.reduction import Quadratic
 from calibrate.fitting import network_fit, paper_loss
-from calibrate.fitting.calibration import Options, calibrate, calibrated_range
+from calibrate.fitting.calibrated_range import calibrated_range
+from calibrate.fitting.calibration import Options, calibrate
 from calibrate.models import pann
 from calibrate.models.network_model import Model
 from studies.accuracy import metrics

@@ -1,7 +1,7 @@
-"""Classical laws fitted to the same equations with the same weights as the network.
+"""Classical laws in plane strain fitted to the equations of a calibration with its weights, and the time that takes.
 
-In: a calibration. Out: parameters of least squares of the whitened residual of the virtual-work equations (Levenberg-Marquardt with
-exact derivatives). The weights are those of the calibration's last pass; what noise adds to the squares is not taken off.
+In: a calibration. Out: parameters of `calibrate.fitting.classical_fit.fit_law`. The weights are those of the calibration's last spline;
+what noise adds to the squares is not taken off.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from beside.published_laws import Law
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
-from calibrate.equations.reduction import assemble
-from calibrate.equations.weights import Weights, weights_of
+from calibrate.equations.weights import Weights
 from calibrate.fitting.calibration import Calibration
+from calibrate.fitting.classical_fit import fit_law
 
 Array = NDArray[np.float64]
 
@@ -35,28 +34,11 @@ class ClassicalFit:
         return self.law.stress(F, self.parameters)
 
 
-def weights(calibration: Calibration) -> Weights:
-    """Those of the last pass of a calibration."""
-    assert calibration.spline is not None
-    assembled = assemble(calibration.system, calibration.basis)
-    covariances = list(assembled.noise_covariances(calibration.spline))
-    return weights_of(covariances, np.isfinite(calibration.system.loads))
-
-
 def fit(law: Law, calibration: Calibration, weighting: Weights) -> ClassicalFit:
     """Parameters of least weighted residual. Raises `RuntimeError` where least squares do not converge."""
-    system = calibration.system
-    loads, F = np.nan_to_num(system.loads), system.deformation_gradients
-
-    def residual(p: Array) -> Array:
-        return weighting(system.internal_forces(law.stress(F, p)) - loads)
-
-    def derivative(p: Array) -> Array:
-        return weighting(system.internal_forces(law.sensitivity(F, p))).T
-
     start = time.process_time()
-    found = least_squares(residual, np.array(law.start), derivative, method="lm", x_scale="jac")
-    if not found.success:
-        raise RuntimeError(f"{law.name}: {found.message}")
-    freedom = weighting.size - len(found.x)
-    return ClassicalFit(law, found.x, float(2 * found.cost / freedom), time.process_time() - start)
+    found = fit_law(law, calibration.system, weighting, np.array(law.start))
+    if not found.reason.is_success:
+        raise RuntimeError(f"{law.name}: {found.reason.message}")
+    freedom = found.equations - len(found.parameters)
+    return ClassicalFit(law, found.parameters, found.chi_square / freedom, time.process_time() - start)

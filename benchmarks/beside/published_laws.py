@@ -89,6 +89,10 @@ class Law:
         flat = _sensitivity(self.energy, jnp.asarray(F.reshape(-1, 2, 2)), jnp.asarray(parameters, float))
         return np.moveaxis(np.asarray(flat), -1, 0).reshape(len(parameters), *F.shape)
 
+    def stress_and_sensitivity(self, F: Array, parameters: Array) -> tuple[Array, Array]:
+        """Both of the above, as a fit takes them."""
+        return self.stress(F, parameters), self.sensitivity(F, parameters)
+
 
 def _stress_of_one(energy: Energy, F: Any, p: Any) -> Any:
     return jax.grad(energy)(F, p)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.fitting.calibration import Calibration, Options, calibrate
+from calibrate.fitting.classical_fit import weights_at
 from studies.commands.import_data import import_experiment
 
 Array = NDArray[np.float64]
@@ -118,7 +119,7 @@ def classical(experiment: Experiment, judge: Judge, laws: tuple[Any, ...]) -> li
     """Classical laws with the weights of the network of both invariants; their time includes one assembly."""
     found: Calibration = calibrate(experiment, Options(inputs="I1I2", starts=1))
     start = time.process_time()
-    weighting = classical_fit.weights(found)
+    weighting = weights_at(found.system, found)
     assembly = time.process_time() - start
     rows = []
     for law in laws:

@@ -6,7 +6,7 @@ The effects in the model are held; the network is fitted to the quadratic loss a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Problem
 from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.equations.reduction import Quadratic
+from calibrate.fitting.calibrated_range import calibrated_range
 from calibrate.fitting.least_squares import orthonormal
 from calibrate.fitting.network_fit import fit_network
 from calibrate.models.network_model import Model
@@ -58,16 +59,23 @@ def distil(
     architecture, found = fit_network(loss, "I1", layers, fit.c, n_starts, seed)
     exact = equations.residual(problem, found.coefficients, fit.additions)
     network_loss = float(exact @ exact)
+    factor = equations.level_factor(problem, fit.c, fit.additions)
     model = Model(
-        architecture,
+        replace(architecture, energy_scale=factor * architecture.energy_scale),
         np.asarray(found.parameters),
         problem.parts[0].experiment.stress_unit,
-        {"I1": (3.0, 3.0 + problem.parts[0].chain.energy.top)},
+        range_of(problem),
         {"loss": network_loss, "spline_loss": fit.loss, "equations": fit.n_rows},
-        bulk_modulus=float(found.coefficients[-1]) if isinstance(problem.basis, PlaneStrainBasis) else None,
+        bulk_modulus=factor * float(found.coefficients[-1]) if isinstance(problem.basis, PlaneStrainBasis) else None,
         level_is_nominal=problem.level_is_nominal,
     )
     return Distilled(model, fit.loss, network_loss, fit.n_rows)
+
+
+def range_of(problem: Problem) -> dict[str, tuple[float, float]]:
+    """{"I1": (3, end)} that the fitted increments reach, as `calibrated_range` has it; of several tests that which reaches furthest."""
+    ends = [calibrated_range(part.system, part.train.rows.any(axis=1))["I1"][1] for part in problem.trained]
+    return {"I1": (3.0, max(ends))}
 
 
 def bulk_modulus(problem: Problem, fit: Fit) -> tuple[float, float] | None:

@@ -137,6 +137,19 @@ def stiffness_factor(problem: Problem, c: Array, additions: Additions) -> float:
     return float(load @ load / (load @ internal))
 
 
+def level_factor(problem: Problem, c: Array, additions: Additions) -> float:
+    """By which to multiply the stiffness so that the level is the nominal one, see `Equilibrium.share_carried`; 1 where it is measured. Of
+    several tests that of the one that fixes it. Raises `FitError` where the sections pull against the record."""
+    if not problem.level_is_nominal:
+        return 1.0
+    shares = [
+        part.system.share_carried(part.own_residual(c, part.valid(additions)) + np.nan_to_num(part.system.loads))
+        for part in problem.trained
+        if part.system.level_equation.any()
+    ]
+    return 1 / float(np.mean(shares))
+
+
 def base_columns(problem: Problem, chains: Sequence[Chain]) -> Array:
     """Whitened d residual / d coefficients (N, n) of the base alone, also beside effects: the residual is exact, so that
     the amplitudes found are those at which it is orthogonal to these columns and to the signatures."""

@@ -9,8 +9,8 @@ one row a virtual field v and component i, in N; c are the spline coefficients o
 With unknown thickness t = 1 mm is used and c is stiffness times thickness (N/mm).
 
 In a window of a larger body the section carries an unknown part of the forces: they have no equations. One equation fixes the level, which
-the others leave open (if c meets them, so does any multiple): where the force of an increment is largest, the section is taken to carry all
-of it. That level is nominal.
+the others leave open (if c meets them, so does any multiple): the largest force is taken to be that of its section. Of the model that comes out the
+level is that at which all loaded sections together carry the recorded forces of that increment. It is nominal.
 """
 
 from __future__ import annotations
@@ -88,6 +88,23 @@ class Equilibrium:
         if self.experiment.level_is_nominal and self.fixes_level:
             found[np.unravel_index(np.argmax(np.nan_to_num(np.abs(self.recorded))), found.shape)] = True
         return found
+
+    def share_carried(self, forces: Array) -> float:
+        """What the sections carry of the recorded forces, along these, in the increment of the largest one: 1 at the nominal level.
+
+        forces: internal virtual work (n_increments, 2 n_fields), N. Raises `FitError` where it is not positive: the strain there is noise.
+        """
+        increment = int(np.argwhere(self.level_equation)[0, 0])
+        recorded = np.nan_to_num(self.recorded[increment]) * np.tile(self.fields.boundary >= 0, 2)
+        used = recorded != 0
+        share = float(forces[increment, used] @ recorded[used] / (recorded @ recorded))
+        if not share > 0:
+            raise errors.FitError(
+                f"{self.experiment.name}: the level of the stiffness cannot be fixed: in increment {increment + 1}, where the recorded force is "
+                "largest, the sections carry it in the other direction, as the strain at the loaded edges is noise; drop rows of points "
+                "there (edges.drop_points in a column map)"
+            )
+        return share
 
     @cached_property
     def loads(self) -> Array:
@@ -228,6 +245,17 @@ def best_shear_modulus(system: Equilibrium, basis: Basis) -> tuple[float, float]
     return float(a @ b / (a @ a)), float(a @ b / np.sqrt((a @ a) * (b @ b) + 1e-300))
 
 
+def _if_noise(e: Experiment) -> str:
+    """What to say where the strain is below its scatter, so that noise decides signs; else nothing."""
+    signal = e.strain_signal
+    if signal.ratio >= 1:
+        return ""
+    return (
+        f". But the strain ({signal.strain:.1%}) is below its scatter between neighbouring triangles ({signal.scatter:.1%}): noise may decide; "
+        "pull further, or correlate with larger subsets"
+    )
+
+
 def check_force_sign(system: Equilibrium) -> None:
     """Compare measured forces with those of a neo-Hookean solid under the measured deformation.
 
@@ -249,10 +277,10 @@ def check_force_sign(system: Equilibrium) -> None:
     if modulus < 0 and correlation < -0.3:
         raise errors.ForceSignError(
             f"measured forces oppose the measured deformation (correlation {correlation:.2f}): internal and external "
-            "power have opposite signs; a force is that of the grip ON the specimen, positive along +x, +y"
+            f"power have opposite signs; a force is that of the grip ON the specimen, positive along +x, +y{_if_noise(e)}"
         )
     if not modulus > 0 or correlation < 0.3:
         raise errors.ForceSignError(
             f"measured forces and deformation do not belong together (correlation {correlation:.2f}); check which "
-            "boundary carries which force, the synchronisation of images and forces, and their signs"
+            f"boundary carries which force, the synchronisation of images and forces, and their signs{_if_noise(e)}"
         )

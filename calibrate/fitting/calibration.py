@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,15 +20,13 @@ from calibrate.equations import reduction
 from calibrate.equations.basis import Basis, basis_for, energy_basis
 from calibrate.equations.equilibrium import Equilibrium, equilibrium
 from calibrate.equations.inputs import INPUT_SETS
-from calibrate.equations.kinematics import INVARIANTS, invariants_and_derivatives
 from calibrate.fitting import network_fit, paper_loss, uncertainty
+from calibrate.fitting.calibrated_range import calibrated_range
 from calibrate.models import pann
 from calibrate.models.network_model import Model
 
 Array = NDArray[np.float64]
 LOSSES = ("weighted", "paper")
-QUANTILE = 0.999
-WEAK_SIGNAL, WEAK_QUANTILE = 3.0, 0.9  # signal to noise of the strain, below which the range ends earlier
 STRAIN_PASSES = 6  # of the weighting in plane strain, where the first bulk modulus may be far off
 
 
@@ -116,25 +113,6 @@ class Calibration:
         }
 
 
-def calibrated_range(system: Equilibrium, quantile: float = QUANTILE) -> dict[str, tuple[float, float]]:
-    """Range of I1 and I2 in the data: from rest to the area-weighted `quantile` over all increments.
-
-    Of a strain near its noise a lower quantile: the last thousandth of the area is noise.
-    """
-    if system.experiment.strain_signal.ratio < WEAK_SIGNAL:
-        quantile = min(quantile, WEAK_QUANTILE)
-    values = np.asarray(invariants_and_derivatives(jnp.asarray(system.isochoric_gradients))[0])
-    weights = np.broadcast_to(system.areas, values.shape[:2]).ravel()
-    result = {}
-    for i, name in enumerate(INVARIANTS):
-        flat = values[..., i].ravel()
-        order = np.argsort(flat)
-        share = np.cumsum(weights[order]) / weights.sum()
-        index = min(int(np.searchsorted(share, quantile)), len(order) - 1)
-        result[name] = (3.0, float(flat[order[index]]))
-    return result
-
-
 def relative_force_error(predicted: dict[str, Array], measured: dict[str, Array]) -> float:
     """Root of sum (predicted - measured)^2 / sum measured^2 over every measured component.
 
@@ -156,6 +134,23 @@ def predict_forces(system: Equilibrium, model: Model) -> tuple[dict[str, Array],
         boundary = system.experiment.loaded[system.fields.boundary[column]]
         forces[boundary.name] = np.stack([work[:, column], work[:, n + column]], axis=1) * boundary.held
     return forces, work - system.loads
+
+
+def at_level(system: Equilibrium, model: Model) -> Model:
+    """The model with the stiffness of its level, see `Equilibrium.share_carried`. Raises `FitError` where the sections pull against the
+    record."""
+    if not system.experiment.level_is_nominal:
+        return model
+    stress = model.nominal_stress(system.deformation_gradients, system.experiment.plane)
+    share = system.share_carried(system.internal_forces(stress))
+    architecture = replace(model.architecture, energy_scale=model.architecture.energy_scale / share)
+    bulk, deviation = model.bulk_modulus, model.bulk_modulus_deviation
+    return replace(
+        model,
+        architecture=architecture,
+        bulk_modulus=None if bulk is None else bulk / share,
+        bulk_modulus_deviation=None if deviation is None else deviation / share,
+    )
 
 
 def calibrate(
@@ -275,6 +270,7 @@ def _collect(
         deviation,
         experiment.level_is_nominal,
     )
+    model = at_level(system, model)
     forces, residuals = predict_forces(system, model)
     return Calibration(
         experiment,

@@ -7,7 +7,7 @@ sqrt((I1 - 3) / top) (`calibrate.equations.basis.SingleBasis`), in plane strain 
 [{"name", "unit", "value", "standard_deviation"}], "shape" [{"name", "unit", "value"}]}]; ``training`` [{"name",
 "fingerprint", "spacing" of the virtual fields, mm, or null}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
 from]}; ``network``: a model file of a PANN distilled from the base, or null; ``network_loss``: how good it is;
-``provenance`` (free JSON); optional ``level`` "nominal" where only ratios of stiffness are known. The spline is the base; the network stands in for it where programs read networks only.
+``provenance`` (free JSON); ``calibrated_range`` {"I1": [min, max]}; optional ``level`` "nominal" where only ratios of stiffness are known, and ``fitness`` (`calibrate.models.fitness`). The spline is the base; the network stands in for it where programs read networks only.
 
 An effect that is not one of the material belongs to the tests that were fitted and is left out for any other.
 """
@@ -23,13 +23,24 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
-from calibrate.effects import KNOWN, Parameter, Viscosity
-from calibrate.effects.chain import Addition, Additions, Chain
+from calibrate.effects import Viscosity
+from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.equations.kinematics import invariants_and_derivatives
-from calibrate.models.json_file import MEASURED, NOMINAL, Format, check_level, check_unit, read_model, write_model
+from calibrate.models.addition_json import addition_from_dict, addition_to_dict
+from calibrate.models.fitness import Fitness
+from calibrate.models.json_file import (
+    MEASURED,
+    NOMINAL,
+    Format,
+    check_level,
+    check_range,
+    check_unit,
+    read_model,
+    write_model,
+)
 from calibrate.models.network_model import Model
 
 FORMAT, VERSION = "equigap-extended-model", 1
@@ -69,6 +80,8 @@ class ExtendedModel:
     provenance: dict[str, Any] = field(default_factory=dict, repr=False)
     bulk_modulus_deviation: float | None = None
     level_is_nominal: bool = False
+    fitness: Fitness | None = None
+    calibrated_range: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def plane(self) -> str:
@@ -119,7 +132,8 @@ class ExtendedModel:
             boundary = experiment.loaded[system.fields.boundary[v]]
             forces[boundary.name] = readings[:, [v, n + v]] * boundary.held
         I1 = np.asarray(invariants_and_derivatives(system.isochoric_gradients)[0])[..., 0]
-        beyond = (system.areas * (3 + chain.energy.top < I1)).sum() / (system.areas.sum() * len(I1))
+        end = self.calibrated_range.get("I1", (3.0, 3 + chain.energy.top))[1]
+        beyond = (system.areas * (end < I1)).sum() / (system.areas.sum() * len(I1))
         names = {a.effect.name for a in additions}
         left_out = tuple(a.effect.name for a in self.additions if a.effect.name not in names)
         return Prediction(forces, residuals, left_out, float(beyond))
@@ -137,7 +151,7 @@ class ExtendedModel:
             "version": VERSION,
             "unit": self.unit,
             "base": base,
-            "additions": [_addition_to_dict(a, d, self.unit) for a, d in zip(self.additions, self.errors, strict=True)],
+            "additions": [addition_to_dict(a, d, self.unit) for a, d in zip(self.additions, self.errors, strict=True)],
             "training": list(self.training),
             "hold_out": self.hold_out,
             "held_out": list(self.held_out),
@@ -147,6 +161,8 @@ class ExtendedModel:
             "network_loss": self.network_loss,
             "provenance": self.provenance,
             **({"level": NOMINAL} if self.level_is_nominal else {}),
+            **({} if self.fitness is None else {"fitness": self.fitness.to_dict()}),
+            "calibrated_range": {name: list(ends) for name, ends in self.calibrated_range.items()},
         }
 
     def save(self, path: str | Path) -> None:
@@ -210,7 +226,7 @@ class ExtendedModel:
             basis, c = PlaneStrainBasis(energy), np.append(c, float(base["bulk_modulus"]))
             if not 0 < c[-1] < np.inf:
                 raise ValueError(f"base: bulk_modulus {c[-1]} is not a positive number")
-        both = [_addition_from_dict(a) for a in content["additions"]]
+        both = [addition_from_dict(a) for a in content["additions"]]
         return cls(
             basis,
             c,
@@ -227,6 +243,8 @@ class ExtendedModel:
             dict(content["provenance"]),
             None if base.get("bulk_modulus_deviation") is None else float(base["bulk_modulus_deviation"]),
             check_level(content.get("level", MEASURED)) == NOMINAL,
+            Fitness.from_dict(content.get("fitness")),
+            check_range(content.get("calibrated_range", {})),
         )
 
 
@@ -237,43 +255,3 @@ def _trained(content: dict[str, Any]) -> dict[str, Any]:
         "fingerprint": str(content["fingerprint"]),
         "spacing": None if spacing is None else float(spacing),
     }
-
-
-def amplitude_unit(parameter: Parameter, stress_unit: str) -> str:
-    """Unit of an amplitude or shape; without a thickness, stress is in N/mm."""
-    if stress_unit == "MPa":
-        return parameter.unit
-    return {"MPa": stress_unit, "1/MPa": "mm/N"}.get(parameter.unit, parameter.unit)
-
-
-def _addition_to_dict(addition: Addition, deviations: tuple[float, ...], stress_unit: str) -> dict[str, Any]:
-    effect = addition.effect
-    return {
-        "effect": effect.name,
-        "formula": effect.formula,
-        "of_material": effect.of_material,
-        "amplitudes": [
-            {"name": p.name, "unit": amplitude_unit(p, stress_unit), "value": float(v), "standard_deviation": float(d)}
-            for p, v, d in zip(effect.amplitudes, addition.amplitudes, deviations, strict=True)
-        ],
-        "shape": [
-            {"name": p.name, "unit": amplitude_unit(p, stress_unit), "value": float(v)}
-            for p, v in zip(effect.shapes, addition.shape, strict=True)
-        ],
-    }
-
-
-def _addition_from_dict(content: dict[str, Any]) -> tuple[Addition, tuple[float, ...]]:
-    known = {effect.name: effect for effect in KNOWN}
-    if content["effect"] not in known:
-        raise ValueError(f"effect '{content['effect']}' unknown; this version knows {', '.join(known)}")
-    effect = known[content["effect"]]
-    for key, parameters in (("amplitudes", effect.amplitudes), ("shape", effect.shapes)):
-        names, found = [p.name for p in parameters], [str(p["name"]) for p in content[key]]
-        if found != names:
-            raise ValueError(f"{effect.name}: {key} {found}, but it has {names}")
-    amplitudes = tuple(float(p["value"]) for p in content["amplitudes"])
-    shape = tuple(float(p["value"]) for p in content["shape"])
-    if not np.isfinite([*amplitudes, *shape]).all():
-        raise ValueError(f"{effect.name}: amplitudes {amplitudes} and shape {shape} must be finite numbers")
-    return Addition(effect, amplitudes, shape), tuple(float(p["standard_deviation"]) for p in content["amplitudes"])

@@ -70,6 +70,16 @@ def check_level(level: str) -> str:
     return level
 
 
+def check_range(content: Any) -> dict[str, tuple[float, float]]:
+    """{invariant: (min, max)} of a model file. Raises ValueError."""
+    if not isinstance(content, dict) or not all(isinstance(v, list) and len(v) == 2 for v in content.values()):
+        raise ValueError("calibrated_range is not a table of [min, max]")
+    result = {name: (float(low), float(high)) for name, (low, high) in content.items()}
+    if not all(low <= high for low, high in result.values()):
+        raise ValueError(f"calibrated_range {content}: min must not exceed max")
+    return result
+
+
 def _read_json(path: Path, commands: str) -> Any:
     if not path.exists():
         raise errors.DataNotFoundError(f"{path}: no such model file; {commands} writes one")

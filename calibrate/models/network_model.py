@@ -4,7 +4,8 @@ Keys: ``format`` = "equigap-model", ``version`` = 1, ``kind`` = "pann"; ``inputs
 ``layers`` [N...]; ``scales`` [s_1, s_2]; ``energy_scale``; ``hidden`` [{"weights": [[...]], "biases": [...]}];
 ``output`` [...] (w); ``skip`` [...] (v); ``unit`` ("MPa", or "N/mm" where the thickness was unknown);
 ``calibrated_range`` {"I1": [min, max], "I2": [min, max]}; ``fit`` and ``provenance`` (free JSON).
-Optional: ``level`` "nominal" where only ratios of stiffness are known, of a window in a larger body; ``bulk_modulus`` {"value", "standard_deviation" (or null)} of a calibration in plane strain, where the
+Optional: ``level`` "nominal" where only ratios of stiffness are known, of a window in a larger body; ``fitness`` (`calibrate.models.fitness`);
+``bulk_modulus`` {"value", "standard_deviation" (or null)} of a calibration in plane strain, where the
 invariants are those of the isochoric part (`calibrate.equations.isochoric`); ``uncertainty`` {"factor": [[...]] (rows: parameters; covariance =
 factor factor^T), "effective_parameters", "reduced_chi_square", "noise_is_known"}; parameters in the order weights (row by row) and biases of each layer, output, skip.
 The formula is in `calibrate.models.pann`, that of the uncertainty in `calibrate.fitting.uncertainty`.
@@ -34,7 +35,17 @@ from calibrate.equations.deformation_modes import (
 )
 from calibrate.equations.inputs import INPUT_SETS
 from calibrate.models import pann
-from calibrate.models.json_file import MEASURED, NOMINAL, Format, check_level, check_unit, read_model, write_model
+from calibrate.models.fitness import Fitness
+from calibrate.models.json_file import (
+    MEASURED,
+    NOMINAL,
+    Format,
+    check_level,
+    check_range,
+    check_unit,
+    read_model,
+    write_model,
+)
 from calibrate.models.parameter_covariance import Uncertainty
 
 FORMAT, VERSION = "equigap-model", 1
@@ -45,6 +56,7 @@ MISTAKEN = (
     "'network' (the base alone) as a file of its own",
 )
 STRETCH_STEP = 1e-3
+LARGEST_INPUT, LARGEST_MODULUS = 1e3, 1e9  # scaled invariant; MPa
 Array = NDArray[np.float64]
 
 
@@ -61,7 +73,7 @@ class Model:
 
     uncertainty: None where the loss was not weighted by noise, and in files written before it was stored.
     bulk_modulus: None where it was calibrated in plane stress, which takes rubber for incompressible. level_is_nominal: whether only ratios
-    of its stresses are known.
+    of its stresses are known. fitness: the verdict of the calibration, None in files written before it was stored.
     """
 
     architecture: pann.Architecture
@@ -74,6 +86,7 @@ class Model:
     bulk_modulus: float | None = None
     bulk_modulus_deviation: float | None = None
     level_is_nominal: bool = False
+    fitness: Fitness | None = None
 
     def energy(self, invariants: jax.Array) -> jax.Array:
         """Strain energy at one (I1, I2) (2,), MPa (or N/mm)."""
@@ -156,6 +169,8 @@ class Model:
             optional["bulk_modulus"] = {"value": self.bulk_modulus, "standard_deviation": self.bulk_modulus_deviation}
         if self.level_is_nominal:
             optional["level"] = NOMINAL
+        if self.fitness is not None:
+            optional["fitness"] = self.fitness.to_dict()
         return {
             "format": FORMAT,
             "version": VERSION,
@@ -201,6 +216,7 @@ class Model:
         )
         if not 0 < architecture.energy_scale < np.inf:
             raise ValueError(f"energy_scale {architecture.energy_scale} is not a positive number")
+        _check_inputs(architecture, check_range(content["calibrated_range"]))
         parameters = _parameters(architecture, content)
         if (parameters[architecture.nonnegative] < 0).any():
             raise ValueError("a weight is negative: the energy would not be convex and non-decreasing")
@@ -208,12 +224,13 @@ class Model:
             architecture=architecture,
             parameters=parameters,
             unit=check_unit(content["unit"]),
-            calibrated_range=_range(content["calibrated_range"]),
+            calibrated_range=check_range(content["calibrated_range"]),
             fit=content.get("fit", {}),
             provenance=content.get("provenance", {}),
             uncertainty=_uncertainty(content.get("uncertainty"), architecture),
             **_bulk_modulus(content.get("bulk_modulus")),
             level_is_nominal=check_level(content.get("level", MEASURED)) == NOMINAL,
+            fitness=Fitness.from_dict(content.get("fitness")),
         )
 
 
@@ -222,6 +239,20 @@ def _scales(values: Any) -> tuple[float, float]:
     if len(scales) != 2 or not all(0 < s < np.inf for s in scales):
         raise ValueError(f"scales {values} are not two positive numbers")
     return scales[0], scales[1]
+
+
+def _check_inputs(architecture: pann.Architecture, ranges: dict[str, tuple[float, float]]) -> None:
+    """Raises ValueError for scales with which the network overflows in its calibrated range."""
+    if architecture.energy_scale > LARGEST_MODULUS:
+        raise ValueError(f"energy_scale {architecture.energy_scale:.3g} is none of a soft material")
+    for i in INPUT_SETS[architecture.inputs]:
+        end = ranges.get(kinematics.INVARIANTS[i], (3.0, 4.0))[1]
+        largest = architecture.scales[i] * (end - 3.0 if i == 0 else end**1.5 - 3.0**1.5)
+        if largest > LARGEST_INPUT:
+            raise ValueError(
+                f"scales {list(architecture.scales)}: at the end of the calibrated range the input of {kinematics.INVARIANTS[i]} "
+                f"would be {largest:.3g}, which a calibration scales to 1"
+            )
 
 
 def _uncertainty(content: Any, architecture: pann.Architecture) -> Uncertainty | None:
@@ -241,15 +272,6 @@ def _bulk_modulus(content: Any) -> dict[str, float | None]:
     if not 0 < value < np.inf:
         raise ValueError(f"bulk_modulus {value} is not a positive number")
     return {"bulk_modulus": value, "bulk_modulus_deviation": None if deviation is None else float(deviation)}
-
-
-def _range(content: Any) -> dict[str, tuple[float, float]]:
-    if not isinstance(content, dict) or not all(isinstance(v, list) and len(v) == 2 for v in content.values()):
-        raise ValueError("calibrated_range is not a table of [min, max]")
-    result = {name: (float(low), float(high)) for name, (low, high) in content.items()}
-    if not all(low <= high for low, high in result.values()):
-        raise ValueError(f"calibrated_range {content}: min must not exceed max")
-    return result
 
 
 def _parameters(architecture: pann.Architecture, content: dict[str, Any]) -> Array:

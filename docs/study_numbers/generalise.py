@@ -12,7 +12,7 @@ import numpy as np
 from calibrate.data.experiment import Experiment
 from calibrate.equations.inputs import hencky_to_lode
 from calibrate.equations.unseen_strip import window_equilibrium
-from calibrate.fitting.calibration import calibrated_range
+from calibrate.fitting.calibrated_range import calibrated_range
 from meshes import Specimen
 from studies.grid.generalise import windows
 from studies.grid.generalise.generalise_results import GeneraliseResults

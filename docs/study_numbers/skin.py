@@ -8,7 +8,7 @@ from typing import Any
 
 from studies.output.words import digits, percent, plus_minus
 
-COMMAND = "equigap unpack sutula_skin_dic/monolithic.npz --name skin -o skin; equigap import skin/columns.toml -o imported; equigap calibrate imported/experiment.npz --hold-out every:3 -o calibrated"  # fmt: skip
+COMMAND = "equigap unpack sutula_skin_dic/monolithic.npz --name skin -o skin; equigap import skin/columns.toml -o imported; equigap calibrate imported/experiment.npz --hold-out every:3 -o calibrated; equigap discover imported/experiment.npz --quick -o discovered"  # fmt: skip
 
 
 def reason(results: dict[str, Any], code: str, key: str) -> float:
@@ -19,8 +19,8 @@ def reason(results: dict[str, Any], code: str, key: str) -> float:
     raise SystemExit(f"the headline no longer says {code}: rewrite the page")
 
 
-def numbers(imported: dict[str, Any], results: dict[str, Any]) -> dict[str, Any]:
-    """What the page states, of the manifests of an import and of a calibration."""
+def numbers(imported: dict[str, Any], results: dict[str, Any], discovered: dict[str, Any]) -> dict[str, Any]:
+    """What the page states, of the manifests of an import, a calibration and a diagnosis."""
     provenance = imported["provenance"]
     masked, signal = provenance["masked"]["spurious"], provenance["strain_signal"]
     found = results["initial_shear_modulus"], results["initial_shear_modulus_deviation"]
@@ -40,16 +40,20 @@ def numbers(imported: dict[str, Any], results: dict[str, Any]) -> dict[str, Any]
         "modulus": plus_minus(*found),
         "stretch": f"{max(ends):.2f}",
         "verdict": results["headline"]["verdict"],
+        "diagnosis": discovered["headline"]["verdict"],
+        "diagnosis_error": percent(reason(discovered, "forces_missed", "error")),
     }
 
 
 def take(folder: Path) -> dict[str, Any]:
     """Content of the file. folder: in which the commands were run."""
-    inputs = folder / "imported" / "experiment.json", folder / "calibrated" / "report.json"
-    imported, calibrated = (json.loads(path.read_text()) for path in inputs)
+    inputs = [
+        folder / name for name in ("imported/experiment.json", "calibrated/report.json", "discovered/report.json")
+    ]
+    imported, calibrated, discovered = (json.loads(path.read_text()) for path in inputs)
     return {
         "command": COMMAND,
         "how": "sutula_skin_dic/monolithic.npz (healthy skin), 12 of 50 frames, nothing else chosen",
         "revision": calibrated["revision"],
-        "numbers": numbers(imported["results"], calibrated["results"]),
+        "numbers": numbers(imported["results"], calibrated["results"], discovered["results"]),
     }

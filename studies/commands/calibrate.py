@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -21,6 +21,7 @@ from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.errors import ConfigError
 from calibrate.fitting.calibration import Options
 from calibrate.fitting.calibration import calibrate as fit_network
+from calibrate.fitting.classical_fit import compare
 from studies.commandline.option_types import Count, Integers, OutputFolder, Overwrite, Positive, Seed, default_folder
 from studies.commandline.outcome import Outcome
 from studies.output import Manifest, callback, open_output_folder, released_if_refused
@@ -108,6 +109,7 @@ def calibrate(
     with released_if_refused(folder):
         calibration = fit_network(part, options, callback("assembling"))
     view = review(calibration, everything, fitted, callback("judging residuals"))
+    view = replace(view, classical=compare(calibration))
     write(folder, view, manifest)
     return Calibrated(folder, view)
 

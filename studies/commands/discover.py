@@ -19,6 +19,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import distillation, selection
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.hold_out import HoldOut, Kind
+from calibrate.diagnosis.problem import level_factor
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.errors import ConfigError
@@ -35,6 +36,7 @@ from studies.commandline.option_types import (
 from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder, released_if_refused
+from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.report import write
 from studies.reports.discovery.statement import network_words, verdict
 from studies.reports.discovery.statement import remarks as all_remarks
@@ -115,7 +117,7 @@ def discover(
         )
         view = View(found, held_out_words(rule, trained, held), remarks, quick)
         say("network of the base")
-        model = extended(found, view.hold_out, manifest.to_dict())
+        model = replace(extended(found, view.hold_out, manifest.to_dict()), fitness=discovery_headline(view).fitness)
         say("writing the report")
         return Discovered(folder, view, write(folder, view, model, manifest))
 
@@ -203,7 +205,8 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         provenance={key: record[key] for key in ("command", "settings", "inputs", "versions", "revision")},
         bulk_modulus_deviation=None if bulk is None else bulk[1],
         level_is_nominal=found.problem.level_is_nominal,
-    )
+        calibrated_range=distillation.range_of(found.problem),
+    ).scaled(level_factor(found.problem, final.c, final.additions))
     distilled = distillation.distil(found.problem, final)
     loss = {
         "network": distilled.network_loss, "spline": distilled.spline_loss, "equations": distilled.n_rows,

@@ -21,9 +21,11 @@ from studies.exporters import target_named, targets
 from studies.exporters.certificate import Errors
 from studies.exporters.material_law import law_of
 from studies.output import Manifest, open_output_folder
+from studies.output.findings import Finding
 from studies.output.manifest import sha256_of
 from studies.output.words import Words
 from studies.output.writing import write_text
+from studies.reports.model_remarks import remarks_of_file
 
 WORDS = Words("export")
 
@@ -35,9 +37,11 @@ class Exported(Outcome):
     file: Path
     left_out: tuple[str, ...]
     errors: Errors | None
+    remarks: tuple[Finding, ...] = ()
 
     def lines(self) -> Iterable[str]:
-        """The error, what was left out, and the file."""
+        """What the model file says of itself, the error, what was left out, and the file."""
+        yield from (remark.text for remark in self.remarks)
         yield WORDS.accuracy(errors=self.errors)
         if self.left_out:
             yield WORDS.left_out(names=self.left_out)
@@ -88,4 +92,5 @@ def export(
     manifest.beside(
         file, left_out=law.left_out, largest_stretches=law.stretches, errors=written.errors and asdict(written.errors)
     )
-    return Exported(file, law.left_out, written.errors)
+    remarks = tuple(remarks_of_file(model)) if is_file and not parameter else ()
+    return Exported(file, law.left_out, written.errors, remarks)

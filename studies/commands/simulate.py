@@ -38,8 +38,10 @@ from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 from studies.grid.axes import EXTENT
 from studies.output import Manifest, open_output_folder
+from studies.output.findings import Finding
 from studies.output.viewer import write_viewer_file
 from studies.reports.experiments.simulation_report import write_report
+from studies.reports.model_remarks import remarks_of_file
 from studies.synthetic.camera import Camera, GaussianField
 from studies.synthetic.camera import observe as record
 
@@ -95,9 +97,11 @@ class Simulated(Outcome):
     solution: SurfaceSolution
     experiment: Experiment
     report: Path
+    remarks: tuple[Finding, ...] = ()
 
     def lines(self) -> Iterable[str]:
-        """Files."""
+        """What the model file says of itself, and files."""
+        yield from (f"- {remark.text}" for remark in self.remarks)
         yield f"experiment: {self.folder / 'experiment.npz'}"
         yield f"report: {self.report}"
 
@@ -135,8 +139,12 @@ def simulate(
     experiment = observe(test, solution, points, camera, seed)
     experiment.save(folder / "experiment.npz")
     write_viewer_file(experiment, folder / "experiment.vtu")
-    manifest.beside(folder / "experiment.npz", folder / "solution.npz", **numbers(solution, experiment))
-    return Simulated(folder, solution, experiment, write_report(folder, solution, experiment, manifest))
+    remarks = tuple(remarks_of_file(test.material))
+    said = {"findings": [remark.to_dict() for remark in remarks]} if remarks else {}
+    manifest.beside(folder / "experiment.npz", folder / "solution.npz", **numbers(solution, experiment), **said)
+    return Simulated(
+        folder, solution, experiment, write_report(folder, solution, experiment, manifest, remarks), remarks
+    )
 
 
 def completed(test: TensionTest, recording: Recording, quick: bool) -> tuple[TensionTest, Recording]:

@@ -22,6 +22,7 @@ from studies.exporters.material_law import MaterialLaw
 Array = NDArray[np.float64]
 Derivatives = Callable[[Array, Array], Array]
 STATES, SEED = 200, 0
+STEP = 1e-5  # of differences
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,15 @@ def errors_of_derivatives(law: MaterialLaw, derivatives: Derivatives, evaluated_
         n,
         evaluated_by,
     )
+
+
+def errors_of_stress(law: MaterialLaw, stress: Callable[[Array], Array], evaluated_by: str, n: int = STATES) -> Errors:
+    """Of a sheet's stress P (n, 2, 2) at F (n, 2, 2); its tangent by differences."""
+    F, _, P, A = expected(law, n)
+    ways = STEP * np.eye(4).reshape(4, 2, 2)
+    columns = [(stress(F + way) - stress(F - way)) / (2 * STEP) for way in ways]
+    tangent = np.stack(columns, axis=-1).reshape(A.shape)
+    return Errors(None, relative(stress(F), P), relative(tangent, A), n, evaluated_by)
 
 
 @lru_cache(maxsize=8)

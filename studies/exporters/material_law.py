@@ -6,6 +6,7 @@ specimen are left out by name; an effect of the material that no target can carr
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -25,9 +26,11 @@ from forward.materials.arruda_boyce import COEFFICIENTS
 from studies.errors import ExportError
 from studies.exporters.energy_terms import NetworkTerm, PowerTerm, SplineTerm, Term
 from studies.exporters.reference import stress_of_energy, stress_of_extended
+from studies.reports.model_remarks import model_remarks
 
 Array = NDArray[np.float64]
 STIFF = 1000.0  # bulk modulus over initial shear modulus where none was identified
+WIDTH = 66  # of a line of a header
 CLASSICAL_RANGE = 2.0  # stretch to which a law given by name is checked
 
 
@@ -120,7 +123,7 @@ def _of_network(model: Model, name: str) -> MaterialLaw:
     experiment = model.provenance.get("experiment", "not stated")
     return MaterialLaw(
         name, model.unit, (NetworkTerm.of(model),), (top[0], top[1]), partial(stress_of_energy, model.energy),
-        model.bulk_modulus, origin=(f"calibrated on {experiment}",),
+        model.bulk_modulus, origin=(f"calibrated on {experiment}", *_fitness(model)),
     )  # fmt: skip
 
 
@@ -131,13 +134,15 @@ def _of_extended(model: ExtendedModel, name: str) -> MaterialLaw:
     c = model.c[: basis.n_functions]
     base = SplineTerm.of(basis, c)
     reach = (base.rest + base.top) ** (1.0 if base.invariant == 1 else 2 / 3)
+    if base.invariant == 1:
+        reach = min(reach, model.calibrated_range.get("I1", (3.0, reach))[1])
     top = (reach, np.inf) if base.invariant == 1 else (np.inf, reach)
     names = ", ".join(str(t["name"]) for t in model.training)
     law = MaterialLaw(
         name, model.unit, (base,), top, partial(stress_of_extended, basis, c, material),
         float(model.c[-1]) if model.plane == "strain" else None,
         left_out=tuple(a.effect.name for a in model.additions if not a.effect.of_material),
-        origin=(f"found by a diagnosis of {names or 'tests that are not stated'}; verdict: {model.verdict or 'not stated'}",),
+        origin=(f"found by a diagnosis of {names or 'tests that are not stated'}; verdict: {model.verdict or 'not stated'}", *_fitness(model)),
     )  # fmt: skip
     unverified = [a.effect.name for a in material if a.effect.name not in ISOTROPIC]
     for addition in material:
@@ -145,8 +150,18 @@ def _of_extended(model: ExtendedModel, name: str) -> MaterialLaw:
     return law
 
 
+<<<<<<< HEAD
 def _with_addition(law: MaterialLaw, addition: Addition, beside: list[str]) -> MaterialLaw:
     """beside: effects beside which a finite bulk modulus is not carried. Raises `ExportError` naming an effect that no target carries."""
+=======
+def _fitness(model: Model | ExtendedModel) -> tuple[str, ...]:
+    """The verdict of the fit and a nominal level, as lines of a header."""
+    return tuple(line for remark in model_remarks(model) for line in textwrap.wrap(remark.text, WIDTH))
+
+
+def _with_addition(law: MaterialLaw, addition: Addition, count: int) -> MaterialLaw:
+    """Raises `ExportError` naming an effect that no target carries."""
+>>>>>>> main
     name, a, shape = addition.effect.name, addition.amplitudes, addition.shape
     if name == "compressibility":
         if beside:

@@ -20,7 +20,8 @@ from calibrate.effects.finite_thickness import of_the_mean
 from calibrate.equations.deformation_modes import MODES, largest_stretch, nominal_stress
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.virtual_fields import virtual_fields
-from calibrate.fitting.calibration import Options, calibrate, calibrated_range
+from calibrate.fitting.calibrated_range import calibrated_range
+from calibrate.fitting.calibration import Options, calibrate
 from studies.accuracy import metrics
 from studies.accuracy.metrics import Agreement
 from studies.accuracy.stress_error import Reference, StateErrors

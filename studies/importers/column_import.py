@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from calibrate import errors
-from calibrate.data.triangulation import boundary_nodes, signed_areas
+from calibrate.data.triangulation import boundary_edges, boundary_nodes, signed_areas
 from studies.importers.column_map import ColumnMap, read_map, tests_of
 from studies.importers.frame_tables import read_frames
 from studies.importers.load_cells import load_cells
@@ -30,6 +30,7 @@ from studies.importers.recording.synchronise import ForceRecord
 
 Array = NDArray[np.float64]
 GAP = 1.6  # distances of points from a masked one, within which a node is on the rim of its gap
+THIN_RIM = 0.1  # area over the square of an edge on the outline: a quarter in a square grid, 0.43 of equal sides
 THIN = 0.02  # of the longest edge squared: such triangles are Delaunay's only along an outline of nearly straight rows
 Index = NDArray[np.int64]
 
@@ -160,7 +161,18 @@ def _triangles(points: Array, max_edge: float | None) -> Index:
     keep = (edge <= limit) & (np.abs(area) > THIN * edge**2)
     if not keep.any():
         raise errors.ConfigError(f"no triangle has edges below points.max_edge_mm = {limit:g} mm")
-    return triangles[keep]
+    return _without_thin_rim(points, triangles[keep])
+
+
+def _without_thin_rim(points: Array, triangles: Index) -> Index:
+    """Triangles (m, 3) without flat ones whose longest edge is on the outline: rows that noise has bent."""
+    while True:
+        edges, owners = boundary_edges(triangles)
+        length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
+        flat = signed_areas(points, triangles)[owners] < THIN_RIM * length**2
+        if not flat.any() or flat.all():
+            return triangles
+        triangles = np.delete(triangles, owners[flat], axis=0)
 
 
 def _edges(

@@ -6,7 +6,7 @@ because they belong to the measurement or to other tests.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from calibrate.data.experiment import Experiment
 from calibrate.effects.chain import Addition
@@ -20,6 +20,8 @@ from forward.materials.spline_energy import SplineEnergy
 from forward.sheet import additions as laws
 from forward.sheet.thin_sheet import Sheet
 from studies.errors import OptionError
+from studies.output.findings import Finding
+from studies.reports.model_remarks import model_remarks
 from studies.synthetic import effect_laws
 
 FIELD = "stiffness field"
@@ -27,12 +29,14 @@ FIELD = "stiffness field"
 
 @dataclass(frozen=True)
 class Law:
-    """sheet: what is solved. title: of the model. effects: that are solved for; left_out: of the measurement, or of other tests."""
+    """sheet: what is solved. title: of the model. effects: that are solved for; left_out: of the measurement, or of other tests. remarks: what
+    the model file says of its own model."""
 
     sheet: Sheet
     title: str
     effects: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    remarks: tuple[Finding, ...] = ()
 
     @property
     def needs_time(self) -> bool:
@@ -57,7 +61,7 @@ def law_of(model: Model | ExtendedModel, experiment: Experiment) -> Law:
         law = _extended(model, experiment)
     if law.needs_time and experiment.time is None:
         raise ConfigError(f"{experiment.name}: has no time, which viscoelasticity needs; import it with its times")
-    return law
+    return replace(law, remarks=tuple(model_remarks(model)))
 
 
 def material_law(material: Material, title: str, experiment: Experiment) -> Law:

@@ -44,7 +44,7 @@ def findings(found: Replay) -> list[Finding]:
     if found.law.left_out:
         told.append((Remark.LEFT_OUT, {"effects": list(found.law.left_out)}))
     told.append((Remark.PRESCRIBED, {"share": float((~found.judged).mean())}))
-    return [Finding("replay", code, data) for code, data in told]
+    return [*found.law.remarks, *(Finding("replay", code, data) for code, data in told)]
 
 
 def write_report(folder: Path, found: Replay, manifest: Manifest) -> Path:

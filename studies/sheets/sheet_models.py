@@ -14,7 +14,8 @@ from calibrate.diagnosis.joint_fit import Joint
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Addition
 from calibrate.effects.out_of_plane import OutOfPlane
-from calibrate.models.extended_model import ExtendedModel, amplitude_unit
+from calibrate.models.addition_json import amplitude_unit
+from calibrate.models.extended_model import ExtendedModel
 from studies.sheets.model_errors import Split, prediction
 from studies.sheets.sheet_results import Amplitude, FittedModel, ModelName, Shape
 

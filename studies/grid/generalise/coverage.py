@@ -17,7 +17,7 @@ from calibrate.equations.deformation_modes import largest_stretch
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.inputs import hencky_to_lode
 from calibrate.equations.kinematics import invariants_and_derivatives
-from calibrate.fitting.calibration import calibrated_range
+from calibrate.fitting.calibrated_range import calibrated_range
 
 Array = NDArray[np.float64]
 CELLS = (12, 6)  # of norm and angle

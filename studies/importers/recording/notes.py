@@ -16,7 +16,7 @@ from studies.output.words import Words
 
 WORDS = Words("experiment")
 Array = NDArray[np.float64]
-LISTED = 6  # places that a note names
+LISTED = 30  # places or readings that a note names
 WEAK = 3.0  # signal to noise of the strain, below which little can be identified
 FILTERED = 10.0  # total over temporal noise, from which the latter says nothing of the errors of a frame
 STIFFEST = {"MPa": 200.0, "N/mm": 100.0}  # of what is soft enough for large strains
@@ -48,7 +48,7 @@ def edge_notes(loaded: Sequence[str], free: Sequence[str], rim: bool) -> list[st
 
 def record_notes(record: ForceRecord) -> list[str]:
     """Of readings without a force."""
-    return [WORDS.note_blank_forces(count=record.blank, source=record.source)] if record.blank else []
+    return [WORDS.note_blank_forces(readings=numbers(record.blank), source=record.source)] if record.blank else []
 
 
 def noise_notes(report: dict[str, Any]) -> list[str]:
@@ -87,7 +87,13 @@ def apparent_modulus(experiment: Experiment) -> float:
     return force / (width * (experiment.thickness or 1.0) * strain) if strain > 0 and width > 0 else 0.0
 
 
+def numbers(found: Sequence[int]) -> str:
+    """'3, 17, 18'."""
+    text = ", ".join(map(str, found[:LISTED]))
+    return text if len(found) <= LISTED else f"{text}, ... ({len(found)} in all)"
+
+
 def places(points: Array) -> str:
     """'(1.2, 3.4), (5.6, 7.8) mm'."""
     text = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in points[:LISTED])
-    return f"{text} mm" if len(points) <= LISTED else f"{text}, ... mm"
+    return f"{text} mm" if len(points) <= LISTED else f"{text}, ... ({len(points)} in all) mm"

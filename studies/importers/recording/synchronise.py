@@ -23,14 +23,14 @@ BREAK_LEVEL, BREAK_DURATION = 0.5, 0.05
 class ForceRecord:
     """Load-cell record: time (n,) s, increasing; force (n,) N, positive in tension; source: for messages.
 
-    Readings without a force (NaN) are left out; blank: how many. Raises `MissingForceError` for too few readings or none with a force,
+    Readings without a force (NaN) are left out; blank: their numbers, from 1. Raises `MissingForceError` for too few readings or none with a force,
     `TimeError`.
     """
 
     time: Array
     force: Array
     source: str = "force record"
-    blank: int = field(default=0, init=False)
+    blank: tuple[int, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
         if len(self.time) < 2 or self.time.shape != self.force.shape:
@@ -38,7 +38,7 @@ class ForceRecord:
         known = np.isfinite(self.force)
         if not known.any():
             raise errors.MissingForceError(f"{self.source}: contains no force")
-        object.__setattr__(self, "blank", int((~known).sum()))
+        object.__setattr__(self, "blank", tuple((np.flatnonzero(~known) + 1).tolist()))
         object.__setattr__(self, "force", self.force[known])
         object.__setattr__(self, "time", self.time[known])
         backwards = ~(np.diff(self.time) > 0)

@@ -27,6 +27,8 @@ class FitCode(StrEnum):
     FORCES = "forces"
     NOMINAL_LEVEL = "nominal_level"
     HELD_OUT = "held_out"
+    CLASSICAL = "classical_laws"
+    CLASSICAL_NOT_FITTED = "classical_not_fitted"
     NOTHING_HELD_OUT = "nothing_held_out"
     THICKNESS_UNKNOWN = "thickness_unknown"
     PLANE_STRAIN = "plane_strain"
@@ -57,7 +59,7 @@ LIMITS = Thresholds()
 
 def findings(view: Review) -> list[Finding]:
     """What a reader of the numbers should know, the most important first."""
-    found = [residuals(view), starts(view), forces(view), held_out(view)]
+    found = [residuals(view), starts(view), forces(view), held_out(view), *classical(view)]
     if view.model.uncertainty is not None:
         found.append(band_finding(view.model))
     if view.experiment.thickness is None:
@@ -66,6 +68,23 @@ def findings(view: Review) -> list[Finding]:
     if view.experiment.plane == "strain":
         found.append(_finding(FitCode.PLANE_STRAIN))
     return found
+
+
+def classical(view: Review) -> list[Finding]:
+    """Whether the data can tell the network from the classical laws; nothing where they were not fitted."""
+    if view.classical is None:
+        return []
+    failed = [c.name for c in view.classical.laws if c.fit is not None and not c.fit.reason.is_success]
+    if not view.classical.converged:
+        return [_finding(FitCode.CLASSICAL_NOT_FITTED, failed=failed)]
+    best, alike = view.classical.converged[0], view.classical.alike
+    return [
+        _finding(
+            FitCode.CLASSICAL, verdict=str(view.classical.verdict), law=best.name, numbers=int(best.numbers),
+            difference=best.criterion, inputs=view.model.architecture.inputs, alike=[c.name for c in alike], failed=failed,
+            unstable=[c.name for c in (best, *alike) if c.fit is not None and not c.fit.stability > 0],
+        )
+    ]  # fmt: skip
 
 
 def residuals(view: Review) -> Finding:
@@ -94,19 +113,16 @@ def starts(view: Review) -> Finding:
 def forces(view: Review) -> Finding:
     """How well forces are met, beside the best neo-Hookean modulus; how the level was fixed where they are not those of the section."""
     if view.experiment.level_is_nominal:
-        increment, boundary = level_of(view)
-        return _finding(FitCode.NOMINAL_LEVEL, increment=increment + 1, boundary=boundary, shares=section_shares(view))
+        return _finding(FitCode.NOMINAL_LEVEL, increment=level_increment(view) + 1, shares=section_shares(view))
     error, simple = view.force_error(view.fitted), view.neo_hooke_error
     worse = error > max(LIMITS.factor * simple, LIMITS.negligible)
     return _finding(FitCode.FORCES, error=error, neo_hooke_error=simple, worse_than_neo_hooke=bool(worse))
 
 
-def level_of(view: Review) -> tuple[int, str]:
-    """Increment, counted from 0, and boundary whose force fixes a nominal level."""
-    system = view.calibration.system
-    i, row = np.argwhere(system.level_equation)[0]
-    boundary = system.experiment.loaded[system.fields.boundary[row % system.fields.n_fields]].name
-    return int(np.flatnonzero(view.fitted)[i]), boundary
+def level_increment(view: Review) -> int:
+    """The increment, counted from 0, whose forces fix a nominal level."""
+    fitted = int(np.argwhere(view.calibration.system.level_equation)[0, 0])
+    return int(np.flatnonzero(view.fitted)[fitted])
 
 
 def held_out(view: Review) -> Finding:

@@ -22,6 +22,7 @@ from calibrate.equations.inputs import REFERENCE
 from calibrate.equations.reduction import assemble
 from calibrate.equations.weights import weights_of
 from calibrate.fitting.calibration import Calibration, predict_forces, relative_force_error
+from calibrate.fitting.classical_fit import Comparison
 from calibrate.models.json_file import MEASURED, NOMINAL
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
@@ -48,7 +49,7 @@ class Review:
     fitted (n_increments,): whether the increment was used for the fit. forces: {boundary: (n_increments, 2)} N,
     predicted from the measured displacements. residuals, deviations (n_increments, rows): internal minus external
     virtual work and its standard deviation from the noise, N; chi_square (n_increments,): per equation, 1 where
-    noise is all there is. The last two are None where the noise is unknown.
+    noise is all there is. The last two are None where the noise is unknown. classical: classical laws beside the network, where they were fitted.
     """
 
     calibration: Calibration
@@ -60,6 +61,7 @@ class Review:
     deviations: Array | None
     chi_square: Array | None
     neo_hooke_error: float
+    classical: Comparison | None = None
 
     @property
     def model(self) -> Model:
@@ -197,7 +199,7 @@ def _neo_hooke_error(system: Equilibrium) -> float:
 def section_shares(view: Review) -> dict[str, tuple[float, float]]:
     """{boundary: (smallest, largest)} of what the section carries over what the machine recorded, at the level of the model.
 
-    Along the pull, of increments with at least `WELL_LOADED` of the largest force. Where the level is nominal, 1 is its increment.
+    Along the pull, of increments with at least `WELL_LOADED` of the largest force. Where the level is nominal, they are 1 on average in its increment.
     """
     found = {}
     for name, force in view.measured.items():

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from studies.output import Manifest, write_csv, write_figure
 from studies.output.report import Report
 from studies.output.words import Words
 from studies.reports import force_record
+from studies.reports.calibration.calibration_quality import calibration_quality
+from studies.reports.calibration.classical_table import classical_record, classical_table, terminal_lines
 from studies.reports.calibration.figures import FIGURES
 from studies.reports.calibration.fit_findings import findings
 from studies.reports.calibration.fit_review import Review
-from studies.reports.calibration.headline import headline
 from studies.reports.calibration.tables import curve_table, force_table, summary_table
+from studies.reports.headline import headline
 
 WORDS = Words("calibration")
 
@@ -21,9 +24,9 @@ WORDS = Words("calibration")
 def write(folder: Path, view: Review, manifest: Manifest) -> None:
     """Write model, figures, table of forces, report and manifest into `folder`."""
     model, experiment = folder / "model.json", view.experiment
-    view.calibration.model.save(model)
+    first = headline(calibration_quality(view))
+    replace(view.model, fitness=first.fitness).save(model)
     report = Report(f"Calibration on {experiment.name}", model_name(view))
-    first = headline(view)
     report.heading("Result").paragraph(first.text).table(*summary_table(view))
     found = findings(view)
     for finding in found:
@@ -31,6 +34,8 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     if not view.model.level_is_nominal:
         report.table(*force_table(view), WORDS.force_table())
     report.table(*curve_table(view), WORDS.curve_table())
+    if view.classical is not None:
+        report.table(*classical_table(view, view.classical), WORDS.classical_table(scale=view.classical.scale))
     report.heading("Evidence")
     for name, draw in FIGURES.items():
         path = folder / f"{name}.png"
@@ -45,7 +50,10 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     report.save(folder / "report.html")
     # the manifest is written last: where it is, everything is
     outputs = folder / "report.html", model, folder / "forces.csv"
-    manifest.beside(*outputs, headline=first.to_dict(), **view.summary(), findings=[f.to_dict() for f in found])
+    manifest.beside(
+        *outputs, headline=first.to_dict(), **view.summary(), classical_laws=classical_record(view),
+        findings=[f.to_dict() for f in found],
+    )  # fmt: skip
 
 
 def model_name(view: Review) -> str:
@@ -61,12 +69,13 @@ def model_name(view: Review) -> str:
 
 def summary_lines(view: Review) -> Iterator[str]:
     """The numbers and what they mean, for a terminal."""
-    yield headline(view).text
+    yield headline(calibration_quality(view)).text
     yield f"{view.experiment.name}: {model_name(view)}"
     _, rows = summary_table(view)
     width = max(len(str(row[0])) for row in rows)
     for name, value, unit in rows:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         yield f"  {name:{width}}  {text} {unit}".rstrip()
+    yield from terminal_lines(view)
     for finding in findings(view):
         yield f"- {finding.text}"

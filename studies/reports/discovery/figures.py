@@ -15,10 +15,10 @@ from calibrate.diagnosis.problem import Part
 from calibrate.diagnosis.selection.rounds import Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects.chain import Addition
-from calibrate.models.extended_model import amplitude_unit
+from calibrate.models.addition_json import amplitude_unit
 from studies.output import style
 from studies.reports.discovery.candidate_outcome import WORDS
-from studies.reports.discovery.view import BAND, View, decorrelated, forces, held_increments, nodal
+from studies.reports.discovery.view import BAND, View, decorrelated, held_increments, nodal
 from studies.reports.force_record import COMPONENTS, worth_drawing
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ def residual_map(view: View, part: Part) -> Figure:
 
 def force_history(view: View, part: Part) -> Figure:
     """Forces read and predicted over time or increments, errors below; increments held out are shaded."""
-    found = {name: forces(part, fit) for name, fit in view.models.items()}
+    found = {name: view.forces(part, fit) for name, fit in view.models.items()}
     panels = worth_drawing({name: v[0] for name, v in found["base model"].items()})
     time = part.experiment.time
     x = np.arange(1.0, part.experiment.n_increments + 1) if time is None else time

@@ -19,7 +19,7 @@ from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects import Effect
-from calibrate.models.extended_model import amplitude_unit
+from calibrate.models.addition_json import amplitude_unit
 from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
 from studies.reports.discovery.view import BAND, View, held_increments
 
@@ -94,21 +94,29 @@ class CandidateRecord:
         return asdict(self)
 
 
-def amplitude_records(candidate: Candidate, unit: str) -> list[AmplitudeRecord]:
-    """Every amplitude of a tested effect."""
+def amplitude_records(candidate: Candidate, unit: str, level: float = 1.0) -> list[AmplitudeRecord]:
+    """Every amplitude of a tested effect. level: by which stiffness is multiplied."""
     addition, score = candidate.addition, candidate.score
     if not score.is_tested:
         return []
     found = []
     for i, p in enumerate(score.effect.amplitudes):
         low, high = (float(v) if np.isfinite(v) else None for v in (p.lower, p.upper))
+        factor = level**p.stiffness_power
         fitted: tuple[float, ...] = ()
         if addition is not None:
-            value, deviation = addition.amplitudes[i], candidate.deviations[i]
+            value, deviation = factor * addition.amplitudes[i], factor * candidate.deviations[i]
             fitted = (value, deviation, value - BAND * deviation, value + BAND * deviation)
         found.append(
             AmplitudeRecord(
-                p.name, amplitude_unit(p, unit), p.null, low, high, score.amplitudes[i], score.errors[i], *fitted
+                p.name,
+                amplitude_unit(p, unit),
+                p.null,
+                low,
+                high,
+                factor * score.amplitudes[i],
+                factor * score.errors[i],
+                *fitted,
             )
         )
     return found
@@ -119,7 +127,9 @@ def shape_records(effect: Effect, values: tuple[float, ...], unit: str) -> list[
     return [ShapeRecord(p.name, amplitude_unit(p, unit), v) for p, v in zip(effect.shapes, values, strict=True)]
 
 
-def candidate_record(candidate: Candidate, now: Round, unit: str, thresholds: Thresholds = DEFAULT) -> CandidateRecord:
+def candidate_record(
+    candidate: Candidate, now: Round, unit: str, thresholds: Thresholds = DEFAULT, level: float = 1.0
+) -> CandidateRecord:
     """A candidate with every number."""
     score, effect, fit = candidate.score, candidate.score.effect, candidate.fit
     tested = score.is_tested
@@ -138,7 +148,7 @@ def candidate_record(candidate: Candidate, now: Round, unit: str, thresholds: Th
         predicted_improvement=score.share if tested else None,
         achieved_improvement=None if fit is None else 1 - fit.loss / now.fit.loss,
         absorbed_by_base=score.absorbed if score.status in (Status.TESTED, Status.ABSORBED) else None,
-        amplitudes=amplitude_records(candidate, unit),
+        amplitudes=amplitude_records(candidate, unit, level),
         shape=shape_records(effect, shape, unit) if tested else [],
         admissible=score.admissible if tested else None,
         train_before=_misfit(now.train),
@@ -206,7 +216,7 @@ def round_record(now: Round, view: View) -> dict[str, Any]:
         else {**_test(now.predicted), "p_value": now.predicted_p if known else None},
         "train": now.train.to_dict(),
         "held_out": _misfit(now.held),
-        "candidates": [candidate_record(c, now, view.unit, thresholds).to_dict() for c in now.candidates],
+        "candidates": [candidate_record(c, now, view.unit, thresholds, view.level).to_dict() for c in now.candidates],
         "added": now.added,
         "group": list(now.group),
         "remarks": round_remarks(now),

@@ -14,10 +14,11 @@ from studies.output import write_csv, write_figure, write_json, write_npz
 from studies.output.report import Report
 from studies.reports.discovery import figures
 from studies.reports.discovery.candidate_outcome import WORDS
+from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
 from studies.reports.discovery.statement import remarks, untestable, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
-from studies.reports.discovery.view import View, decorrelated, forces, held_increments, nodal
+from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
 
 MOST_TESTS = 4  # that get pictures
 QUICK_FIGURES = ("residual_map", "forces", "scores")
@@ -43,7 +44,8 @@ def write(folder: Path, view: View, model: ExtendedModel, manifest: Any) -> Path
     report.details("Versions", record["versions"])
     report.save(files[0])
     # the manifest is written last: where it is, everything is
-    manifest.beside(*files, verdict=view.discovery.verdict, in_words=said, hold_out=view.hold_out)
+    use = discovery_headline(view).to_dict()
+    manifest.beside(*files, headline=use, verdict=view.discovery.verdict, in_words=said, hold_out=view.hold_out)
     return files[0]
 
 
@@ -59,7 +61,7 @@ def _results(report: Report, folder: Path, view: View) -> None:
         report.figure(path, caption)
     for i, now in enumerate(rounds, start=1):
         report.heading(f"Round {i}: residual of {model_name(now.fit)}")
-        report.table(*candidate_table(now, view.unit), WORDS.candidate_caption())
+        report.table(*candidate_table(now, view.unit, view.level), WORDS.candidate_caption())
     lines = "\n".join(untestable(rounds[0])) or WORDS.all_testable()
     report.heading("Not testable with these data").paragraph(lines)
     report.heading("The catalogue").table(*catalogue_table(view), WORDS.catalogue_caption())
@@ -100,7 +102,12 @@ def pictures(folder: Path, view: View) -> Iterator[tuple[Path, Any, str]]:
 
 def _data(folder: Path, view: View) -> list[Path]:
     """Write discovery.json, effects.csv, amplitudes.csv, forces.csv and residuals.npz."""
-    everything = {**content(view), "in_words": verdict(view), "remarks": remarks(view)}
+    everything = {
+        **content(view),
+        "headline": discovery_headline(view).to_dict(),
+        "in_words": verdict(view),
+        "remarks": remarks(view),
+    }
     write_json(folder / "discovery.json", everything)
     rows = [_flat(i, c) for i, now in enumerate(everything["rounds"], start=1) for c in now["candidates"]]
     write_csv(folder / "effects.csv", list(rows[0]) if rows else ["round"], [list(row.values()) for row in rows],
@@ -144,7 +151,7 @@ def force_rows(view: View) -> tuple[list[str], list[list[Any]]]:
     columns += [name.replace(" ", "_") for name in view.models] + ["deviation"]
     rows = []
     for part in view.discovery.problem.parts:
-        found = [forces(part, fit) for fit in view.models.values()]
+        found = [view.forces(part, fit) for fit in view.models.values()]
         held, time = held_increments(part), part.experiment.time
         for boundary, (measured, _, spread) in found[0].items():
             for i, k in np.ndindex(measured.shape):

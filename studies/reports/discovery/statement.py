@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 from calibrate.diagnosis.distillation import Distilled, bulk_modulus
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.problem import stiffness_factor
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Doubt, Round
-from calibrate.fitting.calibration import WEAK_SIGNAL
-from calibrate.models.extended_model import amplitude_unit
+from calibrate.fitting.calibrated_range import WEAK_SIGNAL
+from calibrate.models.addition_json import amplitude_unit
+from calibrate.models.fitness import Use
 from studies.output.words import plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words, round_remarks
+from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
 from studies.reports.discovery.records import shape_records
 from studies.reports.discovery.view import BAND, View
 from studies.reports.experiments.experiment_findings import experiment_findings
@@ -70,7 +71,7 @@ class BestCandidate:
 class Statement:
     """All that the verdict says. last_step: of a last fit that has not converged, in standard deviations of an equation.
     doubts: why what is closest is no explanation; force_allowed: force error that one may leave. level_is_nominal: whether only ratios
-    of stiffness are known; weak_strain: whether a strain is near its noise."""
+    of stiffness are known. against: why the model is not to be used, and no test of an effect is to be believed."""
 
     verdict: Verdict
     named: tuple[NamedEffect, ...]
@@ -84,7 +85,7 @@ class Statement:
     doubts: tuple[Doubt, ...] = ()
     force_allowed: float = float("nan")
     level_is_nominal: bool = False
-    weak_strain: bool = False
+    against: tuple[str, ...] = ()
 
     @property
     def force_after(self) -> float:
@@ -95,7 +96,7 @@ class Statement:
     def of(cls, view: View) -> Statement:
         """Of a discovery."""
         found, final = view.discovery, view.discovery.final
-        residual = _residual(view)
+        residual, use = _residual(view), discovery_headline(view)
         return cls(
             found.verdict,
             _effects(view, found.named),
@@ -109,7 +110,7 @@ class Statement:
             () if found.confirmation is None else found.confirmation.doubts,
             float("nan") if found.confirmation is None else found.confirmation.force_allowed,
             found.problem.level_is_nominal,
-            any(part.experiment.strain_signal.ratio < WEAK_SIGNAL for part in found.problem.trained),
+            use.reasons if use.verdict is Use.NOT else (),
         )
 
 
@@ -121,17 +122,21 @@ def verdict(view: View) -> str:
 def _effects(view: View, names: tuple[str, ...]) -> tuple[NamedEffect, ...]:
     final, groups = view.discovery.final, view.discovery.groups
     return tuple(
-        NamedEffect(name, tuple(effect_values(final, i, view.unit)), groups.get(name, (name,))[1:])
+        NamedEffect(name, tuple(effect_values(final, i, view.unit, view.level)), groups.get(name, (name,))[1:])
         for i, name in enumerate(final.names)
         if name in names
     )
 
 
-def effect_values(fit: Fit, i: int, unit: str) -> list[str]:
-    """Amplitudes of the i-th effect with half their 95 % interval, and its shapes: 'c01 = 0.0163 +- 0.0006 MPa'."""
+def effect_values(fit: Fit, i: int, unit: str, level: float = 1.0) -> list[str]:
+    """Amplitudes of the i-th effect with half their 95 % interval, and its shapes: 'c01 = 0.0163 +- 0.0006 MPa'. level: by which
+    stiffness is multiplied."""
     addition, deviations = fit.additions[i], fit.errors[i]
     values = [
-        with_unit(f"{p.name} = {plus_minus(v, BAND * d)}", amplitude_unit(p, unit))
+        with_unit(
+            f"{p.name} = {plus_minus(v * level**p.stiffness_power, BAND * d * level**p.stiffness_power)}",
+            amplitude_unit(p, unit),
+        )
         for p, v, d in zip(addition.effect.amplitudes, addition.amplitudes, deviations, strict=True)
     ]
     if len(values) > LISTED:
@@ -190,15 +195,16 @@ def _deciding(view: View) -> tuple[str, ...]:
 
 def remarks(view: View) -> list[str]:
     """What a reader has to know, in sentences."""
-    found = view.discovery
-    result = [*view.remarks, *_of_noise(view), _of_hold_out(view)]
-    for i, now in enumerate(found.rounds, start=1):
+    found, use = view.discovery, discovery_headline(view)
+    result = [use.text] if use.verdict is Use.RESERVATIONS else []
+    result += [*view.remarks, *_of_noise(view), _of_hold_out(view)]
+    for i, now in enumerate(found.rounds if use.verdict is not Use.NOT else (), start=1):
         result += [WORDS.round_remark(number=i, remark=text) for text in round_remarks(now)]
     if view.unit != "MPa":
         result.append(WORDS.no_thickness())
-    factor = stiffness_factor(found.problem, found.final.c, found.final.additions)
-    if factor > ATTENUATED:
-        result.append(WORDS.attenuated(factor=factor, level_is_nominal=found.problem.level_is_nominal))
+    factor = discovery_quality(view).attenuation
+    if factor > ATTENUATED and not found.problem.level_is_nominal:
+        result.append(WORDS.attenuated(factor=factor))
     result += [WORDS.weak_strain(name=part.experiment.name, signal=part.experiment.strain_signal)
                for part in found.problem.parts if part.experiment.strain_signal.ratio < WEAK_SIGNAL]  # fmt: skip
     for part in found.problem.parts:
@@ -214,7 +220,8 @@ def _of_noise(view: View) -> list[str]:
     if not found.problem.noise_is_known:
         return [WORDS.unknown_noise()]
     chi_square = found.base.reduced_chi_square
-    return [WORDS.overstated_noise(chi_square=chi_square)] if chi_square < OVERSTATED else []
+    attenuated = discovery_quality(view).attenuation > ATTENUATED  # a stiffness too small leaves residuals too small
+    return [WORDS.overstated_noise(chi_square=chi_square)] if chi_square < OVERSTATED and not attenuated else []
 
 
 def _of_hold_out(view: View) -> str:

@@ -8,7 +8,7 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.effects import Effect
-from calibrate.models.extended_model import amplitude_unit
+from calibrate.models.addition_json import amplitude_unit
 from studies.reports.discovery.candidate_outcome import WORDS, indistinguishable, outcome_words
 from studies.reports.discovery.records import amplitude_records, model_name, shape_records
 from studies.reports.discovery.statement import LISTED, effect_values, with_unit
@@ -74,7 +74,7 @@ def _p(value: float) -> float:
     return max(value, SMALLEST)
 
 
-def candidate_table(now: Round, unit: str) -> Table:
+def candidate_table(now: Round, unit: str, level: float = 1.0) -> Table:
     """Every candidate of a round, those that could not be tested last."""
     held = now.held
     columns = [
@@ -86,23 +86,23 @@ def candidate_table(now: Round, unit: str) -> Table:
         "chi-square each, held out" + ("" if held is None else f" (before: {held.chi_square:.3g})"),
         "similar to (cosine)", "decided by",
     ]  # fmt: skip
-    rows = [_in_the_model(now.fit, i, unit, len(columns)) for i in range(len(now.fit.additions))]
-    return columns, rows + [_candidate(candidate, now, unit, len(columns)) for candidate in now.candidates]
+    rows = [_in_the_model(now.fit, i, unit, level, len(columns)) for i in range(len(now.fit.additions))]
+    return columns, rows + [_candidate(candidate, now, unit, level, len(columns)) for candidate in now.candidates]
 
 
 def _head(name: str, before: float | None) -> str:
     return f"{name}, %" + ("" if before is None or before != before else f" (before: {100 * before:.3g})")
 
 
-def _in_the_model(fit: Fit, i: int, unit: str, width: int) -> list[Any]:
+def _in_the_model(fit: Fit, i: int, unit: str, level: float, width: int) -> list[Any]:
     effect = fit.additions[i].effect
     row: list[Any] = [effect.name, "in the model", *[None] * (width - 2)]
-    row[8] = ", ".join(effect_values(fit, i, unit))
+    row[8] = ", ".join(effect_values(fit, i, unit, level))
     row[-1] = effect.decided_by or None
     return row
 
 
-def _candidate(candidate: Candidate, now: Round, unit: str, width: int) -> list[Any]:
+def _candidate(candidate: Candidate, now: Round, unit: str, level: float, width: int) -> list[Any]:
     s, decided_by = candidate.score, candidate.score.effect.decided_by or None
     if not s.is_tested:
         return [candidate.name, outcome_words(candidate, now), *[None] * (width - 3), decided_by]
@@ -111,18 +111,18 @@ def _candidate(candidate: Candidate, now: Round, unit: str, width: int) -> list[
     return [
         candidate.name, outcome_words(candidate, now), ", ".join(indistinguishable(candidate, now)) or None, s.score,
         s.degrees, _p(s.adjusted), 100 * s.share, None if fit is None else round(100 * (1 - fit.loss / now.fit.loss), 6),
-        amplitude_text(candidate, unit), s.admissible, *_errors(candidate.train), *_errors(held),
+        amplitude_text(candidate, unit, level), s.admissible, *_errors(candidate.train), *_errors(held),
         None if held is None else held.chi_square, like or None, decided_by,
     ]  # fmt: skip
 
 
-def amplitude_text(candidate: Candidate, unit: str) -> str:
+def amplitude_text(candidate: Candidate, unit: str, level: float = 1.0) -> str:
     """'c01 = 0.0163 [0.0157, 0.0169] MPa; angle = 1.74 rad': refitted, or as tested where that is what there is.
 
     An inadmissible amplitude is the tested one: the refit stops at the bound.
     """
     texts, score = [], candidate.score
-    everything = amplitude_records(candidate, unit)
+    everything = amplitude_records(candidate, unit, level)
     largest = sorted(everything, key=lambda a: -abs(a.tested) / max(a.tested_deviation, 1e-300))[:LISTED]
     for a in everything if len(everything) <= LISTED else largest:
         value, deviation = a.tested, a.tested_deviation

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.problem import Part
+from calibrate.diagnosis.problem import Part, level_factor
 from calibrate.diagnosis.selection import Discovery
 
 Array = NDArray[np.float64]
@@ -33,6 +34,16 @@ class View:
         """MPa, or N/mm where the thickness is unknown."""
         return self.discovery.problem.parts[0].experiment.stress_unit
 
+    @cached_property
+    def level(self) -> float:
+        """By which the stiffness of the final model is multiplied: 1, or what a nominal level asks for."""
+        final = self.discovery.final
+        return level_factor(self.discovery.problem, final.c, final.additions)
+
+    def forces(self, part: Part, fit: Fit) -> dict[str, tuple[Array, Array, Array]]:
+        """As `forces`, at the level of the fit."""
+        return forces(part, fit, level_factor(self.discovery.problem, fit.c, fit.additions))
+
     @property
     def models(self) -> dict[str, Fit]:
         """The base and, where something was added, the final model."""
@@ -50,15 +61,17 @@ def held_increments(part: Part) -> NDArray[np.bool_]:
     return ~part.train.rows.any(axis=1)
 
 
-def forces(part: Part, fit: Fit) -> dict[str, tuple[Array, Array, Array]]:
-    """Each loaded boundary's force (t, 2), N: measured, as the fit predicts the reading, standard deviation expected."""
+def forces(part: Part, fit: Fit, level: float = 1.0) -> dict[str, tuple[Array, Array, Array]]:
+    """Each loaded boundary's force (t, 2), N: measured, as the fit predicts the reading, standard deviation expected. level: by which a
+    nominal stiffness is multiplied."""
     system, n = part.system, part.system.fields.n_fields
-    r, spread = residual(part, fit), deviations(part)
+    r, spread = residual(part, fit), level * deviations(part)
     result = {}
     for v in np.flatnonzero(system.fields.boundary >= 0):
-        loads = np.nan_to_num(system.loads[:, [v, n + v]])
+        recorded = system.recorded[:, [v, n + v]]
         name = part.experiment.loaded[system.fields.boundary[v]].name
-        result[name] = (system.recorded[:, [v, n + v]], loads + r[:, [v, n + v]], spread[:, [v, n + v]])
+        carried = np.nan_to_num(system.loads[:, [v, n + v]]) + r[:, [v, n + v]]
+        result[name] = (recorded, level * carried, spread[:, [v, n + v]])
     return result
 
 

@@ -5,6 +5,7 @@ In: the exact solution and the Experiment recorded from it. Out: PNG files, a ta
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -15,14 +16,17 @@ from calibrate.equations import isochoric as plane_strain
 from calibrate.equations.kinematics import deformation_gradients, gradient_operator, invariants_and_derivatives
 from forward.solution import SurfaceSolution
 from studies.output import Manifest, style, write_csv, write_figure
+from studies.output.findings import Finding
 from studies.output.report import Report
 from studies.output.words import Words
 
 WORDS = Words("experiment")
 
 
-def write_report(folder: Path, solution: SurfaceSolution, experiment: Experiment, manifest: Manifest) -> Path:
-    """Draw everything into `folder` and return the path of the report."""
+def write_report(
+    folder: Path, solution: SurfaceSolution, experiment: Experiment, manifest: Manifest, remarks: Sequence[Finding] = ()
+) -> Path:
+    """Draw everything into `folder` and return the path of the report. remarks: on the material."""
     fields, forces, table = folder / "fields.png", folder / "forces.png", folder / "forces.csv"
     draw_fields(experiment, fields)
     draw_forces(solution, experiment, forces)
@@ -35,6 +39,8 @@ def write_report(folder: Path, solution: SurfaceSolution, experiment: Experiment
         f"Plane {experiment.plane} finite elements, synthetic camera and load cell",
     )
     report.paragraph(WORDS.simulated_test(experiment=experiment, noise=experiment.noise))
+    for remark in remarks:
+        report.paragraph(remark.text)
     report.figure(fields, WORDS.simulated_fields())
     report.figure(forces, WORDS.simulated_forces())
     report.table(columns, rows, WORDS.simulated_table())

@@ -18,6 +18,7 @@ from calibrate.equations.deformation_modes import MODES, mode_invariants, nomina
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
 from studies.output.findings import Finding
+from studies.reports.model_remarks import model_remarks
 
 Array = NDArray[np.float64]
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
@@ -26,7 +27,6 @@ MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
 class Extent(StrEnum):
     """How far a curve is calibrated, and what its bands hold; macros of ``templates/prediction.txt``."""
 
-    NOMINAL_LEVEL = "nominal_level"
     NO_RANGE = "no_calibrated_range"
     WITHIN = "within_calibrated_range"
     EXTRAPOLATES = "leaves_calibrated_range"
@@ -125,5 +125,4 @@ def band_finding(model: Model) -> Finding:
 
 def findings(model: Model, curves: list[Curve]) -> list[Finding]:
     """What a reader of the curves should know."""
-    level = [Finding("prediction", Extent.NOMINAL_LEVEL)] if model.level_is_nominal else []
-    return [*level, *(curve.finding for curve in curves), band_finding(model)]
+    return [*model_remarks(model), *(curve.finding for curve in curves), band_finding(model)]

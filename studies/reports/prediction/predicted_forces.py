@@ -22,6 +22,7 @@ from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.model_file import load_model
 from calibrate.models.network_model import Model
 from studies.output.findings import Finding
+from studies.reports.model_remarks import model_remarks
 
 Array = NDArray[np.float64]
 UNDEFORMED = 1e-3  # of I1 - 3, below which a triangle is no extrapolation
@@ -40,8 +41,9 @@ class Remark(StrEnum):
 @dataclass(frozen=True)
 class Forecast:
     """What a model says of a test. forces: {boundary: (t, 2)} N, predicted. outside: share of area and increments beyond the
-    calibrated range. model: its name. left_out: effects of other tests, which do not hold here. factor: by which the forces were
-    multiplied, None where the levels of model and test are known; nominal_model: whether that of the model is not."""
+    calibrated range. model: its name. left_out: effects of other tests, which do not hold here. factor: by which the forces are
+    multiplied for the error, None where the levels of model and test are known; nominal_model: whether that of the model is not. remarks: on the
+    model itself."""
 
     experiment: Experiment
     forces: dict[str, Array]
@@ -51,6 +53,7 @@ class Forecast:
     unused_bulk_modulus: float | None = None
     factor: float | None = None
     nominal_model: bool = False
+    remarks: tuple[Finding, ...] = ()
 
     @property
     def measured(self) -> dict[str, Array]:
@@ -59,8 +62,9 @@ class Forecast:
 
     @property
     def error(self) -> float:
-        """Norm of the force errors over that of the measured forces."""
-        return relative_force_error(self.forces, self.measured)
+        """Norm of the force errors over that of the measured forces; where a level is nominal, at the factor that fits best."""
+        factor = 1.0 if self.factor is None else self.factor
+        return relative_force_error({name: factor * force for name, force in self.forces.items()}, self.measured)
 
     @property
     def findings(self) -> list[Finding]:
@@ -77,21 +81,20 @@ class Forecast:
             found.append((Remark.BULK_MODULUS, {"bulk_modulus": self.unused_bulk_modulus, "unit": e.stress_unit}))
         if self.left_out:
             found.append((Remark.LEFT_OUT, {"effects": list(self.left_out)}))
-        return [Finding("prediction", code, data) for code, data in found]
+        return [*self.remarks, *(Finding("prediction", code, data) for code, data in found)]
 
 
 def forecast(path: Path, experiment: Experiment) -> Forecast:
     """Raises `ModelFileError`, `ConfigError` where units or times do not go together.
 
-    Where the level of model or test is nominal, all forces are multiplied by the factor that fits the recorded ones best.
+    Where the level of model or test is nominal, the error is that of all forces times the factor that fits the recorded ones best.
     """
     model = load_model(path)
-    found = _forecast(model, experiment)
+    found = replace(_forecast(model, experiment), remarks=tuple(model_remarks(model)))
     if not (model.level_is_nominal or experiment.level_is_nominal):
         return found
     factor = _best_factor(found.forces, found.measured)
-    forces = {name: factor * force for name, force in found.forces.items()}
-    return replace(found, forces=forces, factor=factor, nominal_model=model.level_is_nominal)
+    return replace(found, factor=factor, nominal_model=model.level_is_nominal)
 
 
 def _best_factor(predicted: dict[str, Array], measured: dict[str, Array]) -> float:

@@ -35,6 +35,17 @@ from studies.trials import blind_data
 NOISE = Noise(0.004, 3.0, 3e-4, 2e-3)
 
 
+def test_the_remedy_of_a_base_that_does_not_converge_works(monkeypatch):
+    """With few passes, so that the weights still follow the noise."""
+    clean = synthetic.plate_experiment(synthetic.ArrudaBoyce(), 0.3, n_increments=3)
+    noisy = synthetic.with_noise(clean, Noise(0.06, 0.4, 1e-3, 1e-3), 1)
+    monkeypatch.setattr(base_fit, "MOST_PASSES", 4)
+    with pytest.raises(errors.FitError, match="scatters by.*--base neo-Hooke"):
+        base_fit.prepare([noisy], [base_fit.all_rows])
+    problem, base = base_fit.prepare([noisy], [base_fit.all_rows], base="neo-Hooke")
+    assert base.converged and (base.c >= 0).all() and problem.parametric
+
+
 @cache
 def sheet(c01=0.0, seed=1):
     """The plate in Mooney-Rivlin rubber, with noise and times."""

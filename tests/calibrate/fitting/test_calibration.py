@@ -12,7 +12,8 @@ from calibrate import errors
 from calibrate.data.experiment import Noise
 from calibrate.equations import kinematics
 from calibrate.equations.deformation_modes import stretches_to_gradient
-from calibrate.fitting.calibration import Options, calibrate, calibrated_range, predict_forces, relative_force_error
+from calibrate.fitting.calibrated_range import calibrated_range
+from calibrate.fitting.calibration import Options, calibrate, predict_forces, relative_force_error
 from calibrate.fitting.stopping import Stop
 
 # an absolute force noise and an isotropic displacement noise: the same in every frame
@@ -104,11 +105,11 @@ def test_dependent_scaling_runs_slsqp_on_the_full_data():
 def test_calibrated_range_is_an_area_weighted_quantile():
     system = clean().system
     values = np.asarray(kinematics.invariants_and_derivatives(system.deformation_gradients)[0])[..., 0]
-    low, high = calibrated_range(system, 0.9)["I1"]
+    low, high = calibrated_range(system, quantile=0.9)["I1"]
     share = np.mean((values <= high) @ system.areas) / system.areas.sum()
     assert low == 3.0
     assert share == pytest.approx(0.9, abs=0.01)
-    assert calibrated_range(system, 1.0)["I1"][1] == pytest.approx(values.max())
+    assert calibrated_range(system, quantile=1.0)["I1"][1] == pytest.approx(values.max())
 
 
 def test_predicted_forces_and_residuals_belong_together():

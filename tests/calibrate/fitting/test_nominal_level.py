@@ -11,13 +11,17 @@ from synthetic import ArrudaBoyce, derivatives, plate_experiment, with_noise
 
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis.base_fit import prepare
+from calibrate.diagnosis.distillation import distil
+from calibrate.diagnosis.effect_fit import refit
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.problem import all_rows
+from calibrate.diagnosis.problem import all_rows, level_factor
 from calibrate.diagnosis.score_tests import Status, score
 from calibrate.diagnosis.selection.misfit import misfit
 from calibrate.effects import CATALOGUE
 from calibrate.equations.deformation_modes import nominal_stress
 from calibrate.equations.equilibrium import equilibrium
+from calibrate.errors import FitError
+from calibrate.fitting.calibrated_range import calibrated_range
 from calibrate.fitting.calibration import Options, calibrate
 from calibrate.models.model_file import load_model
 from studies.reports.calibration.fit_review import review, section_shares
@@ -72,17 +76,47 @@ def test_recorded_forces_change_nothing_but_the_level():
 
 
 def test_the_level_is_that_of_its_increment():
-    shares = section_shares(review(calibrate(window((1.0, 0.5, 1.0, 1.0)), FAST)))
+    found = review(calibrate(window((1.0, 0.5, 1.0, 1.0)), FAST))
+    shares = section_shares(found)
     assert shares["right"][0] == pytest.approx(1.0, rel=0.05)
     assert shares["right"][1] == pytest.approx(2.0, rel=0.05)
+    carried, recorded = (
+        np.array([forces[name][-1, 0] for name in ("left", "right")]) for forces in (found.forces, found.measured)
+    )
+    assert carried @ recorded == pytest.approx(recorded @ recorded, rel=1e-6)  # along the pull
 
 
 def test_a_model_file_says_that_its_level_is_nominal(tmp_path):
     fitted().model.save(tmp_path / "model.json")
     assert load_model(tmp_path / "model.json").level_is_nominal
+    own = forecast(tmp_path / "model.json", window())
+    for name, force in fitted().predicted_forces.items():  # one model, one force, whatever is recorded
+        assert own.forces[name] == pytest.approx(force, abs=1e-12)
     found = forecast(tmp_path / "model.json", replace(whole(), loaded=tuple(replace(b, force=5 * b.force) for b in whole().loaded)))  # fmt: skip
     assert found.factor == pytest.approx(5.0, rel=0.05)
     assert found.error < 0.05
+
+
+def test_sections_that_pull_against_the_record_are_refused():
+    system = fitted().system
+    with pytest.raises(FitError, match="in the other direction.*drop_points"):
+        system.share_carried(-system.recorded)
+
+
+def test_a_model_of_a_diagnosis_has_the_nominal_level_and_the_range_of_the_area(tmp_path):
+    rule = HoldOut.parse("every:2")
+    problem, base = prepare([window()], [rule.training])
+    fit = refit(problem, base.c, ())
+    network, level = distil(problem, fit).network, level_factor(problem, fit.c, ())
+    system = problem.parts[0].system
+    stress = network.nominal_stress(system.deformation_gradients)
+    assert system.share_carried(system.internal_forces(stress)) == pytest.approx(1.0, rel=0.02)
+    spline = level * (problem.parts[0].own_residual(fit.c) + np.nan_to_num(system.loads))
+    assert system.share_carried(spline) == pytest.approx(1.0, rel=1e-9)
+    assert network.calibrated_range["I1"][1] < 3 + problem.parts[0].chain.energy.top
+    assert network.calibrated_range["I1"] == pytest.approx(
+        calibrated_range(system, problem.parts[0].train.rows.any(axis=1))["I1"]
+    )
 
 
 def test_a_diagnosis_holds_the_level_and_judges_no_force():

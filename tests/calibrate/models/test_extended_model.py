@@ -19,7 +19,8 @@ from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import neo_hooke
 from calibrate.errors import ConfigError, DataNotFoundError, ModelFileError
 from calibrate.models import pann
-from calibrate.models.extended_model import ExtendedModel, amplitude_unit
+from calibrate.models.addition_json import amplitude_unit
+from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.model_file import load_model
 from calibrate.models.network_model import Model
 from studies.commands.discover import extended
@@ -78,7 +79,7 @@ def test_prediction_is_that_of_the_diagnosis():
     assert found.residuals == pytest.approx(residual(part, explained().final), abs=1e-9)
     for name, (_, predicted, _) in forces(part, explained().final).items():
         assert found.forces[name] == pytest.approx(predicted, rel=1e-9, abs=1e-9)
-    assert found.outside == 0
+    assert found.outside <= 1e-3  # the range ends at 99.9 % of the area
     assert found.left_out == ()
 
 

@@ -16,6 +16,7 @@ from calibrate.equations.basis import SingleBasis
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
 from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.fitness import Fitness, Use
 from calibrate.models.parameter_covariance import Uncertainty
 from studies import cli
 from studies.reports.prediction import predicted_curves as prediction
@@ -69,6 +70,39 @@ def test_simulate_says_that_it_has_no_law_for_a_model_of_discover(tmp_path: Path
     ExtendedModel(basis, neo_hooke_coefficients(basis, MU), (), (), "MPa").save(tmp_path / "model.json")
     assert cli.main(["simulate", "--material", str(tmp_path / "model.json"), "-o", str(tmp_path / "out")]) == 2
     assert "model of `equigap discover`" in capsys.readouterr().err
+
+
+SMALL = "--quick --specimen strip --displacement 1 --increments 1 --size-factor 6 --nodes 100 --no-noise"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["predict", "model.json", "--points", "5"],
+        ["predict", "model.json", "--test", "test.npz"],
+        ["export", "model.json", "--to", "python"],
+        pytest.param(["simulate", "--material", "model.json", *SMALL.split()], marks=pytest.mark.slow),
+        pytest.param(["replay", "test.npz", "model.json", "--skip-mesh-check"], marks=pytest.mark.slow),
+    ],
+    ids=["curves", "forces", "export", "simulate", "replay"],
+)
+def test_whatever_reads_a_model_repeats_its_verdict(words: list[str], tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    reason, ranges = "forces are missed by 34 %", {"I1": (3.0, 6.0), "I2": (3.0, 6.0)}
+    useless = replace(neo_hooke(), fitness=Fitness(Use.NOT, (reason,)), level_is_nominal=True, calibrated_range=ranges)
+    useless.save(tmp_path / "model.json")
+    sheet().save(tmp_path / "test.npz")
+    assert cli.main([*words, "-o", "out"]) == 0
+    said = capsys.readouterr().out
+    assert "do not use" in said and reason in said and "Only ratios" in said
+    written = [path.read_text() for path in (tmp_path / "out").iterdir() if path.suffix in (".html", ".py")]
+    assert written and all("do not use" in text for text in written)
+
+
+def test_nothing_is_said_of_a_model_that_is_usable(tmp_path: Path, capsys) -> None:
+    replace(neo_hooke(), fitness=Fitness(Use.USABLE)).save(tmp_path / "model.json")
+    assert cli.main(["predict", str(tmp_path / "model.json"), "-o", str(tmp_path / "out"), "--points", "5"]) == 0
+    assert "verdict" not in capsys.readouterr().out
 
 
 def test_the_command_leaves_table_figure_report_and_manifest(file: Path, tmp_path: Path) -> None:

@@ -6,9 +6,11 @@ import subprocess
 import numpy as np
 import pytest
 
-from forward.materials import ArrudaBoyce, Yeoh
-from studies.exporters import targets
+from calibrate.equations.deformation_modes import largest_stretch, stretches_to_gradient
+from forward.materials import ArrudaBoyce, MooneyRivlin, Yeoh
+from studies.exporters import marlow_card, targets
 from studies.exporters.material_law import law_of
+from studies.exporters.nearest_law import nearest
 
 CUBE = """*NODE, NSET=ALL
 {nodes}
@@ -41,15 +43,47 @@ def test_a_yeoh_law_is_found_again_and_another_states_its_error():
     assert 1e-12 < targets()["yeoh"].export(law_of(ArrudaBoyce(), "arruda_boyce")).errors.stress < 0.01
 
 
+def test_each_law_is_its_own_nearest_and_the_best_card_takes_it():
+    chains, mooney = law_of(ArrudaBoyce(), "arruda_boyce"), law_of(MooneyRivlin(c10=0.1, c01=0.03), "mooney_rivlin")
+    np.testing.assert_allclose(nearest(chains, "Arruda-Boyce").parameters, [0.2698, 1 / 21.49], rtol=1e-7)
+    # as Ogden: terms of exponents 2 and -2 with twice the constants
+    np.testing.assert_allclose(nearest(mooney, "two-term Ogden").parameters, [0.2, 2.0, 0.06, -2.0], rtol=1e-5)
+    best = targets()["card"]
+    assert (best.found(chains).law.name, best.found(mooney).law.name) == ("Arruda-Boyce", "two-term Ogden")
+    errors = [nearest(mooney, name).worst for name in best.laws]
+    assert errors[1] < 1e-6 and min(errors[0], errors[2]) > 0.02
+
+
+def test_a_marlow_table_holds_a_law_of_the_first_invariant_and_states_what_it_makes_of_the_second():
+    of_first = marlow_card.mode_errors(law_of(ArrudaBoyce(), "arruda_boyce"))
+    assert max(of_first.values()) < 1e-3
+    law = MooneyRivlin(c10=0.1, c01=0.03)
+    found, x = marlow_card.mode_errors(law_of(law, "mooney_rivlin")), 2.0
+    assert found["uniaxial"] < 1e-3
+    end = law_of(law, "mooney_rivlin").largest_stretch("equibiaxial")
+    same = largest_stretch("uniaxial", 2 * end**2 + end**-4)
+    marlow = 2 * (0.1 + 0.03 / same) * (end - end**-5)  # psi_1 of the uniaxial test at the same I1
+    assert same < x + 1e-9
+    true = 2 * (0.1 + 0.03 * end**2) * (end - end**-5)
+    assert found["equibiaxial"] == pytest.approx(1 - marlow / true, rel=0.02)
+    text = targets()["marlow"].export(law_of(law, "mooney_rivlin")).text
+    rows = text.split("*UNIAXIAL TEST DATA\n")[1].split("*VOLUMETRIC")[0].split()
+    table = np.array(rows, dtype=str).reshape(-1, 2)
+    stress, strain = (np.array([float(v.strip(",")) for v in column]) for column in table.T)
+    np.testing.assert_allclose(stress, 2 * (0.1 + 0.03 / (1 + strain)) * (1 + strain - (1 + strain) ** -2), atol=1e-9)
+
+
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed")
-def test_calculix_pulls_a_cube_with_the_card(tmp_path):
-    law, stretch = law_of(Yeoh(), "yeoh"), 1.5
-    card = targets()["yeoh"].export(law).text
+@pytest.mark.parametrize("target", ["yeoh", "ogden", "arruda-boyce"])
+def test_calculix_pulls_a_cube_with_the_card(tmp_path, target):
+    law, stretch = law_of(ArrudaBoyce(), "arruda_boyce"), 1.5
+    card = targets()[target].export(law).text
     nodes = "\n".join(f"{i}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(CORNERS, 1))
     held = "\n".join(f"{i}, {k + 1}" for i, x in enumerate(CORNERS, 1) for k in range(3) if x[k] == 0)
     (tmp_path / "cube.inp").write_text(CUBE.format(nodes=nodes, card=card, held=held, u=stretch - 1))
     done = subprocess.run(["ccx", "cube"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     rows = [line.split() for line in (tmp_path / "cube.dat").read_text().splitlines() if len(line.split()) == 4]
     force = sum(float(r[1]) for r in rows[-8:] if CORNERS[int(r[0]) - 1][0] == 1)
-    slope = 0.15 - 2e-3 * (x := stretch**2 + 2 / stretch - 3) + 3e-4 * x**2
-    assert force == pytest.approx(2 * slope * (stretch - stretch**-2), rel=2e-3), done.stdout[-500:]
+    found = targets()[target].found(law)
+    ours = found.law.stress(stretches_to_gradient("uniaxial", np.array([stretch])), found.parameters)[0, 0, 0]
+    assert force == pytest.approx(ours, rel=2e-3), done.stdout[-500:]

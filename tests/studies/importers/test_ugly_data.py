@@ -202,7 +202,7 @@ def test_blank_forces_are_counted(tmp_path):
     for row in (20, 40):
         lines[row] = lines[row].split(",")[0] + ","
     write(record, "\n".join(lines))
-    assert "2 reading(s) of" in said(from_map(path))
+    assert "no force in reading 20, 40," in said(from_map(path))
 
 
 def test_a_point_without_a_triangle_is_told_and_kept_where_asked(tmp_path):

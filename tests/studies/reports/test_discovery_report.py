@@ -143,6 +143,20 @@ def test_not_explained_says_how_much_is_left():
     assert not Statement.of(loud).may_be_false_alarm and Statement.of(loud).residual.more_than_noise
 
 
+def test_a_useless_model_is_said_first_and_no_test_of_an_effect_is_believed():
+    last = explained().rounds[-1]
+    useless = view(
+        replace(explained(), rounds=(explained().rounds[0], replace(last, train=replace(last.train, force=0.54))))
+    )
+    said = verdict(useless)
+    assert said.startswith("do not use") and "54 %" in said and "second invariant" not in said
+    assert not any("Round" in text for text in remarks(useless))
+    doubtful = view(
+        replace(explained(), rounds=(explained().rounds[0], replace(last, train=replace(last.train, force=0.08))))
+    )
+    assert remarks(doubtful)[0].startswith("Usable with reservations") and verdict(doubtful).startswith("explained")
+
+
 def test_a_fit_that_has_not_converged_is_said():
     now = explained().rounds[-1]
     late = replace(explained(), rounds=(explained().rounds[0], replace(now, fit=replace(now.fit, last_step=3.2))))

@@ -16,10 +16,17 @@ from calibrate.equations.equilibrium import equilibrium
 from calibrate.equations.reduction import assemble
 from calibrate.fitting import network_fit
 from calibrate.fitting.calibration import Options, calibrate
+from calibrate.models.fitness import Use
+from studies.reports.calibration.calibration_quality import calibration_quality
 from studies.reports.calibration.fit_review import review
-from studies.reports.calibration.headline import LIMITS, Reason, Use, headline
+from studies.reports.headline import LIMITS, Reason
+from studies.reports.headline import headline as headline_of
 
 FAST = Options(layers=(2,), starts=3)
+
+
+def headline(view):
+    return headline_of(calibration_quality(view))
 
 
 @cache

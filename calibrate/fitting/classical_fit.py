@@ -1,0 +1,217 @@
+"""Classical laws fitted to the equations of a calibration with its weights, and how much worse each is than the network.
+
+In: a calibration with the weighted loss. Out: `Comparison`: parameters of least squares of the whitened residual (exact derivatives,
+bounds where a limit of extension has one), chi-square and Bayesian information criterion (Schwarz 1978) of each law and of the network
+under the same weights, those of the network's last spline. A fit that did not converge is in it, and says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from calibrate.equations.equilibrium import Equilibrium
+from calibrate.equations.reduction import assemble
+from calibrate.equations.weights import Weights, weights_of
+from calibrate.fitting.calibration import Calibration
+from calibrate.fitting.stopping import Stop
+from calibrate.models.classical_laws import CLASSICAL_LAWS, Law
+
+Array = NDArray[np.float64]
+TOLD_APART = 10.0  # difference of the criterion that counts as very strong (Kass and Raftery 1995)
+EVALUATIONS = 100  # of a fit, at most
+AT_REST = (3.001, 3.001)  # invariants
+
+
+class Verdict(StrEnum):
+    """Whether the data can tell the network from the classical laws."""
+
+    ENOUGH = "enough"  # a classical law is as good
+    BETTER = "better"  # a classical law is better by more than its fewer parameters
+    TOLD_APART = "told apart"
+    NONE_FITTED = "none fitted"
+
+
+class StressLaw(Protocol):
+    """What can be fitted: P (..., 2, 2) and its derivatives (q, ..., 2, 2) at F (..., 2, 2) and parameters (q,)."""
+
+    def stress_and_sensitivity(self, F: Array, parameters: Array) -> tuple[Array, Array]: ...
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """parameters (q,) with the covariance (q, q) of unit noise; chi_square: of the fit to so many equations."""
+
+    parameters: Array
+    chi_square: float
+    equations: int
+    reason: Stop
+    covariance: Array = field(repr=False)
+
+
+@dataclass(frozen=True)
+class ClassicalFit:
+    """A law with its parameters as they are fitted (reciprocal limits), the stiffness put right for noise.
+
+    stability: see `Law.stability`, over that at rest.
+    """
+
+    law: Law
+    found: LeastSquares
+    stability: float
+
+    @property
+    def reason(self) -> Stop:
+        """Why the fit ended."""
+        return self.found.reason
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters as they are reported."""
+        return {p.name: p.value(float(x)) for p, x in zip(self.law.parameters, self.found.parameters, strict=True)}
+
+    def deviations(self, scale: float = 1.0) -> Array:
+        """Standard deviations (q,) of `values`; of a reciprocal to first order. scale: variance of the whitened noise."""
+        fitted = np.sqrt(scale * np.diag(self.found.covariance))
+        reciprocal = np.array([p.reciprocal for p in self.law.parameters])
+        return np.where(reciprocal, fitted / self.found.parameters**2, fitted)
+
+    def stress(self, F: Array) -> Array:
+        """P (..., 2, 2) at F (..., 2, 2)."""
+        return self.law.stress(F, self.found.parameters)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """name: of a law, or 'network'. chi_square, criterion: those of the network taken off, over the scale. fit: None for the network."""
+
+    name: str
+    numbers: float
+    chi_square: float
+    criterion: float
+    fit: ClassicalFit | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """scale: chi-square an equation of the best candidate, by which all are divided (at least 1 where the noise is known)."""
+
+    equations: int
+    scale: float
+    network: Candidate
+    laws: tuple[Candidate, ...]
+
+    @property
+    def converged(self) -> tuple[Candidate, ...]:
+        """Laws whose fit converged, the best first."""
+        found = [c for c in self.laws if c.fit is not None and c.fit.reason.is_success]
+        return tuple(sorted(found, key=lambda c: c.criterion))
+
+    @property
+    def alike(self) -> tuple[Candidate, ...]:
+        """Laws that these data cannot tell from the best law."""
+        found = self.converged
+        return tuple(c for c in found[1:] if c.criterion - found[0].criterion <= TOLD_APART)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the best law against the network."""
+        if not self.converged:
+            return Verdict.NONE_FITTED
+        best = self.converged[0]
+        if best.criterion > TOLD_APART:
+            return Verdict.TOLD_APART
+        return Verdict.BETTER if max(best.chi_square, best.criterion) < -TOLD_APART else Verdict.ENOUGH
+
+
+def weights_at(system: Equilibrium, calibration: Calibration) -> Weights:
+    """Of the equations of `system`, at the last spline of a calibration."""
+    assert calibration.spline is not None
+    covariances = list(assemble(system, calibration.basis).noise_covariances(calibration.spline))
+    return weights_of(covariances, np.isfinite(system.loads))
+
+
+def fit_law(
+    law: StressLaw, system: Equilibrium, weights: Weights, start: Array, lower: Array | float = -np.inf
+) -> LeastSquares:
+    """Parameters of least weighted residual above `lower` (q,), from `start` (q,)."""
+    F, loads = system.deformation_gradients, np.nan_to_num(system.loads)
+    last: list[tuple[Array, Array, Array]] = []
+
+    def evaluated(p: Array) -> tuple[Array, Array, Array]:
+        if not last or not np.array_equal(last[0][0], p):
+            P, slopes = law.stress_and_sensitivity(F, p)
+            J = weights(system.internal_forces(slopes)).T
+            last[:] = [(p.copy(), weights(system.internal_forces(P) - loads), J)]
+        return last[0]
+
+    found = least_squares(
+        lambda p: evaluated(p)[1], start, lambda p: evaluated(p)[2], bounds=(lower, np.inf), x_scale="jac",
+        xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=EVALUATIONS,
+    )  # fmt: skip
+    reason = Stop.CONVERGED if found.success else Stop.ITERATION_LIMIT
+    if not np.isfinite(found.x).all():
+        reason = Stop.NOT_FINITE
+    return LeastSquares(found.x, float(2 * found.cost), weights.size, reason, np.linalg.pinv(found.jac.T @ found.jac))
+
+
+def compare(calibration: Calibration, laws: Sequence[Law] = CLASSICAL_LAWS) -> Comparison | None:
+    """Every law against the network; None where there is nothing to compare by: the paper's loss, or plane strain."""
+    system = calibration.system
+    if calibration.spline is None or calibration.options.loss != "weighted" or system.experiment.plane != "stress":
+        return None
+    weights = weights_at(system, calibration)
+    b = weights(np.nan_to_num(system.loads))
+    network, mu = _network(calibration, weights, b)
+    tops = tuple(calibration.model.calibrated_range[k][1] for k in ("I1", "I2"))
+    largest = max(float((system.isochoric_gradients**2).sum((-1, -2)).max()), tops[0]) - 2
+    fits = []
+    for law in laws:
+        fit = fit_law(law, system, weights, law.start(mu, largest), law.lower)
+        fits.append(_raised(law, fit, system, weights, b, (tops[0], tops[1])))
+    spread = calibration.model.uncertainty
+    assert spread is not None
+    return _ranked(network, spread.effective_parameters, fits, len(b), spread.noise_is_known)
+
+
+def _network(calibration: Calibration, weights: Weights, b: Array) -> tuple[float, float]:
+    """Chi-square of the network at its best level, and its initial shear modulus."""
+    system, model = calibration.system, calibration.model
+    a = weights(system.internal_forces(model.nominal_stress(system.deformation_gradients)))
+    mu = float(2 * model.derivatives(np.array([[3.0, 3.0]])).sum())
+    return float(b @ b - (a @ b) ** 2 / (a @ a)), mu
+
+
+def _raised(
+    law: Law, fit: LeastSquares, system: Equilibrium, weights: Weights, b: Array, tops: tuple[float, float]
+) -> ClassicalFit:
+    """With the stiffness that noise attenuates put right, as `Quadratic.stiffness_factor` does it, and the stability of the law."""
+    a = weights(system.internal_forces(law.stress(system.deformation_gradients, fit.parameters)))
+    factor = np.where(law.moduli, float(b @ b) / float(a @ b), 1.0)
+    p, covariance = factor * fit.parameters, fit.covariance * np.outer(factor, factor)
+    share = law.stability(p, tops) / abs(law.stability(p, AT_REST))
+    return ClassicalFit(law, replace(fit, parameters=p, covariance=covariance), share)
+
+
+def _ranked(network: float, numbers: float, fits: list[ClassicalFit], equations: int, known: bool) -> Comparison:
+    best = [network / (equations - numbers)]
+    best += [f.found.chi_square / (equations - len(f.law.parameters)) for f in fits if f.reason.is_success]
+    scale = max(1.0, min(best)) if known else min(best)
+    criterion: Callable[[float, float], float] = lambda chi, k: chi / scale + k * np.log(equations)  # noqa: E731
+    laws = [
+        Candidate(
+            f.law.name,
+            len(f.law.parameters),
+            (f.found.chi_square - network) / scale,
+            criterion(f.found.chi_square, len(f.law.parameters)) - criterion(network, numbers),
+            f,
+        )
+        for f in fits
+    ]
+    return Comparison(equations, scale, Candidate("network", numbers, 0.0, 0.0, None), tuple(laws))

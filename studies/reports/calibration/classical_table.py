@@ -1,0 +1,115 @@
+"""The table of classical laws beside the network: a `Review` in, columns and rows, and a record for the manifest, out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.fitting.calibration import relative_force_error
+from calibrate.fitting.classical_fit import Candidate, ClassicalFit, Comparison
+from studies.output.words import plus_minus
+from studies.reports.calibration.fit_review import Review
+
+Mask = NDArray[np.bool_]
+
+
+def classical_table(view: Review, found: Comparison) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows: the network, then every law."""
+    columns = [
+        "law",
+        "parameters",
+        "values",
+        "chi-square",
+        "BIC",
+        "force error, %",
+        "held-out force error, %",
+        "stable",
+    ]
+    rows = []
+    for candidate in (found.network, *found.laws):
+        held = force_error(view, candidate, ~view.fitted)
+        fit = candidate.fit
+        rows.append([
+            candidate.name, f"{candidate.numbers:.3g}", "" if fit is None else values(fit, view.model.unit, found.scale),
+            f"{candidate.chi_square:+.4g}", f"{candidate.criterion:+.4g}", _share(force_error(view, candidate, view.fitted)),
+            "none held out" if held is None and view.fitted.all() else _share(held), "yes" if fit is None else _state(fit),
+        ])  # fmt: skip
+    return columns, rows
+
+
+def terminal_lines(view: Review) -> Iterator[str]:
+    """Laws with their BIC and values, the best first, for a terminal."""
+    if view.classical is None:
+        return
+    for c in sorted(view.classical.laws, key=lambda c: c.criterion):
+        assert c.fit is not None
+        state = "" if c.fit.reason.is_success else f", {_state(c.fit)}"
+        yield f"  {c.name}: {values(c.fit, view.model.unit, view.classical.scale)}; BIC {c.criterion:+.3g}{state}"
+
+
+def classical_record(view: Review) -> dict[str, Any] | None:
+    """Everything in the table, for a manifest; None where nothing was fitted."""
+    found = view.classical
+    if found is None:
+        return None
+    return {
+        "verdict": str(found.verdict),
+        "equations": found.equations,
+        "scale": found.scale,
+        "unit": view.model.unit,
+        "effective_parameters_of_the_network": found.network.numbers,
+        "laws": [_record(view, c, c.fit, found.scale) for c in found.laws if c.fit is not None],
+    }
+
+
+def _record(view: Review, candidate: Candidate, fit: ClassicalFit, scale: float) -> dict[str, Any]:
+    limits = zip(fit.values.items(), fit.deviations(scale), strict=True)
+    return {
+        "law": candidate.name,
+        "parameters": {name: {"value": _finite(x), "standard_deviation": _finite(d)} for (name, x), d in limits},
+        "chi_square_difference": candidate.chi_square,
+        "bic_difference": candidate.criterion,
+        "force_error": force_error(view, candidate, view.fitted),
+        "held_out_force_error": force_error(view, candidate, ~view.fitted),
+        "stability": fit.stability,
+        "reason": str(fit.reason),
+    }
+
+
+def force_error(view: Review, candidate: Candidate, increments: Mask) -> float | None:
+    """Relative force error over some increments; None where there are none, or no force is met."""
+    if not increments.any() or view.model.level_is_nominal:
+        return None
+    if candidate.fit is None:
+        return view.force_error(increments)
+    system, rows = view.system, np.tile(view.system.fields.boundary >= 0, 2)
+    work = system.internal_forces(candidate.fit.stress(system.deformation_gradients[increments]))
+    return relative_force_error({"all": work[:, rows]}, {"all": system.loads[increments][:, rows]})
+
+
+def values(fit: ClassicalFit, unit: str, scale: float) -> str:
+    """'mu = 0.270 +- 0.010 MPa, N = 21.0 +- 2.0'."""
+    parts = []
+    for p, (name, x), d in zip(fit.law.parameters, fit.values.items(), fit.deviations(scale), strict=True):
+        if not np.isfinite(x):
+            parts.append(f"{name} not seen")
+        else:
+            parts.append(f"{name} = {plus_minus(x, d)}{' ' + unit if p.modulus else ''}")
+    return ", ".join(parts)
+
+
+def _state(fit: ClassicalFit) -> str:
+    if not fit.reason.is_success:
+        return f"did not converge ({fit.reason})"
+    return "yes" if fit.stability > 0 else "no"
+
+
+def _share(error: float | None) -> str:
+    return "not known" if error is None else f"{100 * error:.3g}"
+
+
+def _finite(x: float) -> float | None:
+    return float(x) if np.isfinite(x) else None
