@@ -150,18 +150,13 @@ def _of_extended(model: ExtendedModel, name: str) -> MaterialLaw:
     return law
 
 
-<<<<<<< HEAD
-def _with_addition(law: MaterialLaw, addition: Addition, beside: list[str]) -> MaterialLaw:
-    """beside: effects beside which a finite bulk modulus is not carried. Raises `ExportError` naming an effect that no target carries."""
-=======
 def _fitness(model: Model | ExtendedModel) -> tuple[str, ...]:
     """The verdict of the fit and a nominal level, as lines of a header."""
     return tuple(line for remark in model_remarks(model) for line in textwrap.wrap(remark.text, WIDTH))
 
 
-def _with_addition(law: MaterialLaw, addition: Addition, count: int) -> MaterialLaw:
-    """Raises `ExportError` naming an effect that no target carries."""
->>>>>>> main
+def _with_addition(law: MaterialLaw, addition: Addition, beside: list[str]) -> MaterialLaw:
+    """beside: effects beside which a finite bulk modulus is not carried. Raises `ExportError` naming an effect that no target carries."""
     name, a, shape = addition.effect.name, addition.amplitudes, addition.shape
     if name == "compressibility":
         if beside:
