@@ -20,6 +20,7 @@ from calibrate.diagnosis import residual_tests, score_tests, weighted_fit
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.noise_check import with_checked_noise
 from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Mask, Problem
 from calibrate.diagnosis.selection import candidate_fit
@@ -59,10 +60,13 @@ def discover(
     say = progress or (lambda text: None)
     effects = distinct(effects)
     hold_out = hold_out or HoldOut.default(min(e.n_increments for e in experiments), bool(held))
+    say("noise")
+    checked = [with_checked_noise(e) for e in (*experiments, *held)]
     say("base model")
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
-    problem, state = prepare([*experiments, *held], train, spacing, base=base)
-    return close_loop(problem, state, effects, whole_table, seed, say, thresholds)
+    problem, state = prepare([e for e, _ in checked], train, spacing, base=base)
+    found = close_loop(problem, state, effects, whole_table, seed, say, thresholds)
+    return replace(found, noise=tuple(check for _, check in checked))
 
 
 def close_loop(

@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.noise_check import NoiseCheck
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score
@@ -156,7 +157,8 @@ class Discovery:
     """Result of `discover`.
 
     named: effects that the residual confirms; closest: those added that it does not. groups: for each added effect, the effects
-    that these data cannot tell from it. confirmation: of the final model against the base, where it has effects.
+    that these data cannot tell from it. confirmation: of the final model against the base, where it has effects. noise: of every
+    experiment, stated and found; empty where it was not looked at.
     """
 
     problem: Problem = field(repr=False)
@@ -167,6 +169,7 @@ class Discovery:
     groups: dict[str, tuple[str, ...]]
     thresholds: Thresholds = DEFAULT
     confirmation: Confirmation | None = None
+    noise: tuple[NoiseCheck, ...] = ()
 
     @property
     def base(self) -> Fit:
