@@ -20,7 +20,6 @@ from calibrate.diagnosis import residual_tests, score_tests, weighted_fit
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.noise_check import with_checked_noise
 from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Mask, Problem
 from calibrate.diagnosis.selection import candidate_fit
@@ -34,6 +33,7 @@ from calibrate.diagnosis.selection.verdict import conclude, is_small
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
 from calibrate.equations.equilibrium import Equilibrium
+from calibrate.fitting.noise_check import with_checked_noise
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]

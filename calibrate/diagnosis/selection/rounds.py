@@ -7,13 +7,13 @@ from enum import StrEnum
 from typing import Any
 
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.noise_check import NoiseCheck
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects.chain import Addition
+from calibrate.fitting.noise_check import NoiseCheck
 
 
 class Verdict(StrEnum):

@@ -12,7 +12,6 @@ import numpy as np
 
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.noise_check import NoiseCheck
 from calibrate.diagnosis.problem import Part
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Status
@@ -20,6 +19,7 @@ from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects import Effect
+from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.addition_json import amplitude_unit
 from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
 from studies.reports.discovery.view import BAND, View, held_increments
