@@ -76,12 +76,13 @@ def check_noise(experiment: Experiment) -> NoiseCheck:
         return unseen
     if stated is not None:
         found = fine.std(stated.correlation_length)
-        used = (
-            stated
-            if 1 / AGREES <= found / stated.displacement_std <= AGREES
-            else replace(stated, displacement_std=found)
-        )
-        return NoiseCheck(stated, found, used)
+        agrees = 1 / AGREES <= found / stated.displacement_std <= AGREES
+        return NoiseCheck(stated, found, stated if agrees else replace(stated, displacement_std=found))
+    return _of_unstated(experiment, fine, basis, c)
+
+
+def _of_unstated(experiment: Experiment, fine: _Fine, basis: Basis, c: Array) -> NoiseCheck:
+    """With the correlation length, and a load cell of usual accuracy."""
     found = fine.std(length := _length(experiment, basis, c))
     largest = max(float(np.nanmax(np.abs(b.force), initial=0.0)) for b in experiment.loaded)
     used = Noise(found, length, FORCE_STD[0], FORCE_STD[1] * largest) if found > 0 else None
