@@ -20,6 +20,7 @@ from calibrate.fitting.least_squares import residual_outside
 
 Array = NDArray[np.float64]
 PLACE_COSINES, TIME_COSINES = 3, 4  # over each side of a specimen, over its increments
+SCALE_ERROR = 0.05  # relative, of the standard deviation of the noise
 DOUBTFUL = 0.1  # variance of a discrepancy over that of noise, from which a direction says nothing of noise
 
 
@@ -31,8 +32,10 @@ class ChiSquare(NamedTuple):
 
     @property
     def p_value(self) -> float:
-        """Probability of one as large from noise alone."""
-        return float(stats.chi2.sf(self.value, max(self.degrees, 1)))
+        """Probability of one as large from noise alone, whose standard deviation is known to `SCALE_ERROR`: of Fisher's F, as if that had
+        been estimated from so many values."""
+        n = max(self.degrees, 1)
+        return float(stats.f.sf(self.value / n, n, 0.5 / SCALE_ERROR**2))
 
 
 class Misfits(NamedTuple):

@@ -33,6 +33,7 @@ from calibrate.diagnosis.selection.verdict import conclude, is_small
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
 from calibrate.equations.equilibrium import Equilibrium
+from calibrate.fitting.noise_check import with_checked_noise
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -59,10 +60,13 @@ def discover(
     say = progress or (lambda text: None)
     effects = distinct(effects)
     hold_out = hold_out or HoldOut.default(min(e.n_increments for e in experiments), bool(held))
+    say("noise")
+    checked = [with_checked_noise(e) for e in (*experiments, *held)]
     say("base model")
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
-    problem, state = prepare([*experiments, *held], train, spacing, base=base)
-    return close_loop(problem, state, effects, whole_table, seed, say, thresholds)
+    problem, state = prepare([e for e, _ in checked], train, spacing, base=base)
+    found = close_loop(problem, state, effects, whole_table, seed, say, thresholds)
+    return replace(found, noise=tuple(check for _, check in checked))
 
 
 def close_loop(

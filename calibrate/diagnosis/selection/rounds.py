@@ -13,6 +13,7 @@ from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects.chain import Addition
+from calibrate.fitting.noise_check import NoiseCheck
 
 
 class Verdict(StrEnum):
@@ -156,7 +157,8 @@ class Discovery:
     """Result of `discover`.
 
     named: effects that the residual confirms; closest: those added that it does not. groups: for each added effect, the effects
-    that these data cannot tell from it. confirmation: of the final model against the base, where it has effects.
+    that these data cannot tell from it. confirmation: of the final model against the base, where it has effects. noise: of every
+    experiment, stated and found; empty where it was not looked at.
     """
 
     problem: Problem = field(repr=False)
@@ -167,6 +169,7 @@ class Discovery:
     groups: dict[str, tuple[str, ...]]
     thresholds: Thresholds = DEFAULT
     confirmation: Confirmation | None = None
+    noise: tuple[NoiseCheck, ...] = ()
 
     @property
     def base(self) -> Fit:

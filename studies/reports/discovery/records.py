@@ -19,6 +19,7 @@ from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects import Effect
+from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.addition_json import amplitude_unit
 from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
 from studies.reports.discovery.view import BAND, View, held_increments
@@ -227,6 +228,11 @@ def _test(test: ChiSquare) -> dict[str, float]:
     return {"chi_square": test.value, "degrees_of_freedom": test.degrees}
 
 
+def _noise(check: NoiseCheck) -> dict[str, Any]:
+    used = None if check.used is None else asdict(check.used)
+    return {"stated_std_mm": check.stated and check.stated.displacement_std, "found_std_mm": check.found, "used": used}
+
+
 def content(view: View) -> dict[str, Any]:
     """Everything that the report says, as discovery.json holds it."""
     found = view.discovery
@@ -239,6 +245,7 @@ def content(view: View) -> dict[str, Any]:
         "groups": {name: list(group) for name, group in found.groups.items()},
         "hold_out": view.hold_out,
         "noise_is_known": found.problem.noise_is_known,
+        "noise": [_noise(check) for check in found.noise],
         "stress_unit": view.unit,
         "plane": found.problem.parts[0].experiment.plane,
         "remarks": list(view.remarks),

@@ -219,9 +219,16 @@ def _of_noise(view: View) -> list[str]:
     found = view.discovery
     if not found.problem.noise_is_known:
         return [WORDS.unknown_noise()]
+    names = [part.experiment.name for part in found.problem.parts]
+    said = [
+        WORDS.noise_found(name=name, check=check)
+        for name, check in zip(names, found.noise, strict=False)
+        if check.corrected
+    ]
     chi_square = found.base.reduced_chi_square
     attenuated = discovery_quality(view).attenuation > ATTENUATED  # a stiffness too small leaves residuals too small
-    return [WORDS.overstated_noise(chi_square=chi_square)] if chi_square < OVERSTATED and not attenuated else []
+    overstated = chi_square < OVERSTATED and not attenuated
+    return [*said, *([WORDS.overstated_noise(chi_square=chi_square)] if overstated else [])]
 
 
 def _of_hold_out(view: View) -> str:

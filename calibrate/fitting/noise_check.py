@@ -1,0 +1,158 @@
+"""Noise of the displacements as the equations of equilibrium see it, beside what is stated.
+
+In: an Experiment. Out: `NoiseCheck`, with the noise that a diagnosis works with.
+
+Virtual fields about as fine as the points (`FINE` of their distance) feel the noise of neighbouring points most and an error of the
+material least: stresses that a model misses are smooth, so that their work on such fields falls with the square of the distance, and
+that of the noise rises. What a hyperelastic fit leaves there, y, divided by the standard deviation that unit noise would make of it,
+has the standard deviation of the noise as its own; it is taken from the median of |y| (Rousseeuw and Croux 1993), which places with a
+large error of the model do not change. Of each y the fit takes hardly a degree of freedom, so that this is also the restricted maximum
+likelihood.
+
+Where no noise is stated, its correlation length is the one at which finer and coarser fields agree best on the standard deviation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from calibrate.data.experiment import Experiment, Noise
+from calibrate.equations import noise_covariance
+from calibrate.equations.basis import Basis, basis_for
+from calibrate.equations.equilibrium import Equilibrium, equilibrium
+from calibrate.equations.reduction import assemble
+from calibrate.fitting.network_fit import convex_spline
+
+Array = NDArray[np.float64]
+FINE, COARSER = 1.4, (2.0, 2.8, 4.0)  # distances of virtual fields over that of the points
+LENGTHS = (0.0, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)  # correlation lengths that are tried, over the distance of the points
+AGREES = 1.1  # factor by which a stated standard deviation may differ from what the equations see
+PASSES = 2  # of the weights of the fit
+MOST_INCREMENTS, FEW_INCREMENTS = 4, 2  # looked at; for the correlation length
+FEWEST = 200  # values of y
+NORMAL = 0.6745  # median of |y| of normal numbers
+FORCE_STD = 1e-3, 5e-4  # of a load cell whose noise is not stated: of the force, of the largest one
+
+
+@dataclass(frozen=True)
+class NoiseCheck:
+    """stated: what the Experiment says, None where it says nothing. found: standard deviation, mm, that the equations see; NaN where too few
+    points are there to tell. used: what a diagnosis works with, None where nothing is known."""
+
+    stated: Noise | None
+    found: float
+    used: Noise | None
+
+    @property
+    def factor(self) -> float:
+        """Standard deviation found over the stated one; NaN without either."""
+        return self.found / self.stated.displacement_std if self.stated else float("nan")
+
+    @property
+    def corrected(self) -> bool:
+        """Whether what is stated is not what is used."""
+        return self.used != self.stated
+
+
+def with_checked_noise(experiment: Experiment) -> tuple[Experiment, NoiseCheck]:
+    """The Experiment with the noise that its equations see, where that is not what is stated."""
+    check = check_noise(experiment)
+    return (replace(experiment, noise=check.used) if check.corrected else experiment), check
+
+
+def check_noise(experiment: Experiment) -> NoiseCheck:
+    """Raises the errors of `calibrate.equations.equilibrium.equilibrium`. In plane strain the stated noise is used unseen."""
+    stated = experiment.noise if experiment.noise and experiment.noise.displacement_std > 0 else None
+    unseen = NoiseCheck(stated, float("nan"), stated)
+    if experiment.plane == "strain":
+        return unseen
+    basis, c = _material(experiment)
+    fine = _Fine.of(experiment, FINE, basis, c)
+    if fine is None:
+        return unseen
+    if stated is not None:
+        found = fine.std(stated.correlation_length)
+        agrees = 1 / AGREES <= found / stated.displacement_std <= AGREES
+        return NoiseCheck(stated, found, stated if agrees else replace(stated, displacement_std=found))
+    return _of_unstated(experiment, fine, basis, c)
+
+
+def _of_unstated(experiment: Experiment, fine: _Fine, basis: Basis, c: Array) -> NoiseCheck:
+    """With the correlation length, and a load cell of usual accuracy."""
+    found = fine.std(length := _length(experiment, basis, c))
+    largest = max(float(np.nanmax(np.abs(b.force), initial=0.0)) for b in experiment.loaded)
+    used = Noise(found, length, FORCE_STD[0], FORCE_STD[1] * largest) if found > 0 else None
+    return NoiseCheck(None, found, used)
+
+
+def _material(experiment: Experiment) -> tuple[Basis, Array]:
+    """A convex spline of I1 and its coefficients, as a calibration begins."""
+    system = equilibrium(experiment)
+    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
+    assembled = assemble(system, basis)
+    c = assembled.first_guess()
+    for _ in range(PASSES):
+        c = convex_spline(assembled.quadratic(c), "I1")
+    return basis, c
+
+
+@dataclass(frozen=True, eq=False)
+class _Fine:
+    """Equations of fine virtual fields away from loaded edges, of some increments: residuals r (k, rows), N, at coefficients c."""
+
+    system: Equilibrium
+    basis: Basis
+    c: Array
+    increments: Array
+    inside: NDArray[np.bool_]
+    residuals: Array
+
+    @classmethod
+    def of(
+        cls, experiment: Experiment, distance: float, basis: Basis, c: Array, most: int = MOST_INCREMENTS
+    ) -> _Fine | None:
+        """distance: of the fields over that of the points. None where too few fields are inside."""
+        system = equilibrium(experiment, distance * _pitch(experiment))
+        inside = np.tile(system.fields.boundary < 0, 2)
+        n = experiment.n_increments
+        some = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
+        if inside.sum() * len(some) < FEWEST:
+            return None
+        F = system.deformation_gradients
+        residuals = np.array([system.matrix(basis, F[i])[inside] @ c for i in some])
+        return cls(system, basis, c, some, inside, residuals)
+
+    def std(self, length: float) -> float:
+        """Standard deviation, mm, of noise with a correlation length, mm."""
+        factor = noise_covariance.noise_factor(self.system.experiment.points, Noise(1.0, length))
+        y = []
+        for i, r in zip(self.increments, self.residuals, strict=True):
+            spread = noise_covariance.spread(
+                self.system, self.basis, self.c, self.system.deformation_gradients[i], factor
+            )
+            y.append(r / np.linalg.norm(spread[self.inside], axis=1))
+        return float(np.median(np.abs(np.concatenate(y)))) / NORMAL
+
+
+def _pitch(experiment: Experiment) -> float:
+    """Median distance of a point from the nearest, mm."""
+    return float(np.median(cKDTree(experiment.points).query(experiment.points, k=2)[0][:, 1]))
+
+
+def _length(experiment: Experiment, basis: Basis, c: Array) -> float:
+    """Correlation length, mm, at which fields of all distances agree best on the standard deviation."""
+    every = [_Fine.of(experiment, distance, basis, c, FEW_INCREMENTS) for distance in (FINE, *COARSER)]
+    used, lengths = [one for one in every if one is not None], _pitch(experiment) * np.array(LENGTHS)
+    if len(used) < 2:
+        return 0.0
+    spread = [float(np.var(np.log([one.std(length) for one in used]))) for length in lengths]
+    i = int(np.argmin(spread))
+    if i in (0, len(lengths) - 1):
+        return float(lengths[i])
+    left, middle, right = spread[i - 1 : i + 2]  # vertex of the parabola through three, over their numbers
+    place = i + 0.5 * (left - right) / (left - 2 * middle + right)
+    return float(np.interp(place, np.arange(len(lengths)), lengths))
