@@ -5,7 +5,7 @@ Keys: ``format`` = "equigap-extended-model", ``version`` = 1; ``unit`` ("MPa", o
 sqrt((I1 - 3) / top) (`calibrate.equations.basis.SingleBasis`), in plane strain also "bulk_modulus" and
 "bulk_modulus_deviation" (`calibrate.equations.isochoric`); ``additions`` [{"effect", "formula", "of_material", "amplitudes"
 [{"name", "unit", "value", "standard_deviation"}], "shape" [{"name", "unit", "value"}]}]; ``training`` [{"name",
-"fingerprint", "spacing" of the virtual fields, mm, or null}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
+"fingerprint", "spacing" of the virtual fields, mm, or null, optional "noise" that it was fitted with}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
 from]}; ``network``: a model file of a PANN distilled from the base, or null; ``network_loss``: how good it is;
 ``provenance`` (free JSON); ``calibrated_range`` {"I1": [min, max]}; optional ``level`` "nominal" where only ratios of stiffness are known, and ``fitness`` (`calibrate.models.fitness`). The spline is the base; the network stands in for it where programs read networks only.
 
@@ -14,7 +14,7 @@ An effect that is not one of the material belongs to the tests that were fitted 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from calibrate.data.experiment import Experiment
+from calibrate.data.experiment import Experiment, Noise
 from calibrate.effects import Viscosity
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import noise_covariance
@@ -62,7 +62,7 @@ class Prediction:
 class ExtendedModel:
     """Base coefficients c (n,), in `unit`, and additions, each with a standard deviation for each amplitude (errors).
 
-    training: {"name", "fingerprint", "spacing"} of the Experiments fitted. network, network_loss: see `calibrate.diagnosis.distillation`.
+    training: {"name", "fingerprint", "spacing", "noise"} of the Experiments fitted. network, network_loss: see `calibrate.diagnosis.distillation`.
     """
 
     basis: SingleBasis | PlaneStrainBasis
@@ -113,15 +113,15 @@ class ExtendedModel:
             raise errors.ConfigError(
                 f"{experiment.name} is in plane {experiment.plane}, the model was fitted in plane {self.plane}; fit one to such tests"
             )
-        used = next((t.get("spacing") for t in self.training if t["fingerprint"] == experiment.fingerprint), None)
-        system = equilibrium(experiment, spacing or used)
+        fitted = next((t for t in self.training if t["fingerprint"] == experiment.fingerprint), {})
+        system = equilibrium(experiment, spacing or fitted.get("spacing"))
         chain, additions = Chain(system, self.basis), self.for_test(experiment)
         for addition in additions:
             if addition.effect.missing(chain.data) == "time":
                 raise errors.ConfigError(
                     f"{experiment.name}: has no time, which {addition.effect.name} needs; import it with its times"
                 )
-        noise = experiment.noise
+        noise = Noise(**fitted["noise"]) if fitted.get("noise") else experiment.noise
         if noise is None or not noise.displacement_std > 0:
             noise = noise_covariance.default_noise(experiment, system.fields.spacing)
         shift = chain.noise_shift(self.c, noise_covariance.noise_factor(experiment.points, noise))
@@ -254,4 +254,5 @@ def _trained(content: dict[str, Any]) -> dict[str, Any]:
         "name": str(content["name"]),
         "fingerprint": str(content["fingerprint"]),
         "spacing": None if spacing is None else float(spacing),
+        "noise": asdict(Noise(**content["noise"])) if content.get("noise") else None,
     }

@@ -32,7 +32,7 @@ def main(folder: Path, pictures: bool) -> None:
     if any(folder.iterdir()):
         raise SystemExit(f"{folder} is not empty")
     text = PAGE.read_text()
-    for name in ("stand_in.py", "columns.toml"):
+    for name in ("stand_in.py", "columns.toml", "in_calculix.py"):
         shutil.copy(HERE / name, folder)
     said = ""
     for kind, block in BLOCK.findall(text):

@@ -194,7 +194,12 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         final.errors,
         parts[0].experiment.stress_unit,
         tuple(
-            {"name": p.experiment.name, "fingerprint": p.experiment.fingerprint, "spacing": p.system.fields.spacing}
+            {
+                "name": p.experiment.name,
+                "fingerprint": p.experiment.fingerprint,
+                "spacing": p.system.fields.spacing,
+                "noise": None if p.experiment.noise is None else asdict(p.experiment.noise),
+            }
             for p in parts
             if p.train.size
         ),

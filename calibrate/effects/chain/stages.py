@@ -136,7 +136,9 @@ def _laws(base: Base, additions: Additions, names: Names, turn: tuple[Any, ...])
     """The stress of an incompressible sheet, with its history."""
     found = [Stage(stress.BaseStress(base), names=names, turn=turn)]
     acting = _acting("stress", additions)
-    energies, relaxing = ([both for both in acting if both[1].effect.stage == stage] for stage in ("energy", "relaxation"))
+    energies, relaxing = (
+        [both for both in acting if both[1].effect.stage == stage] for stage in ("energy", "relaxation")
+    )
     factors = [both for both in acting if both not in energies + relaxing]
 
     def add(link: Link, *together: tuple[int, Addition]) -> None:

@@ -47,7 +47,7 @@ def terminal_lines(view: Review) -> Iterator[str]:
     for c in sorted(view.classical.laws, key=lambda c: c.criterion):
         assert c.fit is not None
         state = "" if c.fit.reason.is_success else f", {_state(c.fit)}"
-        yield f"  {c.name}: {values(c.fit, view.model.unit, view.classical.scale)}; BIC {c.criterion:+.3g}{state}"
+        yield f"  {c.name}: {values(c.fit, view.model.unit, view.classical.scale)}; BIC {c.criterion:+.1f}{state}"
 
 
 def classical_record(view: Review) -> dict[str, Any] | None:
