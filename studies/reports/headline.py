@@ -38,13 +38,14 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True)
 class Limits:
-    """Above the first a reservation, above the second not to be used. Force errors: relative. chi_square: reduced. attenuation:
+    """Above the first a reservation, above the second not to be used. Force errors: relative. chi_square: reduced; nominal_chi_square: where no force is known. attenuation:
     factor on the stiffness that makes up for noise. deviation: relative, of the initial shear modulus. strain: signal to noise, below
     which. factor: of a force error over that of one modulus, where that is above the least error."""
 
     force_error: tuple[float, float] = (0.05, 0.25)
     held_error: tuple[float, float] = (0.1, 0.3)
     chi_square: tuple[float, float] = (10.0, float("inf"))
+    nominal_chi_square: tuple[float, float] = (10.0, 100.0)
     attenuation: tuple[float, float] = (1.1, 1.5)
     deviation: tuple[float, float] = (0.1, 0.5)
     strain: float = 3.0
@@ -154,7 +155,8 @@ def _of_forces(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:
 
 
 def _of_noise(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:
-    level = _level(q.reduced_chi_square, limits.chi_square)
+    # where the level is nominal no force judges the model, and the residual alone has to
+    level = _level(q.reduced_chi_square, limits.nominal_chi_square if q.level_is_nominal else limits.chi_square)
     if level is not None:
         yield level, _finding(Reason.ABOVE_NOISE, reduced_chi_square=q.reduced_chi_square)
     level = _level(q.attenuation, limits.attenuation)

@@ -101,6 +101,14 @@ def test_signal_to_noise_of_the_strain():
     assert strain_signal(points, triangles, spoilt[None]).ratio == pytest.approx(one.ratio, rel=0.2)
 
 
+def test_where_no_force_judges_the_model_the_residual_does():
+    """A stiff inclusion in a window of precise data: equilibrium inside is plainly wrong, and nothing else could say so."""
+    quality = replace(calibration_quality(view()), reduced_chi_square=2000.0)
+    assert headline_of(quality).verdict is Use.RESERVATIONS
+    window = headline_of(replace(quality, level_is_nominal=True))
+    assert window.verdict is Use.NOT and Reason.ABOVE_NOISE in codes(window)
+
+
 def test_of_a_window_in_a_larger_body_only_ratios_are_claimed():
     """The level is nominal: forces that are missed are no reason; with a strain near its noise nothing is left."""
     wrong = {name: 2 * force for name, force in view().forces.items()}
