@@ -112,7 +112,8 @@ class FramesTable(Table):
 
 class ForceTable(Table):
     """[force]: file and columns of the machine record; sign = -1 where tension is recorded as negative.
-    per_frame: one row a frame, in their order; then no time is needed. in_frames: no file, every frame's own file holds its value. sides: those it pulls at; needed where there are several load
+    per_frame: one row a frame, in their order; then no time is needed. picture: with per_frame, the column that names the picture of a row, by
+    which rows are found. in_frames: no file, every frame's own file holds its value. sides: those it pulls at; needed where there are several load
     cells, each with a [[force]] of its own."""
 
     file: str = ""
@@ -123,6 +124,7 @@ class ForceTable(Table):
     time_unit: TimeUnit = "s"
     sign: float = 1.0
     per_frame: bool = False
+    picture: str | None = None
     sides: tuple[Side, ...] = Field(default=(), strict=False)
     delimiter: str = ","
     decimal: Decimal = "."
@@ -137,6 +139,10 @@ class ForceTable(Table):
         if self.in_frames and (self.file or not self.per_frame):
             raise ValueError(
                 "force.in_frames: the value is in the frames themselves; leave out force.file, and set per_frame"
+            )
+        if self.picture and (self.in_frames or not self.per_frame):
+            raise ValueError(
+                "force.picture: rows are found by their pictures where force.per_frame is set, in a force.file"
             )
         return self
 

@@ -119,6 +119,8 @@ class VendorFolder(Importer):
         told = RecordAnswers(record, answers.force_column, answers.time_column, answers.force_unit, answers.time_unit)
         if not say_channels(vendor.channels(frames), told, export.others, found):
             say_record(export.others, told, count or len(frames), found)
+        if not any(found.get(key) for key in ("frames.times_s", "frames.rate_hz", "force.time")):
+            found.facts.append("no time of the frames is stated: effects of time are then not tested (--frame-rate)")
 
 
 def exported(folder: Path, pattern: str | None) -> Export:
@@ -243,9 +245,7 @@ def _say_times(order: Order, times: list[float] | None, separate: bool, options:
         found.say("frames.rate_hz", rate, "as given")
     if rate is not None:
         found.say("recording.frame_rate", f"{rate:g} Hz", "as given")
-    if times is None and rate is None:
-        found.facts.append("no time of the frames is stated: effects of time are then not tested (--frame-rate)")
-    else:
+    if times is not None or rate is not None:
         found.say(
             "frames.offset_s",
             options.offset,

@@ -12,9 +12,10 @@ from pathlib import Path
 
 from calibrate import errors
 from studies.importers.exports.guesses import Guesses
-from studies.importers.exports.text_files import TextFile, plain, text_file
+from studies.importers.exports.picture_rows import rows_of_pictures
+from studies.importers.exports.text_files import NUMBER, TextFile, plain, text_file
 from studies.importers.map_tables import FORCE_UNITS, TIME_UNITS
-from studies.importers.text_tables import read_table
+from studies.importers.text_tables import read_table, read_words
 
 WORD = r"(?<![^\W_])(?:{})(?![^\W_])"  # an underscore ends a word
 FORCES = r"force|load|\w*kraft|last|forza|fuerza|carga|carico|força|kracht|siła|effort"
@@ -58,8 +59,16 @@ def say_record(others: Sequence[TextFile], answers: RecordAnswers, frames: int, 
     time = answers.time or _clock(record)
     untimed = found.get("frames.rate_hz") is None and found.get("frames.times_s") is None
     rest = ", and 0 N at the reference picture" if found.get("points.reference") == "separate" else ""
-    if record.rows == frames:
-        found.say("force.per_frame", True, f"{record.rows} rows for {frames} frames: one each{rest}")
+    picture = _pictures(record, found)
+    if picture or record.rows == frames:
+        why = (
+            f"'{picture}' names the picture of a row"
+            if picture
+            else f"{record.rows} rows for {frames} frames: one each{rest}"
+        )
+        found.say("force.per_frame", True, why)
+        if picture:
+            found.say("force.picture", picture, "every frame's file has the name of one row in it")
         if time is not None and untimed:
             _say_time(record, time, answers, found)
         return
@@ -97,6 +106,23 @@ def say_channels(
     else:
         found.ask("force.unit", "--force-unit", f"not stated in the files: one of {', '.join(FORCE_UNITS)}")
     return True
+
+
+def _pictures(record: TextFile, found: Guesses) -> str | None:
+    """The column that names one picture for every frame."""
+    files = found.get("points.files") or ()
+    if isinstance(files, str) or not files:
+        return None
+    for name in record.names:
+        words = read_words(record.path, name, record.layout)
+        rows = [] if any(map(_is_number, words)) else rows_of_pictures(words, files)
+        if rows and None not in rows and len(set(rows)) == len(rows):
+            return name
+    return None
+
+
+def _is_number(word: str) -> bool:
+    return bool(NUMBER.fullmatch(word))
 
 
 def _say_time(record: TextFile, time: str, answers: RecordAnswers, found: Guesses) -> None:

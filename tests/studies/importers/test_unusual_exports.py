@@ -12,6 +12,7 @@ from vendor_exports import SCALE, STEPS, X, Y, istra4d, matchid, matrices, moved
 
 from calibrate import errors
 from studies.commands.import_data import Request, read
+from studies.importers.exports.picture_rows import rows_of_pictures
 from studies.importers.recording.importer import Answers, SheetOptions
 
 PIXELS = SheetOptions(scale=SCALE)
@@ -173,3 +174,27 @@ def test_a_matrix_without_its_partner_is_named(tmp_path):
     (tmp_path / "export" / "pic_3.tif_V[mm].csv").unlink()
     with pytest.raises(errors.UndecidedError, match=re.escape("1 files missing, such as pic_3.tif_V[mm].csv")):
         read(str(tmp_path / "export"), Request(answers=Answers(step=2.0)))
+
+
+def test_rows_of_pictures():
+    """The picture of a row is a whole part of the name of a file; what fits none or two is not guessed."""
+    files = ["Image_0001_0.tif.csv", "Image_0010_0.tif.csv"]
+    assert rows_of_pictures(["Image_0000_0.tif", r"C:\test\Image_0001_0.TIF", "Image_0010_0.tif"], files) == [1, 2]
+    assert rows_of_pictures(["Image_1.tif", "Image_10.tif"], ["Image_10.tif.csv", "Image_2.csv"]) == [1, None]
+    assert rows_of_pictures(["a_1.tif", "a_1.tif"], ["a_1.csv"]) == [None]
+
+
+def test_force_of_every_picture_by_its_name(tmp_path):
+    """Pictures left out of the export, and the reference among them, do not shift the forces."""
+    export = tmp_path / "export"
+    matchid(export)
+    rows = [f"Img_{k:04d}.tif;{3 * k}; {k * k}.5" for k in range(STEPS + 1)]
+    write(export / "Image.csv", "\n".join(["File;TimeStamp; Force [N]", *rows]) + "\n")
+    for k, kept in ((3, [0, 1, 2, 4, 5]), (0, [0, 1, 2, 4, 5])):
+        next(export.glob(f"Img_{k:04d}*")).unlink()
+        series = read(str(export), Request())[1].series
+        np.testing.assert_allclose(series.record.force, np.square(kept) + 0.5)
+        np.testing.assert_allclose(series.time, 3.0 * np.array(kept))
+    write(export / "Image.csv", "\n".join(["File;TimeStamp; Force [N]", *rows]).replace("_0004", "_0044") + "\n")
+    with pytest.raises(errors.UndecidedError, match="frame-rate"):
+        read(str(export), Request())
