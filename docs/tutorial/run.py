@@ -61,7 +61,8 @@ def keep(folder: Path) -> None:
     for name, source in PICTURES.items():
         shutil.copy(folder / f"{source}.png", target / f"{name}.png")
         manifest = folder / f"{source}.json"
-        shutil.copy(manifest if manifest.exists() else manifest.with_name("report.json"), target / f"{name}.json")
+        text = (manifest if manifest.exists() else manifest.with_name("report.json")).read_text()
+        (target / f"{name}.json").write_text(text.replace(f"{folder}/", ""))
 
 
 if __name__ == "__main__":
