@@ -1,0 +1,1 @@
+"""Bayesian evidence for subsets of effects: priors, all explanations ranked, power."""

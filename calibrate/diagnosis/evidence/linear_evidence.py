@@ -1,0 +1,153 @@
+"""Evidence of every subset of effects from one Gram matrix, linear in the amplitudes.
+
+In: whitened residual r (N,), columns U that the base adjusts freely, signatures S of every effect and shape over prior standard deviations.
+Out: log evidence of subsets. With amplitudes a ~ N(0, 1) and everything projected on the complement of U,
+
+    ln Z = -1/2 (|r|^2 - b^T M^-1 b) - 1/2 ln |M|,   M = 1 + S^T S,   b = S^T r
+
+up to what all subsets share (MacKay 1992; Bishop 2006, 3.5). An amplitude with a bound at its null value has a half-normal prior: its
+factor is twice the posterior probability of the admissible side. Smooth disturbances D of no particular kind are two things:
+
+- the formula of an effect is itself wrong by some share eps of what it explains: D with variance eps^2 |S a|^2 over its number of columns;
+- 'none of these': D with a variance of its own, averaged over a logarithmic grid (a Gaussian process over place and load).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, special
+
+Array = NDArray[np.float64]
+FORMULA_ERROR = 0.02  # relative, of what an effect explains
+MOST = 3  # effects in a subset
+BEAM = 40  # subsets of one size that are extended
+GRID = 12  # variances of a discrepancy that are tried
+UNEXPLAINED = "none of these"
+
+
+@dataclass(frozen=True, eq=False)
+class Signature:
+    """Signature (N, p) of an effect with one shape, outside what the base adjusts, for amplitudes of one prior standard deviation.
+
+    prior: share of the prior probability of the effect that this shape has. one_sided (p,): amplitudes that cannot be below null.
+    """
+
+    name: str
+    shape: tuple[float, ...]
+    columns: Array = field(repr=False)
+    prior: float
+    one_sided: NDArray[np.bool_] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Effects with their shapes (indices of signatures), log evidence with prior odds, amplitudes in prior standard deviations."""
+
+    members: tuple[int, ...]
+    log_evidence: float
+    amplitudes: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Signatures, the residual r (N,) and smooth disturbances D (N, k), all outside what the base adjusts and over the noise.
+
+    log_odds: of the prior, of an effect against none.
+    """
+
+    signatures: tuple[Signature, ...]
+    r: Array
+    D: Array
+    log_odds: float
+
+    @cached_property
+    def _all(self) -> Array:
+        return np.concatenate([*(s.columns for s in self.signatures), self.D], axis=1)
+
+    @cached_property
+    def _gram(self) -> Array:
+        return np.asarray(self._all.T @ self._all)
+
+    @cached_property
+    def _b(self) -> Array:
+        return np.asarray(self._all.T @ self.r)
+
+    @cached_property
+    def _slices(self) -> list[NDArray[np.int64]]:
+        ends = np.cumsum([0, *(s.columns.shape[1] for s in self.signatures)])
+        return [np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+    @cached_property
+    def _smooth(self) -> NDArray[np.int64]:
+        return np.arange(self._gram.shape[0] - self.D.shape[1], self._gram.shape[0])
+
+    def subset(self, members: tuple[int, ...]) -> Subset:
+        """Evidence of effects together, with the error of their formulas."""
+        own = [self._slices[i] for i in members]
+        index = np.concatenate([*own, np.zeros(0, np.int64)]).astype(np.int64)
+        prior = sum(self.log_odds + np.log(self.signatures[i].prior) for i in members)
+        if not members:
+            return Subset((), 0.0, ())
+        _, a, _ = self._solve(index, 0.0)
+        strength = float(a @ self._gram[np.ix_(index, index)] @ a)
+        variance = FORMULA_ERROR**2 * strength / max(self.D.shape[1], 1)
+        value, a, spread = self._solve(index, variance)
+        sided = np.concatenate([self.signatures[i].one_sided for i in members])
+        value += float((np.log(2) + special.log_ndtr(a / spread))[sided].sum())
+        parts = np.split(a, np.cumsum([len(one) for one in own])[:-1])
+        return Subset(members, value + prior, tuple(parts))
+
+    def discrepancy(self) -> float:
+        """Log evidence of smooth disturbances without any effect."""
+        top = max(float(self.r @ self.r), 10.0)
+        values = [self._solve(np.zeros(0, np.int64), v)[0] for v in np.geomspace(0.1, top, GRID)]
+        return float(special.logsumexp(values) - np.log(GRID) + self.log_odds)
+
+    def _solve(self, index: NDArray[np.int64], variance: float) -> tuple[float, Array, Array]:
+        """Log evidence, amplitudes and their posterior deviations of columns; D with a variance."""
+        scale = np.ones(len(index))
+        if variance > 0:
+            index = np.concatenate([index, self._smooth])
+            scale = np.concatenate([scale, np.full(len(self._smooth), np.sqrt(variance))])
+        M = np.eye(len(index)) + scale[:, None] * self._gram[np.ix_(index, index)] * scale
+        b = scale * self._b[index]
+        root = linalg.cho_factor(M, lower=True)
+        a = linalg.cho_solve(root, b)
+        value = 0.5 * float(b @ a) - float(np.log(np.diag(root[0])).sum())
+        n = len(index) - (len(self._smooth) if variance > 0 else 0)
+        spread = np.sqrt(np.diag(linalg.cho_solve(root, np.eye(len(index))[:, :n]))[:n]) if n else np.zeros(0)
+        return value, -a[:n], spread  # r = residual + S a: the amplitude that removes it
+
+    def best(self, most: int = MOST) -> list[Subset]:
+        """Subsets of up to `most` different effects, the best first: all single ones, and beams of the larger."""
+        found: dict[tuple[int, ...], Subset] = {(): self.subset(())}
+        beam = [self.subset(())]
+        for _ in range(most):
+            larger = {m: self.subset(m) for m in self._extensions(beam) if m not in found}
+            found |= larger
+            beam = sorted(larger.values(), key=lambda s: -s.log_evidence)[:BEAM]
+        return sorted(found.values(), key=lambda s: -s.log_evidence)
+
+    def _extensions(self, beam: Sequence[Subset]) -> Iterator[tuple[int, ...]]:
+        for one in beam:
+            names = {self.signatures[i].name for i in one.members}
+            for k, s in enumerate(self.signatures):
+                if s.name not in names:
+                    yield tuple(sorted((*one.members, k)))
+
+    def names(self, one: Subset) -> frozenset[str]:
+        """Of the effects of a subset."""
+        return frozenset(self.signatures[i].name for i in one.members)
+
+    def by_names(self, subsets: Sequence[Subset], count: int) -> list[Subset]:
+        """The best of every set of names, the first `count`."""
+        best: dict[frozenset[str], Subset] = {}
+        for one in subsets:
+            best.setdefault(self.names(one), one)
+        return list(islice(best.values(), count))

@@ -1,0 +1,184 @@
+"""The best subsets fitted without linearisation, and their probabilities.
+
+In: the base, subsets ranked by `linear_evidence`. Out: `Alternatives`. Each subset is fitted with the weights that belong to it, and its
+evidence is Laplace's approximation there (MacKay 1992):
+
+    ln Z = -1/2 (chi^2 + ln |C|) - 1/2 |a / L|^2 - 1/2 ln |1 + L S^T S L| + ln prior odds
+
+with C the covariance of the weights, chi^2 of what the base cannot absorb, allowing for the error of the formulas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from calibrate import errors
+from calibrate.diagnosis import problem as equations
+from calibrate.diagnosis import residual_tests, weighted_fit
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, GRID, Evidence, Subset
+from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.evidence.signatures import prior_deviations
+from calibrate.diagnosis.problem import Problem
+from calibrate.effects import Effect
+from calibrate.effects.chain import Addition, Additions
+from calibrate.fitting.least_squares import orthonormal
+
+Array = NDArray[np.float64]
+START = 0.5  # share of the linear estimate that a fit starts from where the whole has a larger misfit
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Effects that together may explain a test. discrepancy: with something smooth that is in no catalogue beside them."""
+
+    additions: Additions
+    log_evidence: float
+    discrepancy: bool = False
+    probability: float = 0.0
+    errors: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the effects."""
+        return tuple(a.effect.name for a in self.additions)
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """Explanations, the most probable first."""
+
+    explanations: tuple[Explanation, ...]
+
+    @property
+    def inclusion(self) -> dict[str, float]:
+        """Posterior probability of every effect: of all explanations that have it."""
+        names = dict.fromkeys(name for one in self.explanations for name in one.names)
+        return {name: sum(one.probability for one in self.explanations if name in one.names) for name in names}
+
+    @property
+    def unexplained(self) -> float:
+        """Posterior probability of something that is in no catalogue."""
+        return sum(one.probability for one in self.explanations if one.discrepancy)
+
+
+@dataclass(frozen=True, eq=False)
+class _Refit:
+    """A subset fitted. smooth (k,): squares of the residual along smooth disturbances; strength: |S a|^2 of its effects."""
+
+    fit: Fit
+    smooth: Array
+    strength: float
+    occam: float = field(default=0.0)
+
+    def log_evidence(self, noise: float, variance: float | None = None) -> float:
+        """noise: variance of all residuals. variance: of smooth disturbances (None: of the error of the formulas)."""
+        v = FORMULA_ERROR**2 * self.strength / noise / len(self.smooth) if variance is None else variance
+        chi_square = self.fit.free_loss / noise - v / (1 + v) * float(self.smooth.sum()) / noise
+        return -0.5 * (chi_square + len(self.smooth) * np.log1p(v) + self.fit.log_determinant) + self.occam
+
+    def with_discrepancy(self, noise: float) -> float:
+        """The variance of smooth disturbances averaged over a logarithmic grid."""
+        grid = np.geomspace(0.1, max(float(self.smooth.sum()), 10.0), GRID)
+        return float(special.logsumexp([self.log_evidence(noise, v) for v in grid]) - np.log(GRID))
+
+
+def alternatives(
+    problem: Problem, base: Fit, effects: Sequence[Effect], linear: Evidence, subsets: Sequence[Subset], priors: Priors
+) -> Alternatives:
+    """Fits of the subsets and of none, each with and without a discrepancy, and their probabilities. Fits that run away are left out."""
+    known = {effect.name: effect for effect in effects}
+    shares = {s.name: s.prior for s in linear.signatures}
+    refits = [_measured(problem, base, shares, linear.log_odds, priors)]
+    for one in subsets:
+        if one.members:
+            additions = _additions(problem, linear, one, known, priors)
+            refit = _fitted(problem, base, additions, shares, linear.log_odds, priors)
+            refits += [] if refit is None else [refit]
+    noise = max(1.0, min(one.fit.reduced_chi_square for one in refits))
+    found = []
+    for one in refits:
+        additions, deviations = one.fit.additions, one.fit.errors
+        found.append(Explanation(additions, one.log_evidence(noise), errors=deviations))
+        more = one.with_discrepancy(noise) + linear.log_odds
+        found.append(Explanation(additions, more, discrepancy=True, errors=deviations))
+    weights = special.softmax([one.log_evidence for one in found])
+    whole = [replace(one, probability=float(w)) for one, w in zip(found, weights, strict=True)]
+    return Alternatives(tuple(sorted(whole, key=lambda one: -one.log_evidence)))
+
+
+def _additions(
+    problem: Problem, linear: Evidence, subset: Subset, known: Mapping[str, Effect], priors: Priors
+) -> Additions:
+    """Effects as the linear estimate has them, within their bounds."""
+    found = []
+    for i, a in zip(subset.members, subset.amplitudes, strict=True):
+        signature = linear.signatures[i]
+        effect = known[signature.name]
+        values = a * prior_deviations(problem, effect, priors) + [p.null for p in effect.amplitudes]
+        values = [float(np.clip(v, p.lower, p.upper)) for v, p in zip(values, effect.amplitudes, strict=True)]
+        found.append(Addition(effect, tuple(values), signature.shape))
+    return tuple(found)
+
+
+def _fitted(
+    problem: Problem,
+    base: Fit,
+    additions: Additions,
+    shares: Mapping[str, float],
+    log_odds: float,
+    priors: Priors,
+) -> _Refit | None:
+    """From the linear estimate, or a share of it where that is better; None where the fit runs away."""
+    start = additions
+    for _ in range(4):
+        if equations.loss(problem, base.c, start) < base.loss:
+            break
+        start = tuple(_toward_null(a) for a in start)
+    try:
+        own, fit = weighted_fit.fit_with_own_weights(problem, base.c, start)
+    except errors.FitError:
+        return None
+    if not fit.free_loss < 2 * base.free_loss:
+        return None
+    return _measured(own, fit, shares, log_odds, priors)
+
+
+def _toward_null(one: Addition) -> Addition:
+    null = [p.null for p in one.effect.amplitudes]
+    return replace(one, amplitudes=tuple(n + START * (a - n) for a, n in zip(one.amplitudes, null, strict=True)))
+
+
+def _measured(
+    problem: Problem, fit: Fit, shares: Mapping[str, float], log_odds: float, priors: Priors
+) -> _Refit:
+    """What the evidence of a fit is made of."""
+    G = orthonormal(equations.base_columns(problem, fit.chains))
+    S = [_signature(problem, fit, i) for i in range(len(fit.additions))]
+    L = [prior_deviations(problem, a.effect, priors) for a in fit.additions]
+    D = residual_tests.smooth_disturbances(problem)
+    D = orthonormal(D - fit.columns @ (fit.columns.T @ D))
+    smooth = (D.T @ fit.residual) ** 2
+    if not S:
+        return _Refit(fit, smooth, 0.0)
+    outside = [s - G @ (G.T @ s) for s in S]
+    scaled = np.concatenate([s * one for s, one in zip(outside, L, strict=True)], axis=1)
+    change = [np.array(a.amplitudes) - [p.null for p in a.effect.amplitudes] for a in fit.additions]
+    strength = float(np.linalg.norm(sum(s @ a for s, a in zip(outside, change, strict=True))) ** 2)
+    M = np.eye(scaled.shape[1]) + scaled.T @ scaled
+    a = np.concatenate([c / one for c, one in zip(change, L, strict=True)])
+    one_sided = sum(p.lower == p.null for addition in fit.additions for p in addition.effect.amplitudes)
+    prior = sum(log_odds + np.log(shares.get(addition.effect.name, 1.0)) for addition in fit.additions)
+    occam = -0.5 * float(a @ a) - 0.5 * float(np.linalg.slogdet(M)[1]) + one_sided * np.log(2) + prior
+    return _Refit(fit, smooth, strength, float(occam))
+
+
+def _signature(problem: Problem, fit: Fit, i: int) -> Array:
+    """Whitened (N, p) of the effect i beside the others."""
+    others = fit.additions[:i] + fit.additions[i + 1 :]
+    return equations.signature(problem, fit.chains, fit.c, (*others, fit.additions[i]))
