@@ -83,6 +83,7 @@ def test_predicted_residual_covariance_is_the_empirical_one():
     assert abs(variance.mean() - 1) < 0.05
 
 
+@pytest.mark.slow
 def test_covariance_between_increments_is_the_empirical_one():
     """Pattern and reference: the products of residuals of two increments against the joint covariance."""
     noise = Noise(5e-5, 2.5, force_std_relative=1e-4, pattern_std=2e-4, reference_std=1e-4)
