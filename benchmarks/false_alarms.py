@@ -75,7 +75,9 @@ if __name__ == "__main__":
     parser.add_argument("--trials", action="store_true", help="blind trials instead")
     parser.add_argument("--stated", default="1", help="factor on the stated noise, or none")
     parser.add_argument("--noise", type=float, default=5e-4, help="standard deviation of the displacements, of 200 mm")
-    parser.add_argument("--correlation", type=float, default=0.0, help="share of its variance that is common to all pictures")
+    parser.add_argument(
+        "--correlation", type=float, default=0.0, help="share of its variance that is common to all pictures"
+    )
     parser.add_argument("--independent", action="store_true", help="take increments for independent")
     parser.add_argument("words", nargs="*", help="options of `equigap simulate`")
     args = parser.parse_args()

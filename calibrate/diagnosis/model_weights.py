@@ -35,7 +35,9 @@ def weighted_part(
     common = discretisation_error.sources(chain.system, basis, c) if with_discrepancy else None
     noise = _covariances(chain, assembled, c, additions if train.any() else ())
     shift = chain.noise_shift(c, assembled.noise_factor, assembled.variances)
-    return Part(chain, assembled, *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common))
+    return Part(
+        chain, assembled, *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
+    )
 
 
 def amplified(problem: Problem, additions: Additions) -> Problem:

@@ -53,7 +53,9 @@ class Part:
         What a model file predicts (`ExtendedModel.predict`), and what every stated error is of. In a fit the mean is held at that of
         the weights.
         """
-        return self.chain.residual(c, additions) - self.chain.noise_shift(c, self.assembled.noise_factor, self.assembled.variances)
+        return self.chain.residual(c, additions) - self.chain.noise_shift(
+            c, self.assembled.noise_factor, self.assembled.variances
+        )
 
     def valid(self, additions: Additions) -> Additions:
         """Those that hold for this experiment: of the material, and all where it took part in the fit."""

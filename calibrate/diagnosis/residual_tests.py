@@ -106,9 +106,7 @@ def prediction_test(problem: Problem, c: Array, additions: Additions) -> ChiSqua
     if not used:
         return None
     parts = [*problem.trained, *(part for part in used if not part.train.size)]
-    whole = [
-        (part, _columns(problem, part, c, additions), part.residual(c, part.valid(additions))) for part in parts
-    ]
+    whole = [(part, _columns(problem, part, c, additions), part.residual(c, part.valid(additions))) for part in parts]
     train = [(part.train, values, r) for part, values, r in whole if part.train.size]
     every = [
         (weights, values, r)

@@ -85,7 +85,9 @@ def _force_variance(system: Equilibrium, load: Array, noise: Noise) -> Array:
 
 def between_increments(experiment: Experiment, noise: Noise) -> Array:
     """M (t, t): covariance of the noise of a point's displacements in two increments, over displacement_std^2."""
-    return noise.between_increments(experiment.deformation_shares if noise.is_common else np.ones(experiment.n_increments))
+    return noise.between_increments(
+        experiment.deformation_shares if noise.is_common else np.ones(experiment.n_increments)
+    )
 
 
 def groups(between: Array) -> list[slice]:

@@ -191,7 +191,9 @@ class Camera:
         """The noise as an Experiment states it; `displacement_std`, mm, replaces eta dx."""
         common = self.length_scale * self.pattern_noise, self.length_scale * self.reference_noise
         whole = Noise(self.amplitude, self.field.correlation_length, float(self.force_noise / np.sqrt(3)), 0.0, *common)
-        return whole if displacement_std is None or not self.amplitude else whole.scaled(displacement_std / self.amplitude)
+        return (
+            whole if displacement_std is None or not self.amplitude else whole.scaled(displacement_std / self.amplitude)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Settings with the covariance and the amplitude in mm, for a manifest."""

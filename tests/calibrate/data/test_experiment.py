@@ -67,7 +67,9 @@ def test_the_share_of_the_deformation_does_not_see_rigid_motion():
     turn = np.moveaxis(np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]), -1, 0)
     places = np.einsum("tij,tnj->tni", turn, still.points + still.displacements) + [3.0, -2.0]
     turned = replace(still, displacements=places - still.points)
-    gradients = [np.linalg.lstsq(still.points - still.points.mean(axis=0), u, rcond=None)[0] for u in still.displacements]
+    gradients = [
+        np.linalg.lstsq(still.points - still.points.mean(axis=0), u, rcond=None)[0] for u in still.displacements
+    ]
     sizes = np.linalg.norm(gradients, axis=(1, 2))  # homogeneous
     np.testing.assert_allclose(still.deformation_shares, sizes / sizes.max(), rtol=1e-9)
     np.testing.assert_allclose(turned.deformation_shares, still.deformation_shares, rtol=1e-12)

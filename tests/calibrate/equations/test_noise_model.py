@@ -102,10 +102,14 @@ def test_covariance_between_increments_is_the_empirical_one():
     expected = predicted / np.outer(deviation, deviation)
     assert 0.6 < np.median(np.diag(expected[: len(expected) // 2, len(expected) // 2 :])) < 0.95
     assert np.abs(correlation - expected).max() < 6 * np.sqrt(2 / 200)
-    np.testing.assert_allclose(reduction.assemble(system, basis).variances, 1 + 16 * system.experiment.deformation_shares**2 + 4)
+    np.testing.assert_allclose(
+        reduction.assemble(system, basis).variances, 1 + 16 * system.experiment.deformation_shares**2 + 4
+    )
     half = len(predicted) // 2
     for own, block in zip(
-        reduction.assemble(system, basis).own_covariances(c), (predicted[:half, :half], predicted[half:, half:]), strict=True
+        reduction.assemble(system, basis).own_covariances(c),
+        (predicted[:half, :half], predicted[half:, half:]),
+        strict=True,
     ):
         np.testing.assert_allclose(own, block, atol=1e-12 * np.abs(block).max())
 

@@ -104,7 +104,9 @@ def test_what_increments_have_in_common():
     expected = stated.displacement_std**2 * stated.between_increments(shares)
     deviation = np.sqrt(np.diag(expected))
     assert (stated.pattern_std, stated.reference_std) == pytest.approx((0.08, 0.04))
-    np.testing.assert_allclose(found / np.outer(deviation, deviation), expected / np.outer(deviation, deviation), atol=0.06)
+    np.testing.assert_allclose(
+        found / np.outer(deviation, deviation), expected / np.outer(deviation, deviation), atol=0.06
+    )
 
 
 def test_grid_has_2048_points_a_side_and_encloses_the_specimen():
