@@ -1,4 +1,4 @@
-"""The test with an exported card in CalculiX: `python in_calculix.py card/card.inp my_test/force.csv`.
+"""The test with an exported card in CalculiX: `python in_calculix.py card/card.inp my_test/Image.csv`.
 
 Writes `sheet.inp`, a quarter of the plate with the card as it is, runs `ccx` and prints the force at every picture beside the measured one.
 """
@@ -62,7 +62,7 @@ def main(card: str, record: str) -> None:
     totals = [line.split() for line in Path("sheet.dat").read_text().splitlines()]
     solved = [2 * float(words[0]) for words in totals if len(words) == 3]  # both halves
     with Path(record).open() as file:
-        measured = [1000 * float(row["Load"]) for row in csv.DictReader(file)][1:]
+        measured = [float(row[-1]) for row in list(csv.reader(file, delimiter=";"))[2:]]
     print("picture  measured, N  CalculiX, N")
     for k, (ours, theirs) in enumerate(zip(measured, solved, strict=True), 1):
         print(f"{k:7d}  {ours:11.3f}  {theirs:11.3f}")

@@ -83,6 +83,10 @@ class Recording:
     """record the exact fields"""
     relative_noise: float = 5e-4
     """standard deviation of the displacements, of 200 mm"""
+    pattern_noise: float = 0.0
+    """the same, of what stays with the speckle pattern and grows with the deformation"""
+    reference_noise: float = 0.0
+    """the same, of the reference picture, which all pictures share"""
     correlation_length: Positive = 4.0
     """of the displacement noise, mm"""
     force_noise: float = 1e-4
@@ -206,7 +210,10 @@ def solve(test: TensionTest, material: Material, checkpoint: Path) -> SurfaceSol
 def camera_of(recording: Recording, quick: bool = False) -> Camera:
     """The camera and load cell asked for. Raises `ConfigError`."""
     field = GaussianField(recording.correlation_length, resolution=512 if quick else 2048)
-    return Camera(field, relative_noise=recording.relative_noise, force_noise=recording.force_noise)
+    return Camera(
+        field, relative_noise=recording.relative_noise, force_noise=recording.force_noise,
+        pattern_noise=recording.pattern_noise, reference_noise=recording.reference_noise,
+    )  # fmt: skip
 
 
 def observe(test: TensionTest, solution: SurfaceSolution, mesh: Mesh, camera: Camera, seed: int | None) -> Experiment:

@@ -94,6 +94,7 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         free_nodes=free,
         thickness=m.thickness_mm,
         plane=m.plane,
+        has_clock=rate is not None or m.frames.times_s is not None or all(cell.time for cell in m.force),
         synchronisation_std=1.0 / rate / np.sqrt(12.0) if clock and rate is not None else 0.0,
         provenance={
             "reader": "column map",

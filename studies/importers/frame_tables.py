@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from calibrate import errors
 from studies.importers.exports.frame_order import Order, frame_order
+from studies.importers.exports.hdf5_file import read_columns
 from studies.importers.exports.ncorr_file import read_ncorr
 from studies.importers.exports.specimen_plane import Plane, fitted_plane
 from studies.importers.map_tables import PointsTable
@@ -73,10 +74,10 @@ def read_frames(p: PointsTable, folder: Path, mask: str | None = None) -> Frames
     Raises the errors of the tables, `LostPointsError`, `DegenerateMeshError`, `MeshMismatchError`.
     """
     paths, order = frame_files(p, folder)
-    frames = list(_frames(p, paths))
+    frames = list(frames_as_written(p, paths))
     if p.coordinates == "current":
         frames = [Frame(f.position - f.moved, f.moved, f.source) for f in frames]
-    flags = None if mask is None else np.nan_to_num(read_table(paths[0], [mask], p.text)[mask]) != 0
+    flags = None if mask is None else np.nan_to_num(read_columns(paths[0], [mask], p.text)[mask]) != 0
     known = np.isfinite(frames[0].position).all(axis=1)
     points = frames[0].position[known]
     if len(points) < 4:
@@ -103,7 +104,7 @@ def read_frames(p: PointsTable, folder: Path, mask: str | None = None) -> Frames
     return Frames(inside, along[..., :2], flagged, paths, order, heights, plane)
 
 
-def _frames(p: PointsTable, paths: list[Path]) -> Iterator[Frame]:
+def frames_as_written(p: PointsTable, paths: list[Path]) -> Iterator[Frame]:
     """Frames in mm, y up (and z towards the observer, where y was turned)."""
     axes = np.array([1.0, -1.0, -1.0]) if p.y_axis == "down" else np.ones(3)
     of_position, of_displacement = p.scales
@@ -124,11 +125,20 @@ def _table(p: PointsTable, path: Path) -> tuple[Array, Array]:
     """Position and displacement (k, 2 or 3) as written, NaN where a point failed."""
     where = [p.x, p.y] + ([p.z] if p.z else [])
     motion = [p.u, p.v] + ([p.w] if p.w else [])
-    table = read_table(path, [*where, *motion] + ([p.valid_column] if p.valid_column else []), p.text)
+    table = read_columns(path, [*where, *motion] + ([p.valid_column] if p.valid_column else []), p.text)
+    position = np.stack([table[name] for name in where], axis=1)
     moved = np.stack([table[name] for name in motion], axis=1)
     if p.valid_column:
-        moved[~_valid(p, table[p.valid_column])] = np.nan
-    return np.stack([table[name] for name in where], axis=1), moved
+        failed = ~_valid(p, table[p.valid_column])
+        moved[failed] = np.nan
+        position[failed & _repeated(position)] = np.nan
+    return position, moved
+
+
+def _repeated(position: Array) -> Flags:
+    """Points (k,) with the position of another one, such as 0, 0 of all that failed."""
+    _, which, count = np.unique(np.nan_to_num(position), axis=0, return_inverse=True, return_counts=True)
+    return np.asarray(count[which.ravel()] > 1)
 
 
 def _valid(p: PointsTable, quality: Array) -> Flags:
@@ -142,7 +152,7 @@ def _all_failed(p: PointsTable, paths: list[Path]) -> str:
     """What to say where no frame has a point."""
     if p.valid_column is None:
         return f"{paths[-1]} and all others: no point has a displacement; check points.u and points.v"
-    quality = np.concatenate([read_table(path, [p.valid_column], p.text)[p.valid_column] for path in paths])
+    quality = np.concatenate([read_columns(path, [p.valid_column], p.text)[p.valid_column] for path in paths])
     found = f"from {np.nanmin(quality):g} to {np.nanmax(quality):g}" if np.isfinite(quality).any() else "no number"
     return (
         f"{paths[-1]} and all others: no point is valid; '{p.valid_column}' is {found}, check points.valid_minimum "
@@ -155,8 +165,7 @@ def _matrices(p: PointsTable, path: Path) -> tuple[Array, Array]:
 
     def matrix(ending: str) -> Array:
         other = path.with_name(path.name.replace(p.u, ending))
-        table = read_table(other, None, p.text)
-        return np.stack(list(table.values()), axis=1)
+        return np.stack(list(read_table(other, None, p.text).values()), axis=1)
 
     u, v = matrix(p.u), matrix(p.v)
     rows, columns = np.indices(u.shape) * (p.step or 1.0)

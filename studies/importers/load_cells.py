@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from studies.importers.column_map import ColumnMap
+from studies.importers.exports.hdf5_file import read_columns
+from studies.importers.exports.picture_rows import rows_of_pictures
+from studies.importers.frame_tables import frame_files
 from studies.importers.map_tables import FORCE_UNITS, TIME_UNITS, ForceTable, FramesTable
 from studies.importers.recording.synchronise import ForceRecord
-from studies.importers.text_tables import read_table
+from studies.importers.text_tables import read_words
 
 Array = NDArray[np.float64]
 
@@ -26,8 +29,12 @@ def load_cells(m: ColumnMap, folder: Path, n_frames: int) -> tuple[list[ForceRec
 
 
 def _load_cell(cell: ForceTable, m: ColumnMap, folder: Path, n_frames: int) -> tuple[ForceRecord, Array]:
-    path = folder / cell.file
-    table = read_table(path, [cell.force] + ([cell.time] if cell.time else []), cell.text)
+    path = folder / (m.points.folder if cell.in_frames else cell.file)
+    names = [cell.force] + ([cell.time] if cell.time else [])
+    table = _in_frames(m, folder, names) if cell.in_frames else read_columns(path, names, cell.text)
+    if cell.picture:
+        rows = _rows(cell, path, m, folder)
+        table = {name: values[rows] for name, values in table.items()}
     force = cell.sign * FORCE_UNITS[cell.unit] * table[cell.force]
     scale = TIME_UNITS[cell.time_unit]
     if not cell.per_frame:
@@ -41,6 +48,33 @@ def _load_cell(cell: ForceTable, m: ColumnMap, folder: Path, n_frames: int) -> t
         raise errors.MeshMismatchError(f"{path}: {len(force)} forces for {n_frames} frames; one row a frame is needed")
     time = _times(m.frames, n_frames) if time is None else time
     return ForceRecord(time, force, str(path)), time
+
+
+def _rows(cell: ForceTable, path: Path, m: ColumnMap, folder: Path) -> list[int]:
+    """Rows of the pictures of all frames; of a reference picture without a file the first row, unless that is another's."""
+    assert cell.picture is not None
+    files = [file.name for file in frame_files(m.points, folder)[0]]
+    found = rows_of_pictures(read_words(path, cell.picture, cell.text), files)
+    rows = [row for row in found if row is not None]
+    if len(rows) < len(files):
+        raise errors.MeshMismatchError(
+            f"{path}: '{cell.picture}' has no row, or several, for the picture of {files[found.index(None)]}; correct it, or leave force.picture out"
+        )
+    return [0, *rows] if m.points.reference == "separate" and min(rows) > 0 else rows
+
+
+def _in_frames(m: ColumnMap, folder: Path, names: list[str]) -> dict[str, Array]:
+    """One value of each from the file of every frame."""
+    found = []
+    for path in frame_files(m.points, folder)[0]:
+        values = read_columns(path, names, m.points.text)
+        several = next((name for name in names if len(values[name]) != 1), None)
+        if several:
+            raise errors.FileFormatError(
+                f"{path}: {len(values[several])} values of '{several}'; force.in_frames needs one a file"
+            )
+        found.append(values)
+    return {name: np.concatenate([values[name] for values in found]) for name in names}
 
 
 def _times(frames: FramesTable, n_frames: int) -> Array:

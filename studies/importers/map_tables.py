@@ -9,10 +9,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from studies.importers.exports.frame_order import Rule
 from studies.importers.text_tables import Layout
 
-LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3}
-FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
+LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
+FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "kgf": 9.80665, "lbf": 4.4482216152605}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0}
-type LengthUnit = Literal["px", "mm", "cm", "m", "um"]
+type LengthUnit = Literal["px", "mm", "cm", "m", "um", "in"]
+type ForceUnit = Literal["N", "kN", "mN", "kgf", "lbf"]
+type TimeUnit = Literal["s", "ms", "min"]
 type Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 type NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 type PositiveNumber = Annotated[int, Field(gt=0)]
@@ -110,22 +112,39 @@ class FramesTable(Table):
 
 class ForceTable(Table):
     """[force]: file and columns of the machine record; sign = -1 where tension is recorded as negative.
-    per_frame: one row a frame, in their order; then no time is needed. sides: those it pulls at; needed where there are several load
+    per_frame: one row a frame, in their order; then no time is needed. picture: with per_frame, the column that names the picture of a row, by
+    which rows are found. in_frames: no file, every frame's own file holds its value. sides: those it pulls at; needed where there are several load
     cells, each with a [[force]] of its own."""
 
-    file: str
+    file: str = ""
+    in_frames: bool = False
     force: str
     time: str | None = None
-    unit: Literal["N", "kN", "mN"] = "N"
-    time_unit: Literal["s", "ms", "min"] = "s"
+    unit: ForceUnit = "N"
+    time_unit: TimeUnit = "s"
     sign: float = 1.0
     per_frame: bool = False
+    picture: str | None = None
     sides: tuple[Side, ...] = Field(default=(), strict=False)
     delimiter: str = ","
     decimal: Decimal = "."
     header_line: NotNegativeNumber = 1
     units_row: bool = False
     comment: str = ""
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if not self.file and not self.in_frames:
+            raise ValueError("key 'force.file' is missing")
+        if self.in_frames and (self.file or not self.per_frame):
+            raise ValueError(
+                "force.in_frames: the value is in the frames themselves; leave out force.file, and set per_frame"
+            )
+        if self.picture and (self.in_frames or not self.per_frame):
+            raise ValueError(
+                "force.picture: rows are found by their pictures where force.per_frame is set, in a force.file"
+            )
+        return self
 
     @property
     def text(self) -> Layout:
@@ -169,6 +188,8 @@ class NoiseTable(Table):
     correlation_length_mm: NotNegative | None = None
     force_std_relative: NotNegative | None = None
     force_std_N: NotNegative | None = None
+    pattern_std_mm: NotNegative | None = None
+    reference_std_mm: NotNegative | None = None
     kind: Literal["total", "temporal"] = "total"
 
 

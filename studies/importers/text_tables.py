@@ -73,6 +73,19 @@ def read_table(path: str | Path, columns: Sequence[str] | None = None, layout: L
     return {name: table[:, i] for i, name in enumerate(wanted)}
 
 
+def read_words(path: str | Path, column: str, layout: Layout = Layout()) -> list[str]:
+    """A column (n_rows,) as it is written. Raises as `read_table`."""
+    path = Path(path)
+    rows = _rows(path, layout)
+    names = _header(path, rows, layout)
+    index = _find(path, names, column)
+    body = rows[layout.header_line + layout.units_row :]
+    short = next(((line, fields) for line, fields in body if len(fields) != len(names)), None)
+    if short:
+        raise _wrong_length(path, *short, len(names))
+    return [fields[index] for _, fields in body]
+
+
 def decoded(raw: bytes) -> str:
     """Text of a file: UTF-16 with its mark, UTF-8 with or without, else Latin-1."""
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):

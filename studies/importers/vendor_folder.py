@@ -17,10 +17,11 @@ import numpy as np
 from calibrate import errors
 from studies.importers.column_import import mapped_series
 from studies.importers.column_map import checked_map
-from studies.importers.exports.field_guesses import has_rest, say_edges, say_grid
+from studies.importers.exports.field_guesses import has_rest, say_coordinates, say_edges, say_grid
 from studies.importers.exports.frame_order import Order, Rule, frame_order
 from studies.importers.exports.guesses import Guesses, Undecided
-from studies.importers.exports.machine_record import RecordAnswers, say_record
+from studies.importers.exports.hdf5_file import hdf5_file
+from studies.importers.exports.machine_record import RecordAnswers, say_channels, say_record
 from studies.importers.exports.ncorr_file import ncorr_file
 from studies.importers.exports.text_files import TextFile, text_file
 from studies.importers.frame_tables import read_frames
@@ -31,6 +32,7 @@ from studies.importers.recording.series import Series, elongation
 from studies.importers.recording.synchronise import forces_at
 from studies.importers.vendors import Vendor, vendors
 
+HDF5 = (".hdf5", ".h5", ".hdf")
 SHEETS_ALONE = ("drop_rows", "drop_columns", "edge_columns", "free_edges")
 
 
@@ -48,9 +50,7 @@ class VendorFolder(Importer):
     """Every program of `studies.importers.vendors`."""
 
     source: ClassVar[str] = "a folder as a DIC program exported it"
-    looks_for: ClassVar[str] = (
-        "tables with the columns of " + ", ".join(vendor.name for vendor in vendors()) + " (.mat saved with -v7)"
-    )
+    looks_for: ClassVar[str] = "tables with the columns of " + ", ".join(vendor.name for vendor in vendors())
     takes: ClassVar[tuple[Part, ...]] = ("name", "record", "frames", "sheet", "noise", "answers")
     answers: Answers = Answers()
 
@@ -81,8 +81,10 @@ class VendorFolder(Importer):
         if found.questions:
             raise Undecided(found, source)
         series = _series(found)
-        inputs = tuple(file.path for file in export.frames)
-        return Recording(series, (*inputs, Path(found.get("force.file"))), guesses=found)
+        inputs = [file.path for file in export.frames]
+        if found.get("force.file"):
+            inputs.append(Path(found.get("force.file")))
+        return Recording(series, tuple(inputs), guesses=found)
 
     def _describe(
         self, export: Export, folder: Path, options: SheetOptions, record: Path | None, found: Guesses
@@ -106,14 +108,19 @@ class VendorFolder(Importer):
             f"{len(frames)} files in the order of the {order.found}",
         )
         vendor.describe(frames, found)
+        if found.get("points.decimal") is None and any(frame.decimal == "," for frame in frames):
+            found.say("points.decimal", ",", "decimal commas in some files")
+        _say_unit(answers.unit, found)
         if answers.y_axis:
             found.say("points.y_axis", answers.y_axis, "as given")
         _say_scale(options.scale, answers.step, found)
         separate, count = _say_field(answers, found)
         _say_times(order, times, separate, options, found)
-        say_record(
-            export.others, RecordAnswers(record, answers.force_column, answers.time_column), count or len(frames), found
-        )
+        told = RecordAnswers(record, answers.force_column, answers.time_column, answers.force_unit, answers.time_unit)
+        if not say_channels(vendor.channels(frames), told, export.others, found):
+            say_record(export.others, told, count or len(frames), found)
+        if not any(found.get(key) for key in ("frames.times_s", "frames.rate_hz", "force.time")):
+            found.facts.append("no time of the frames is stated: effects of time are then not tested (--frame-rate)")
 
 
 def exported(folder: Path, pattern: str | None) -> Export:
@@ -138,8 +145,10 @@ def _is_export(folder: Path) -> bool:
 
 
 def _file(path: Path) -> TextFile | None:
-    """A table, or a file of ncorr."""
-    return ncorr_file(path) if path.suffix == ".mat" else text_file(path)
+    """A table, a file of ncorr, or HDF5."""
+    if path.suffix == ".mat":
+        return ncorr_file(path)
+    return hdf5_file(path) if path.suffix in HDF5 else text_file(path)
 
 
 def _folders(path: Path) -> list[Path]:
@@ -170,6 +179,16 @@ def _ordered(vendor: Vendor, frames: list[TextFile], rule: Rule) -> tuple[Order,
     return order, order.values.tolist() if order.seconds and order.values is not None else None
 
 
+def _say_unit(unit: str | None, found: Guesses) -> None:
+    """Unit of all lengths, as given."""
+    if unit is None:
+        return
+    for key in ("points.position_unit", "points.displacement_unit"):
+        found.entries.pop(key, None)
+    found.questions = [q for q in found.questions if q.option != "--unit"]
+    found.say("points.unit", unit, "as given")
+
+
 def _say_scale(scale: float | None, step: float | None, found: Guesses) -> None:
     """mm per pixel, where something is in pixels; step of a matrix."""
     units = {found.get(f"points.{key}") for key in ("unit", "position_unit", "displacement_unit")}
@@ -191,6 +210,8 @@ def _say_field(answers: Answers, found: Guesses) -> tuple[bool, int]:
     unread = {q.key for q in found.questions} & {"points.v", "points.step"}
     if unread:
         return False, 0
+    say_coordinates(PointsTable.model_validate(points | {"reference": "separate"}), found)
+    points = found.tables()["points"]
     frames = read_frames(PointsTable.model_validate(points | {"reference": "separate"}), Path())
     frames = replace(frames, displacements=frames.displacements[1:])
     separate = not has_rest(frames)

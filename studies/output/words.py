@@ -50,8 +50,8 @@ def percent(share: float, places: int = 2) -> str:
 
 
 def digits(value: float, places: int = 3) -> str:
-    """A number to so many significant digits."""
-    return f"{value:.{places}g}"
+    """A number to so many significant digits; below a million all that stand before the point."""
+    return f"{value:.0f}" if 10.0**places <= abs(value) < 1e6 else f"{value:.{places}g}"
 
 
 def plus_minus(value: float, half: float) -> str:

@@ -6,19 +6,22 @@ In: frames, as a column map reads them. Out: entries and facts of a column map, 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from studies.importers.exports.guesses import Guesses
-from studies.importers.frame_tables import Frames
+from studies.importers.frame_tables import Frames, frame_files, frames_as_written
+from studies.importers.map_tables import PointsTable
 from studies.importers.recording.masks import SIDES
 
 Array = NDArray[np.float64]
 STILL = 1e-9  # of the distance of the points: a displacement that is zero but for rounding
 STRAINED, SIGNIFICANT = 1e-4, 10.0  # least strain, and least ratio of it to its standard error, that tell the pull
 USUAL_DEPTH, DEEPEST, SPANNED = 0.4, 4.0, 0.95  # of a side: spacings, spacings, share of the section
+AGREEING, DECIDED = 0.02, 0.1  # spacings, and share of the other distance, below which positions agree
 ALIKE = 0.6  # of the larger strain, from which the smaller of equal sign makes the pull undecided
 
 
@@ -32,13 +35,35 @@ def pitch(points: Array) -> float:
     return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
 
 
+def say_coordinates(p: PointsTable, found: Guesses) -> None:
+    """Whether positions are those of the reference or move with the specimen, by the first and the last file."""
+    paths, _ = frame_files(p, Path())
+    if p.layout == "ncorr" or not p.x or len(paths) < 2:
+        return
+    first, last = frames_as_written(p, [paths[0], paths[-1]])
+    still = _apart(first.position, last.position)
+    moving = _apart(first.position - first.moved, last.position - last.moved)
+    near = AGREEING * pitch(first.position[np.isfinite(first.position).all(axis=1)])
+    if still < min(near, DECIDED * moving) and p.coordinates == "current":
+        found.say("points.coordinates", "reference", "the first and the last file list the same positions")
+    elif moving < min(near, DECIDED * still) and p.coordinates == "reference":
+        why = "positions of the first and the last file agree once their displacements are subtracted"
+        found.say("points.coordinates", "current", why)
+
+
+def _apart(points: Array, others: Array) -> float:
+    """Median distance of points (k, 2 or 3) to the nearest of others (m, 2 or 3); infinite where none are known."""
+    known, near = (p[np.isfinite(p).all(axis=1)] for p in (points, others))
+    return float(np.median(cKDTree(known).query(near)[0])) if len(known) and len(near) else float("inf")
+
+
 def say_grid(frames: Frames, found: Guesses) -> None:
     """Number, spacing and regularity of the points, and how many failed."""
     spacing = pitch(frames.points)
     on_grid = all(_regular(np.unique(frames.points[:, k].round(6)), spacing) for k in range(2))
     size = np.ptp(frames.points, axis=0)
     kind = "regular grid" if on_grid else "scattered points"
-    unit = "px" if any(q.key == "points.scale_mm_per_px" for q in found.questions) else "mm"
+    unit = _shown_unit(found)
     found.facts.append(
         f"{len(frames.points)} points, {size[0]:.4g} x {size[1]:.4g} {unit}, {kind}, spacing {spacing:.4g} {unit}"
     )
@@ -52,6 +77,12 @@ def say_grid(frames: Frames, found: Guesses) -> None:
         found.facts.append(
             f"stereo: fitted plane, tilt {tilt:.2g} degrees, warp {warp:.2g} mm rms; out-of-plane motion up to {np.abs(moved).max():.2g} mm on the mean"
         )
+
+
+def _shown_unit(found: Guesses) -> str:
+    """Of lengths in the facts: mm, once everything is known."""
+    asked = {q.option for q in found.questions}
+    return "units" if "--unit" in asked else "px" if "--scale" in asked else "mm"
 
 
 def _regular(values: Array, spacing: float) -> bool:

@@ -81,6 +81,11 @@ def _by_numbers(names: Sequence[str], rule: Rule) -> Order:
     if len(names) > 1 and (not differing.size or (np.diff(rows, axis=0) == 0).all(axis=1).any()):
         raise errors.UndecidedError("frame order: two files have the same numbers; list points.files in their order")
     falling = [k for k in range(differing.size) if (np.diff(rows[:, k]) < 0).any()]
+    if falling and rule == "auto" and _several_areas(rows):
+        raise errors.UndecidedError(
+            f"frame order: every picture has the same {len(np.unique(rows[:, -1]))} last numbers in names such as {names[index[-1]]}; where these are areas "
+            'of one picture, choose one of them (--files), else choose points.order = "natural" (--order natural)'
+        )
     if falling and rule == "auto":
         raise errors.UndecidedError(
             f"frame order: numbers {differing[0] + 1} and {differing[falling[0]] + 1} of names such as {names[index[-1]]} give different orders; "
@@ -88,3 +93,9 @@ def _by_numbers(names: Sequence[str], rule: Rule) -> Order:
         )
     values = rows[:, 0] if differing.size == 1 else None
     return Order(tuple(index.tolist()), values, False, "number in the file names")
+
+
+def _several_areas(rows: Array) -> bool:
+    """Whether each first number comes with each last one. rows (n, k): numbers of the names that differ."""
+    first, last = (np.unique(rows[:, k]) for k in (0, -1))
+    return rows.shape[1] == 2 and len(last) < len(first) and len(first) * len(last) == len(rows)

@@ -6,18 +6,23 @@ In: tables that are no frames. Out: entries of [force] and [frames] of a column 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from calibrate import errors
 from studies.importers.exports.guesses import Guesses
-from studies.importers.exports.text_files import UNIT, TextFile, text_file
+from studies.importers.exports.picture_rows import rows_of_pictures
+from studies.importers.exports.text_files import NUMBER, TextFile, plain, text_file
 from studies.importers.map_tables import FORCE_UNITS, TIME_UNITS
-from studies.importers.text_tables import read_table
+from studies.importers.text_tables import read_table, read_words
 
-FORCE = re.compile(r"\b(force|load|kraft|last|forza|fuerza|carga|axial force)\b|^f[xy]?$", re.IGNORECASE)
-TIME = re.compile(r"\b(time|zeit|temps|tempo|tiempo|elapsed)\b|^t$|timestamp", re.IGNORECASE)
+WORD = r"(?<![^\W_])(?:{})(?![^\W_])"  # an underscore ends a word
+FORCES = r"force|load|\w*kraft|last|forza|fuerza|carga|carico|força|kracht|siła|effort"
+FORCE = re.compile(WORD.format(FORCES) + r"|^f_?[xy]?$", re.IGNORECASE)
+TIME = re.compile(
+    WORD.format(r"time|zeit|\w*zeit|temps|tempo|tiempo|tijd|czas|elapsed") + r"|^t$|timestamp", re.IGNORECASE
+)
 SECONDS = {"sec": "s", "second": "s", "seconds": "s"}
 
 
@@ -28,6 +33,8 @@ class RecordAnswers:
     file: Path | None = None
     force: str | None = None
     time: str | None = None
+    force_unit: str | None = None
+    time_unit: str | None = None
 
 
 def say_record(others: Sequence[TextFile], answers: RecordAnswers, frames: int, found: Guesses) -> None:
@@ -48,12 +55,20 @@ def say_record(others: Sequence[TextFile], answers: RecordAnswers, frames: int, 
         )
         return
     found.say("force.force", force, "as given" if answers.force else "name and unit of the column")
-    _say_unit(record, force, "force.unit", FORCE_UNITS, "N", found)
+    _say_unit(record.unit(force), "force.unit", FORCE_UNITS, answers.force_unit, found)
     time = answers.time or _clock(record)
     untimed = found.get("frames.rate_hz") is None and found.get("frames.times_s") is None
     rest = ", and 0 N at the reference picture" if found.get("points.reference") == "separate" else ""
-    if record.rows == frames:
-        found.say("force.per_frame", True, f"{record.rows} rows for {frames} frames: one each{rest}")
+    picture = _pictures(record, found)
+    if picture or record.rows == frames:
+        why = (
+            f"'{picture}' names the picture of a row"
+            if picture
+            else f"{record.rows} rows for {frames} frames: one each{rest}"
+        )
+        found.say("force.per_frame", True, why)
+        if picture:
+            found.say("force.picture", picture, "every frame's file has the name of one row in it")
         if time is not None and untimed:
             _say_time(record, time, answers, found)
         return
@@ -73,14 +88,51 @@ def say_record(others: Sequence[TextFile], answers: RecordAnswers, frames: int, 
         )
 
 
+def say_channels(
+    channels: Mapping[str, str], answers: RecordAnswers, others: Sequence[TextFile], found: Guesses
+) -> bool:
+    """The force among columns of the frames themselves; False where there are none, or where a record holds it."""
+    if not channels or answers.file or any(is_record(file) for file in others):
+        return False
+    if answers.force is None or answers.force not in channels:
+        listed = ", ".join(f"{name} ({values})" for name, values in channels.items())
+        found.ask("force.force", "--force-column", f"which of {listed} is the force, or --record with a machine record")
+        return True
+    found.say("force.in_frames", True, "the files of the frames hold it")
+    found.say("force.force", answers.force, "as given")
+    found.say("force.per_frame", True, "one value a file")
+    if answers.force_unit:
+        found.say("force.unit", answers.force_unit, "as given")
+    else:
+        found.ask("force.unit", "--force-unit", f"not stated in the files: one of {', '.join(FORCE_UNITS)}")
+    return True
+
+
+def _pictures(record: TextFile, found: Guesses) -> str | None:
+    """The column that names one picture for every frame."""
+    files = found.get("points.files") or ()
+    if isinstance(files, str) or not files:
+        return None
+    for name in record.names:
+        words = read_words(record.path, name, record.layout)
+        rows = [] if any(map(_is_number, words)) else rows_of_pictures(words, files)
+        if rows and None not in rows and len(set(rows)) == len(rows):
+            return name
+    return None
+
+
+def _is_number(word: str) -> bool:
+    return bool(NUMBER.fullmatch(word))
+
+
 def _say_time(record: TextFile, time: str, answers: RecordAnswers, found: Guesses) -> None:
     found.say("force.time", time, "as given" if answers.time else "name of the column")
-    _say_unit(record, time, "force.time_unit", TIME_UNITS, "s", found)
+    _say_unit(record.unit(time), "force.time_unit", TIME_UNITS, answers.time_unit, found)
 
 
 def is_record(file: TextFile) -> bool:
     """Whether a table has a column of forces."""
-    return any(FORCE.search(UNIT.sub("", name)) for name in file.names)
+    return any(FORCE.search(plain(name)) for name in file.names)
 
 
 def _named(path: Path) -> TextFile:
@@ -112,7 +164,7 @@ def _only_one(others: Sequence[TextFile], found: Guesses) -> TextFile | None:
 
 def _column(file: TextFile, kind: re.Pattern[str], units: dict[str, float]) -> str | None:
     """The only column of a kind, or the only one of those with a known unit."""
-    named = [name for name in file.names if kind.search(UNIT.sub("", name))]
+    named = [name for name in file.names if kind.search(plain(name))]
     if len(named) > 1:
         named = [name for name in named if _spelled(file.unit(name)) in units]
     return named[0] if len(named) == 1 else None
@@ -131,16 +183,18 @@ def _spelled(unit: str | None) -> str:
     return SECONDS.get((unit or "").casefold(), unit or "")
 
 
-def _say_unit(file: TextFile, name: str, key: str, units: dict[str, float], usual: str, found: Guesses) -> None:
-    unit = _spelled(file.unit(name))
-    if unit in units:
+def _say_unit(stated: str | None, key: str, units: dict[str, float], given: str | None, found: Guesses) -> None:
+    """As given, as stated, or the first of the known ones where none is; an unknown one is asked for."""
+    unit, usual = _spelled(stated), next(iter(units))
+    if given:
+        found.say(key, given, "as given")
+    elif unit in units:
         found.say(key, unit, "unit in the header")
+    elif unit:
+        option = "--force-unit" if key == "force.unit" else "--time-unit"
+        found.ask(key, option, f"[{unit}] is none of {', '.join(units)}")
     else:
-        found.say(
-            key,
-            usual,
-            f"unit {'not stated' if not unit else f'[{unit}] unknown'}; {usual} assumed, look at the picture",
-        )
+        found.say(key, usual, f"unit not stated; {usual} assumed, look at the picture")
 
 
 def _say_layout(file: TextFile, found: Guesses) -> None:

@@ -15,6 +15,7 @@ from studies.importers.text_tables import MISSING, Layout, decoded, split
 
 NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eEdD][-+]?\d+)?")
 UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*(?:-.*)?$")
+SUFFIX = re.compile(r"(?:[_/,]| in) ?(kN|mN|N|kgf|lbf|ms|s|sec|mm|cm|um|µm|px|pixel)$")  # of names such as force_kN
 START, SAMPLE = 1 << 18, 60  # bytes and lines that are looked at
 
 
@@ -54,9 +55,10 @@ class TextFile:
     def unit(self, name: str) -> str | None:
         """Unit of a column, from brackets behind its name or the row of units."""
         found = UNIT.search(name)
-        if found:
-            return found.group(1)
-        return self.units[self.names.index(name)].strip("()[] ") or None if self.units else None
+        if not found and self.units and name in self.names:
+            return self.units[self.names.index(name)].strip("()[] ") or None
+        found = found or SUFFIX.search(name)
+        return found.group(1) if found else None
 
     def column(self, *plain: str) -> str | None:
         """The first of these names that the table has, units in brackets and upper case aside."""
@@ -70,6 +72,11 @@ class TextFile:
         """First group of a pattern in the lines above the header."""
         found = next((m for m in (re.search(pattern, line) for line in self.before) if m), None)
         return found.group(1).strip() if found else None
+
+
+def plain(name: str) -> str:
+    """Name of a column without its unit."""
+    return SUFFIX.sub("", UNIT.sub("", name)).strip()
 
 
 def text_file(path: Path) -> TextFile | None:
@@ -98,7 +105,7 @@ def text_file(path: Path) -> TextFile | None:
     units = tuple(rows[first - 1]) if header is not None and header < first - 1 else ()
     names = tuple(rows[header]) if header is not None else ()
     tokens = [field for row in rows[first : first + SAMPLE] for field in row]
-    decimal = "," if delimiter != "," and any("," in t for t in tokens if NUMBER.fullmatch(t)) else "."
+    decimal = "," if any("," in t for t in tokens if NUMBER.fullmatch(t)) else "."  # between commas: in quotes
     before = notes + tuple(body[: header if header is not None else first])
     return TextFile(path, names, before, delimiter, decimal, comment, 0 if header is None else header + 1, width, units)
 

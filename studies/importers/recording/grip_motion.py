@@ -9,13 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.importers.recording.recorded_series import Grip, Series
-from studies.importers.recording.synchronise import find_break
+from studies.importers.recording.synchronise import find_break, forces_at
 from studies.output.words import Words
 
 WORDS = Words("experiment")
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 ACROSS = 2.0  # motion of the grips across the pull over that along it, from which they are hardly pulled that way
+FEWEST, UNLIKE, LIKE = (
+    5,
+    0.7,
+    0.95,
+)  # frames, and correlations with the force, that tell displacements from increments of them
 UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been longer than its chosen frames show
 
 
@@ -65,6 +70,19 @@ def failure(series: Series) -> float | None:
         return None
     length = np.interp(found, series.time, elongation(series))
     return None if length[1] < 0.9 * length[0] else found[0]
+
+
+def looks_incremental(series: Series) -> bool:
+    """Whether displacements seem to count from the frame before: their sum follows the force, they themselves do not."""
+    length, force = elongation(series), forces_at(series.record, series.time)
+    known = np.isfinite(length) & np.isfinite(force)
+    length, force = length[known], force[known]
+    rising = slice(0, int(np.argmax(np.abs(force))) + 1 if len(force) else 0)
+    length, force = length[rising], force[rising]
+    if len(force) < FEWEST or not np.ptp(force) > 0 or not np.ptp(length) > 0:
+        return False
+    total, summed = (abs(np.corrcoef(one, force)[0, 1]) for one in (length, np.cumsum(length)))
+    return bool(total < UNLIKE and summed > LIKE)
 
 
 def unseen_peak(lengths: Array, frames: Index) -> list[str]:

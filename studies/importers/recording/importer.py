@@ -17,6 +17,7 @@ from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import Names
 from studies.importers.exports.frame_order import Rule
 from studies.importers.exports.guesses import Guesses
+from studies.importers.map_tables import ForceUnit, LengthUnit, TimeUnit
 from studies.importers.recording.masks import SIDES
 from studies.importers.recording.series import Series, to_experiment
 from studies.importers.recording.stated_noise import StatedNoise
@@ -78,6 +79,8 @@ class Answers:
     """of the frames, where several numbers of their names disagree: natural, from left to right"""
     step: float | None = None
     """distance of the points of a matrix, mm"""
+    unit: LengthUnit | None = None
+    """of positions and displacements"""
     y_axis: Literal["up", "down"] | None = None
     """which way y of the export points"""
     loaded: Names = ()
@@ -88,6 +91,10 @@ class Answers:
     """column of the force in the machine record"""
     time_column: str | None = None
     """column of the time in the machine record"""
+    force_unit: ForceUnit | None = None
+    """of the machine record"""
+    time_unit: TimeUnit | None = None
+    """of the machine record"""
 
     def __post_init__(self) -> None:
         for name, value in (("loaded", self.loaded), ("free", self.free)):

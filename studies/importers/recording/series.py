@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from calibrate import errors
 from calibrate.data import points
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
-from studies.importers.recording.grip_motion import elongation, failure, moves_across, unseen_peak
+from studies.importers.recording.grip_motion import elongation, failure, looks_incremental, moves_across, unseen_peak
 from studies.importers.recording.masks import Masked
 from studies.importers.recording.notes import mask_notes, noise_notes, record_notes, strain_notes
 from studies.importers.recording.outliers import outliers
@@ -54,6 +54,7 @@ def to_experiment(
         notes.append(WORDS.note_moves_across(along=across[0], across=across[1]))
     loaded = tuple(_loaded(series, grip, frames, force) for grip in series.grips)
     notes += unseen_peak(elongation(series), frames)
+    notes += [WORDS.note_incremental()] if looks_incremental(series) else []
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
         notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))

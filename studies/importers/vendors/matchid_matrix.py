@@ -45,7 +45,12 @@ class MatchIdMatrix(Vendor):
             if all(other.is_file() for other in others):
                 found.say(f"points.{key}", name, f"files of {letter} beside one another")
             elif key == "v":
-                found.ask("points.v", "export the vertical displacement too", f"no files *{name}{file.path.suffix}")
+                missing = [other.name for other in others if not other.is_file()]
+                found.ask(
+                    "points.v",
+                    "export the vertical displacement too",
+                    f"{len(missing)} files missing, such as {missing[0]}",
+                )
         if not (found.get("points.x") and found.get("points.y")):
             found.entries.pop("points.x", None)
             found.entries.pop("points.y", None)

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 from studies.importers.exports.guesses import Guesses
 from studies.importers.exports.text_files import TextFile
+from studies.importers.map_tables import LENGTH_UNITS
 
 
 class Vendor(ABC):
@@ -32,6 +33,10 @@ class Vendor(ABC):
     def stated_time(self, file: TextFile) -> float | None:
         """Time of a frame as its file states it, s."""
         return None
+
+    def channels(self, frames: Sequence[TextFile]) -> dict[str, str]:
+        """Columns of the frames that may be the force of the machine, one value a file, with their ranges in words."""
+        return {}
 
     def belongs(self, file: TextFile) -> bool:
         """Whether a table that is no frame is part of the export all the same, and no record of a machine."""
@@ -65,11 +70,24 @@ def say_pixels(found: Guesses, why: str) -> None:
     found.say("points.y_axis", "down", "rows of a picture count downwards")
 
 
+SPELLED = dict.fromkeys(("pixel", "pixels", "pix"), "px") | dict.fromkeys(("µm", "μm", "micron", "microns"), "um")
+SPELLED |= dict.fromkeys(("inch", "inches"), "in") | dict.fromkeys(("millimeter", "millimetre", "millimeters"), "mm")
+LENGTHS = ("px", *LENGTH_UNITS)
+
+
 def say_unit(found: Guesses, key: str, unit: str | None, otherwise: str) -> None:
-    """A unit of length as a column states it, px in any spelling."""
-    spelled = {"pixel": "px", "pixels": "px", "pix": "px", "µm": "um", "μm": "um"}
-    stated = spelled.get((unit or "").casefold(), unit)
-    if stated in ("px", "mm", "cm", "m", "um"):
-        found.say(key, stated, "unit in the header")
+    """A unit of length as a column states it, in any spelling; where none is stated that of the program. An unknown one is asked for."""
+    if unit:
+        say_stated_unit(found, unit, "the header", key)
     else:
         found.say(key, otherwise, "unit not stated; that of the program")
+
+
+def say_stated_unit(found: Guesses, unit: str | None, where: str, key: str = "points.unit") -> None:
+    """A unit of length that is stated somewhere; otherwise it is asked for."""
+    stated = SPELLED.get((unit or "").casefold(), (unit or "").casefold())
+    if stated in LENGTHS:
+        found.say(key, stated, f"unit in {where}")
+    else:
+        why = f"[{unit}] is no known unit of length" if unit else f"not stated in {where}"
+        found.ask(key, "--unit", f"{why}: one of {', '.join(LENGTHS)}")

@@ -5,14 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
+import numpy as np
+
 from studies.importers.exports.guesses import Guesses
 from studies.importers.exports.text_files import UNIT, TextFile
+from studies.importers.text_tables import read_table
 from studies.importers.vendors.vendor import Vendor, say_columns, say_layout, say_pixels, say_unit
 
 
 def _plain(file: TextFile) -> set[str]:
     """Names without units; upper case matters."""
     return {UNIT.sub("", name) for name in file.names}
+
+
+def _calibrated(file: TextFile, name: str) -> bool:
+    """Whether a calibrated column has other values than 0."""
+    return bool(np.nan_to_num(read_table(file.path, [name], file.layout)[name]).any())
 
 
 class Vic(Vendor):
@@ -38,7 +46,7 @@ class Vic(Vendor):
             )
             say_unit(found, "points.unit", file.unit(names["X"]), "mm")
             found.say("points.y_axis", "up", "metric coordinate system")
-        elif {"x_c", "y_c", "u_c", "v_c"} <= set(names):
+        elif {"x_c", "y_c", "u_c", "v_c"} <= set(names) and _calibrated(file, names["x_c"]):
             say_columns(file, found, {k: names[f"{k}_c"] for k in "xyuv"}, "calibrated columns of VIC-2D")
             say_unit(found, "points.unit", file.unit(names["x_c"]), "mm")
             found.say("points.y_axis", "up", "calibrated coordinate system")

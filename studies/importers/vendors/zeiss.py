@@ -7,6 +7,8 @@ from typing import ClassVar
 
 from studies.importers.exports.guesses import Guesses
 from studies.importers.exports.text_files import TextFile
+from studies.importers.map_tables import TIME_UNITS
+from studies.importers.text_tables import split
 from studies.importers.vendors.vendor import Vendor, say_columns, say_layout, say_unit
 
 
@@ -47,8 +49,9 @@ class Zeiss(Vendor):
         head = next((i for i, line in enumerate(file.before) if "relative_time" in line), None)
         if head is None or head + 1 >= len(file.before):
             return None
-        names, values = (file.before[i].split(";") for i in (head, head + 1))
+        names, values = (split(file.before[i], file.delimiter) for i in (head, head + 1))
+        unit = TIME_UNITS.get(file.stated(r"time:\s*(\w+)") or "s")
         try:
-            return float(values[names.index("relative_time")].strip('" ').replace(",", "."))
+            return None if unit is None else unit * float(values[names.index("relative_time")].replace(",", "."))
         except (ValueError, IndexError):
             return None

@@ -7,8 +7,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 from sheets import write
+from vendor_exports import (
+    SCALE,
+    STEPS,
+    X,
+    Y,
+    dice,
+    dice_stereo,
+    istra4d,
+    matchid,
+    matrices,
+    moved,
+    mudic,
+    ncorr,
+    ncorr_73,
+    opencorr,
+    table,
+    vic2d,
+    vic3d,
+    zeiss,
+)
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
@@ -111,109 +130,7 @@ def test_a_real_export_with_a_record_goes_through_and_its_map_again(tmp_path):
 
 # --- one test in the form of every program: the same Experiment comes out ---
 
-X, Y = (v.ravel() for v in np.meshgrid(np.arange(12) * 2.0, np.arange(10) * 2.0))
-STEPS, SCALE = 5, 0.04  # frames after the reference; mm per pixel
-
-
-def moved(k: int):
-    """Displacement (n, 2), mm, y up; pulled along x, with a shear that tells y up from y down."""
-    e = 0.01 * k
-    return np.stack([e * X + 0.3 * e * Y, -0.4 * e * Y], axis=1)
-
-
-def table(path: Path, header: str, columns, delimiter=",", decimal=".", before="") -> None:
-    rows = [delimiter.join(f"{v:.9g}".replace(".", decimal) for v in row) for row in np.column_stack(columns)]
-    write(path, before + "\n".join([header, *rows]) + "\n")
-
-
-def dice(folder: Path) -> None:
-    for k in range(1, STEPS + 1):
-        u, v = moved(k).T
-        before = "***\n*** Digital Image Correlation Engine (DICe), (git sha1: v3)\n*** Subset size: 21\n***\n"
-        head = "SUBSET_ID,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA,GAMMA,BETA,STATUS_FLAG"
-        one = np.ones(X.size)
-        columns = [one, X / SCALE, 1000 - Y / SCALE, u / SCALE, -v / SCALE, one, one, one, one]
-        table(folder / f"DICe_solution_{k + 7}.txt", head, columns, before=before)
-
-
-def dice_stereo(folder: Path) -> None:
-    head = "COORDINATE_X,COORDINATE_Y," + ",".join(
-        f"MODEL_{q}_{c}" for q in ("COORDINATES", "DISPLACEMENT") for c in "XYZ"
-    )
-    for k in range(STEPS + 1):
-        u, v = moved(k).T
-        table(
-            folder / f"DICe_solution_{k:02d}.txt", head + ",MATCH", [X, Y, X, -Y, 0 * X + 500, u, -v, 0 * X + k, 0 * X]
-        )
-
-
-def zeiss(folder: Path) -> None:
-    """Current coordinates on a tilted plane, decimal commas, times in the stage rows; names sort otherwise."""
-    tilt = np.radians(5)
-    for k in range(STEPS + 1):
-        u, v = moved(k).T
-        where = [X + u, (Y + v) * np.cos(tilt), (Y + v) * np.sin(tilt) + 3]
-        before = f'# Units: length:mm angle:deg time:s\n# Stage: Stufe {k}\nstage;index;relative_time;date\n"Stufe";{k};{k}.0;"x"\n'
-        table(
-            folder / f"Fläche 1_{k * 7.5:.3f} s.csv",
-            "id;x;y;z;displacement_x;displacement_y;displacement_z",
-            [np.arange(X.size), *where, u, v * np.cos(tilt), v * np.sin(tilt)],
-            ";",
-            ",",
-            before,
-        )
-
-
-def matchid(folder: Path) -> None:
-    head = "coor.X [mm];coor.Y [mm];disp.Horizontal Displacement U [mm];disp.Vertical Displacement V [mm]"
-    for k in range(STEPS + 1):
-        table(folder / f"Img_{k:04d}.tif 1.csv", head, [X, -Y, moved(k)[:, 0], -moved(k)[:, 1]], ";")
-
-
-def matrices(folder: Path) -> None:
-    for k in range(1, STEPS + 1):
-        for letter, values in zip("UV", (moved(k)[:, 0], -moved(k)[:, 1]), strict=True):
-            rows = values.reshape(10, 12)[::-1]
-            lines = ["".join(f"{value:.9g};".replace(".", ",") for value in row) for row in rows]
-            write(folder / f"pic_{k}.tif_{letter}[mm].csv", "\n".join(lines) + "\n")
-
-
-def vic2d(folder: Path) -> None:
-    for k in range(STEPS + 1):
-        columns = [X / SCALE, 900 - Y / SCALE, *(moved(k).T / SCALE * np.array([[1.0], [-1.0]])), 0.01 + 0 * X]
-        table(folder / f"test-{k:03d}_0.csv", '"x","y","u","v","sigma"', columns)
-
-
-def vic3d(folder: Path) -> None:
-    head = ", ".join(f"{c} [mm]" for c in "XYZUVW") + ", sigma [pixel]"
-    for k in range(STEPS + 1):
-        table(folder / f"test-{k:03d}_0.csv", head, [X, Y, 0 * X, *moved(k).T, 0.1 * k + 0 * X, 0.01 + 0 * X])
-
-
-def opencorr(folder: Path) -> None:
-    for k in range(STEPS + 1):
-        u, v = moved(k).T / SCALE
-        columns = [X / SCALE, 900 - Y / SCALE, u, -v, u, -v, 0.99 + 0 * X]
-        table(folder / f"oht_{k}.csv", "x,y,u0,v0,u,v,zncc", columns)
-
-
-def mudic(folder: Path) -> None:
-    for k in range(STEPS + 1):
-        u, v = moved(k).T / SCALE
-        table(folder / f"frame{k}.csv", "x,y,ux,uy", [X / SCALE, 900 - Y / SCALE, u, -v])
-
-
-def ncorr(folder: Path) -> None:
-    """One file for all frames; zeros around the region of interest; spacing counts the pixels that are skipped."""
-    frames = np.empty(STEPS, dtype=[("plot_u_ref_formatted", "O"), ("plot_v_ref_formatted", "O")])
-    for k in range(STEPS):
-        u, v = (np.pad(c.reshape(10, 12)[::-1], 2) for c in (moved(k + 1) + 1e-9).T)
-        frames[k] = (u, -v)
-    info = {"pixtounits": SCALE, "spacing": 2.0 / SCALE - 1, "units": "mm", "radius": 20.0}
-    folder.mkdir(parents=True)
-    savemat(folder / "test.mat", {"data_dic_save": {"displacements": frames, "dispinfo": info}})
-
-
+METRES = Answers(unit="m")
 PIXELS = SheetOptions(scale=SCALE)
 
 
@@ -230,12 +147,14 @@ PIXELS = SheetOptions(scale=SCALE)
         (opencorr, "OpenCorr", PIXELS, Answers()),
         (mudic, "muDIC", PIXELS, Answers()),
         (ncorr, "ncorr", SheetOptions(), Answers()),
+        (ncorr_73, "ncorr", SheetOptions(), Answers()),
+        (istra4d, "Istra4D", SheetOptions(), METRES),
     ],
 )
 def test_one_field_in_the_form_of_every_program(tmp_path, export, program, sheet, answers):
     folder = tmp_path / "export"
     export(folder)
-    frames = STEPS + (export not in (dice, matrices, ncorr))  # files of those without one of the reference
+    frames = STEPS + (export not in (dice, matrices, ncorr, ncorr_73))  # files of those without one of the reference
     rows = [f"a{k}.tif;12:0{k};  {k}.0;  {2 * k}.0" for k in range(frames)]
     write(folder / "Image.csv", "\n".join(["File;TimeStamp; Force [V]; Force [N]", *rows]) + "\n")
     _, recording = read(str(folder), Request(sheet=sheet, answers=answers))
@@ -247,10 +166,10 @@ def test_one_field_in_the_form_of_every_program(tmp_path, export, program, sheet
     np.testing.assert_allclose(centred[order], np.column_stack([X - X.mean(), Y - Y.mean()]), atol=1e-6)
     for k, u in enumerate(series.displacements[:, order]):
         np.testing.assert_allclose(u, moved(k), atol=1e-6)
-    stereo = export in (dice_stereo, zeiss, vic3d)
+    stereo = export in (dice_stereo, zeiss, vic3d, istra4d)
     assert (series.heights is not None) == stereo
     if stereo:  # moves towards the camera by so much in each frame; the tilt of a specimen is none
-        rate = {dice_stereo: -1.0, zeiss: 0.0, vic3d: 0.1}[export]
+        rate = {dice_stereo: -1.0, zeiss: 0.0, vic3d: 0.1, istra4d: 0.1}[export]
         np.testing.assert_allclose(series.heights, rate * np.arange(STEPS + 1)[:, None] + 0 * X, atol=1e-6)
     assert recording.guesses.get("edges.loaded") == ["left", "right"]
     assert recording.guesses.get("force.per_frame") is True
@@ -258,6 +177,19 @@ def test_one_field_in_the_form_of_every_program(tmp_path, export, program, sheet
     again = column_import.mapped_series(read_map(written), written.parent)
     np.testing.assert_array_equal(again.displacements, series.displacements)
     np.testing.assert_array_equal(again.record.force, series.record.force)
+
+
+def test_istra4d_is_asked_for_unit_and_analog_channel(tmp_path):
+    istra4d(tmp_path / "export")
+    error = asked(tmp_path / "export")
+    assert {question.key for question in error.guesses.questions} == {"points.unit", "force.force"}
+    assert "analog_channels[1] (0 to 2.5)" in str(error)
+    answers = Answers(unit="m", force_column="add_data/analog_channels[0]", force_unit="kN")
+    _, recording = read(str(tmp_path / "export"), Request(answers=answers))
+    np.testing.assert_allclose(recording.series.record.force, 2e3 * np.arange(STEPS + 1))
+    written = write(tmp_path / "out" / "column_map.toml", recording.guesses.toml(tmp_path / "out"))
+    again = column_import.mapped_series(read_map(written), written.parent)
+    np.testing.assert_array_equal(again.record.force, recording.series.record.force)
 
 
 def test_every_vendor_says_where_it_was_tested():
