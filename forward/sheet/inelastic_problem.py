@@ -3,7 +3,7 @@ r"""One step of a sheet with a history: the committed state and a step of time i
 Plane stress as in `plane_stress_problem`, with what a `Sheet` may have beside its material. State variables live at the
 Gauss points:
 
-- largest: the largest x = I1 - 3 so far;
+- largest: the largest x = I1 - 3 so far; largest_energy: that of the stored energy without its volume;
 - S_iso and Q of viscosity with their 33 components (Simo 1987). Between two steps S_iso is linear in time, so that with z = dt / tau
   Q = exp(-z) Q_old + g (1 - exp(-z)) / z (S_iso - S_iso,old); P33 = 0 leaves S + Q - C33 Q33 C^-1 in the plane. What is elastic in
   the step adds its part of S itself, since S_iso condenses to S; the rest is the derivative of (K : C + K33 C33) / 2;
@@ -61,7 +61,7 @@ class InelasticProblem(PlaneStressProblem):
     def __init__(
         self, mesh: Mesh, sheet: Sheet, held: Any, values: Array, tolerance: float, max_iterations: int, comm: Any
     ) -> None:
-        self.sheet, self.symmetric = sheet, not sheet.softens
+        self.sheet, self.symmetric = sheet, not (sheet.softens or sheet.softens_by_energy)
         self._variables: dict[str, Any] = {}
         super().__init__(mesh, sheet, sheet.thickness, held, values, tolerance, max_iterations, comm)
         self._cells = np.asarray(self.domain.topology.original_cell_index)
@@ -101,6 +101,8 @@ class InelasticProblem(PlaneStressProblem):
             self._set("largest", np.maximum(before, self._at_points(self._x)))
             if self.sheet.permanent_set is not None:
                 self._commit_permanent_set(self.sheet.permanent_set.a, before)
+        if self.sheet.softens_by_energy:
+            self._set("largest_energy", np.maximum(self._get("largest_energy"), self._at_points(self._W)))
         if self.sheet.prony is not None:
             for overstress, stress, now in (("Q", "S", self._S), ("Q33", "S33", self._S33)):
                 S = self._at_points(now).reshape(self._get(stress).shape)
@@ -149,12 +151,16 @@ class InelasticProblem(PlaneStressProblem):
 
     def _energy_density(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
         """Of base, additions and change of volume, MPa."""
-        material = self._constant(sheet.material.parameters)
+        W = self._stored(sheet, point, additions)
         X = ufl.SpatialCoordinate(self.domain)
-        W = sheet.energy(point.I1, point.I2, point.C, X, material, additions)
         if sheet.bulk_modulus is not None:
             W += sheet.field(X, additions) * self._constant(sheet.bulk_modulus) / 2 * (point.J - 1) ** 2
         return W
+
+    def _stored(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
+        """Of base and additions alone, MPa."""
+        material = self._constant(sheet.material.parameters)
+        return sheet.energy(point.I1, point.I2, point.C, ufl.SpatialCoordinate(self.domain), material, additions)
 
     def _stress(self, sheet: Sheet, point: _Point, W: Any, additions: list[Any]) -> Any:
         """First Piola-Kirchhoff stress (2, 2), MPa, after softening, viscosity and permanent set."""
@@ -164,6 +170,8 @@ class InelasticProblem(PlaneStressProblem):
             self._x = quadrature_expression(x)
             largest = ufl.max_value(self._variable("largest", ()), x)
             elastic *= sheet.factor(x, largest, additions)
+        if sheet.softens_by_energy:
+            elastic *= self._damage(sheet, point, additions)
         P = elastic
         if sheet.prony is not None:
             P = self._viscous(elastic, point)
@@ -171,6 +179,12 @@ class InelasticProblem(PlaneStressProblem):
             whole = ufl.exp(-self._constant(sheet.permanent_set.a) * largest)
             P = whole * P + self._stress_of_new_chains(sheet, point)
         return P
+
+    def _damage(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
+        """Factor on the stress by the stored energy, without that of the volume, and its largest value so far."""
+        W = self._stored(sheet, point, additions)
+        self._W = quadrature_expression(W)
+        return sheet.factor_of_energy(W, ufl.max_value(self._variable("largest_energy", ()), W), additions)
 
     def _viscous(self, elastic: Any, point: _Point) -> Any:
         """F times in-plane S + Q - C33 Q33 C^-1 at the end of the step."""

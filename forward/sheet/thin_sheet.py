@@ -72,6 +72,11 @@ class Sheet:
         """Whether the stress depends on the largest deformation so far."""
         return self.permanent_set is not None or any(type(a).factor is not Addition.factor for a in self.additions)
 
+    @property
+    def softens_by_energy(self) -> bool:
+        """Whether the stress depends on the largest energy so far."""
+        return any(type(a).factor_of_energy is not Addition.factor_of_energy for a in self.additions)
+
     def energy(self, I1: Any, I2: Any, C: Any, X: Any, material: Any, additions: Sequence[Any]) -> Any:
         """Energy, MPa, without that of the volume; C (2, 2), X (2,), mm; material and additions: the values as
         constants."""
@@ -88,6 +93,13 @@ class Sheet:
     def factor(self, x: Any, largest: Any, additions: Sequence[Any]) -> Any:
         """Product of the factors on the stress at x = I1 - 3 and its largest value so far."""
         found = (addition.factor(x, largest, p) for addition, p in zip(self.additions, additions, strict=True))
+        return math.prod((f for f in found if f is not None), start=1)
+
+    def factor_of_energy(self, W: Any, largest: Any, additions: Sequence[Any]) -> Any:
+        """Product of the factors on the stress at the energy W, MPa, and its largest value so far."""
+        found = (
+            addition.factor_of_energy(W, largest, p) for addition, p in zip(self.additions, additions, strict=True)
+        )
         return math.prod((f for f in found if f is not None), start=1)
 
     def to_dict(self) -> dict[str, Any]:
