@@ -21,7 +21,9 @@ from scipy.optimize import minimize
 Array = NDArray[np.float64]
 NORMAL = 0.6745  # median of |y| of normal numbers
 FAR = 3.5  # standard deviations
-SURE = 9.2  # of twice the logarithm of the likelihood, beyond which noise counts as common: chi-square of two numbers, 1 %
+SURE = (
+    9.2  # of twice the logarithm of the likelihood, beyond which noise counts as common: chi-square of two numbers, 1 %
+)
 MOST = 1e4  # of a ratio
 
 
