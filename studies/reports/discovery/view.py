@@ -76,8 +76,7 @@ def forces(part: Part, fit: Fit, level: float = 1.0) -> dict[str, tuple[Array, A
 
 
 def _covariances(part: Part) -> Iterator[tuple[NDArray[np.int64], Array]]:
-    """Places in the flat array of equations (t 2 v,) and their covariance by noise and discretisation, N^2: of every increment, or of all that
-    have noise in common."""
+    """Places in the flat array of equations (t 2 v,) and their covariance by noise and discretisation, N^2, of every increment."""
     for weights in (part.train, part.held):
         growth, start = 1 / (1 + weights.shrink) ** 2 - 1, 0
         places = np.arange(weights.rows.size).reshape(weights.grouped.shape)
@@ -86,7 +85,10 @@ def _covariances(part: Part) -> Iterator[tuple[NDArray[np.int64], Array]]:
                 continue
             common = lower @ (weights.U[start : start + len(lower)] * np.sqrt(growth))
             start += len(lower)
-            yield place[used], lower @ lower.T + common @ common.T
+            increment = place[used] // weights.rows.shape[1]
+            for i in np.unique(increment):
+                own, shared = lower[increment == i], common[increment == i]
+                yield place[used][increment == i], own @ own.T + shared @ shared.T
 
 
 def deviations(part: Part) -> Array:
