@@ -5,7 +5,8 @@ the speckle pattern and of that of the reference picture, over the variance of w
 
 Of each field a, y_a (k,) is normal with the covariance v (I + p s s^T + q 1 1^T) o R_a: s are the shares of the deformation, R_a the correlations
 that one field of noise would have between increments, as the tangents differ. v, p and q are those of the largest likelihood of all fields
-as if they were independent (composite likelihood; Varin, Reid and Firth 2011). A field takes hardly a degree of freedom of the fit, so that this
+as if they were independent (composite likelihood; Varin, Reid and Firth 2011); what it gains by p and q is divided by the number of fields that
+say the same, the mean over fields of the sum of squared correlations with all others. A field takes hardly a degree of freedom of the fit, so that this
 is the restricted one also. Fields far out (`FAR`) are left out: the material may be wrong there.
 """
 
@@ -20,7 +21,9 @@ from scipy.optimize import minimize
 Array = NDArray[np.float64]
 NORMAL = 0.6745  # median of |y| of normal numbers
 FAR = 3.5  # standard deviations
-SURE = 15.0  # of twice the logarithm of the likelihood, beyond which noise counts as common: neighbouring fields are not independent
+SURE = (
+    9.2  # of twice the logarithm of the likelihood, beyond which noise counts as common: chi-square of two numbers, 1 %
+)
 MOST = 1e4  # of a ratio
 
 
@@ -35,8 +38,11 @@ class CommonRatios(NamedTuple):
         return np.asarray(1 + self.pattern * shares**2 + self.reference)
 
 
-def common_ratios(y: Array, correlations: Array, shares: Array) -> CommonRatios:
-    """Of y (a, k) with correlations (a, k, k) of one field of noise, in increments with shares (k,); none where they are not sure."""
+def common_ratios(y: Array, correlations: Array, shares: Array, repeated: float = 1.0) -> CommonRatios:
+    """Of y (a, k) with correlations (a, k, k) of one field of noise, in increments with shares (k,); none where they are not sure.
+
+    repeated: number of fields that say the same.
+    """
     if len(shares) < 2:
         return CommonRatios()
     size = np.median(np.abs(y), axis=0) / NORMAL
@@ -55,6 +61,6 @@ def common_ratios(y: Array, correlations: Array, shares: Array) -> CommonRatios:
     bounds = [(level - 12, level + 2), (0.0, MOST**0.5), (0.0, MOST**0.5)]
     starts = ([level - np.log1p(a * a + b * b), a, b] for a, b in ((0.3, 0.3), (2.0, 0.3), (0.3, 2.0)))
     best = min((minimize(twice, start, bounds=bounds) for start in starts), key=lambda found: float(found.fun))
-    if twice(np.array([level, 0.0, 0.0])) - best.fun < SURE:
+    if twice(np.array([level, 0.0, 0.0])) - best.fun < SURE * repeated:
         return CommonRatios()
     return CommonRatios(float(best.x[1] ** 2), float(best.x[2] ** 2))

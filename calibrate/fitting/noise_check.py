@@ -10,7 +10,8 @@ large error of the model do not change. Of each y the fit takes hardly a degree 
 likelihood.
 
 Where no noise is stated, its correlation length is the one at which finer and coarser fields agree best on the standard deviation, and what
-increments have in common of it is found from the same fields (`common_noise`).
+increments have in common of it is found from the same fields (`common_noise`). An error of the material grows with the deformation as noise of
+the pattern does, so that the fit is then one of both invariants.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def check_noise(experiment: Experiment) -> NoiseCheck:
     unseen = NoiseCheck(stated, float("nan"), stated)
     if experiment.plane == "strain":
         return unseen
-    basis, c = _material(experiment)
+    basis, c = _material(experiment, "I1I2" if stated is None else "I1")
     fine = _Fine.of(experiment, FINE, basis, c)
     if fine is None:
         return unseen
@@ -96,14 +97,14 @@ def _of_unstated(experiment: Experiment, fine: _Fine, basis: Basis, c: Array) ->
     return NoiseCheck(None, used.total_std, used)
 
 
-def _material(experiment: Experiment) -> tuple[Basis, Array]:
-    """A convex spline of I1 and its coefficients, as a calibration begins."""
+def _material(experiment: Experiment, inputs: str) -> tuple[Basis, Array]:
+    """A convex spline of these inputs and its coefficients, as a calibration begins."""
     system = equilibrium(experiment)
-    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
+    basis = basis_for(inputs, system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
     assembled = assemble(system, basis)
     c = assembled.first_guess()
     for _ in range(PASSES):
-        c = convex_spline(assembled.quadratic(c), "I1")
+        c = convex_spline(assembled.quadratic(c), inputs)
     return basis, c
 
 
@@ -151,7 +152,8 @@ class _Fine:
         spreads = np.array([spread[rows] for spread in self._spreads(length)])
         sizes = np.linalg.norm(spreads, axis=2)
         unit = np.moveaxis(spreads / sizes[:, :, None], 0, 1)
-        return common_ratios((self.residuals[:, rows] / sizes).T, unit @ unit.transpose(0, 2, 1), self.shares)
+        repeated = float(((unit[:, -1] @ unit[:, -1].T) ** 2).sum() / len(rows))
+        return common_ratios((self.residuals[:, rows] / sizes).T, unit @ unit.transpose(0, 2, 1), self.shares, repeated)
 
     def _spreads(self, length: float) -> Iterator[Array]:
         """What unit noise does to the residuals (rows, s) of each increment, N / mm."""

@@ -84,6 +84,30 @@ def test_predicted_residual_covariance_is_the_empirical_one():
 
 
 @pytest.mark.slow
+def test_the_stated_deviation_of_the_stiffness_knows_what_increments_have_in_common():
+    """Pulls of one modulus over 40 seeds: 1 with the joint covariance, more with all noise taken for new in every increment."""
+    stated = Noise(0.005, 2.5, force_std_relative=1e-5, pattern_std=0.03, reference_std=0.02)
+    alone = Noise(stated.total_std, 2.5, force_std_relative=1e-5)
+    clean = plate_experiment(n_increments=4, n_theta=24, n_radial=4)
+    pulls = []
+    for seed in range(40):
+        noisy = with_noise(clean, stated, seed)
+        pulls.append([_pull(replace(noisy, noise=noise)) for noise in (stated, alone)])
+    joint, independent = np.sqrt(np.mean(np.square(pulls), axis=0))
+    assert joint == pytest.approx(1.0, abs=3 / np.sqrt(2 * 40))
+    assert independent > joint
+
+
+def _pull(experiment):
+    """Error of the best factor on the true coefficients, over its stated standard deviation."""
+    system = equations.equilibrium(experiment, SPACING)
+    basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = true_coefficients(basis)
+    quadratic = reduction.assemble(system, basis).quadratic(c)
+    return (quadratic.stiffness_factor(c) - 1) * np.sqrt(c @ quadratic.Q @ c)
+
+
+@pytest.mark.slow
 def test_covariance_between_increments_is_the_empirical_one():
     """Pattern and reference: the products of residuals of two increments against the joint covariance."""
     noise = Noise(5e-5, 2.5, force_std_relative=1e-4, pattern_std=2e-4, reference_std=1e-4)

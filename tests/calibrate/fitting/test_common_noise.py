@@ -44,8 +44,8 @@ def test_none_are_found_where_increments_are_independent():
 
 
 @cache
-def clean():
-    return synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.0), n_increments=4, n_theta=60, n_radial=12)
+def clean(c01=0.0):
+    return synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, c01), n_increments=4, n_theta=60, n_radial=12)
 
 
 @pytest.mark.slow
@@ -60,3 +60,11 @@ def test_noise_common_to_the_increments_is_found_where_none_is_stated():
     assert np.mean([one.factor for one in half]) == pytest.approx(2.0, rel=0.05)
     assert all(one.used.pattern_std / one.used.displacement_std == pytest.approx(3.0) for one in half)
     assert sum(check_noise(e).used == true for e in tests) >= 3
+
+
+@pytest.mark.slow
+def test_a_second_invariant_is_not_taken_for_noise_of_the_pattern():
+    tests = [synthetic.with_noise(clean(0.03), Noise(0.01, 3.0, 1e-3), seed) for seed in range(3)]
+    found = [check_noise(replace(e, noise=None)).used for e in tests]
+    assert not any(one.is_common for one in found)
+    assert np.mean([one.displacement_std for one in found]) == pytest.approx(0.01, rel=0.15)
