@@ -125,8 +125,9 @@ def simulate(
 ) -> Simulated:
     """Solve a tension test of a thin rubber sheet and record it with a synthetic camera and load cell.
 
-    Plane stress; with --bulk-modulus plane strain; with --history loading and unloading over time, with damage, fibres or viscosity. Default: the cross, 60 mm at each arm in 10 increments, Arruda-Boyce rubber,
-    noise of 0.1 mm with a correlation length of 4 mm, force noise of 1e-4. Lengths in mm, forces in N, stresses in MPa.
+    Plane stress; with --bulk-modulus plane strain; with --history loading and unloading over time, with damage, fibres or
+    viscosity. Default: the cross, 60 mm at each arm in 10 increments, Arruda-Boyce rubber, noise of
+    0.1 mm with a correlation length of 4 mm, force noise of 1e-4. Lengths in mm, forces in N, stresses in MPa.
 
     Args:
         quick: coarse, a few seconds

@@ -57,9 +57,18 @@ def stresses(mode, times, sheet):
     return np.stack([found.reactions["right"][:, 0], found.reactions["top"][:, 1]], axis=1) / (2 * SIDE * H)
 
 
-@pytest.mark.parametrize(
-    "mode", ["pure shear", *(pytest.param(m, marks=pytest.mark.slow) for m in ("uniaxial", "equi-biaxial"))]
-)
+def test_a_sheet_takes_the_steps_of_a_point():
+    """Pure shear in three steps, two branches: the stress of the base and of the law of a point, step after step."""
+    times, past, expected = np.array([1.0, 2.0, 3.0]), [np.eye(2) for _ in BRANCHES], []
+    for a in stretch(times):
+        ends = [step(branch, np.diag([a, 1.0]), A, 1.0) for branch, A in zip(BRANCHES, past, strict=True)]
+        past = [end.past for end in ends]
+        expected.append(np.add(nominal_stresses(NEO, a, 1.0), sum(np.diag(end.stress) for end in ends)))
+    np.testing.assert_allclose(stresses("pure shear", times, Sheet(NEO, H, branches=BRANCHES)), expected, rtol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", LATERAL)
 def test_sheet_follows_the_evolution_equation(mode):
     """Of first order in the step, and the step's error taken away by extrapolation agrees to 1e-3: two branches, ramp and rest."""
     coarse, fine = (np.arange(1, n + 1) * 4.0 / n for n in (32, 64))
