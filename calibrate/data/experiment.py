@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.data.deformation_shares import deformation_shares
 from calibrate.data.experiment_checks import PLANES, check
 from calibrate.data.experiment_file import read_fields, write_fields
 from calibrate.data.measurement import LoadedBoundary, Noise
@@ -79,6 +80,11 @@ class Experiment:
         """Size of the strain beside its scatter between neighbouring triangles."""
         return strain_signal(self.points, self.triangles, self.displacements)
 
+    @cached_property
+    def deformation_shares(self) -> Array:
+        """How much of the largest deformation each increment has (n_increments,), see `calibrate.data.deformation_shares`."""
+        return deformation_shares(self.points, self.triangles, self.displacements)
+
     @property
     def has_rim(self) -> bool:
         """Whether part of the boundary is neither loaded nor free: an unknown traction may act there."""
@@ -113,12 +119,16 @@ class Experiment:
     def select(self, increments: NDArray[np.int64] | list[int], name: str | None = None) -> Experiment:
         """The same experiment with only the given increments (k,), counted from 0."""
         index = np.asarray(increments)
+        noise = self.noise
+        if noise is not None and noise.pattern_std > 0:  # stated at the largest deformation of those that are left
+            noise = replace(noise, pattern_std=noise.pattern_std * float(self.deformation_shares[index].max()))
         return replace(
             self,
             name=name or self.name,
             displacements=self.displacements[index],
             time=None if self.time is None else self.time[index],
             heights=None if self.heights is None else self.heights[np.concatenate([[0], index + 1])],
+            noise=noise,
             loaded=tuple(replace(b, force=b.force[index]) for b in self.loaded),
         )
 

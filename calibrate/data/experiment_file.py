@@ -5,6 +5,7 @@ Its arrays: ``format`` = "equigap-experiment", ``version`` = 1, ``name``, ``poin
 ``loaded_i_nodes``, ``loaded_i_force``; ``noise`` (4 numbers: displacement std mm, correlation length mm, relative force
 std, force std N; absent = unknown); ``provenance`` (JSON text). In plane strain ``plane`` = "strain", and ``version`` = 2,
 which older programs refuse. Of stereo data, ``heights``. Where an edge slides, ``loaded_i_held`` (2,) says which components it holds, and ``version`` = 3.
+Where part of the noise is common to the increments, ``noise`` has 6 numbers (pattern std mm, reference std mm), and ``version`` = 4.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from calibrate import errors
 from calibrate.data.measurement import LoadedBoundary, Noise
 from meshes.files import write_atomically
 
-FORMAT, VERSION, WITH_PLANE, WITH_SLIDING = "equigap-experiment", 1, 2, 3
+FORMAT, VERSION, WITH_PLANE, WITH_SLIDING, WITH_COMMON_NOISE = "equigap-experiment", 1, 2, 3, 4
 SAME = ("name", "points", "triangles", "displacements", "free_nodes")
 
 
@@ -44,7 +45,8 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
     if fields["plane"] != "stress":
         arrays["plane"] = fields["plane"]
     if fields["noise"] is not None:
-        arrays["noise"] = np.array(astuple(fields["noise"]))
+        numbers = astuple(fields["noise"])
+        arrays["noise"] = np.array(numbers if fields["noise"].is_common else numbers[:4])
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
     write_atomically(path, buffer.getvalue())
@@ -52,6 +54,8 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
 
 def _version(fields: Mapping[str, Any]) -> int:
     """The least version that says all."""
+    if fields["noise"] is not None and fields["noise"].is_common:
+        return WITH_COMMON_NOISE
     if not all(all(boundary.held) for boundary in fields["loaded"]):
         return WITH_SLIDING
     return VERSION if fields["plane"] == "stress" else WITH_PLANE
@@ -91,9 +95,9 @@ def _read_arrays(path: Path) -> dict[str, Any]:
             f"{path}: an .npz, but not an Experiment (its 'format' is {content.get('format')}); "
             "raw measurements are read with `equigap import`"
         )
-    if str(content.get("version")) not in map(str, range(VERSION, WITH_SLIDING + 1)):
+    if str(content.get("version")) not in map(str, range(VERSION, WITH_COMMON_NOISE + 1)):
         raise errors.FileFormatError(
-            f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} to {WITH_SLIDING}; "
+            f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} to {WITH_COMMON_NOISE}; "
             "update equigap"
         )
     return content

@@ -63,12 +63,17 @@ def strain_signal(points: Array, triangles: Indices, displacements: Array) -> St
 
 def symmetric_gradients(points: Array, triangles: Indices, displacements: Array) -> Array:
     """(t, m, 3): xx, yy and sqrt(2) xy of the symmetric part of the displacement gradient in linear triangles."""
+    H = displacement_gradients(points, triangles, displacements)
+    return np.stack([H[..., 0, 0], H[..., 1, 1], (H[..., 0, 1] + H[..., 1, 0]) / np.sqrt(2)], axis=-1)
+
+
+def displacement_gradients(points: Array, triangles: Indices, displacements: Array) -> Array:
+    """du_i / dX_j (t, m, 2, 2) in linear triangles."""
     a, b, c = (points[triangles[:, i]] for i in range(3))
     edges = np.stack([b - a, c - a], axis=1)  # (m, 2, 2): rows
     u = displacements[:, triangles]
     jumps = np.stack([u[:, :, 1] - u[:, :, 0], u[:, :, 2] - u[:, :, 0]], axis=2)  # (t, m, 2, 2): rows along edges
-    H = np.einsum("mij,tmjk->tmki", np.linalg.inv(edges), jumps)
-    return np.stack([H[..., 0, 0], H[..., 1, 1], (H[..., 0, 1] + H[..., 1, 0]) / np.sqrt(2)], axis=-1)
+    return np.einsum("mij,tmjk->tmki", np.linalg.inv(edges), jumps)
 
 
 def neighbours(triangles: Indices) -> tuple[Indices, Indices]:

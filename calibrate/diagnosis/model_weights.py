@@ -15,7 +15,7 @@ from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.reduction import Assembled
-from calibrate.equations.weights import weights_of
+from calibrate.equations.weights import Weights, weights_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -34,8 +34,10 @@ def weighted_part(
     """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both."""
     common = discretisation_error.sources(chain.system, basis, c) if with_discrepancy else None
     noise = _covariances(chain, assembled, c, additions if train.any() else ())
-    shift = chain.noise_shift(c, assembled.noise_factor)
-    return Part(chain, assembled, weights_of(noise, train, common), weights_of(noise, held, common), shift, common)
+    shift = chain.noise_shift(c, assembled.noise_factor, assembled.variances)
+    return Part(
+        chain, assembled, *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
+    )
 
 
 def amplified(problem: Problem, additions: Additions) -> Problem:
@@ -53,19 +55,31 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
     parts = []
     for part in problem.parts:
         noise = _covariances(part.chain, part.assembled, problem.c, found if part.train.size else ())
-        train, held = (weights_of(noise, w.rows, part.common) for w in (part.train, part.held))
-        parts.append(replace(part, train=train, held=held))
+        given = noise, part.train.rows, part.held.rows, part.common
+        train, held = _weights(*given)
+        parts.append(replace(part, train=train, held=held, together=_together(*given)))
     return replace(problem, parts=tuple(parts), amplifying=found)
 
 
+def _weights(noise: list[Array], train: Mask, held: Mask, common: Array | None) -> tuple[Weights, Weights]:
+    """Of the equations used for fitting and of those held out, each for themselves."""
+    return weights_of(noise, train, common), weights_of(noise, held, common)
+
+
+def _together(noise: list[Array], train: Mask, held: Mask, common: Array | None) -> Weights | None:
+    """Of both together, where noise is common to increments."""
+    if len(noise) == len(train) or not (train.any() and held.any()):
+        return None
+    return weights_of(noise, train | held, common)
+
+
 def _covariances(chain: Chain, assembled: Assembled, c: Array, additions: Additions) -> list[Array]:
-    """Noise covariance (2 v, 2 v), N^2, of every increment, of a material as stiff as with coefficients c (n,)."""
+    """Noise covariances, N^2, as of `Assembled.noise_covariances`, of a material as stiff as with coefficients c (n,)."""
     if not additions:
         return list(assembled.noise_covariances(c))
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     spreads = chain.spread_of_noise(c, additions, assembled.noise_factor)
-    pairs = zip(spreads, chain.system.loads, strict=True)
-    return [noise_covariance.covariance_of(chain.system, spread, load, assembled.noise) for spread, load in pairs]
+    return list(noise_covariance.grouped_covariances(chain.system, spreads, assembled.between, assembled.noise))
 
 
 def _stiffening(chain: Chain, c: Array, additions: Additions) -> float:

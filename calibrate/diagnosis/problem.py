@@ -31,7 +31,8 @@ Rows = Callable[[Equilibrium], Mask]
 class Part:
     """One Experiment in a diagnosis: its chain, weights, and the equations (t, 2 v) used for fitting and held out.
 
-    shift (t, 2 v), N: see `Chain.noise_shift`. common: see `discrepancy.sources`.
+    shift (t, 2 v), N: see `Chain.noise_shift`. common: see `discretisation_error.sources`. together: weights of both, where what is held out
+    has noise in common with what is fitted; None: it is independent.
     """
 
     chain: Chain
@@ -40,6 +41,7 @@ class Part:
     held: Weights
     shift: Array = field(repr=False)
     common: Array | None = field(repr=False)
+    together: Weights | None = field(default=None, repr=False)
 
     def residual(self, c: Array, additions: Additions = ()) -> Array:
         """Residual (t, 2 v), N, without the mean that noise brings into it."""
@@ -51,7 +53,9 @@ class Part:
         What a model file predicts (`ExtendedModel.predict`), and what every stated error is of. In a fit the mean is held at that of
         the weights.
         """
-        return self.chain.residual(c, additions) - self.chain.noise_shift(c, self.assembled.noise_factor)
+        return self.chain.residual(c, additions) - self.chain.noise_shift(
+            c, self.assembled.noise_factor, self.assembled.variances
+        )
 
     def valid(self, additions: Additions) -> Additions:
         """Those that hold for this experiment: of the material, and all where it took part in the fit."""

@@ -106,16 +106,15 @@ def prediction_test(problem: Problem, c: Array, additions: Additions) -> ChiSqua
     if not used:
         return None
     parts = [*problem.trained, *(part for part in used if not part.train.size)]
-    columns = [_columns(problem, part, c, additions) for part in parts]
-    residuals = [part.residual(c, part.valid(additions)) for part in parts]
-    train = [
-        (part.train, values, r) for part, values, r in zip(parts, columns, residuals, strict=True) if part.train.size
+    whole = [(part, _columns(problem, part, c, additions), part.residual(c, part.valid(additions))) for part in parts]
+    train = [(part.train, values, r) for part, values, r in whole if part.train.size]
+    every = [
+        (weights, values, r)
+        for part, values, r in whole
+        for weights in ([part.together] if part.together else [part.train, part.held])
+        if weights.size
     ]
-    held = [(part.held, values, r) for part, values, r in zip(parts, columns, residuals, strict=True) if part.held.size]
-    (A, r, doubt), (B, s, doubt_held) = _stacked(train), _stacked(held)
-    before, n_before = residual_outside(r, np.concatenate([A, doubt], axis=1))
-    both = np.concatenate([np.concatenate([A, B]), scipy.linalg.block_diag(doubt, doubt_held)], axis=1)
-    after, n_after = residual_outside(np.concatenate([r, s]), both)
+    (before, n_before), (after, n_after) = (_left(some) for some in (train, every))
     return ChiSquare(max(after - before, 0.0), max(n_after - n_before, 0))
 
 
@@ -132,8 +131,10 @@ def _columns(problem: Problem, part: Part, c: Array, additions: Additions) -> Ar
     return np.concatenate([np.moveaxis(G, -1, 0), *S])
 
 
-def _stacked(parts: Sequence[tuple[Weights, Array, Array]]) -> tuple[Array, Array, Array]:
-    """Whitened columns (N, k), residual (N,) and uncertain directions of several experiments."""
+def _left(parts: Sequence[tuple[Weights, Array, Array]]) -> tuple[float, int]:
+    """Chi-square and degrees of freedom that columns (k, t, 2 v) and uncertain directions leave of the residuals (t, 2 v) of several
+    experiments."""
     columns = np.concatenate([weights(values).T for weights, values, _ in parts])
     residual = np.concatenate([weights(r) for weights, _, r in parts])
-    return columns, residual, uncertain_directions([weights for weights, _, _ in parts])
+    doubt = uncertain_directions([weights for weights, _, _ in parts])
+    return residual_outside(residual, np.concatenate([columns, doubt], axis=1))

@@ -42,7 +42,7 @@ def visible_noise(problem: Problem, c: Array, additions: Additions, r: Array) ->
         factor = part.assembled.noise_factor
         noise = np.moveaxis(part.chain.pulled_back(c, model_weights.amplifying(problem, additions), forces), 1, 0)
         flat = factor @ (factor.T @ noise.reshape(len(noise), -1))
-        found.append(np.moveaxis(flat.reshape(noise.shape), 0, 1))
+        found.append(np.einsum("ij,njk->ink", part.assembled.between, flat.reshape(noise.shape)))
     return found
 
 
@@ -52,7 +52,7 @@ def hidden_noise(problem: Problem, chains: Sequence[Chain], c: Array, additions:
     rng = np.random.default_rng(0)
     for _ in range(SAMPLES):
         noise = [
-            np.asarray(noise_covariance.sample(part.assembled.noise_factor, rng, part.experiment.n_increments))
+            noise_covariance.common_sample(part.assembled.noise_factor, rng, part.assembled.between)
             for part in problem.trained
         ]
         moved = [chain.disturbed(z) for chain, z in zip(chains, noise, strict=True)]

@@ -5,9 +5,14 @@ samples of the field, and the covariance of the residuals.
 
 A squared-exponential field is the convolution of white noise with a Gaussian of length l / sqrt(2); sources on
 a grid of 0.7 l reproduce its covariance to 3e-4, whatever the number of points.
+
+Noise that is common to increments i and j (`Noise`) correlates their equations: with B that of what is new in each and M the covariance
+between increments over it, the covariance of their residuals is M_ij K_i B B^T K_j^T.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import scipy.sparse as sp
@@ -56,11 +61,9 @@ def sample(factor: sp.csr_array, rng: np.random.Generator, n_increments: int) ->
     return np.moveaxis((factor @ white).reshape(factor.shape[0], n_increments, 2), 1, 0)
 
 
-def residual_covariance(
-    system: Equilibrium, basis: Basis, c: Array, F: Array, load: Array, factor: sp.csr_array, noise: Noise
-) -> Array:
-    """Covariance (rows, rows), N^2, of the residuals of one increment: K Sigma_u K^T + force noise."""
-    return covariance_of(system, spread(system, basis, c, F, factor), load, noise)
+def common_sample(factor: sp.csr_array, rng: np.random.Generator, between: Array) -> Array:
+    """Noise fields (t, n_nodes, 2), mm, with a covariance `between_increments` (t, t), independent per component."""
+    return np.asarray(np.einsum("ij,jnk->ink", np.linalg.cholesky(between), sample(factor, rng, len(between))))
 
 
 def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr_array) -> Array:
@@ -70,12 +73,49 @@ def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr
 
 
 def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise) -> Array:
-    """The same from spread (rows, s): what independent normal numbers do to the residuals, N."""
-    covariance = spread @ spread.T
-    std = np.nan_to_num(noise.force_std_relative * np.abs(load)) + noise.force_std * np.tile(
-        system.fields.boundary >= 0, 2
+    """Covariance (rows, rows), N^2, of the residuals of one increment, K Sigma_u K^T + force noise, from its spread (rows, s), N."""
+    return spread @ spread.T + np.diag(_force_variance(system, load, noise))
+
+
+def _force_variance(system: Equilibrium, load: Array, noise: Noise) -> Array:
+    """Of the noise of the load cell in the residuals (rows,) of one increment, N^2."""
+    of_size = np.nan_to_num(noise.force_std_relative * np.abs(load))
+    return np.asarray((of_size + noise.force_std * np.tile(system.fields.boundary >= 0, 2)) ** 2)
+
+
+def between_increments(experiment: Experiment, noise: Noise) -> Array:
+    """M (t, t): covariance of the noise of a point's displacements in two increments, over displacement_std^2."""
+    return noise.between_increments(
+        experiment.deformation_shares if noise.is_common else np.ones(experiment.n_increments)
     )
-    return covariance + np.diag(std**2)
+
+
+def groups(between: Array) -> list[slice]:
+    """Increments that have no noise in common with others: each by itself, or all together."""
+    independent = not (between - np.diag(np.diag(between))).any()
+    return [slice(i, i + 1) for i in range(len(between))] if independent else [slice(0, len(between))]
+
+
+def correlated_products(one: list[Array], other: list[Array], between: Array) -> Array:
+    """Covariance (k r, k r) of what the same noise does by spreads of k increments (r, s) each; between (k, k)."""
+    size = len(one[0])
+    product = np.concatenate(one) @ np.concatenate(other).T
+    product.reshape(len(one), size, len(other), size)[:] *= between[:, None, :, None]
+    return product
+
+
+def grouped_covariances(system: Equilibrium, spreads: Iterable[Array], between: Array, noise: Noise) -> Iterator[Array]:
+    """Covariance, N^2, of the residuals of each of `groups`: (2 v, 2 v) of one increment, or (t 2 v, t 2 v) of all.
+
+    spreads: K B (2 v, s) of each increment, N; between (t, t): see `between_increments`.
+    """
+    rest = iter(spreads)
+    for group in groups(between):
+        some = [next(rest) for _ in system.loads[group]]
+        covariance = correlated_products(some, some, between[group, group])
+        variance = [_force_variance(system, load, noise) for load in system.loads[group]]
+        covariance[np.diag_indices(len(covariance))] += np.concatenate(variance)
+        yield covariance
 
 
 def cholesky_factor(covariance: Array) -> Array:

@@ -97,7 +97,7 @@ class Quadratic:
 class Assembled:
     """What does not depend on the weights: assembled once, weighted many times.
 
-    matrices[i] (rows, n_functions): G of increment i. noise_factor: see `noise_covariance.noise_factor`.
+    matrices[i] (rows, n_functions): G of increment i. noise_factor, between: see `noise_covariance.noise_factor` and `between_increments`.
     """
 
     system: Equilibrium
@@ -106,6 +106,12 @@ class Assembled:
     noise_is_known: bool
     matrices: list[Array]
     noise_factor: sp.csr_array = field(repr=False)
+    between: Array = field(repr=False)
+
+    @property
+    def variances(self) -> Array:
+        """Variance (t,) of the noise of a displacement in each increment, over that of what is new in it."""
+        return np.diag(self.between)
 
     def quadratic(self, c: Array) -> Quadratic:
         """The noise-weighted loss, weights taken at coefficients c (n_functions,)."""
@@ -119,15 +125,24 @@ class Assembled:
         return Quadratic(self.basis, Q, q, constant, n_rows)
 
     def noise_covariances(self, c: Array) -> Iterator[Array]:
-        """Noise covariance (2 v, 2 v), N^2, of every increment's residuals at coefficients c (n_functions,)."""
-        for F, load in zip(self.system.deformation_gradients, self.system.loads, strict=True):
-            yield noise_covariance.residual_covariance(
-                self.system, self.basis, c, F, load, self.noise_factor, self.noise
-            )
+        """Noise covariance (2 v, 2 v), N^2, of every increment's residuals at coefficients c (n_functions,), or one (t 2 v, t 2 v) of all
+        where increments have noise in common."""
+        return noise_covariance.grouped_covariances(self.system, self._spreads(c), self.between, self.noise)
+
+    def own_covariances(self, c: Array) -> Iterator[Array]:
+        """Noise covariance (2 v, 2 v), N^2, of every increment's residuals, whatever others have in common with it."""
+        alone = np.diag(self.variances)
+        return noise_covariance.grouped_covariances(self.system, self._spreads(c), alone, self.noise)
+
+    def _spreads(self, c: Array) -> Iterator[Array]:
+        for F in self.system.deformation_gradients:
+            yield noise_covariance.spread(self.system, self.basis, c, F, self.noise_factor)
 
     def weighted_equations(self, c: Array) -> Iterator[tuple[Array, Array]]:
-        """G (r, n_functions) and load (r,) of each increment with residuals of unit covariance; unmeasured rows left out."""
-        for G, load, covariance in zip(self.matrices, self.system.loads, self.noise_covariances(c), strict=True):
+        """G (r, n_functions) and load (r,) of each increment, or of all that have noise in common, with residuals of unit covariance;
+        unmeasured rows left out."""
+        for group, covariance in zip(noise_covariance.groups(self.between), self.noise_covariances(c), strict=True):
+            G, load = np.concatenate(self.matrices[group]), self.system.loads[group].ravel()
             known = np.isfinite(load)
             lower = noise_covariance.cholesky_factor(covariance[np.ix_(known, known)])
             both = np.column_stack([G[known], load[known]])
@@ -138,16 +153,18 @@ class Assembled:
         """(2, 2): what noise adds, on average, to the squares and product of the isochoric and the volumetric part of the
         weighted G c in plane strain; weights at coefficients c (n_functions,), as in `quadratic`. rows (t, 2 v): those used."""
         parts, result = _parts(c).T, np.zeros((2, 2))
-        for i, F in enumerate(self.system.deformation_gradients):
-            load = self.system.loads[i]
-            known = np.isfinite(load) if rows is None else rows[i]
-            if not known.any():
+        known = np.isfinite(self.system.loads) if rows is None else rows
+        alone = [list(self._spreads(part)) for part in parts]
+        whole = (one + other for one, other in zip(*alone, strict=True))
+        covariances = noise_covariance.grouped_covariances(self.system, whole, self.between, self.noise)
+        for group, covariance in zip(noise_covariance.groups(self.between), covariances, strict=True):
+            used, between = np.flatnonzero(known[group]), self.between[group, group]
+            if not used.size:
                 continue
-            spreads = [noise_covariance.spread(self.system, self.basis, part, F, self.noise_factor) for part in parts]
-            covariance = noise_covariance.covariance_of(self.system, spreads[0] + spreads[1], load, self.noise)
-            lower = noise_covariance.cholesky_factor(covariance[np.ix_(known, known)])
-            white = [scipy.linalg.solve_triangular(lower, s[known], lower=True) for s in spreads]
-            result += [[float((a * b).sum()) for b in white] for a in white]
+            lower = noise_covariance.cholesky_factor(covariance[np.ix_(used, used)])
+            for i, j in np.ndindex(2, 2):
+                noise = noise_covariance.correlated_products(alone[i][group], alone[j][group], between)
+                result[i, j] += np.trace(scipy.linalg.cho_solve((lower, True), noise[np.ix_(used, used)]))
         return result
 
     def first_guess(self) -> Array:
@@ -216,4 +233,5 @@ def assemble(system: Equilibrium, basis: Basis, progress: Progress | None = None
         if progress:
             progress(i + 1, experiment.n_increments)
     factor = noise_covariance.noise_factor(experiment.points, noise)
-    return Assembled(system, basis, noise, noise_is_known, matrices, factor)
+    between = noise_covariance.between_increments(experiment, noise)
+    return Assembled(system, basis, noise, noise_is_known, matrices, factor, between)

@@ -142,13 +142,23 @@ def fit_law(
 ) -> LeastSquares:
     """Parameters of least weighted residual above `lower` (q,), from `start` (q,)."""
     F, loads = system.deformation_gradients, np.nan_to_num(system.loads)
+
+    def evaluate(p: Array) -> tuple[Array, Array]:
+        P, slopes = law.stress_and_sensitivity(F, p)
+        return weights(system.internal_forces(P) - loads), weights(system.internal_forces(slopes)).T
+
+    return least_squares_fit(evaluate, weights.size, start, lower)
+
+
+def least_squares_fit(
+    evaluate: Callable[[Array], tuple[Array, Array]], size: int, start: Array, lower: Array | float = -np.inf
+) -> LeastSquares:
+    """evaluate: residual (size,) and its derivatives (size, q) at parameters (q,); above `lower` (q,), from `start` (q,)."""
     last: list[tuple[Array, Array, Array]] = []
 
     def evaluated(p: Array) -> tuple[Array, Array, Array]:
         if not last or not np.array_equal(last[0][0], p):
-            P, slopes = law.stress_and_sensitivity(F, p)
-            J = weights(system.internal_forces(slopes)).T
-            last[:] = [(p.copy(), weights(system.internal_forces(P) - loads), J)]
+            last[:] = [(p.copy(), *evaluate(p))]
         return last[0]
 
     found = least_squares(
@@ -158,7 +168,7 @@ def fit_law(
     reason = Stop.CONVERGED if found.success else Stop.ITERATION_LIMIT
     if not np.isfinite(found.x).all():
         reason = Stop.NOT_FINITE
-    return LeastSquares(found.x, float(2 * found.cost), weights.size, reason, np.linalg.pinv(found.jac.T @ found.jac))
+    return LeastSquares(found.x, float(2 * found.cost), size, reason, np.linalg.pinv(found.jac.T @ found.jac))
 
 
 def compare(calibration: Calibration, laws: Sequence[Law] = CLASSICAL_LAWS) -> Comparison | None:
@@ -177,7 +187,7 @@ def compare(calibration: Calibration, laws: Sequence[Law] = CLASSICAL_LAWS) -> C
         fits.append(_raised(law, fit, system, weights, b, (tops[0], tops[1])))
     spread = calibration.model.uncertainty
     assert spread is not None
-    return _ranked(network, spread.effective_parameters, fits, len(b), spread.noise_is_known)
+    return ranked(network, spread.effective_parameters, fits, len(b), spread.noise_is_known)
 
 
 def _network(calibration: Calibration, weights: Weights, b: Array) -> tuple[float, float]:
@@ -199,7 +209,8 @@ def _raised(
     return ClassicalFit(law, replace(fit, parameters=p, covariance=covariance), share)
 
 
-def _ranked(network: float, numbers: float, fits: list[ClassicalFit], equations: int, known: bool) -> Comparison:
+def ranked(network: float, numbers: float, fits: list[ClassicalFit], equations: int, known: bool) -> Comparison:
+    """network: its chi-square; numbers: its effective parameters; known: whether the noise is."""
     best = [network / (equations - numbers)]
     best += [f.found.chi_square / (equations - len(f.law.parameters)) for f in fits if f.reason.is_success]
     scale = max(1.0, min(best)) if known else min(best)

@@ -8,7 +8,7 @@ once:
 - `reduce`: the loss of several tests together as one small quadratic form, for one set of invariants, and its convex spline;
 - `fit`: one size of network, from many starts at once.
 
-Losses of independent tests add: their noise is independent, and each is weighted by its own (`calibrate.equations.reduction`).
+What increments have in common of the noise (`Noise`) counts as new in each. Losses of independent tests add: their noise is independent, and each is weighted by its own (`calibrate.equations.reduction`).
 """
 
 from __future__ import annotations
@@ -69,11 +69,12 @@ def weighted_test(system: Equilibrium) -> WeightedTest:
     basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
     factor = noise_covariance.noise_factor(experiment.points, noise)
     of_points = sp.csr_array(factor @ factor.T)
+    variances = np.diag(noise_covariance.between_increments(experiment, noise))
     c = best_neo_hooke(system, basis)
     for increments in (range(experiment.n_increments)[FIRST], range(experiment.n_increments)):
         lowers = {}
         for i in increments:
-            covariance = residual_covariance(system, basis, c, i, of_points, noise)
+            covariance = residual_covariance(system, basis, c, i, of_points * variances[i], noise)
             measured = np.isfinite(system.loads[i])
             lowers[i] = noise_covariance.cholesky_factor(covariance[np.ix_(measured, measured)])
         test = WeightedTest(system, lowers, known)

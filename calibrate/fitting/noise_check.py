@@ -9,11 +9,14 @@ has the standard deviation of the noise as its own; it is taken from the median 
 large error of the model do not change. Of each y the fit takes hardly a degree of freedom, so that this is also the restricted maximum
 likelihood.
 
-Where no noise is stated, its correlation length is the one at which finer and coarser fields agree best on the standard deviation.
+Where no noise is stated, its correlation length is the one at which finer and coarser fields agree best on the standard deviation, and what
+increments have in common of it is found from the same fields (`common_noise`). An error of the material grows with the deformation as noise of
+the pattern does, so that the fit is then one of both invariants.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +28,7 @@ from calibrate.equations import noise_covariance
 from calibrate.equations.basis import Basis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium
 from calibrate.equations.reduction import assemble
+from calibrate.fitting.common_noise import NORMAL, CommonRatios, common_ratios
 from calibrate.fitting.network_fit import convex_spline
 
 Array = NDArray[np.float64]
@@ -34,14 +38,14 @@ AGREES = 1.1  # factor by which a stated standard deviation may differ from what
 PASSES = 2  # of the weights of the fit
 MOST_INCREMENTS, FEW_INCREMENTS = 4, 2  # looked at; for the correlation length
 FEWEST = 200  # values of y
-NORMAL = 0.6745  # median of |y| of normal numbers
+MOST_ROWS = 800  # looked at for what increments have in common
 FORCE_STD = 1e-3, 5e-4  # of a load cell whose noise is not stated: of the force, of the largest one
 
 
 @dataclass(frozen=True)
 class NoiseCheck:
-    """stated: what the Experiment says, None where it says nothing. found: standard deviation, mm, that the equations see; NaN where too few
-    points are there to tell. used: what a diagnosis works with, None where nothing is known."""
+    """stated: what the Experiment says, None where it says nothing. found: standard deviation of all parts (`Noise.total_std`), mm, that the
+    equations see; NaN where too few points are there to tell. used: what a diagnosis works with, None where nothing is known."""
 
     stated: Noise | None
     found: float
@@ -50,7 +54,7 @@ class NoiseCheck:
     @property
     def factor(self) -> float:
         """Standard deviation found over the stated one; NaN without either."""
-        return self.found / self.stated.displacement_std if self.stated else float("nan")
+        return self.found / self.stated.total_std if self.stated else float("nan")
 
     @property
     def corrected(self) -> bool:
@@ -70,33 +74,37 @@ def check_noise(experiment: Experiment) -> NoiseCheck:
     unseen = NoiseCheck(stated, float("nan"), stated)
     if experiment.plane == "strain":
         return unseen
-    basis, c = _material(experiment)
+    basis, c = _material(experiment, "I1I2" if stated is None else "I1")
     fine = _Fine.of(experiment, FINE, basis, c)
     if fine is None:
         return unseen
     if stated is not None:
-        found = fine.std(stated.correlation_length)
-        agrees = 1 / AGREES <= found / stated.displacement_std <= AGREES
-        return NoiseCheck(stated, found, stated if agrees else replace(stated, displacement_std=found))
+        variances = np.diag(stated.between_increments(fine.shares))
+        factor = fine.std(stated.correlation_length, variances) / stated.displacement_std
+        used = stated if 1 / AGREES <= factor <= AGREES else stated.scaled(factor)
+        return NoiseCheck(stated, factor * stated.total_std, used)
     return _of_unstated(experiment, fine, basis, c)
 
 
 def _of_unstated(experiment: Experiment, fine: _Fine, basis: Basis, c: Array) -> NoiseCheck:
     """With the correlation length, and a load cell of usual accuracy."""
-    found = fine.std(length := _length(experiment, basis, c))
+    ratios = fine.common_ratios(length := _length(experiment, basis, c))
+    std = fine.std(length, ratios.variances(fine.shares))
+    if not std > 0:
+        return NoiseCheck(None, std, None)
     largest = max(float(np.nanmax(np.abs(b.force), initial=0.0)) for b in experiment.loaded)
-    used = Noise(found, length, FORCE_STD[0], FORCE_STD[1] * largest) if found > 0 else None
-    return NoiseCheck(None, found, used)
+    used = Noise(std, length, FORCE_STD[0], FORCE_STD[1] * largest, *(std * np.sqrt(ratios)).tolist())
+    return NoiseCheck(None, used.total_std, used)
 
 
-def _material(experiment: Experiment) -> tuple[Basis, Array]:
-    """A convex spline of I1 and its coefficients, as a calibration begins."""
+def _material(experiment: Experiment, inputs: str) -> tuple[Basis, Array]:
+    """A convex spline of these inputs and its coefficients, as a calibration begins."""
     system = equilibrium(experiment)
-    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
+    basis = basis_for(inputs, system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
     assembled = assemble(system, basis)
     c = assembled.first_guess()
     for _ in range(PASSES):
-        c = convex_spline(assembled.quadratic(c), "I1")
+        c = convex_spline(assembled.quadratic(c), inputs)
     return basis, c
 
 
@@ -126,16 +134,32 @@ class _Fine:
         residuals = np.array([system.matrix(basis, F[i])[inside] @ c for i in some])
         return cls(system, basis, c, some, inside, residuals)
 
-    def std(self, length: float) -> float:
-        """Standard deviation, mm, of noise with a correlation length, mm."""
+    @property
+    def shares(self) -> Array:
+        """Of the deformation (k,), see `Experiment.deformation_shares`."""
+        return self.system.experiment.deformation_shares[self.increments]
+
+    def std(self, length: float, variances: Array | float = 1.0) -> float:
+        """Standard deviation, mm, of noise with a correlation length, mm; of increments with variances (k,) that of a variance of 1."""
+        sizes = np.array([np.linalg.norm(spread, axis=1) for spread in self._spreads(length)])
+        y = self.residuals / sizes / np.sqrt(np.reshape(variances, (-1, 1)))
+        return float(np.median(np.abs(y))) / NORMAL
+
+    def common_ratios(self, length: float) -> CommonRatios:
+        """What increments have in common of noise with a correlation length, mm."""
+        n = self.residuals.shape[1]
+        rows = np.unique(np.linspace(0, n - 1, min(n, MOST_ROWS)).round().astype(int))
+        spreads = np.array([spread[rows] for spread in self._spreads(length)])
+        sizes = np.linalg.norm(spreads, axis=2)
+        unit = np.moveaxis(spreads / sizes[:, :, None], 0, 1)
+        repeated = float(((unit[:, -1] @ unit[:, -1].T) ** 2).sum() / len(rows))
+        return common_ratios((self.residuals[:, rows] / sizes).T, unit @ unit.transpose(0, 2, 1), self.shares, repeated)
+
+    def _spreads(self, length: float) -> Iterator[Array]:
+        """What unit noise does to the residuals (rows, s) of each increment, N / mm."""
         factor = noise_covariance.noise_factor(self.system.experiment.points, Noise(1.0, length))
-        y = []
-        for i, r in zip(self.increments, self.residuals, strict=True):
-            spread = noise_covariance.spread(
-                self.system, self.basis, self.c, self.system.deformation_gradients[i], factor
-            )
-            y.append(r / np.linalg.norm(spread[self.inside], axis=1))
-        return float(np.median(np.abs(np.concatenate(y)))) / NORMAL
+        for F in self.system.deformation_gradients[self.increments]:
+            yield noise_covariance.spread(self.system, self.basis, self.c, F, factor)[self.inside]
 
 
 def _pitch(experiment: Experiment) -> float:

@@ -124,7 +124,8 @@ class ExtendedModel:
         noise = Noise(**fitted["noise"]) if fitted.get("noise") else experiment.noise
         if noise is None or not noise.displacement_std > 0:
             noise = noise_covariance.default_noise(experiment, system.fields.spacing)
-        shift = chain.noise_shift(self.c, noise_covariance.noise_factor(experiment.points, noise))
+        variances = np.diag(noise_covariance.between_increments(experiment, noise))
+        shift = chain.noise_shift(self.c, noise_covariance.noise_factor(experiment.points, noise), variances)
         residuals = chain.residual(self.c, additions) - shift
         n, readings = system.fields.n_fields, residuals + np.nan_to_num(system.loads)
         forces = {}

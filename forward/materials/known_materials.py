@@ -7,16 +7,18 @@ from typing import Any
 from forward.errors import MaterialError
 from forward.materials.arruda_boyce import ArrudaBoyce
 from forward.materials.carroll import Carroll
+from forward.materials.gent import Gent
 from forward.materials.mooney_rivlin import MooneyRivlin
 from forward.materials.neo_hooke import NeoHooke
 from forward.materials.network_energy import Pann
+from forward.materials.ogden import Ogden
 from forward.materials.spline_energy import SplineEnergy
 from forward.materials.strain_energy import Material
 from forward.materials.tabulated import Tabulated
 from forward.materials.yeoh import Yeoh
 
 MATERIALS: dict[str, type[Material]] = {
-    kind.name: kind for kind in (ArrudaBoyce, NeoHooke, MooneyRivlin, Yeoh, Carroll)
+    kind.name: kind for kind in (ArrudaBoyce, NeoHooke, MooneyRivlin, Yeoh, Carroll, Gent, Ogden)
 }
 _ALL: dict[str, type[Material]] = {**MATERIALS, **{kind.name: kind for kind in (Pann, Tabulated, SplineEnergy)}}
 

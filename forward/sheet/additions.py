@@ -4,8 +4,8 @@ An addition acts at one of three places of the stored energy or stress of the ba
 
     P = (1 - D) d/dF { s(X) [psi + additions of energy] },
 
-an energy (fibres, a second invariant), a field s(X) over the sheet, or a factor 1 - D that depends on x = I1 - 3 and on
-its largest value so far. Values reach the forms as constants, so that one compilation serves every value of them.
+an energy (fibres, a second invariant), a field s(X) over the sheet, or a factor 1 - D that depends on x = I1 - 3, or on
+the energy, and on its largest value so far. Values reach the forms as constants, so that one compilation serves every value of them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from forward.errors import MaterialError
 
 @dataclass(frozen=True)
 class Addition:
-    """Base of the additions, each of which overrides one of the three laws. Raises `MaterialError`."""
+    """Base of the additions, each of which overrides one of the laws. Raises `MaterialError`."""
 
     name: ClassVar[str]
     positive: ClassVar[tuple[str, ...]] = ()
@@ -39,7 +39,7 @@ class Addition:
     def energy(self, I1: Any, I2: Any, C: Any, p: Any) -> Any:
         """Energy, MPa, to be added; C (2, 2): in-plane right Cauchy-Green tensor, p: `values`. None: nothing is added.
 
-        All in UFL, as in the other two laws.
+        All in UFL, as in the other laws.
         """
         return None
 
@@ -50,6 +50,10 @@ class Addition:
     def factor(self, x: Any, largest: Any, p: Any) -> Any:
         """Factor on the stress at x = I1 - 3 and its largest value so far, the present one included; None: there is
         none."""
+        return None
+
+    def factor_of_energy(self, W: Any, largest: Any, p: Any) -> Any:
+        """The same at the stored energy W, MPa, of what is not damaged, and its largest value so far."""
         return None
 
     def to_dict(self) -> dict[str, Any]:

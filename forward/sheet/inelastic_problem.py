@@ -3,13 +3,14 @@ r"""One step of a sheet with a history: the committed state and a step of time i
 Plane stress as in `plane_stress_problem`, with what a `Sheet` may have beside its material. State variables live at the
 Gauss points:
 
-- largest: the largest x = I1 - 3 so far;
+- largest: the largest x = I1 - 3 so far; largest_energy: that of the stored energy without its volume;
 - S_iso and Q of viscosity with their 33 components (Simo 1987). Between two steps S_iso is linear in time, so that with z = dt / tau
   Q = exp(-z) Q_old + g (1 - exp(-z)) / z (S_iso - S_iso,old); P33 = 0 leaves S + Q - C33 Q33 C^-1 in the plane. What is elastic in
   the step adds its part of S itself, since S_iso condenses to S; the rest is the derivative of (K : C + K33 C33) / 2;
 - F of the last step, and A and A33 of permanent set (Tobolsky 1960): shares of the chains formed anew, times C^-1 and
   1 / C33 of the state they were formed in, which is the mean of a step's ends, so that their energy is
   mu / 2 (tr(C A) + C33 A33), but for a constant; those of a step carry stress from the next one on;
+- branch_i: in-plane Ci^-1 of a branch with a multiplicative split, whose stress and tangent are fields (`overstress_fields`);
 - F33 of a compressible sheet, from P33 = 0 by Newton's method at each point, condensed from the tangent.
 """
 
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forward._dolfinx import MPI, QUADRATURE_DEGREE, dolfinx, ufl
+from forward.sheet.overstress_fields import OverstressFields
 from forward.sheet.plane_stress_problem import Outcome, PlaneStressProblem, weakly
 from forward.sheet.quadrature_fields import (
     evaluate,
@@ -55,17 +57,17 @@ class _Point:
 class InelasticProblem(PlaneStressProblem):
     """A sheet whose components `held` move by `values`; `step` in time, then `commit` its state.
 
-    Its energy is that of base, additions and change of volume, without softening, viscosity and chains formed anew.
+    Its energy is that of base, additions and change of volume, without softening, viscosity, branches and chains formed anew.
     """
 
     def __init__(
         self, mesh: Mesh, sheet: Sheet, held: Any, values: Array, tolerance: float, max_iterations: int, comm: Any
     ) -> None:
-        self.sheet, self.symmetric = sheet, not sheet.softens
+        self.sheet, self.symmetric = sheet, not (sheet.softens or sheet.softens_by_energy)
         self._variables: dict[str, Any] = {}
         super().__init__(mesh, sheet, sheet.thickness, held, values, tolerance, max_iterations, comm)
         self._cells = np.asarray(self.domain.topology.original_cell_index)
-        if sheet.bulk_modulus is not None:
+        if sheet.bulk_modulus is not None or sheet.branches:
             self.problem.solver.setFunction(weakly(self._residual), self.problem.b)
 
     @property
@@ -92,6 +94,8 @@ class InelasticProblem(PlaneStressProblem):
             z = duration / self.sheet.prony.tau
             self._decay.value = np.exp(-z)
             self._gain.value = self.sheet.prony.g * -np.expm1(-z) / z
+        if self._overstress is not None:
+            self._overstress.duration = duration
         return self.solve(load_factor)
 
     def commit(self) -> None:
@@ -101,12 +105,16 @@ class InelasticProblem(PlaneStressProblem):
             self._set("largest", np.maximum(before, self._at_points(self._x)))
             if self.sheet.permanent_set is not None:
                 self._commit_permanent_set(self.sheet.permanent_set.a, before)
+        if self.sheet.softens_by_energy:
+            self._set("largest_energy", np.maximum(self._get("largest_energy"), self._at_points(self._W)))
         if self.sheet.prony is not None:
             for overstress, stress, now in (("Q", "S", self._S), ("Q33", "S33", self._S33)):
                 S = self._at_points(now).reshape(self._get(stress).shape)
                 change = float(self._gain.value) * (S - self._get(stress))
                 self._set(overstress, float(self._decay.value) * self._get(overstress) + change)
                 self._set(stress, S)
+        if self._overstress is not None:
+            self._overstress.commit()
 
     def _commit_permanent_set(self, a: float, before: Array) -> None:
         """Form the chains anew that broke in the step; before (cells, 9): the largest x at its start."""
@@ -134,6 +142,9 @@ class InelasticProblem(PlaneStressProblem):
             self._thinning = quadrature_expression(ufl.as_vector([P33, stiffness]))
             change = -ufl.inner(ufl.diff(P33, point.F), ufl.grad(step)) / stiffness
             tangent += h * ufl.inner(ufl.diff(P, point.F33), ufl.grad(test)) * change * dx
+        if self._overstress is not None:
+            s = sheet.field(ufl.SpatialCoordinate(self.domain), additions)
+            tangent += h * s * ufl.inner(self._overstress.change(ufl.grad(step)), ufl.grad(test)) * dx
         return h * W * dx, forces, tangent
 
     def _kinematics(self, compressible: bool) -> _Point:
@@ -149,12 +160,16 @@ class InelasticProblem(PlaneStressProblem):
 
     def _energy_density(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
         """Of base, additions and change of volume, MPa."""
-        material = self._constant(sheet.material.parameters)
+        W = self._stored(sheet, point, additions)
         X = ufl.SpatialCoordinate(self.domain)
-        W = sheet.energy(point.I1, point.I2, point.C, X, material, additions)
         if sheet.bulk_modulus is not None:
             W += sheet.field(X, additions) * self._constant(sheet.bulk_modulus) / 2 * (point.J - 1) ** 2
         return W
+
+    def _stored(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
+        """Of base and additions alone, MPa."""
+        material = self._constant(sheet.material.parameters)
+        return sheet.energy(point.I1, point.I2, point.C, ufl.SpatialCoordinate(self.domain), material, additions)
 
     def _stress(self, sheet: Sheet, point: _Point, W: Any, additions: list[Any]) -> Any:
         """First Piola-Kirchhoff stress (2, 2), MPa, after softening, viscosity and permanent set."""
@@ -164,13 +179,25 @@ class InelasticProblem(PlaneStressProblem):
             self._x = quadrature_expression(x)
             largest = ufl.max_value(self._variable("largest", ()), x)
             elastic *= sheet.factor(x, largest, additions)
+        if sheet.softens_by_energy:
+            elastic *= self._damage(sheet, point, additions)
         P = elastic
         if sheet.prony is not None:
             P = self._viscous(elastic, point)
         if sheet.permanent_set is not None:
             whole = ufl.exp(-self._constant(sheet.permanent_set.a) * largest)
             P = whole * P + self._stress_of_new_chains(sheet, point)
+        self._overstress = None
+        if sheet.branches:
+            self._overstress = OverstressFields(sheet.branches, point.F, self.domain, self._variable)
+            P += sheet.field(ufl.SpatialCoordinate(self.domain), additions) * self._overstress.stress
         return P
+
+    def _damage(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
+        """Factor on the stress by the stored energy, without that of the volume, and its largest value so far."""
+        W = self._stored(sheet, point, additions)
+        self._W = quadrature_expression(W)
+        return sheet.factor_of_energy(W, ufl.max_value(self._variable("largest_energy", ()), W), additions)
 
     def _viscous(self, elastic: Any, point: _Point) -> Any:
         """F times in-plane S + Q - C33 Q33 C^-1 at the end of the step."""
@@ -208,10 +235,13 @@ class InelasticProblem(PlaneStressProblem):
         return evaluate(expression, self.domain)
 
     def _residual(self, snes: Any, x: Any, b: Any) -> None:
-        """Nodal forces at the displacements x, each point as thick as P33 = 0 asks for."""
+        """Nodal forces at the displacements x, each point as thick as P33 = 0 asks for and its branches where the step takes them."""
         dolfinx.fem.petsc.assign(x, self.u)
         self.u.x.scatter_forward()
-        self._find_thickness()
+        if self.sheet.bulk_modulus is not None:
+            self._find_thickness()
+        if self._overstress is not None:
+            self._overstress.update()
         problem = self.problem
         dolfinx.fem.petsc.assemble_residual(
             snes, x, b, self.u, problem.F, problem.J, [support.bc for support in self.supports]

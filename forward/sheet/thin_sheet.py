@@ -14,6 +14,7 @@ from typing import Any
 from forward.errors import MaterialError
 from forward.materials import Material
 from forward.sheet.additions import Addition
+from forward.sheet.multiplicative_viscosity import Branch
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Prony:
 @dataclass(frozen=True)
 class Sheet:
     """A thin sheet: base material, thickness (mm), additions, viscosity, permanent set, bulk modulus (MPa) or
-    incompressible.
+    incompressible, branches of finite viscoelasticity with a multiplicative split (beside the stress, not softened by it).
 
     Compressible: psi of the invariants of the volume-preserving part of F, and kappa / 2 (J - 1)^2. Raises
     `MaterialError`.
@@ -58,12 +59,15 @@ class Sheet:
     prony: Prony | None = None
     permanent_set: PermanentSet | None = None
     bulk_modulus: float | None = None
+    branches: tuple[Branch, ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.thickness) and self.thickness > 0):
             raise MaterialError(f"thickness {self.thickness} mm: give a positive number")
         if self.permanent_set is not None and self.bulk_modulus is not None:
             raise MaterialError("a compressible sheet has no permanent set here; give one of the two only")
+        if self.branches and self.bulk_modulus is not None:
+            raise MaterialError("a compressible sheet has no viscous branches here; give one of the two only")
         if self.bulk_modulus is not None and not (math.isfinite(self.bulk_modulus) and self.bulk_modulus > 0):
             raise MaterialError(f"bulk modulus {self.bulk_modulus} MPa: give a positive number, or none")
 
@@ -71,6 +75,11 @@ class Sheet:
     def softens(self) -> bool:
         """Whether the stress depends on the largest deformation so far."""
         return self.permanent_set is not None or any(type(a).factor is not Addition.factor for a in self.additions)
+
+    @property
+    def softens_by_energy(self) -> bool:
+        """Whether the stress depends on the largest energy so far."""
+        return any(type(a).factor_of_energy is not Addition.factor_of_energy for a in self.additions)
 
     def energy(self, I1: Any, I2: Any, C: Any, X: Any, material: Any, additions: Sequence[Any]) -> Any:
         """Energy, MPa, without that of the volume; C (2, 2), X (2,), mm; material and additions: the values as
@@ -90,6 +99,13 @@ class Sheet:
         found = (addition.factor(x, largest, p) for addition, p in zip(self.additions, additions, strict=True))
         return math.prod((f for f in found if f is not None), start=1)
 
+    def factor_of_energy(self, W: Any, largest: Any, additions: Sequence[Any]) -> Any:
+        """Product of the factors on the stress at the energy W, MPa, and its largest value so far."""
+        found = (
+            addition.factor_of_energy(W, largest, p) for addition, p in zip(self.additions, additions, strict=True)
+        )
+        return math.prod((f for f in found if f is not None), start=1)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for a description."""
         return {
@@ -99,4 +115,5 @@ class Sheet:
             "prony": None if self.prony is None else asdict(self.prony),
             "permanent_set": None if self.permanent_set is None else asdict(self.permanent_set),
             "bulk_modulus": self.bulk_modulus,
+            **({"branches": [asdict(branch) for branch in self.branches]} if self.branches else {}),
         }

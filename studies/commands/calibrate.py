@@ -24,11 +24,16 @@ from calibrate.fitting.calibration import calibrate as fit_network
 from calibrate.fitting.classical_fit import compare
 from studies.commandline.option_types import Count, Integers, OutputFolder, Overwrite, Positive, Seed, default_folder
 from studies.commandline.outcome import Outcome
+from studies.importers import homogeneous_curves
+from studies.importers.curve_file import read_curves
 from studies.output import Manifest, callback, open_output_folder, released_if_refused
 from studies.reports.calibration.fit_review import Review, review
 from studies.reports.calibration.report import summary_lines, write
+from studies.reports.supervised import curve_calibration
+from studies.reports.supervised.curve_calibration import CurveCalibration
 
 QUICK_STARTS, QUICK_INCREMENTS = 4, 6
+TABLES = (".csv", ".txt", ".tsv", ".dat")
 
 
 @Parameter(name="*", group="Model and fit")
@@ -74,6 +79,20 @@ class Calibrated(Outcome):
         yield f"report: {self.folder / 'report.html'}"
 
 
+@dataclass(frozen=True)
+class CalibratedCurves(Outcome):
+    """A calibration on curves of homogeneous tests. folder: with ``model.json`` and ``report.html``."""
+
+    folder: Path
+    found: CurveCalibration
+
+    def lines(self) -> Iterable[str]:
+        """The numbers, what they mean, and the files."""
+        yield from self.found.lines()
+        yield f"model: {self.folder / 'model.json'}"
+        yield f"report: {self.folder / 'report.html'}"
+
+
 def calibrate(
     experiment: Path,
     /,
@@ -82,13 +101,13 @@ def calibrate(
     quick: bool = False,
     output: OutputFolder = None,
     overwrite: Overwrite = False,
-) -> Calibrated:
-    """Identify a neural-network hyperelastic model from an Experiment (.npz of `equigap import` or `simulate`).
+) -> Calibrated | CalibratedCurves:
+    """Identify a neural-network hyperelastic model from an Experiment (.npz of `equigap import` or `simulate`), or from curves.
 
-    Stresses come out in MPa, or in N/mm (stress times thickness) where the thickness is unknown.
+    Curves of homogeneous tests are a table with columns mode, stretch, stress_MPa (docs/supervised.md). Stresses come out in MPa, or in N/mm (stress times thickness) where the thickness is unknown.
 
     Args:
-        experiment: what was measured or simulated
+        experiment: what was measured or simulated; a table of curves (.csv); or a published one (treloar-a, treloar-b, kawabata, meunier)
         quick: 4 starts, at most 6 increments: shows the path
 
     Raises:
@@ -97,6 +116,20 @@ def calibrate(
     """
     started = time.time()
     options = fit.options(quick)
+    if str(experiment) in homogeneous_curves.COLLECTIONS or experiment.suffix.lower() in TABLES:
+        return _of_curves(
+            experiment,
+            fit,
+            options,
+            Manifest(
+                fit.seed,
+                {"command": "calibrate", "quick": quick, **asdict(fit)},
+                [experiment] if experiment.suffix else [],
+                started,
+            ),
+            output or default_folder("calibrate", quick),
+            overwrite,
+        )
     everything = Experiment.load(experiment)
     if quick:
         everything = everything.select(_spread(everything.n_increments, QUICK_INCREMENTS))
@@ -112,6 +145,27 @@ def calibrate(
     view = replace(view, classical=compare(calibration))
     write(folder, view, manifest)
     return Calibrated(folder, view)
+
+
+def _of_curves(
+    source: Path, fit: Fit, options: Options, manifest: Manifest, output: Path, overwrite: bool
+) -> CalibratedCurves:
+    """Raises `ConfigError` for options of a full field."""
+    wrong = [name for name in ("loss", "scaling", "spacing", "hold_out") if getattr(fit, name) != getattr(Fit(), name)]
+    if wrong:
+        raise ConfigError(f"--{wrong[0].replace('_', '-')}: not for curves of homogeneous tests; leave it out")
+    named = str(source) in homogeneous_curves.COLLECTIONS
+    curves = homogeneous_curves.load(str(source)) if named else read_curves(source)
+    record = manifest.to_dict()
+    folder = open_output_folder(
+        output, overwrite, {**record["settings"], "curves": str(source), "inputs": record["inputs"]}
+    )
+    with released_if_refused(folder):
+        found = curve_calibration.calibrate_curves(
+            source.stem, curves, options.inputs, options.layers, options.starts, options.seed
+        )
+    curve_calibration.write(folder, found, manifest)
+    return CalibratedCurves(folder, found)
 
 
 def held_in(experiment: Experiment, hold_out: str | None, seed: int) -> NDArray[np.bool_]:

@@ -20,7 +20,9 @@ from calibrate.models.network_model import Model
 from forward.loading import Loading
 from forward.materials import MATERIALS, Material, material_from_dict
 from forward.materials.network_energy import Pann
+from forward.sheet.inelastic import solve_history
 from forward.sheet.plane_stress import solve as solve_plane_stress
+from forward.sheet.thin_sheet import Sheet
 from forward.solution import SurfaceSolution
 from meshes import Mesh, quads, triangles
 from meshes.known_specimens import SPECIMENS
@@ -44,6 +46,7 @@ from studies.reports.experiments.simulation_report import write_report
 from studies.reports.model_remarks import remarks_of_file
 from studies.synthetic.camera import Camera, GaussianField
 from studies.synthetic.camera import observe as record
+from studies.synthetic.history_file import History, read_history, sheet_of
 
 QUICK = {"increments": 4, "nodes": 900, "size_factor": 2.5}
 FULL = {"increments": 10, "nodes": 5000, "size_factor": 1.0}
@@ -68,6 +71,8 @@ class TensionTest:
     """plane strain of a compressible body with this bulk modulus, MPa, instead of plane stress of an incompressible sheet"""
     size_factor: Positive | None = None
     """of the element sizes (1; quick: 2.5)"""
+    history: str | None = None
+    """TOML file with times, load factors and what the law has beside the material: damage, fibres, viscosity (docs/forward.md)"""
 
 
 @Parameter(name="*", group="Camera and load cell")
@@ -83,6 +88,10 @@ class Recording:
     """record the exact fields"""
     relative_noise: float = 5e-4
     """standard deviation of the displacements, of 200 mm"""
+    pattern_noise: float = 0.0
+    """the same, of what stays with the speckle pattern and grows with the deformation"""
+    reference_noise: float = 0.0
+    """the same, of the reference picture, which all pictures share"""
     correlation_length: Positive = 4.0
     """of the displacement noise, mm"""
     force_noise: float = 1e-4
@@ -116,8 +125,9 @@ def simulate(
 ) -> Simulated:
     """Solve a tension test of a thin rubber sheet and record it with a synthetic camera and load cell.
 
-    Plane stress; with --bulk-modulus plane strain. Default: the cross, 60 mm at each arm in 10 increments, Arruda-Boyce rubber,
-    noise of 0.1 mm with a correlation length of 4 mm, force noise of 1e-4. Lengths in mm, forces in N, stresses in MPa.
+    Plane stress; with --bulk-modulus plane strain; with --history loading and unloading over time, with damage, fibres or
+    viscosity. Default: the cross, 60 mm at each arm in 10 increments, Arruda-Boyce rubber, noise of
+    0.1 mm with a correlation length of 4 mm, force noise of 1e-4. Lengths in mm, forces in N, stresses in MPa.
 
     Args:
         quick: coarse, a few seconds
@@ -128,12 +138,16 @@ def simulate(
     """
     test, recording = completed(test, recording, quick)
     material, camera = read_material(test.material, dict(test.parameter)), camera_of(recording, quick)
+    history = None if test.history is None else read_history(test.history)
+    sheet = None if history is None else sheet_of(str(test.history), history, material, test.thickness)
     points = triangles(SPECIMENS[test.specimen](), n_nodes=recording.nodes)
     key = {"command": "simulate", "quick": quick, **asdict(test), **asdict(recording), "material": material.to_dict()}
+    if sheet is not None and history is not None:
+        key |= {"history": history.model_dump(mode="json"), "sheet": sheet.to_dict()}
     folder = open_output_folder(output or default_folder("simulate", quick), overwrite, key)
     seed = None if recording.no_noise else recording.seed
     manifest = Manifest(seed=seed, settings=key)
-    solution = solve(test, material, folder / "checkpoint.npz")
+    solution = solve(test, sheet or material, history, folder / "checkpoint.npz")
     solution.save(folder / "solution.npz")
     (folder / "checkpoint.npz").unlink(missing_ok=True)
     experiment = observe(test, solution, points, camera, seed)
@@ -153,6 +167,10 @@ def completed(test: TensionTest, recording: Recording, quick: bool) -> tuple[Ten
         raise OptionError(
             f"specimen '{test.specimen}' is none that rigid grips can pull{nearest(test.specimen, EXTENT)}; those are "
             + ", ".join(EXTENT)
+        )
+    if test.history and (test.increments or test.bulk_modulus):
+        raise OptionError(
+            "--increments and --bulk-modulus do not go with --history: give times and factors, and bulk_modulus, in the file"
         )
     usual = QUICK if quick else FULL
     test = replace(
@@ -192,21 +210,30 @@ def network_material(name: str) -> Pann:
     return Pann.from_file(name)
 
 
-def solve(test: TensionTest, material: Material, checkpoint: Path) -> SurfaceSolution:
-    """Solve a quarter of the specimen of a completed test and mirror it."""
+def solve(test: TensionTest, law: Material | Sheet, history: History | None, checkpoint: Path) -> SurfaceSolution:
+    """Solve a completed test: a quarter of the specimen, mirrored, or with a history the whole, which need not be symmetric."""
     specimen = SPECIMENS[test.specimen]()
     assert test.displacement is not None and test.increments is not None and test.size_factor is not None
+    loading, progress = Loading.clamped(specimen.loaded, test.displacement), sys.stderr.isatty()
+    if isinstance(law, Sheet):
+        assert history is not None
+        return solve_history(
+            quads(specimen, size_factor=test.size_factor), law, loading, history.factors, history.times,
+            history.substeps, progress=progress, checkpoint=checkpoint,
+        )  # fmt: skip
     return solve_plane_stress(
-        quads(specimen, quarter=True, size_factor=test.size_factor), material,
-        Loading.clamped(specimen.loaded, test.displacement), test.increments, test.thickness,
-        progress=sys.stderr.isatty(), checkpoint=checkpoint, bulk_modulus=test.bulk_modulus,
+        quads(specimen, quarter=True, size_factor=test.size_factor), law, loading, test.increments, test.thickness,
+        progress=progress, checkpoint=checkpoint, bulk_modulus=test.bulk_modulus,
     ).mirrored()  # fmt: skip
 
 
 def camera_of(recording: Recording, quick: bool = False) -> Camera:
     """The camera and load cell asked for. Raises `ConfigError`."""
     field = GaussianField(recording.correlation_length, resolution=512 if quick else 2048)
-    return Camera(field, relative_noise=recording.relative_noise, force_noise=recording.force_noise)
+    return Camera(
+        field, relative_noise=recording.relative_noise, force_noise=recording.force_noise,
+        pattern_noise=recording.pattern_noise, reference_noise=recording.reference_noise,
+    )  # fmt: skip
 
 
 def observe(test: TensionTest, solution: SurfaceSolution, mesh: Mesh, camera: Camera, seed: int | None) -> Experiment:

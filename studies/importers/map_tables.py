@@ -188,6 +188,8 @@ class NoiseTable(Table):
     correlation_length_mm: NotNegative | None = None
     force_std_relative: NotNegative | None = None
     force_std_N: NotNegative | None = None
+    pattern_std_mm: NotNegative | None = None
+    reference_std_mm: NotNegative | None = None
     kind: Literal["total", "temporal"] = "total"
 
 

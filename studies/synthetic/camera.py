@@ -10,6 +10,9 @@ max |g| = 1 over the grid, is ``normalisation="unit-maximum"``; the standard dev
 smaller. g is made by the FFT on a regular square grid around the specimen and interpolated bilinearly to the
 nodes. Every node gets noise, those on the boundary as well.
 
+Two more such fields may be common to all increments (`Noise`): errors that stay with the speckle pattern, times the share of the deformation of each
+increment, and errors of the reference picture.
+
 Forces: each increment's force times a factor from U[1 - 1e-4, 1 + 1e-4], the same for opposite sides.
 """
 
@@ -33,7 +36,7 @@ NORMALISATIONS = ("unit-variance", "unit-maximum")
 AXIS = {"left": "x", "right": "x", "bottom": "y", "top": "y"}
 PADDING = 6.0  # correlation lengths between opposite sides of the specimen, around the periodic grid
 NEGLIGIBLE = 1e-7  # relative amplitude of the waves that are left out
-DISPLACEMENTS, FORCES = 0, 1  # random streams
+DISPLACEMENTS, FORCES, PATTERN, REFERENCE = 0, 1, 2, 3  # random streams
 
 
 class Solution(Protocol):
@@ -139,16 +142,19 @@ def interpolate(values: NDArray, position: Array) -> NDArray:
 class Camera:
     """Camera and load cell. Displacement noise is relative_noise (eta) x length_scale (dx, mm) x `field`;
 
-    force_noise: half width of the uniform factor on forces. Raises `ConfigError`.
+    force_noise: half width of the uniform factor on forces. pattern_noise, reference_noise: like relative_noise, of what all increments share.
+    Raises `ConfigError`.
     """
 
     field: GaussianField = field(default_factory=GaussianField)
     relative_noise: float = 5e-4
     length_scale: float = 200.0
     force_noise: float = 1e-4
+    pattern_noise: float = 0.0
+    reference_noise: float = 0.0
 
     def __post_init__(self) -> None:
-        for key in ("relative_noise", "length_scale", "force_noise"):
+        for key in ("relative_noise", "length_scale", "force_noise", "pattern_noise", "reference_noise"):
             if not (np.isfinite(getattr(self, key)) and getattr(self, key) >= 0):
                 raise ConfigError(f"camera: {key} = {getattr(self, key)} must be a finite number >= 0")
 
@@ -162,6 +168,18 @@ class Camera:
         fields = [self.field.sample(points, stream(seed, DISPLACEMENTS, k)) for k in range(n_increments)]
         return self.amplitude * np.array(fields)
 
+    def common_noise(self, points: Array, shares: Array, seed: int) -> Array:
+        """What increments with shares of the deformation (t,) have in common (t, n, 2), mm, at points (n, 2), mm."""
+        result = np.zeros((len(shares), *points.shape))
+        for level, key, factors in (
+            (self.pattern_noise, PATTERN, shares),
+            (self.reference_noise, REFERENCE, np.ones(len(shares))),
+        ):
+            if level > 0:
+                field = level * self.length_scale * self.field.sample(points, stream(seed, key))
+                result += factors[:, None, None] * field
+        return result
+
     def force_factors(self, names: Sequence[str], n_increments: int, seed: int) -> dict[str, Array]:
         """Factors {boundary: (n_increments,)}: one for left and right, one for bottom and top, one for each other."""
         groups = ["x", "y", *sorted({name for name in names if name not in AXIS})]
@@ -171,8 +189,11 @@ class Camera:
 
     def noise(self, displacement_std: float | None = None) -> Noise:
         """The noise as an Experiment states it; `displacement_std`, mm, replaces eta dx."""
-        std = self.amplitude if displacement_std is None else displacement_std
-        return Noise(std, self.field.correlation_length, float(self.force_noise / np.sqrt(3)))
+        common = self.length_scale * self.pattern_noise, self.length_scale * self.reference_noise
+        whole = Noise(self.amplitude, self.field.correlation_length, float(self.force_noise / np.sqrt(3)), 0.0, *common)
+        return (
+            whole if displacement_std is None or not self.amplitude else whole.scaled(displacement_std / self.amplitude)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Settings with the covariance and the amplitude in mm, for a manifest."""
@@ -196,11 +217,12 @@ def record(experiment: Experiment, camera: Camera, seed: int) -> Experiment:
     noise = camera.displacement_noise(experiment.points, experiment.n_increments, seed)
     factors = camera.force_factors([b.name for b in experiment.loaded], experiment.n_increments, seed)
     loaded = [replace(b, force=b.force * factors[b.name][:, None]) for b in experiment.loaded]
+    common = camera.common_noise(experiment.points, experiment.deformation_shares, seed)
     unit_maximum = camera.field.normalisation == "unit-maximum"
     return replace(
         experiment,
         name=f"{experiment.name}, noise seed {seed}",
-        displacements=experiment.displacements + noise,
+        displacements=experiment.displacements + noise + common,
         loaded=tuple(loaded),
         noise=camera.noise(float(noise.std()) if unit_maximum else None),
         provenance={**experiment.provenance, "camera": camera.to_dict(), "noise_seed": seed},

@@ -138,13 +138,15 @@ class Chain:
             (c.tobytes(), ordered(additions)), lambda: self._run(stages(self.base, additions), c, self._start)
         )
 
-    def noise_shift(self, c: Any, factor: Any) -> Array:
+    def noise_shift(self, c: Any, factor: Any, variances: Any = 1.0) -> Array:
         """Mean change (t, 2 v), N, that displacement noise brings into the residual: second order in the noise.
 
-        factor (n, s): noise as a map of independent normal numbers, see `noise_covariance.noise_factor`.
+        factor (n, s): noise as a map of independent normal numbers, see `noise_covariance.noise_factor`; variances (t,): of each increment,
+        over that of the factor.
         """
         axes = noise_spread.gradient_axes(self.system.gradient, factor)
-        return self.work(noise_spread.stress_shift(self.base, self.constants(c), jnp.asarray(axes)))
+        shift = self.work(noise_spread.stress_shift(self.base, self.constants(c), jnp.asarray(axes)))
+        return np.asarray(shift * np.reshape(variances, (-1, 1)))
 
     def pulled_back(self, c: Array, additions: Additions, forces: Array) -> Array:
         """K^T forces (t, n, 2) of forces (t, 2 v), N; K: tangent of base and effects in the material, at the displacements

@@ -16,14 +16,17 @@ from calibrate.data.experiment import Noise
 class StatedNoise:
     """displacement_std, mm, and its correlation_length, mm (None: uncorrelated); force_std, N, and force_std_relative, either or both.
 
+    pattern_std, reference_std, mm: the parts that are common to all pictures, beside a displacement_std that is new in each (`Noise`).
     Where displacement_std is None, the noise of the displacements is estimated; where both of the force are, that of the force.
-    Raises `ConfigError` for what is negative or not finite, and for a correlation length without its standard deviation.
+    Raises `ConfigError` for what is negative or not finite, and for what belongs to a standard deviation that is not stated.
     """
 
     displacement_std: float | None = None
     correlation_length: float | None = None
     force_std: float | None = None
     force_std_relative: float | None = None
+    pattern_std: float | None = None
+    reference_std: float | None = None
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -33,6 +36,16 @@ class StatedNoise:
             raise errors.ConfigError(
                 "noise: correlation_length belongs to displacement_std; state both, or none, so that both are estimated"
             )
+
+        if self.common != (0.0, 0.0) and not self.displacement_std:
+            raise errors.ConfigError(
+                "noise: pattern_std and reference_std belong to displacement_std, what is new in every picture; state it too"
+            )
+
+    @property
+    def common(self) -> tuple[float, float]:
+        """What is common to all pictures, mm: of the speckle pattern, of the reference picture."""
+        return self.pattern_std or 0.0, self.reference_std or 0.0
 
     @property
     def of_displacements(self) -> tuple[float, float] | None:
@@ -49,4 +62,7 @@ class StatedNoise:
     @classmethod
     def all_of(cls, noise: Noise) -> StatedNoise:
         """Every part of a Noise; nothing is estimated."""
-        return cls(noise.displacement_std, noise.correlation_length, noise.force_std, noise.force_std_relative)
+        return cls(
+            noise.displacement_std, noise.correlation_length, noise.force_std, noise.force_std_relative,
+            noise.pattern_std, noise.reference_std,
+        )  # fmt: skip

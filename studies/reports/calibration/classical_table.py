@@ -40,6 +40,21 @@ def classical_table(view: Review, found: Comparison) -> tuple[list[str], list[li
     return columns, rows
 
 
+def curve_laws(found: Comparison, unit: str) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows for curves of homogeneous tests, which have no forces: the network, then every law."""
+    rows = []
+    for c in (found.network, *found.laws):
+        text, state = ("", "yes") if c.fit is None else (values(c.fit, unit, found.scale), _state(c.fit))
+        rows.append([c.name, f"{c.numbers:.3g}", text, f"{c.chi_square:+.4g}", f"{c.criterion:+.4g}", state])
+    return ["law", "parameters", "values", "chi-square", "BIC", "stable"], rows
+
+
+def curve_laws_record(found: Comparison, unit: str) -> dict[str, Any]:
+    """Everything in the table of curves, for a manifest."""
+    laws = [_law_record(c, c.fit, found.scale) for c in found.laws if c.fit is not None]
+    return _head(found, unit) | {"laws": laws}
+
+
 def terminal_lines(view: Review) -> Iterator[str]:
     """Laws with their BIC and values, the best first, for a terminal."""
     if view.classical is None:
@@ -55,25 +70,35 @@ def classical_record(view: Review) -> dict[str, Any] | None:
     found = view.classical
     if found is None:
         return None
+    laws = [_record(view, c, c.fit, found.scale) for c in found.laws if c.fit is not None]
+    return _head(found, view.model.unit) | {"laws": laws}
+
+
+def _head(found: Comparison, unit: str) -> dict[str, Any]:
     return {
         "verdict": str(found.verdict),
         "equations": found.equations,
         "scale": found.scale,
-        "unit": view.model.unit,
+        "unit": unit,
         "effective_parameters_of_the_network": found.network.numbers,
-        "laws": [_record(view, c, c.fit, found.scale) for c in found.laws if c.fit is not None],
     }
 
 
 def _record(view: Review, candidate: Candidate, fit: ClassicalFit, scale: float) -> dict[str, Any]:
+    errors = {
+        "force_error": force_error(view, candidate, view.fitted),
+        "held_out_force_error": force_error(view, candidate, ~view.fitted),
+    }
+    return _law_record(candidate, fit, scale) | errors
+
+
+def _law_record(candidate: Candidate, fit: ClassicalFit, scale: float) -> dict[str, Any]:
     limits = zip(fit.values.items(), fit.deviations(scale), strict=True)
     return {
         "law": candidate.name,
         "parameters": {name: {"value": _finite(x), "standard_deviation": _finite(d)} for (name, x), d in limits},
         "chi_square_difference": candidate.chi_square,
         "bic_difference": candidate.criterion,
-        "force_error": force_error(view, candidate, view.fitted),
-        "held_out_force_error": force_error(view, candidate, ~view.fitted),
         "stability": fit.stability,
         "reason": str(fit.reason),
     }

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.fitting.classical_fit import Comparison
 from calibrate.models.parameter_covariance import MISFIT
 from studies.output.findings import Finding
 from studies.reports.calibration.fit_review import Review, section_shares
@@ -29,6 +30,7 @@ class FitCode(StrEnum):
     HELD_OUT = "held_out"
     CLASSICAL = "classical_laws"
     CLASSICAL_NOT_FITTED = "classical_not_fitted"
+    CLASSICAL_NOT_COMPARED = "classical_not_compared"
     NOTHING_HELD_OUT = "nothing_held_out"
     THICKNESS_UNKNOWN = "thickness_unknown"
     PLANE_STRAIN = "plane_strain"
@@ -59,7 +61,7 @@ LIMITS = Thresholds()
 
 def findings(view: Review) -> list[Finding]:
     """What a reader of the numbers should know, the most important first."""
-    found = [residuals(view), starts(view), forces(view), held_out(view), *classical(view)]
+    found = [residuals(view), starts(view), forces(view), held_out(view), classical(view)]
     if view.model.uncertainty is not None:
         found.append(band_finding(view.model))
     if view.experiment.thickness is None:
@@ -70,21 +72,24 @@ def findings(view: Review) -> list[Finding]:
     return found
 
 
-def classical(view: Review) -> list[Finding]:
-    """Whether the data can tell the network from the classical laws; nothing where they were not fitted."""
+def classical(view: Review) -> Finding:
+    """Whether the data can tell the network from the classical laws, or why these were not fitted."""
     if view.classical is None:
-        return []
-    failed = [c.name for c in view.classical.laws if c.fit is not None and not c.fit.reason.is_success]
-    if not view.classical.converged:
-        return [_finding(FitCode.CLASSICAL_NOT_FITTED, failed=failed)]
-    best, alike = view.classical.converged[0], view.classical.alike
-    return [
-        _finding(
-            FitCode.CLASSICAL, verdict=str(view.classical.verdict), law=best.name, numbers=int(best.numbers),
-            difference=best.criterion, inputs=view.model.architecture.inputs, alike=[c.name for c in alike], failed=failed,
-            unstable=[c.name for c in (best, *alike) if c.fit is not None and not c.fit.stability > 0],
-        )
-    ]  # fmt: skip
+        return _finding(FitCode.CLASSICAL_NOT_COMPARED, plane=view.experiment.plane)
+    return classical_finding(view.classical, view.model.architecture.inputs)
+
+
+def classical_finding(found: Comparison, inputs: str) -> Finding:
+    """The best law against the network of `inputs`."""
+    failed = [c.name for c in found.laws if c.fit is not None and not c.fit.reason.is_success]
+    if not found.converged:
+        return _finding(FitCode.CLASSICAL_NOT_FITTED, failed=failed)
+    best, alike = found.converged[0], found.alike
+    return _finding(
+        FitCode.CLASSICAL, verdict=str(found.verdict), law=best.name, numbers=int(best.numbers),
+        difference=best.criterion, inputs=inputs, alike=[c.name for c in alike], failed=failed,
+        unstable=[c.name for c in (best, *alike) if c.fit is not None and not c.fit.stability > 0],
+    )  # fmt: skip
 
 
 def residuals(view: Review) -> Finding:

@@ -177,7 +177,7 @@ def _expected(
         return None, None
     F = system.deformation_gradients
     basis = basis_for(calibration.options.inputs, F.reshape(-1, 2, 2), plane=system.experiment.plane)
-    covariances = assemble(system, basis).noise_covariances(coefficients(calibration.model, basis))
+    covariances = assemble(system, basis).own_covariances(coefficients(calibration.model, basis))
     deviations, chi_square = np.empty_like(residuals), np.empty(len(F))
     for i, (residual, covariance) in enumerate(zip(residuals, covariances, strict=True)):
         deviations[i] = np.sqrt(np.diag(covariance))

@@ -230,7 +230,7 @@ def _test(test: ChiSquare) -> dict[str, float]:
 
 def _noise(check: NoiseCheck) -> dict[str, Any]:
     used = None if check.used is None else asdict(check.used)
-    return {"stated_std_mm": check.stated and check.stated.displacement_std, "found_std_mm": check.found, "used": used}
+    return {"stated_std_mm": check.stated and check.stated.total_std, "found_std_mm": check.found, "used": used}
 
 
 def content(view: View) -> dict[str, Any]:

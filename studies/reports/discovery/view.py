@@ -75,23 +75,27 @@ def forces(part: Part, fit: Fit, level: float = 1.0) -> dict[str, tuple[Array, A
     return result
 
 
-def _covariances(part: Part) -> Iterator[tuple[int, NDArray[np.bool_], Array]]:
-    """Increment, equations (2 v,) and their covariance by noise and discretisation, N^2."""
+def _covariances(part: Part) -> Iterator[tuple[NDArray[np.int64], Array]]:
+    """Places in the flat array of equations (t 2 v,) and their covariance by noise and discretisation, N^2, of every increment."""
     for weights in (part.train, part.held):
         growth, start = 1 / (1 + weights.shrink) ** 2 - 1, 0
-        for i, lower in enumerate(weights.lowers):
+        places = np.arange(weights.rows.size).reshape(weights.grouped.shape)
+        for place, used, lower in zip(places, weights.grouped, weights.lowers, strict=True):
             if not len(lower):
                 continue
             common = lower @ (weights.U[start : start + len(lower)] * np.sqrt(growth))
             start += len(lower)
-            yield i, weights.rows[i], lower @ lower.T + common @ common.T
+            increment = place[used] // weights.rows.shape[1]
+            for i in np.unique(increment):
+                own, shared = lower[increment == i], common[increment == i]
+                yield place[used][increment == i], own @ own.T + shared @ shared.T
 
 
 def deviations(part: Part) -> Array:
     """Standard deviation (t, 2 v), N, of every residual; NaN where there is no equation."""
     result = np.full(part.train.rows.shape, np.nan)
-    for i, rows, covariance in _covariances(part):
-        result[i, rows] = np.sqrt(np.diag(covariance))
+    for places, covariance in _covariances(part):
+        result.flat[places] = np.sqrt(np.diag(covariance))
     return result
 
 
@@ -102,11 +106,11 @@ def decorrelated(part: Part, fit: Fit) -> Array:
     """
     r = residual(part, fit)
     result = np.full(r.shape, np.nan)
-    for i, rows, covariance in _covariances(part):
+    for places, covariance in _covariances(part):
         spread = np.sqrt(np.diag(covariance))
         values, vectors = np.linalg.eigh(covariance / np.outer(spread, spread))
         root = np.sqrt(np.maximum(values, 1e-12 * values.max()))
-        result[i, rows] = vectors @ ((vectors.T @ (r[i, rows] / spread)) / root)
+        result.flat[places] = vectors @ ((vectors.T @ (r.flat[places] / spread)) / root)
     return result
 
 

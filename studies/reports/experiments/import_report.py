@@ -104,7 +104,13 @@ def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Pa
         ["height", height, "mm"],
         *([f"largest force, {name}", force, "N"] for name, force in numbers["largest_force_N"].items()),
         ["largest displacement", numbers["largest_displacement_mm"], "mm"],
-        [f"noise of the displacements ({provenance['noise']['displacement']})", noise.displacement_std, "mm"],
+        [f"noise of the displacements ({provenance['noise']['displacement']})", noise.total_std, "mm"],
+        *(
+            [["of it with the pattern, at the largest deformation", noise.pattern_std, "mm"]]
+            if noise.pattern_std
+            else []
+        ),
+        *([["of it of the reference picture", noise.reference_std, "mm"]] if noise.reference_std else []),
         ["its correlation length", noise.correlation_length, "mm"],
         [f"noise of the force ({provenance['noise']['force']})", noise.force_std, "N"],
         *([["in proportion to the force", 100 * noise.force_std_relative, "%"]] if noise.force_std_relative else []),

@@ -30,7 +30,8 @@ def write_report(
     fields, forces, table = folder / "fields.png", folder / "forces.png", folder / "forces.csv"
     draw_fields(experiment, fields)
     draw_forces(solution, experiment, forces)
-    columns, rows = force_table(experiment)
+    label = "time, s" if "times" in solution.description else "load factor"
+    columns, rows = force_table(experiment, label)
     write_csv(table, columns, rows, ["force of each grip on the specimen, N"])
     manifest.beside(fields)
     manifest.beside(forces, table)
@@ -71,24 +72,27 @@ def draw_fields(experiment: Experiment, path: Path) -> None:
 
 
 def draw_forces(solution: SurfaceSolution, experiment: Experiment, path: Path) -> None:
-    """Force along the pull of each side against the displacement of the grips, as a share of the largest."""
+    """Force along the pull of each side against the displacement of the grips, as a share of the largest, or the time of a history."""
     exact_time = np.concatenate([[0.0], solution.time])
     measured_time = experiment.time if experiment.time is not None else solution.time
     with style.figure(5.2, 3.4) as figure:
         axes = figure.subplots()
         for boundary in experiment.loaded:
             exact = solution.reactions[boundary.name]
-            axis = int(np.argmax(np.abs(exact[-1])))
+            axis = int(np.argmax(np.abs(exact).max(axis=0)))
             (line,) = axes.plot(exact_time, np.abs(np.concatenate([[0.0], exact[:, axis]])), label=boundary.name)
             axes.plot(measured_time, np.abs(boundary.force[:, axis]), ".", color=line.get_color())
-        axes.set(xlabel="load factor (1: full displacement)", ylabel="force along the pull, N")
+        history = "times" in solution.description
+        axes.set(
+            xlabel="time, s" if history else "load factor (1: full displacement)", ylabel="force along the pull, N"
+        )
         axes.legend()
         write_figure(path, figure)
 
 
-def force_table(experiment: Experiment) -> tuple[list[str], list[list[float]]]:
-    """Load factor and both force components, N, of every loaded side."""
-    columns = ["load factor", *(f"{b.name}, {c}" for b in experiment.loaded for c in "xy")]
+def force_table(experiment: Experiment, label: str = "load factor") -> tuple[list[str], list[list[float]]]:
+    """Load factor or time (`label`) and both force components, N, of every loaded side."""
+    columns = [label, *(f"{b.name}, {c}" for b in experiment.loaded for c in "xy")]
     time = experiment.time if experiment.time is not None else np.arange(1.0, experiment.n_increments + 1)
     forces = np.concatenate([b.force for b in experiment.loaded], axis=1)
     return columns, np.column_stack([time, forces]).tolist()

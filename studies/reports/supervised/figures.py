@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from calibrate.fitting.sobolev_fit import Curves
+from calibrate.fitting.homogeneous.sobolev_fit import Curves
 from studies.importers import homogeneous_curves
 from studies.output import style
 from studies.reports.supervised.supervised_fits import TRUTH, Result, curves_of, short_r2

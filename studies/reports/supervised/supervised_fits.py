@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from calibrate.equations.deformation_modes import MODES, largest_stretch, nominal_stress
-from calibrate.fitting.sobolev_fit import Curves, fit_supervised
+from calibrate.fitting.homogeneous.sobolev_fit import Curves, fit_supervised
 from calibrate.models.network_model import Model
 from studies.accuracy.metrics import ArrudaBoyceTruth, r2
 from studies.importers import homogeneous_curves

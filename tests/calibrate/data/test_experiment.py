@@ -46,6 +46,35 @@ def test_select_keeps_the_chosen_increments():
     assert chosen.loaded[1].force[:, 1].tolist() == [1.0, 3.0]
 
 
+def test_noise_that_is_common_to_the_increments_is_kept(tmp_path):
+    """Also by a subset without the largest deformation, whose displacements have the same covariance."""
+    whole = stretched(noise=Noise(0.01, 1.0, 1e-3, 0.0, 0.04, 0.02))
+    whole.save(tmp_path / "sheet.npz")
+    assert Experiment.load(tmp_path / "sheet.npz").noise == whole.noise
+    part = whole.select([0, 1])
+    s = whole.deformation_shares
+    before = whole.noise.between_increments(s)
+    np.testing.assert_allclose(part.noise.between_increments(part.deformation_shares), before[:2, :2], rtol=1e-12)
+    assert before[2, 2] == pytest.approx(1 + 16 + 4) and before[0, 1] == pytest.approx(16 * s[0] * s[1] + 4)
+    assert whole.noise.total_std == pytest.approx(0.01 * np.sqrt(21))
+    with pytest.raises(errors.ExperimentError, match="give displacement_std too"):
+        Noise(0.0, reference_std=0.01)
+
+
+def test_the_share_of_the_deformation_does_not_see_rigid_motion():
+    still = stretched()
+    a = 0.4 * np.arange(1, 4)
+    turn = np.moveaxis(np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]), -1, 0)
+    places = np.einsum("tij,tnj->tni", turn, still.points + still.displacements) + [3.0, -2.0]
+    turned = replace(still, displacements=places - still.points)
+    gradients = [
+        np.linalg.lstsq(still.points - still.points.mean(axis=0), u, rcond=None)[0] for u in still.displacements
+    ]
+    sizes = np.linalg.norm(gradients, axis=(1, 2))  # homogeneous
+    np.testing.assert_allclose(still.deformation_shares, sizes / sizes.max(), rtol=1e-9)
+    np.testing.assert_allclose(turned.deformation_shares, still.deformation_shares, rtol=1e-12)
+
+
 def test_forces_that_do_not_balance_are_seen():
     force = np.array([[0.1, 1.0], [0.0, 2.0], [0.0, 3.0]])
     bottom, top = stretched().loaded
@@ -90,7 +119,7 @@ def test_other_versions_and_missing_arrays_are_refused(tmp_path):
     assert json.loads(str(content["provenance"])) == {"source": "test"}
     without = {key: {k: v for k, v in content.items() if k != key} for key in ("version", "displacements")}
     for wrong, key in (
-        ({**content, "version": 4}, "version 4"),
+        ({**content, "version": 5}, "version 5"),
         ({**content, "version": "new"}, "version new"),
         ({**content, "provenance": "{"}, "garbled"),
         ({**content, "noise": ["a", "b"]}, "garbled"),

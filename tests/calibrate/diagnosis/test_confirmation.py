@@ -8,9 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 import synthetic
+from scipy import stats
 
 from calibrate.data.experiment import Noise
-from calibrate.diagnosis import base_fit, effect_fit, model_weights
+from calibrate.diagnosis import base_fit, effect_fit, model_weights, residual_tests
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.selection import Verdict
@@ -53,6 +54,20 @@ def with_a_stiff_fibre():
     problem, fit = prepared()
     wrong = (Addition(effect("one fibre family"), (3.0,), (0.3,)),)
     return Model(model_weights.reweighted(problem, fit.c, wrong), replace(fit, additions=wrong, errors=((0.01,),)))
+
+
+@pytest.mark.slow
+def test_the_prediction_of_what_is_held_out_knows_the_noise_that_it_shares_with_what_was_fitted():
+    """p over seeds is uniform with the noise as it is."""
+    noise = replace(NOISE, pattern_std=0.04, reference_std=0.02)
+    clean = synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.0), n_increments=4, n_theta=40, n_radial=8)
+    p = []
+    for seed in range(10):
+        problem, fit = base_fit.prepare([synthetic.with_noise(clean, noise, seed)], [HoldOut().training])
+        (part,) = problem.parts
+        assert part.together.size == part.train.size + part.held.size
+        p.append(residual_tests.prediction_test(problem, fit.c, ()).p_value)
+    assert stats.kstest(p, "uniform").pvalue > 0.01
 
 
 @pytest.mark.parametrize("factor", [2.0, 10.0, 1000.0])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import synthetic
 from scipy import stats
+from scipy.linalg import block_diag
 from scipy.optimize import lsq_linear, nnls
 
 from calibrate import errors
@@ -28,7 +29,7 @@ from calibrate.effects.chain import Addition, Chain
 from calibrate.equations import discretisation_error, kinematics, noise_covariance
 from calibrate.equations.basis import SingleBasis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
-from calibrate.equations.weights import Weights
+from calibrate.equations.weights import Weights, weights_of
 from calibrate.fitting import least_squares
 from studies.trials import blind_data
 
@@ -98,6 +99,27 @@ def test_whitening_gives_unit_covariance():
     np.testing.assert_allclose(covariance, np.eye(t * rows), atol=5 * np.sqrt(2 / draws))
     z, r = rng.standard_normal(t * rows), rng.standard_normal((t, rows))
     assert (white.adjoint(z) * r).sum() == pytest.approx(z @ white(r), rel=1e-12)
+
+
+def test_whitening_with_noise_common_to_the_increments_gives_unit_covariance():
+    """Of some equations of all increments, from their joint covariance; one without covariances between them as ever."""
+    rng = np.random.default_rng(0)
+    t, rows = 3, 4
+    lower = np.tril(rng.standard_normal((t * rows, t * rows))) + 4 * np.eye(t * rows)
+    used = rng.uniform(size=(t, rows)) < 0.7
+    source = rng.standard_normal((t, rows, 2))
+    joint = weights_of([lower @ lower.T], used, source)
+    flat = source.reshape(-1, 2)
+    whole = (lower @ lower.T + flat @ flat.T)[np.ix_(used.ravel(), used.ravel())]
+    W = joint(np.eye(t * rows).reshape(-1, t, rows)).T[:, used.ravel()]
+    np.testing.assert_allclose(W @ whole @ W.T, np.eye(joint.size), atol=0.03)  # small sources are left out
+    assert joint.log_determinant == pytest.approx(np.linalg.slogdet(whole)[1], abs=0.03)
+    z, r = rng.standard_normal(joint.size), rng.standard_normal((t, rows))
+    assert (joint.adjoint(z) * r).sum() == pytest.approx(z @ joint(r), rel=1e-12)
+    np.testing.assert_allclose(joint.variance[used], np.diag(lower @ lower.T)[used.ravel()])
+    blocks = [b @ b.T for b in 3 * np.eye(rows) + rng.standard_normal((t, rows, rows))]
+    alone, together = weights_of(blocks, used), weights_of([block_diag(*blocks)], used)
+    np.testing.assert_allclose(alone(r), together(r), rtol=1e-9)
 
 
 def test_bounded_least_squares_is_that_of_scipy():

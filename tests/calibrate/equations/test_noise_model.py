@@ -1,5 +1,7 @@
 """The noise factor against the covariance it stands for, and what noise does to the equations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic import ArrudaBoyce, derivatives, plate_experiment, with_noise
@@ -23,6 +25,11 @@ def true_coefficients(basis):
     J1 = basis.site_inputs[:, 0] + REFERENCE[0]
     psi = derivatives(ArrudaBoyce(), np.stack([J1, np.full_like(J1, 3.0)], axis=1))
     return basis.interpolation @ psi.ravel()
+
+
+def covariance_of(system, basis, c, F, factor, noise, increment=0):
+    spread = noise_covariance.spread(system, basis, c, F, factor)
+    return noise_covariance.covariance_of(system, spread, system.loads[increment], noise)
 
 
 @pytest.mark.parametrize("length", [1.0, 2.5, 6.0])
@@ -66,7 +73,7 @@ def test_predicted_residual_covariance_is_the_empirical_one():
     c = true_coefficients(basis)
     factor = noise_covariance.noise_factor(clean.points, noise)
     F = system.deformation_gradients[0]
-    predicted = noise_covariance.residual_covariance(system, basis, c, F, system.loads[0], factor, noise)
+    predicted = covariance_of(system, basis, c, F, factor, noise)
     residuals = []
     for seed in range(200):
         noisy = equations.Equilibrium(with_noise(clean, noise, seed), system.fields)
@@ -76,12 +83,69 @@ def test_predicted_residual_covariance_is_the_empirical_one():
     assert abs(variance.mean() - 1) < 0.05
 
 
-def test_loss_of_the_true_model_is_a_chi_square():
-    """Loss / equations at the true material: 1 within 5 standard errors over seeds."""
+@pytest.mark.slow
+def test_the_stated_deviation_of_the_stiffness_knows_what_increments_have_in_common():
+    """Pulls of one modulus over 40 seeds: 1 with the joint covariance, more with all noise taken for new in every increment."""
+    stated = Noise(0.005, 2.5, force_std_relative=1e-5, pattern_std=0.03, reference_std=0.02)
+    alone = Noise(stated.total_std, 2.5, force_std_relative=1e-5)
+    clean = plate_experiment(n_increments=4, n_theta=24, n_radial=4)
+    pulls = []
+    for seed in range(40):
+        noisy = with_noise(clean, stated, seed)
+        pulls.append([_pull(replace(noisy, noise=noise)) for noise in (stated, alone)])
+    joint, independent = np.sqrt(np.mean(np.square(pulls), axis=0))
+    assert joint == pytest.approx(1.0, abs=3 / np.sqrt(2 * 40))
+    assert independent > joint
+
+
+def _pull(experiment):
+    """Error of the best factor on the true coefficients, over its stated standard deviation."""
+    system = equations.equilibrium(experiment, SPACING)
+    basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = true_coefficients(basis)
+    quadratic = reduction.assemble(system, basis).quadratic(c)
+    return (quadratic.stiffness_factor(c) - 1) * np.sqrt(c @ quadratic.Q @ c)
+
+
+@pytest.mark.slow
+def test_covariance_between_increments_is_the_empirical_one():
+    """Pattern and reference: the products of residuals of two increments against the joint covariance."""
+    noise = Noise(5e-5, 2.5, force_std_relative=1e-4, pattern_std=2e-4, reference_std=1e-4)
+    clean = plate_experiment(n_increments=2, n_theta=24, n_radial=4)
+    system = equations.equilibrium(replace(clean, noise=noise), SPACING)
+    basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = true_coefficients(basis)
+    (predicted,) = reduction.assemble(system, basis).noise_covariances(c)
+    residuals = []
+    for seed in range(200):
+        noisy = equations.Equilibrium(with_noise(clean, noise, seed), system.fields)
+        residuals.append([noisy.matrix(basis, F) @ c for F in noisy.deformation_gradients] - noisy.loads)
+    every = np.reshape(residuals, (200, -1))
+    deviation = np.sqrt(np.diag(predicted))
+    correlation = (every - every.mean(axis=0)).T @ every / 199 / np.outer(deviation, deviation)
+    expected = predicted / np.outer(deviation, deviation)
+    assert 0.6 < np.median(np.diag(expected[: len(expected) // 2, len(expected) // 2 :])) < 0.95
+    assert np.abs(correlation - expected).max() < 6 * np.sqrt(2 / 200)
+    np.testing.assert_allclose(
+        reduction.assemble(system, basis).variances, 1 + 16 * system.experiment.deformation_shares**2 + 4
+    )
+    half = len(predicted) // 2
+    for own, block in zip(
+        reduction.assemble(system, basis).own_covariances(c),
+        (predicted[:half, :half], predicted[half:, half:]),
+        strict=True,
+    ):
+        np.testing.assert_allclose(own, block, atol=1e-12 * np.abs(block).max())
+
+
+@pytest.mark.parametrize("common", [0.0, 0.04])
+def test_loss_of_the_true_model_is_a_chi_square(common):
+    """Loss / equations at the true material: 1 within 5 standard errors over seeds; `common` (mm) of pattern and reference."""
     clean = plate_experiment(n_increments=2)
+    stated = replace(NOISE, pattern_std=common, reference_std=common)
     ratios = []
     for seed in range(6):
-        system = equations.equilibrium(with_noise(clean, NOISE, seed), SPACING)
+        system = equations.equilibrium(with_noise(clean, stated, seed), SPACING)
         basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
         quadratic = reduction.assemble(system, basis).quadratic(true_coefficients(basis))
         ratios.append(quadratic.loss(true_coefficients(basis)) / quadratic.n_rows)

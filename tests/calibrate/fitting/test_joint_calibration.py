@@ -35,7 +35,8 @@ def test_the_covariance_is_that_of_independent_sources(tests):
     factor = noise_covariance.noise_factor(system.experiment.points, NOISE)
     c = best_neo_hooke(system, basis)
     F, load = system.deformation_gradients[1], system.loads[1]
-    expected = noise_covariance.residual_covariance(system, basis, c, F, load, factor, NOISE)
+    spread = noise_covariance.spread(system, basis, c, F, factor)
+    expected = noise_covariance.covariance_of(system, spread, load, NOISE)
     found = residual_covariance(system, basis, c, 1, sp.csr_array(factor @ factor.T), NOISE)
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from calibrate import errors
-from calibrate.fitting.sobolev_fit import fit_supervised
+from calibrate.fitting.homogeneous.sobolev_fit import fit_supervised
 from calibrate.models.network_model import Model
 from studies.accuracy import metrics
 from studies.importers import homogeneous_curves

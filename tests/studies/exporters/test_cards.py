@@ -8,7 +8,7 @@ import pytest
 
 from calibrate.equations.deformation_modes import largest_stretch, stretches_to_gradient
 from forward.materials import ArrudaBoyce, MooneyRivlin, Yeoh
-from studies.exporters import marlow_card, targets
+from studies.exporters import marlow_card, mat181_card, targets
 from studies.exporters.material_law import law_of
 from studies.exporters.nearest_law import nearest
 
@@ -87,3 +87,18 @@ def test_calculix_pulls_a_cube_with_the_card(tmp_path, target):
     found = targets()[target].found(law)
     ours = found.law.stress(stretches_to_gradient("uniaxial", np.array([stretch])), found.parameters)[0, 0, 0]
     assert force == pytest.approx(ours, rel=2e-3), done.stdout[-500:]
+
+
+def test_a_mat181_table_holds_a_separable_law_and_states_what_it_makes_of_another():
+    """Mooney-Rivlin is separable in the principal stretches, a chain model is not (Kolling et al. 2007); biaxial tension is
+    uniaxial compression."""
+    law = law_of(MooneyRivlin(c10=0.1, c01=0.03), "mooney_rivlin")
+    assert max(mat181_card.mode_errors(law).values()) < 2e-3
+    chains = mat181_card.mode_errors(law_of(ArrudaBoyce(N=3.0), "arruda_boyce"))
+    assert max(chains["uniaxial"], chains["equibiaxial"]) < 2e-4 < chains["pure_shear"]
+    text = targets()["mat181"].export(law).text
+    strain, stress = np.array([row.split() for row in text.split("*DEFINE_CURVE")[1].splitlines()[3:-1]], float).T
+    x = 1 + strain
+    np.testing.assert_allclose(stress, 2 * (0.1 + 0.03 / x) * (x - x**-2), atol=1e-9)
+    assert x[0] == pytest.approx(law.largest_stretch("equibiaxial") ** -2) and 0 in strain
+    assert all(len(line) <= 80 for line in text.split("*MAT_")[1].splitlines())

@@ -62,6 +62,13 @@ def test_what_is_stated_of_the_noise_is_used_and_the_rest_estimated(tmp_path, st
     assert e.noise.force_std == pytest.approx(force_std, rel=0.1)
     assert e.noise.force_std_relative == relative
     assert e.provenance["noise"]["force"] == origin
+    assert not e.noise.is_common
+
+
+def test_what_is_stated_of_noise_common_to_all_pictures_is_kept(tmp_path):
+    stated = "displacement_std_mm = 0.001\npattern_std_mm = 0.003\nreference_std_mm = 0.002"
+    e = from_map(mapped(tmp_path, MAP.replace("displacement_std_mm = 0.001", stated)))
+    assert (e.noise.displacement_std, e.noise.pattern_std, e.noise.reference_std) == (0.001, 0.003, 0.002)
 
 
 def test_force_noise_stated_alone(tmp_path):
@@ -161,6 +168,7 @@ def test_force_per_frame(tmp_path):
         ('time = "t"\n', "", "give frames.rate_hz and force.time"),
         ("[noise]", "[noise", "not valid TOML"),
         ("displacement_std_mm", "correlation_length_mm", "belongs to noise.displacement_std_mm"),
+        ("displacement_std_mm = 0.001", "pattern_std_mm = 0.001", "state noise.displacement_std_mm too"),
         ("displacement_std_mm = 0.001", "force_std_N = -1.0", "noise.force_std_N = -1.0: .*greater than or equal to 0"),
         ("rate_hz = 2.0", "rate_hz = -2.0", "frames.rate_hz = -2.0: .*greater than 0"),
         ("rate_hz = 2.0", "rate_hz = nan", "frames.rate_hz = nan: "),

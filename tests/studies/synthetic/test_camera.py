@@ -94,6 +94,21 @@ def test_empirical_covariance_of_the_nodal_noise():
     assert stats.kurtosis(samples.ravel()) == pytest.approx(0, abs=0.1)
 
 
+def test_what_increments_have_in_common():
+    """The covariance between increments of the recorded displacements is the stated one; each field has its own random numbers."""
+    device = camera.Camera(camera.GaussianField(LENGTH, 512), 1e-4, pattern_noise=4e-4, reference_noise=2e-4)
+    shares, points = np.array([0.2, 0.6, 1.0]), np.random.default_rng(0).uniform(-90, 90, (500, 2))
+    seen = [device.displacement_noise(points, 3, s) + device.common_noise(points, shares, s) for s in range(20)]
+    found = np.einsum("sank,sbnk->ab", seen, seen) / np.size(seen) * 3
+    stated = device.noise()
+    expected = stated.displacement_std**2 * stated.between_increments(shares)
+    deviation = np.sqrt(np.diag(expected))
+    assert (stated.pattern_std, stated.reference_std) == pytest.approx((0.08, 0.04))
+    np.testing.assert_allclose(
+        found / np.outer(deviation, deviation), expected / np.outer(deviation, deviation), atol=0.06
+    )
+
+
 def test_grid_has_2048_points_a_side_and_encloses_the_specimen():
     field = camera.GaussianField()
     origin, side = field.grid(mesh().points)

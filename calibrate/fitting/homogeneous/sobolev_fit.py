@@ -38,12 +38,14 @@ RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class SupervisedFit:
-    """model, its loss, the losses (n,) of all starts, and why the best one stopped."""
+    """model, its loss, the losses (n,) of all starts, and why the best one stopped. effective_parameters: trace of the projection of the
+    stresses on what the parameters change, damped by the ridge."""
 
     model: Model
     loss: float
     losses: Array
     reason: Stop
+    effective_parameters: float
 
 
 def check_curves(curves: Curves) -> None:
@@ -148,7 +150,11 @@ def fit_supervised(
         {"loss": float(losses[best]), "kind": "supervised", "seed": seed, "starts": n_starts},
         {"modes": sorted(curves)},
     )
-    return SupervisedFit(model, float(losses[best]), losses, found.reasons[best])
+    residual = _StressResidual(unit, ridge)
+    J = np.asarray(jax.jacobian(lambda theta: residual(theta, data))(jnp.asarray(found.parameters[best])))[: len(F)]
+    squares = np.linalg.svd(J, compute_uv=False) ** 2
+    effective = float((squares / (squares + ridge)).sum())
+    return SupervisedFit(model, float(losses[best]), losses, found.reasons[best], effective)
 
 
 def _embedded(single: Model, architecture: pann.Architecture) -> Array:

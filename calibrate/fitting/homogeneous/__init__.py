@@ -1,0 +1,1 @@
+"""Fits to stress-stretch curves of homogeneous tests."""

@@ -1,0 +1,69 @@
+"""Additions that no effect of the diagnosis has the formula of: damage by the energy, and fibres that are not all parallel.
+
+A diagnosis that meets them meets a law that it cannot follow exactly, beside its own softening and fibres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from forward._dolfinx import ufl
+from forward.errors import MaterialError
+from forward.sheet.additions import Addition
+
+
+@dataclass(frozen=True)
+class DispersedFibres(Addition):
+    """psi + k1 / (2 k2) sum (exp(k2 <E>^2) - 1), E = kappa (I1 - 3) + (1 - 3 kappa) (I4 - 1), <E> = max(E, 0), of families at `angles`
+    (rad) to x; k1 in MPa (Gasser, Ogden and Holzapfel 2006).
+
+    kappa: dispersion, 0: all in one direction, 1/3: isotropic.
+    """
+
+    k1: float
+    k2: float
+    kappa: float
+    angles: tuple[float, ...]
+    name: ClassVar[str] = "dispersed fibres"
+    positive: ClassVar[tuple[str, ...]] = ("k2",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.kappa <= 1 / 3:
+            raise MaterialError(f"{self.name}: kappa = {self.kappa}; give a number from 0 to 1/3")
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        return (self.k1, self.k2, self.kappa, *self.angles)
+
+    def energy(self, I1, I2, C, p):
+        families = []
+        for i in range(len(self.angles)):
+            M = ufl.as_vector([ufl.cos(p[3 + i]), ufl.sin(p[3 + i])])
+            E = p[2] * (I1 - 3) + (1 - 3 * p[2]) * (ufl.dot(M, C * M) - 1)
+            families.append(ufl.exp(p[1] * ufl.max_value(E, 0.0) ** 2) - 1)
+        return p[0] / (2 * p[1]) * sum(families)
+
+
+@dataclass(frozen=True)
+class OgdenRoxburgh(Addition):
+    """P (1 - erf((W_max - W) / (m + beta W_max)) / r): damage by the energy W of the whole law (Ogden and Roxburgh 1999; beta: Mars 2004).
+
+    r >= 1; m in MPa, beta >= 0, not both 0.
+    """
+
+    r: float
+    m: float
+    beta: float = 0.0
+    name: ClassVar[str] = "Ogden-Roxburgh"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.r < 1 or min(self.m, self.beta) < 0 or self.m + self.beta == 0:
+            raise MaterialError(f"{self.name}: r = {self.r}, m = {self.m} MPa, beta = {self.beta}; give r >= 1 and "
+                                "m, beta >= 0, not both 0")  # fmt: skip
+
+    def factor_of_energy(self, W, largest, p):
+        scale = ufl.max_value(p[1] + p[2] * largest, 1e-12)
+        return 1 - ufl.erf((largest - W) / scale) / p[0]

@@ -1,0 +1,110 @@
+r"""Finite viscoelasticity with a multiplicative split F = Fe Fi (Reese and Govindjee 1998): a step at many points at once, in plane stress.
+
+A branch is neo-Hookean and incompressible, and so is its flow: with :math:`b = F A F^T, A = C_i^{-1}, \det b = 1`,
+
+.. math:: \tau = \mu \operatorname{dev} b, \qquad -\tfrac12 (L_v b) b^{-1} = \tau / (2 \eta), \qquad \eta = \mu t_r .
+
+Over a step dt the exponential map keeps the principal axes of the trial state :math:`b_{tr} = F A_n F^T`, and the principal
+logarithmic strains :math:`\epsilon_k`, whose sum is zero, follow from
+
+.. math:: \epsilon_k + \frac{dt}{2 t_r} \Big(e^{2 \epsilon_k} - \tfrac13 \sum_m e^{2 \epsilon_m}\Big) = \epsilon_k^{tr},
+
+the minimum of a strictly convex function, by Newton's method. The map is of first order in dt. P33 = 0 of the whole law leaves
+:math:`\mu (b - b_{33} 1)` of a branch in the plane.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forward.errors import MaterialError
+
+Array = NDArray[np.float64]
+ITERATIONS, TOLERANCE = 60, 1e-14
+EQUAL = 1e-5  # relative difference of two eigenvalues below which their limit is taken: both errors are then 1e-10
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A spring of shear modulus mu, MPa, in series with a dashpot; tau: its relaxation time at small strain, s. Raises `MaterialError`."""
+
+    mu: float
+    tau: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.mu) and math.isfinite(self.tau) and self.mu >= 0 and self.tau > 0):
+            raise MaterialError(
+                f"viscous branch: mu = {self.mu} MPa, tau = {self.tau} s; give finite numbers, mu >= 0, tau > 0"
+            )
+
+
+@dataclass(frozen=True)
+class BranchStep:
+    """End of a step: first Piola-Kirchhoff stress P (..., 2, 2), MPa, dP/dF (..., 2, 2, 2, 2), and the in-plane A (..., 2, 2)."""
+
+    stress: Array
+    tangent: Array
+    past: Array
+
+
+def step(branch: Branch, F: Array, past: Array, duration: float) -> BranchStep:
+    """From `past`, the in-plane A (..., 2, 2) before the step, to F (..., 2, 2), in `duration`, s.
+
+    Where F is not finite or no strains are found the stress is NaN, so that the step fails.
+    """
+    finite = np.isfinite(F).all(axis=(-2, -1)) & (np.linalg.det(np.nan_to_num(F)) != 0)
+    F = np.where(finite[..., None, None], F, np.eye(2))
+    trial = F @ past @ np.swapaxes(F, -1, -2)
+    squares, axes = np.linalg.eigh(trial)
+    strains, slopes, found = _flow(np.log(squares) / 2, duration / (2 * branch.tau))
+    e, e3 = np.exp(2 * strains), np.exp(-2 * strains.sum(axis=-1))[..., None]
+    kirchhoff = branch.mu * (e - e3)
+    stiffness = 2 * branch.mu * (_diagonal(e) + e3[..., None]) @ slopes / (2 * squares[..., None, :])
+    inverse = np.linalg.inv(F)
+    tau = _tensor(kirchhoff, axes)
+    stress = tau @ np.swapaxes(inverse, -1, -2)
+    change = _derivative_by_trial(kirchhoff, stiffness, squares, axes)
+    tangent = 2 * np.einsum("...ikmq,...qn,...jk->...ijmn", change, F @ past, inverse)
+    tangent -= np.einsum("...ik,...jm,...nk->...ijmn", tau, inverse, inverse)
+    stress[~(finite & found)] = np.nan
+    return BranchStep(stress, tangent, inverse @ _tensor(e, axes) @ np.swapaxes(inverse, -1, -2))
+
+
+def _flow(trial: Array, c: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """In-plane strains (..., 2) from those of the trial state, their derivatives (..., 2, 2) by them, and whether they were found."""
+    strains = trial.copy()
+    change = np.full_like(trial, np.inf)
+    for _ in range(ITERATIONS):
+        e, e3 = np.exp(2 * strains), np.exp(-2 * strains.sum(axis=-1))[..., None]
+        off = strains + c * (e - (e.sum(axis=-1, keepdims=True) + e3) / 3) - trial
+        jacobian = np.eye(2) + 2 * c * (_diagonal(e) - ((e - e3) / 3)[..., None, :])
+        slopes = np.linalg.inv(jacobian)
+        if np.abs(change).max(initial=0.0) <= TOLERANCE:
+            break
+        change = -(slopes @ off[..., None])[..., 0]
+        strains = strains + change
+    return strains, slopes, np.abs(change).max(axis=-1) <= 100 * TOLERANCE
+
+
+def _derivative_by_trial(values: Array, stiffness: Array, squares: Array, axes: Array) -> Array:
+    """d tau_ij / d b_kl (..., 2, 2, 2, 2) of an isotropic function: values (..., 2), their derivatives (..., 2, 2) by squares (..., 2)."""
+    gap = squares[..., 1] - squares[..., 0]
+    equal = gap <= EQUAL * squares[..., 1]
+    limit = (stiffness[..., 0, 0] - stiffness[..., 0, 1] + stiffness[..., 1, 1] - stiffness[..., 1, 0]) / 2
+    turn = np.where(equal, limit, (values[..., 1] - values[..., 0]) / np.where(equal, 1.0, gap))
+    along = np.einsum("...ab,...ia,...ja,...kb,...lb->...ijkl", stiffness, axes, axes, axes, axes)
+    mixed = np.einsum("...i,...j->...ij", axes[..., 0], axes[..., 1])
+    mixed = (mixed + np.swapaxes(mixed, -1, -2)) / 2
+    return along + 2 * np.einsum("...,...ij,...kl->...ijkl", turn, mixed, mixed)
+
+
+def _diagonal(values: Array) -> Array:
+    return values[..., None] * np.eye(2)
+
+
+def _tensor(values: Array, axes: Array) -> Array:
+    return (axes * values[..., None, :]) @ np.swapaxes(axes, -1, -2)

@@ -1,0 +1,55 @@
+"""Viscous branches at the Gauss points of a sheet: stress and tangent as fields that forms can use, and the state that they keep.
+
+The law of a point is `multiplicative_viscosity`. F of a sheet and a duration in; P of all branches, MPa, and dP/dF out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forward._dolfinx import ufl
+from forward.sheet.multiplicative_viscosity import Branch, step
+from forward.sheet.quadrature_fields import (
+    evaluate,
+    get_values,
+    quadrature_expression,
+    quadrature_function,
+    set_values,
+)
+
+Array = NDArray[np.float64]
+
+
+class OverstressFields:
+    """Branches of a sheet with the deformation gradient F (2, 2) in UFL; `new_variable` makes a state variable (name, shape, start)."""
+
+    def __init__(self, branches: Sequence[Branch], F: Any, domain: Any, new_variable: Callable[..., Any]) -> None:
+        self.branches, self.domain, self.duration = branches, domain, 0.0
+        self._F = quadrature_expression(F)
+        self._past = [new_variable(f"branch_{i}", (2, 2), np.eye(2)) for i in range(len(branches))]
+        self.stress = quadrature_function(domain, (2, 2))
+        self._tangent = quadrature_function(domain, (4, 4))
+
+    def change(self, slope: Any) -> Any:
+        """Change (2, 2) of the stress in UFL with that of F, `slope` (2, 2)."""
+        flat = ufl.as_vector([slope[i, j] for i in range(2) for j in range(2)])
+        found = ufl.dot(self._tangent, flat)
+        return ufl.as_matrix([[found[0], found[1]], [found[2], found[3]]])
+
+    def update(self) -> list[Array]:
+        """Stress and tangent at the present F; the states (cells, 9, 2, 2) of the branches that would be committed."""
+        values = evaluate(self._F, self.domain)
+        F = values.reshape(*values.shape[:2], 2, 2)
+        ends = [step(b, F, get_values(p), self.duration) for b, p in zip(self.branches, self._past, strict=True)]
+        set_values(self.stress, np.sum([end.stress for end in ends], axis=0))
+        set_values(self._tangent, np.sum([end.tangent for end in ends], axis=0).reshape(*F.shape[:2], 4, 4))
+        return [end.past for end in ends]
+
+    def commit(self) -> None:
+        """Take the present state as the past of the next step."""
+        for variable, state in zip(self._past, self.update(), strict=True):
+            set_values(variable, state)

@@ -1,0 +1,84 @@
+"""Stress-stretch curves of homogeneous tests from a text table: a column that names the mode, one of stretch or strain, one of stress.
+
+In: a path such as ``curves.csv`` with ``mode,stretch,stress_MPa``. Out: {mode: (stretch (k,), nominal stress (k,) MPa)}, sorted by stretch.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import errors
+from calibrate.fitting.homogeneous.sobolev_fit import Curves, check_curves
+from studies.importers.exports.text_files import TextFile, plain, text_file
+from studies.importers.text_tables import read_table, read_words
+
+Array = NDArray[np.float64]
+MODES = {
+    "uniaxial": ("uniaxial", "ut", "tension", "uniaxial tension", "simple tension"),
+    "equibiaxial": ("equibiaxial", "equi biaxial", "et", "eb", "biaxial", "equibiaxial tension"),
+    "pure_shear": ("pure shear", "ps", "planar", "planar tension"),
+}
+STRESS_UNITS = {"MPa": 1.0, "kPa": 1e-3, "Pa": 1e-6, "N/mm2": 1.0, "N/mm^2": 1.0, "psi": 6.894757293168e-3}
+SUFFIX = re.compile(r"[_ ](MPa|kPa|Pa|psi)$", re.IGNORECASE)
+NEEDED = "columns mode, stretch (or strain), stress_MPa; mode is uniaxial, equibiaxial or pure_shear"
+
+
+def read_curves(path: str | Path) -> Curves:
+    """Raises `DataNotFoundError`, `FileFormatError` with file and row, `UnitsError`, and what `check_curves` raises."""
+    path = Path(path)
+    if not path.is_file():
+        raise errors.DataNotFoundError(f"{path}: no such file; give a table with {NEEDED}")
+    file = text_file(path)
+    if file is None or file.is_matrix:
+        raise errors.FileFormatError(f"{path}: no table with a header; {NEEDED}")
+    mode, stretch, stress = (_column(file, *names) for names in (("mode", "test"), ("stretch", "strain"), ("stress",)))
+    table = read_table(path, [stretch, stress], file.layout)
+    modes = [_mode(path, row, word) for row, word in enumerate(read_words(path, mode, file.layout), 1)]
+    x = table[stretch] * (0.01 if file.unit(stretch) == "%" else 1.0)
+    x = x + 1 if "strain" in stretch.casefold() else x
+    P = table[stress] * _unit(path, file, stress)
+    bad = np.flatnonzero(~(np.isfinite(x) & np.isfinite(P)))
+    if bad.size:
+        raise errors.FileFormatError(
+            f"{path}, row {bad[0] + 1} below the header: no number in '{stretch}' or '{stress}'"
+        )
+    curves = {}
+    for name in dict.fromkeys(modes):
+        own = np.array([one == name for one in modes])
+        order = np.argsort(x[own], kind="stable")
+        curves[name] = (x[own][order], P[own][order])
+    check_curves(curves)
+    return curves
+
+
+def _column(file: TextFile, *wanted: str) -> str:
+    found = [name for name in file.names if any(w in SUFFIX.sub("", plain(name)).casefold() for w in wanted)]
+    if len(found) != 1:
+        several = f"several columns of {wanted[0]}: {', '.join(found)}" if found else f"no column of {wanted[0]}"
+        raise errors.FileFormatError(f"{file.path}: {several} (columns: {', '.join(file.names)}); {NEEDED}")
+    return found[0]
+
+
+def _mode(path: Path, row: int, word: str) -> str:
+    spelled = word.casefold().replace("_", " ").replace("-", " ").strip()
+    for mode, names in MODES.items():
+        if spelled in names:
+            return mode
+    raise errors.FileFormatError(
+        f"{path}, row {row} below the header: mode '{word}' is none of {', '.join(MODES)}; other tests need a full field"
+    )
+
+
+def _unit(path: Path, file: TextFile, column: str) -> float:
+    suffix = SUFFIX.search(column)
+    unit = file.unit(column) or (suffix.group(1) if suffix else None)
+    known = {name.casefold(): size for name, size in STRESS_UNITS.items()}
+    if unit is None or unit.casefold() not in known:
+        raise errors.UnitsError(
+            f"{path}: unit of '{column}' is {unit or 'not stated'}; name the column stress_MPa, stress_kPa, stress_Pa or stress_psi"
+        )
+    return known[unit.casefold()]
