@@ -14,6 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.effects import CATALOGUE, Effect
 from studies.trials.judgement import JudgedTrial, read
 from studies.trials.trial_summary import FIELD, summary
@@ -107,8 +108,17 @@ def catalogue() -> dict[str, Any]:
     return {
         "command": "python docs/derive_numbers.py, from the classes of calibrate.effects",
         "numbers": {"effects": len(CATALOGUE)},
-        "tables": {"effects": rows},
+        "tables": {"effects": rows, "priors": priors()},
     }
+
+
+def priors() -> list[list[str]]:
+    """What is believed of every effect before a test, from `priors.toml`."""
+    table = [["effect", "standard deviation", "why"]]
+    for name, prior in read_priors().items():
+        size = f"{prior.std:g} of the {prior.of}" if prior.of.isalpha() else f"{prior.std:g} {prior.of}".strip()
+        table.append([name, size, prior.why])
+    return table
 
 
 def parameters(effect: Effect) -> str:

@@ -18,6 +18,8 @@ from cyclopts import Parameter
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import distillation, selection
 from calibrate.diagnosis.distillation import bulk_modulus
+from calibrate.diagnosis.evidence.priors import read_priors
+from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.diagnosis.problem import level_factor
 from calibrate.diagnosis.selection import Discovery
@@ -60,6 +62,8 @@ class Diagnosis:
     """of the virtual fields, mm (default: from the noise)"""
     without: Repeated = ()
     """leave a candidate out (may be repeated)"""
+    priors: Path | None = None
+    """standard deviations of amplitudes before the test, TOML (default: those of docs/discover.md)"""
     seed: Seed = 0
     """of the simulated search"""
 
@@ -105,17 +109,19 @@ def discover(
     if not experiments:
         raise OptionError("EXPERIMENT.npz: give at least one test; see `equigap discover --help`")
     rule, files = hold_outs(diagnosis.hold_out, diagnosis.seed)
-    effects = candidates(diagnosis.without)
+    effects, priors = candidates(diagnosis.without), read_priors(diagnosis.priors)
     trained, held, remarks = read(experiments, files, rule)
     settings = {**asdict(diagnosis), "quick": quick, "hold_out": list(diagnosis.hold_out) or ["(default)"]}
-    manifest = Manifest(diagnosis.seed, settings, [*experiments, *files], started)
+    settings["priors"] = "(default)" if diagnosis.priors is None else str(diagnosis.priors)
+    manifest = Manifest(diagnosis.seed, settings, [*experiments, *files, *filter(None, [diagnosis.priors])], started)
     key = {"command": "discover", **settings, "experiments": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output or default_folder("discover", quick), overwrite, key)
     with released_if_refused(folder), Stages() as say:
         found = selection.discover(
             trained, rule, held, effects, diagnosis.spacing, diagnosis.base, not quick, diagnosis.seed, say
         )
-        view = View(found, held_out_words(rule, trained, held), remarks, quick)
+        weighing = weigh(found, priors, effects, not quick, say)
+        view = View(found, held_out_words(rule, trained, held), remarks, quick, weighing)
         say("network of the base")
         model = replace(extended(found, view.hold_out, manifest.to_dict()), fitness=discovery_headline(view).fitness)
         say("writing the report")

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import islice
+from itertools import islice, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +81,7 @@ class Evidence:
     @cached_property
     def _slices(self) -> list[NDArray[np.int64]]:
         ends = np.cumsum([0, *(s.columns.shape[1] for s in self.signatures)])
-        return [np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [np.arange(a, b) for a, b in pairwise(ends)]
 
     @cached_property
     def _smooth(self) -> NDArray[np.int64]:

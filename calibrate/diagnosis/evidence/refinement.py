@@ -35,18 +35,15 @@ START = 0.5  # share of the linear estimate that a fit starts from where the who
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Effects that together may explain a test. discrepancy: with something smooth that is in no catalogue beside them."""
+    """Effects that together may explain a test. discrepancy: with something smooth that is in no catalogue beside them. additions, errors:
+    as they were fitted, none where they were not."""
 
-    additions: Additions
+    names: tuple[str, ...]
     log_evidence: float
     discrepancy: bool = False
     probability: float = 0.0
+    additions: Additions = ()
     errors: tuple[tuple[float, ...], ...] = ()
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the effects."""
-        return tuple(a.effect.name for a in self.additions)
 
 
 @dataclass(frozen=True)
@@ -54,6 +51,13 @@ class Alternatives:
     """Explanations, the most probable first."""
 
     explanations: tuple[Explanation, ...]
+
+    @classmethod
+    def of(cls, found: Sequence[Explanation]) -> Alternatives:
+        """With probabilities from log evidence."""
+        weights = special.softmax([one.log_evidence for one in found])
+        whole = [replace(one, probability=float(w)) for one, w in zip(found, weights, strict=True)]
+        return cls(tuple(sorted(whole, key=lambda one: -one.log_evidence)))
 
     @property
     def inclusion(self) -> dict[str, float]:
@@ -103,13 +107,11 @@ def alternatives(
     noise = max(1.0, min(one.fit.reduced_chi_square for one in refits))
     found = []
     for one in refits:
-        additions, deviations = one.fit.additions, one.fit.errors
-        found.append(Explanation(additions, one.log_evidence(noise), errors=deviations))
+        additions, deviations, names = one.fit.additions, one.fit.errors, tuple(sorted(one.fit.names))
+        found.append(Explanation(names, one.log_evidence(noise), False, 0.0, additions, deviations))
         more = one.with_discrepancy(noise) + linear.log_odds
-        found.append(Explanation(additions, more, discrepancy=True, errors=deviations))
-    weights = special.softmax([one.log_evidence for one in found])
-    whole = [replace(one, probability=float(w)) for one, w in zip(found, weights, strict=True)]
-    return Alternatives(tuple(sorted(whole, key=lambda one: -one.log_evidence)))
+        found.append(Explanation(names, more, True, 0.0, additions, deviations))
+    return Alternatives.of(found)
 
 
 def _additions(
@@ -154,9 +156,7 @@ def _toward_null(one: Addition) -> Addition:
     return replace(one, amplitudes=tuple(n + START * (a - n) for a, n in zip(one.amplitudes, null, strict=True)))
 
 
-def _measured(
-    problem: Problem, fit: Fit, shares: Mapping[str, float], log_odds: float, priors: Priors
-) -> _Refit:
+def _measured(problem: Problem, fit: Fit, shares: Mapping[str, float], log_odds: float, priors: Priors) -> _Refit:
     """What the evidence of a fit is made of."""
     G = orthonormal(equations.base_columns(problem, fit.chains))
     S = [_signature(problem, fit, i) for i in range(len(fit.additions))]

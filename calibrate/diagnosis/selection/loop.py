@@ -66,7 +66,7 @@ def discover(
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
     problem, state = prepare([e for e, _ in checked], train, spacing, base=base)
     found = close_loop(problem, state, effects, whole_table, seed, say, thresholds)
-    return replace(found, noise=tuple(check for _, check in checked))
+    return replace(found, noise=tuple(check for _, check in checked), start=problem)
 
 
 def close_loop(

@@ -158,7 +158,7 @@ class Discovery:
 
     named: effects that the residual confirms; closest: those added that it does not. groups: for each added effect, the effects
     that these data cannot tell from it. confirmation: of the final model against the base, where it has effects. noise: of every
-    experiment, stated and found; empty where it was not looked at.
+    experiment, stated and found; empty where it was not looked at. start: with the weights of the base.
     """
 
     problem: Problem = field(repr=False)
@@ -170,6 +170,7 @@ class Discovery:
     thresholds: Thresholds = DEFAULT
     confirmation: Confirmation | None = None
     noise: tuple[NoiseCheck, ...] = ()
+    start: Problem | None = field(default=None, repr=False)
 
     @property
     def base(self) -> Fit:

@@ -23,6 +23,7 @@ from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.addition_json import amplitude_unit
 from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
 from studies.reports.discovery.view import BAND, View, held_increments
+from studies.reports.discovery.weighing_tables import weighing_record
 
 MISFITS = ("all", "no discretisation error", "slow")  # names of the tests of `Fit.misfits` in discovery.json
 
@@ -252,4 +253,5 @@ def content(view: View) -> dict[str, Any]:
         "confirmation": None if found.confirmation is None else found.confirmation.to_dict(),
         "experiments": [ExperimentRecord.of(part).to_dict() for part in found.problem.parts],
         "rounds": [round_record(now, view) for now in found.rounds],
+        "evidence": weighing_record(view.weighing),
     }

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.fitness import Use
 from calibrate.models.network_model import Model
 from studies.output import write_csv, write_figure, write_json, write_npz
 from studies.output.report import Report
@@ -19,6 +20,7 @@ from studies.reports.discovery.records import ExperimentRecord, content, model_n
 from studies.reports.discovery.statement import remarks, untestable, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
+from studies.reports.discovery.weighing_tables import alternatives_table, power_table
 
 MOST_TESTS = 4  # that get pictures
 QUICK_FIGURES = ("residual_map", "forces", "scores")
@@ -55,6 +57,10 @@ def _results(report: Report, folder: Path, view: View) -> None:
     report.heading("Models").table(*model_table(view), WORDS.model_caption())
     if view.discovery.problem.noise_is_known:
         report.heading("Residual against noise").table(*misfit_table(view), WORDS.misfit_caption())
+    if view.weighing is not None and discovery_headline(view).verdict is not Use.NOT:
+        report.heading("All explanations").table(*alternatives_table(view.weighing), WORDS.alternatives_caption())
+        report.heading("What this test shows of every effect")
+        report.table(*power_table(view.weighing, view.unit), WORDS.power_caption())
     report.heading("Residuals in place and time")
     for path, figure, caption in pictures(folder, view):
         write_figure(path, figure, dpi=140)

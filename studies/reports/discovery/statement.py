@@ -16,6 +16,7 @@ from studies.reports.discovery.candidate_outcome import WORDS, outcome_words, ro
 from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
 from studies.reports.discovery.records import shape_records
 from studies.reports.discovery.view import BAND, View
+from studies.reports.discovery.weighing_tables import alternatives_words, power_words
 from studies.reports.experiments.experiment_findings import experiment_findings
 
 ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
@@ -200,6 +201,8 @@ def remarks(view: View) -> list[str]:
     result += [*view.remarks, *_of_noise(view), _of_hold_out(view)]
     for i, now in enumerate(found.rounds if use.verdict is not Use.NOT else (), start=1):
         result += [WORDS.round_remark(number=i, remark=text) for text in round_remarks(now)]
+    if view.weighing is not None and use.verdict is not Use.NOT:
+        result += [alternatives_words(view.weighing), power_words(view.weighing)]
     if view.unit != "MPa":
         result.append(WORDS.no_thickness())
     factor = discovery_quality(view).attenuation

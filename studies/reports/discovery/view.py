@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence.weighing import Weighing
 from calibrate.diagnosis.problem import Part, level_factor
 from calibrate.diagnosis.selection import Discovery
 
@@ -22,12 +23,14 @@ BAND = 1.96  # standard deviations of half a 95 % interval
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A discovery, what was held out in words, and remarks on the input. quick: fewer pictures."""
+    """A discovery, what was held out in words, and remarks on the input. quick: fewer pictures. weighing: of all
+    explanations; None where it was not made."""
 
     discovery: Discovery
     hold_out: str
     remarks: tuple[str, ...] = ()
     quick: bool = False
+    weighing: Weighing | None = None
 
     @property
     def unit(self) -> str:

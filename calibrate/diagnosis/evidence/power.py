@@ -1,0 +1,83 @@
+"""What a test shows of every effect: found, excluded above an amplitude, or invisible in it.
+
+In: the last round of a diagnosis, priors. Out: `Power` of every effect. The limit of an effect that is not in the model is the upper 95 %
+bound of its amplitude beside the final model: one-sided where it cannot be below null (in the manner of upper limits in counting
+experiments; Cowan 2011), of the largest where it has several. It is invisible where that bound is wider than the prior: the
+test then says no more than was believed before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy import stats
+
+from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.evidence.signatures import prior_deviations
+from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.score_tests import Status
+from calibrate.diagnosis.selection.rounds import Candidate, Round
+from calibrate.effects import Effect
+from calibrate.effects.effect import Parameter
+
+CONFIDENCE = 0.95
+
+
+class Finding(StrEnum):
+    """What a test shows of an effect; open: significant, but not in the model."""
+
+    FOUND = "found"
+    OPEN = "significant, not in the model"
+    EXCLUDED = "excluded above"
+    INVISIBLE = "invisible in this test"
+    MEASURED = "measured otherwise"
+
+
+@dataclass(frozen=True)
+class Power:
+    """limit: largest amplitude, by its distance from null, that these data allow; prior: its standard deviation before; both in the unit of
+    `parameter`, None where nothing can be said. missing: what the data lack."""
+
+    effect: Effect
+    finding: Finding
+    parameter: Parameter
+    limit: float | None = None
+    prior: float | None = None
+    missing: tuple[str, ...] = ()
+
+    @property
+    def needed(self) -> str:
+        """What would show it."""
+        return ", ".join(self.missing) or self.effect.decided_by
+
+
+def powers(problem: Problem, last: Round, significance: float, priors: Priors) -> tuple[Power, ...]:
+    """Of the effects of the final model, then of every candidate of its round."""
+    found = tuple(Power(a.effect, Finding.FOUND, a.effect.amplitudes[0]) for a in last.fit.additions)
+    return (*found, *(_of_candidate(problem, one, significance, priors) for one in last.candidates))
+
+
+def _of_candidate(problem: Problem, one: Candidate, significance: float, priors: Priors) -> Power:
+    score, effect = one.score, one.score.effect
+    if score.status is Status.EXCLUDED:
+        return Power(effect, Finding.MEASURED, effect.amplitudes[0])
+    prior = prior_deviations(problem, effect, priors)
+    if not score.is_tested:
+        return Power(effect, Finding.INVISIBLE, effect.amplitudes[0], None, float(prior[0]), score.missing)
+    limits = [
+        upper_limit(value - p.null, deviation, p.lower == p.null)
+        for value, deviation, p in zip(score.amplitudes, score.errors, effect.amplitudes, strict=True)
+    ]
+    worst = int(np.argmax(np.array(limits) / prior))
+    seen = score.adjusted < significance and score.admissible
+    finding = Finding.OPEN if seen else Finding.EXCLUDED if limits[worst] <= prior[worst] else Finding.INVISIBLE
+    return Power(effect, finding, effect.amplitudes[worst], limits[worst], float(prior[worst]))
+
+
+def upper_limit(estimate: float, deviation: float, one_sided: bool) -> float:
+    """Largest distance from null at 95 %. One-sided: an estimate below null counts as null."""
+    if one_sided:
+        return float(max(estimate, 0.0) + stats.norm.ppf(CONFIDENCE) * deviation)
+    return float(abs(estimate) + stats.norm.ppf(0.5 + 0.5 * CONFIDENCE) * deviation)

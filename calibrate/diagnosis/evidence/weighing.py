@@ -1,0 +1,154 @@
+"""All explanations of a test weighed against each other, and what it shows of every effect.
+
+In: a `Discovery`. Out: `Weighing`: alternatives with probabilities and the power of the test. The subsets of effects are ranked by
+`linear_evidence` at the base; those that no smaller one explains as well are fitted without linearisation (`refinement`); a larger one differs
+from the smaller within it as in the linear evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence import signatures
+from calibrate.diagnosis.evidence.linear_evidence import Evidence, Subset
+from calibrate.diagnosis.evidence.power import Power, powers
+from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.evidence.refinement import Alternatives, Explanation, alternatives
+from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.selection import candidate_fit
+from calibrate.diagnosis.selection.rounds import Discovery, Round
+from calibrate.effects import CATALOGUE, Effect
+from calibrate.effects.effect import distinct
+
+Array = NDArray[np.float64]
+Say = Callable[[str], None]
+SHAPED, FITTED, SHOWN = (
+    4,
+    4,
+    200,
+)  # effects whose shape is refined, subsets that are fitted, sets of names that are weighed
+NEAR, STRONG = 12.0, 0.1  # log evidence behind the best, absolute and relative, within which a subset is fitted
+SPANNED = 0.98  # R^2 of a signature on up to two others
+
+
+@dataclass(frozen=True, eq=False)
+class Weighing:
+    """alternatives; groups: effects that lie in the span of up to two others, by their names; powers: of every effect. fitted: whether the
+    alternatives were fitted, or are linear in their amplitudes."""
+
+    alternatives: Alternatives
+    groups: dict[str, tuple[str, ...]]
+    powers: tuple[Power, ...]
+    fitted: bool
+
+
+def weigh(
+    found: Discovery,
+    priors: Priors,
+    effects: Sequence[Effect] = CATALOGUE,
+    fitted: bool = True,
+    say: Say = lambda text: None,
+) -> Weighing:
+    """Of a finished diagnosis. fitted: without linearisation, a fit for each of the best subsets."""
+    assert found.start is not None
+    say("evidence of all explanations")
+    problem, first, effects = found.start, found.rounds[0], distinct(effects)
+    linear = signatures.evidence(problem, first.fit, effects, priors, _shapes(problem, first))
+    ranked = linear.by_names(linear.best(), SHOWN)
+    result = _linear(linear, ranked)
+    if fitted and found.final.names:
+        say("fits of the best explanations")
+        result = _fitted(problem, first.fit, effects, linear, ranked, priors, frozenset(found.final.names))
+    shown = powers(found.problem, found.rounds[-1], found.thresholds.significance, priors)
+    return Weighing(result, _groups(linear, ranked[0]), shown, fitted and bool(found.final.names))
+
+
+def _shapes(problem: Problem, first: Round) -> dict[str, tuple[float, ...]]:
+    """Refined shapes of the best significant effects that have one."""
+    model = candidate_fit.Model(problem, first.fit)
+    scores = [c.score for c in first.candidates if c.score.is_tested and c.score.shape and c.score.effect.shapes_vary]
+    best = [s for s in scores if s.adjusted < 0.05][:SHAPED]
+    return {s.effect.name: candidate_fit.at_best_shape(model, s).shape for s in best}
+
+
+def _explanation(linear: Evidence, one: Subset, log_evidence: float) -> Explanation:
+    return Explanation(tuple(sorted(linear.names(one))), log_evidence)
+
+
+def _linear(linear: Evidence, ranked: Sequence[Subset]) -> Alternatives:
+    """Every subset as it is, and something else alone."""
+    found = [_explanation(linear, one, one.log_evidence) for one in ranked]
+    return Alternatives.of([*found, Explanation((), linear.discrepancy(), discrepancy=True)])
+
+
+def _fitted(
+    problem: Problem,
+    base: Fit,
+    effects: Sequence[Effect],
+    linear: Evidence,
+    ranked: Sequence[Subset],
+    priors: Priors,
+    final: frozenset[str],
+) -> Alternatives:
+    """Minimal subsets fitted, larger ones beside them."""
+    minimal = _minimal(linear, ranked)
+    limit = ranked[0].log_evidence - max(NEAR, STRONG * abs(ranked[0].log_evidence))
+    chosen = [one for one in minimal if one.log_evidence > limit][:FITTED]
+    names = {linear.names(one) for one in chosen}
+    chosen += [one for one in ranked if linear.names(one) == final and final not in names]
+    fits = alternatives(problem, base, effects, linear, chosen, priors)
+    level = {frozenset(one.names): one.log_evidence for one in fits.explanations if not one.discrepancy}
+    linear_level = {linear.names(one): one.log_evidence for one in ranked}
+    more = []
+    for one in ranked:
+        own = linear.names(one)
+        inside = [parent for parent in level if parent < own and parent in linear_level and parent]
+        if own not in level and inside:
+            parent = max(inside, key=lambda p: level[p])
+            more.append(_explanation(linear, one, level[parent] + min(one.log_evidence - linear_level[parent], 0.0)))
+    return Alternatives.of([*fits.explanations, *more])
+
+
+def _minimal(linear: Evidence, ranked: Sequence[Subset]) -> list[Subset]:
+    """Subsets, the best first, of which no smaller one has more evidence."""
+    kept: list[Subset] = []
+    for one in ranked:
+        if not any(linear.names(other) < linear.names(one) for other in kept):
+            kept.append(one)
+    return kept
+
+
+def _groups(linear: Evidence, best: Subset) -> dict[str, tuple[str, ...]]:
+    """For every effect of the best subset those effects, alone or with another, in whose span its change lies."""
+    found = {}
+    for i, a in zip(best.members, best.amplitudes, strict=True):
+        own = linear.signatures[i]
+        y = own.columns @ a
+        spans: dict[str, Array] = {}
+        shares: dict[str, float] = {}
+        for s in linear.signatures:
+            share = 0.0 if s.name == own.name else _share(y, s.columns)
+            if share > shares.get(s.name, 0.0):
+                spans[s.name], shares[s.name] = s.columns, share
+        alone = [name for name in spans if shares[name] > SPANNED]
+        pairs = [
+            f"{one} with {other}"
+            for k, one in enumerate(spans)
+            for other in list(spans)[k + 1 :]
+            if one not in alone and other not in alone
+            and _share(y, np.concatenate([spans[one], spans[other]], axis=1)) > SPANNED
+        ]  # fmt: skip
+        found[own.name] = (*alone, *pairs)
+    return found
+
+
+def _share(y: Array, S: Array) -> float:
+    """R^2 of y (N,) on columns S (N, k)."""
+    coefficients = np.linalg.lstsq(S, y, rcond=1e-9)[0]
+    rest = y - S @ coefficients
+    return 1 - float(rest @ rest) / max(float(y @ y), 1e-300)

@@ -1,0 +1,94 @@
+"""Alternatives and power of a diagnosis: a `Weighing` in; tables, a sentence, and plain data for discovery.json, out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calibrate.diagnosis.evidence.power import Finding, Power
+from calibrate.diagnosis.evidence.refinement import Explanation
+from calibrate.diagnosis.evidence.weighing import Weighing
+from calibrate.models.addition_json import amplitude_unit
+from studies.output.words import percent
+from studies.reports.discovery.candidate_outcome import WORDS
+
+SHOWN, LEAST = 8, 1e-3  # explanations in a table; probability of one that a sentence names
+CERTAIN = 0.95  # inclusion probability from which an effect counts as there
+Table = tuple[list[str], list[list[Any]]]
+
+
+def explanation(one: Explanation) -> str:
+    """Its effects in words."""
+    return WORDS.explanation(names=list(one.names), discrepancy=one.discrepancy)
+
+
+def alternatives_table(found: Weighing) -> Table:
+    """The most probable explanations."""
+    best = found.alternatives.explanations[0].log_evidence
+    rows: list[list[Any]] = [
+        [
+            explanation(one),
+            f"{one.probability:.3g}",
+            f"{one.log_evidence - best:+.1f}",
+            "yes" if one.additions else "no",
+        ]
+        for one in found.alternatives.explanations[:SHOWN]
+    ]
+    return ["explanation", "probability", "ln evidence, against the best", "fitted"], rows
+
+
+def power_table(found: Weighing, unit: str) -> Table:
+    """What the test shows of every effect."""
+    rows: list[list[Any]] = []
+    for one in found.powers:
+        own = amplitude_unit(one.parameter, unit)
+        symbol = one.parameter.name if own == "1" else f"{one.parameter.name} ({own})"
+        probability = found.alternatives.inclusion.get(one.effect.name, 0.0)
+        limit, prior = ("" if v is None else f"{v:.2g}" for v in (one.limit, one.prior))
+        needed = one.needed if one.finding in (Finding.INVISIBLE, Finding.OPEN) else ""
+        rows.append([one.effect.name, str(one.finding), symbol, limit, prior, f"{probability:.2g}", needed])
+    return ["effect", "this test", "amplitude", "limit (95 %)", "prior", "probability", "would show it"], rows
+
+
+def alternatives_words(found: Weighing) -> str:
+    """Alternatives in one sentence."""
+    said = [f"{explanation(one)} ({percent(one.probability)})" for one in found.alternatives.explanations[:SHOWN]
+            if one.probability > LEAST]  # fmt: skip
+    certain = [name for name, value in found.alternatives.inclusion.items() if value > CERTAIN]
+    spans = {name: list(group) for name, group in found.groups.items() if group}
+    return WORDS.alternatives(
+        said=said[:3], certain=certain, spans=spans, fitted=found.fitted, unexplained=found.alternatives.unexplained
+    )
+
+
+def power_words(found: Weighing) -> str:
+    """Which effects this test does not show."""
+    hidden = [
+        one.effect.name for one in found.powers if one.finding is Finding.INVISIBLE and not one.effect.confounded_with
+    ]
+    excluded = sum(one.finding is Finding.EXCLUDED for one in found.powers)
+    return WORDS.power(hidden=hidden, excluded=excluded)
+
+
+def weighing_record(found: Weighing | None) -> dict[str, Any] | None:
+    """As discovery.json holds it."""
+    if found is None:
+        return None
+    return {
+        "fitted": found.fitted,
+        "explanations": [
+            {"effects": list(one.names), "not_in_catalogue": one.discrepancy, "probability": one.probability,
+             "log_evidence": one.log_evidence, "fitted": bool(one.additions)}
+            for one in found.alternatives.explanations[:SHOWN]
+        ],
+        "inclusion": found.alternatives.inclusion,
+        "not_in_catalogue": found.alternatives.unexplained,
+        "spanned_by": {name: list(group) for name, group in found.groups.items()},
+        "power": [_power(one) for one in found.powers],
+    }  # fmt: skip
+
+
+def _power(one: Power) -> dict[str, Any]:
+    return {
+        "effect": one.effect.name, "finding": str(one.finding), "amplitude": one.parameter.name,
+        "unit": one.parameter.unit, "limit_95": one.limit, "prior_standard_deviation": one.prior, "needed": one.needed,
+    }  # fmt: skip

@@ -1,0 +1,88 @@
+"""Evidence of subsets of effects: the marginal likelihood, false inclusions, limits that cover, priors that are read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from calibrate import errors
+from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature
+from calibrate.diagnosis.evidence.power import upper_limit
+from calibrate.diagnosis.evidence.priors import Scales, deviations, read_priors
+from calibrate.diagnosis.evidence.refinement import Alternatives, Explanation
+from calibrate.effects import CATALOGUE
+
+N = 60
+EMPTY = np.zeros((N, 0))
+
+
+def signature(name, S, one_sided=False):
+    return Signature(name, (), S, 1.0, np.full(S.shape[1], one_sided))
+
+
+def test_evidence_is_the_marginal_likelihood():
+    rng = np.random.default_rng(0)
+    S, T, r = rng.standard_normal((N, 2)), rng.standard_normal((N, 1)), rng.standard_normal(N)
+    found = Evidence((signature("a", S), signature("b", T)), r, EMPTY, 0.0).subset((0, 1))
+    both = np.concatenate([S, T], axis=1)
+    law = stats.multivariate_normal(np.zeros(N), np.eye(N) + both @ both.T)
+    alone = stats.multivariate_normal(np.zeros(N), np.eye(N))
+    assert found.log_evidence == pytest.approx(law.logpdf(r) - alone.logpdf(r), abs=1e-9)
+    one_sided = Evidence((signature("b", T, True),), r, EMPTY, 0.0).subset((0,)).log_evidence
+    a = np.linspace(0, 8, 20001)  # a half-normal prior: twice the integral over the admissible side
+    density = np.exp(-0.5 * ((r[:, None] + T * a) ** 2).sum(axis=0) + 0.5 * r @ r) * stats.norm.pdf(a)
+    assert one_sided == pytest.approx(np.log(2 * np.trapezoid(density, a)), abs=1e-6)
+
+
+def test_a_smooth_disturbance_that_is_in_no_signature_is_none_of_these():
+    rng = np.random.default_rng(1)
+    D = np.linalg.qr(rng.standard_normal((N, 6)))[0]
+    S = [signature(name, 3 * rng.standard_normal((N, 1))) for name in "abc"]
+    r = D @ np.full(6, 6.0) + rng.standard_normal(N)
+    found = Evidence(tuple(S), r, D, -2.0)
+    assert found.discrepancy() > found.best()[0].log_evidence + 10
+    assert Evidence(tuple(S), rng.standard_normal(N), D, -2.0).discrepancy() < 0
+
+
+def test_inclusion_in_noise_alone_and_of_a_true_effect():
+    """False inclusions above 95 % stay below 5 % of the draws; a strong effect is included, its neighbour is not."""
+    rng = np.random.default_rng(2)
+    S = tuple(signature(str(k), 5 * rng.standard_normal((N, 1)) / np.sqrt(N)) for k in range(12))
+    false = right = 0
+    for _ in range(20):
+        noise = rng.standard_normal(N)
+        for r, true in ((noise, None), (noise - 2.5 * S[3].columns[:, 0], "3")):
+            found = Evidence(S, r, EMPTY, float(np.log(0.5 / 12)))
+            ranked = found.by_names(found.best(2), 50)
+            inclusion = Alternatives.of([Explanation(tuple(found.names(s)), s.log_evidence) for s in ranked]).inclusion
+            certain = {name for name, p in inclusion.items() if p > 0.95}
+            false += bool(certain - {true})
+            right += true in certain
+    assert false <= 2 and right >= 18
+
+
+@pytest.mark.parametrize("truth", [0.0, 0.7, 3.0])
+@pytest.mark.parametrize("one_sided", [True, False])
+def test_limits_cover(truth, one_sided):
+    estimates = truth + np.random.default_rng(3).standard_normal(4000)
+    covered = np.mean([upper_limit(x, 1.0, one_sided) >= truth for x in estimates])
+    assert covered >= 0.94
+
+
+def test_priors_are_in_the_units_of_the_test_and_read_from_a_file(tmp_path):
+    scales = Scales(modulus=0.4, force=20.0, spacing=2.0, thickness=3.0, duration=np.nan)
+    known = {effect.name: effect for effect in CATALOGUE}
+    standard = read_priors()
+    assert set(known) - set(standard) == {"force gain", "DIC scale"}  # never tested
+    assert deviations(known["second invariant"], standard, [scales]) == pytest.approx([0.3 * 0.4])
+    assert deviations(known["3D effect of thickness"], standard, [scales]) == pytest.approx([1.5 * 0.75])
+    (tmp_path / "own.toml").write_text('["second invariant"]\nstd = 0.02\n')
+    own = read_priors(tmp_path / "own.toml")
+    assert deviations(known["second invariant"], own, [scales]) == pytest.approx([0.02])
+    assert own["upturn"] == standard["upturn"]
+    for text, message in (('["second"]\nstd=1', "'second'"), ('["upturn"]\nstd=0', "std = 0"), ("x", "no TOML"),
+                          ('["upturn"]\nstd=1\nof="metre"', "metre")):  # fmt: skip
+        (tmp_path / "bad.toml").write_text(text)
+        with pytest.raises(errors.ConfigError, match=message):
+            read_priors(tmp_path / "bad.toml")
