@@ -102,14 +102,14 @@ def alternatives(
     for one in subsets:
         if one.members:
             additions = _additions(problem, linear, one, known, priors)
-            refit = _fitted(problem, base, additions, shares, linear.log_odds, priors)
-            refits += [] if refit is None else [refit]
+            found_fit = _fitted(problem, base, additions, shares, linear.log_odds, priors)
+            refits += [] if found_fit is None else [found_fit]
     noise = max(1.0, min(one.fit.reduced_chi_square for one in refits))
     found = []
-    for one in refits:
-        additions, deviations, names = one.fit.additions, one.fit.errors, tuple(sorted(one.fit.names))
-        found.append(Explanation(names, one.log_evidence(noise), False, 0.0, additions, deviations))
-        more = one.with_discrepancy(noise) + linear.log_odds
+    for refit in refits:
+        additions, deviations, names = refit.fit.additions, refit.fit.errors, tuple(sorted(refit.fit.names))
+        found.append(Explanation(names, refit.log_evidence(noise), False, 0.0, additions, deviations))
+        more = refit.with_discrepancy(noise) + linear.log_odds
         found.append(Explanation(names, more, True, 0.0, additions, deviations))
     return Alternatives.of(found)
 
@@ -123,8 +123,8 @@ def _additions(
         signature = linear.signatures[i]
         effect = known[signature.name]
         values = a * prior_deviations(problem, effect, priors) + [p.null for p in effect.amplitudes]
-        values = [float(np.clip(v, p.lower, p.upper)) for v, p in zip(values, effect.amplitudes, strict=True)]
-        found.append(Addition(effect, tuple(values), signature.shape))
+        bounded = (float(np.clip(v, p.lower, p.upper)) for v, p in zip(values, effect.amplitudes, strict=True))
+        found.append(Addition(effect, tuple(bounded), signature.shape))
     return tuple(found)
 
 
