@@ -12,18 +12,17 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.equations.deformation_modes import MODES, TITLES, mode_invariants
+from calibrate.equations.deformation_modes import mode_invariants
 from calibrate.equations.kinematics import invariants_and_derivatives
-from studies.exporters.certificate import Errors, errors_of_stress
 from studies.exporters.material_law import MaterialLaw
 from studies.exporters.nearest_law import mode_curve
-from studies.exporters.target import Target, Volume
+from studies.exporters.target import Volume
+from studies.exporters.uniaxial_table import CHECKED, ROWS, UniaxialTable
 
 Array = NDArray[np.float64]
-ROWS, CHECKED = 100, 400  # of the table; stretches of each mode at which it is checked
 
 
-class MarlowCard(Target):
+class MarlowCard(UniaxialTable):
     """Engineering stress and strain in uniaxial tension."""
 
     name = "marlow"
@@ -33,8 +32,7 @@ class MarlowCard(Target):
 
     def body(self, law: MaterialLaw, volume: Volume) -> str:
         stretch, stress = table(law)
-        head = ["** Stress error of the tabulated law, linear between its points, over the largest stress of the mode"]
-        head += [f"**   {TITLES[mode]}: {share:.2e}" for mode, share in mode_errors(law).items()]
+        head = self.stated_errors(law)
         rows = [f"{s:.10g}, {x - 1:.10g}" for x, s in zip(stretch, stress, strict=True)]
         keywords = ["*MATERIAL, NAME=EQUIGAP", "*HYPERELASTIC, MARLOW", "*UNIAXIAL TEST DATA", *rows]
         volumetric = [
@@ -43,24 +41,15 @@ class MarlowCard(Target):
         ]
         return "\n".join([*head, *keywords, *volumetric, ""])
 
-    def errors(self, law: MaterialLaw, volume: Volume, body: str) -> Errors | None:
-        slope = _slope_of_I1(law)
-        return errors_of_stress(law, lambda F: _sheet_stress(slope, F), "of the tabulated law itself")
+    def sheet_stress(self, law: MaterialLaw, F: Array) -> Array:
+        values, first = map(np.asarray, invariants_and_derivatives(jnp.asarray(F)))
+        return np.asarray(_slope_of_I1(law)(values[:, 0])[:, None, None] * first[:, 0])
 
 
 def table(law: MaterialLaw) -> tuple[Array, Array]:
     """Stretches and nominal stresses (ROWS + 1,) in uniaxial tension, from rest to the end of the valid range."""
     F, stress = mode_curve(law, "uniaxial", ROWS)
     return np.concatenate([[1.0], F[:, 0, 0]]), np.concatenate([[0.0], stress])
-
-
-def mode_errors(law: MaterialLaw) -> dict[str, float]:
-    """Largest stress error of each mode over its largest stress, of the law that the table makes."""
-    slope, found = _slope_of_I1(law), {}
-    for mode in MODES:
-        F, true = mode_curve(law, mode, CHECKED)
-        found[mode] = float(np.abs(_sheet_stress(slope, F)[:, 0, 0] - true).max() / np.abs(true).max())
-    return found
 
 
 def _slope_of_I1(law: MaterialLaw) -> Callable[[Array], Array]:
@@ -74,8 +63,3 @@ def _slope_of_I1(law: MaterialLaw) -> Callable[[Array], Array]:
         return np.asarray(np.interp(x, stretch, stress) / (2 * (x - x**-2)))
 
     return slope
-
-
-def _sheet_stress(slope: Callable[[Array], Array], F: Array) -> Array:
-    values, first = map(np.asarray, invariants_and_derivatives(jnp.asarray(F)))
-    return np.asarray(slope(values[:, 0])[:, None, None] * first[:, 0])

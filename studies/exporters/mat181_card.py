@@ -13,19 +13,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.equations.deformation_modes import MODES, TITLES, stretches_to_gradient
-from studies.exporters.certificate import Errors, errors_of_stress
+from calibrate.equations.deformation_modes import stretches_to_gradient
 from studies.exporters.material_law import MaterialLaw
 from studies.exporters.nearest_law import mode_curve
 from studies.exporters.reference import point_stress
-from studies.exporters.target import Target, Volume
+from studies.exporters.target import Volume
+from studies.exporters.uniaxial_table import ROWS, UniaxialTable
 
 Array = NDArray[np.float64]
-ROWS, CHECKED, TERMS = 100, 400, 60  # of the table on either side; stretches of a mode; of the series
+TERMS = 60  # of the series
 DENSITY = 1e-9  # t/mm^3
 
 
-class Mat181Card(Target):
+class Mat181Card(UniaxialTable):
     """Engineering stress and strain, from compression to tension."""
 
     name = "mat181"
@@ -35,9 +35,8 @@ class Mat181Card(Target):
 
     def body(self, law: MaterialLaw, volume: Volume) -> str:
         stretch, stress = table(law)
-        head = ["$ Stress error of the tabulated law, linear between its points, over the largest stress of the mode"]
-        head += [f"$   {TITLES[mode]}: {share:.2e}" for mode, share in mode_errors(law).items()]
-        head += [
+        head = [
+            *self.stated_errors(law),
             "$ Units: N, mm, s, t. RO is no result: 1e-9 t/mm^3 (1000 kg/m^3), put yours. Rates, unloading and damage: not in this card.",
             "$ SGL = SW = ST = 1: the curve is engineering stress (MPa) against engineering strain.",
         ]
@@ -49,8 +48,17 @@ class Mat181Card(Target):
         rows = [f"{x - 1:20.10g}{s:20.10g}" for x, s in zip(stretch, stress, strict=True)]
         return "\n".join([*head, *fields, *rows, "*END", ""])
 
-    def errors(self, law: MaterialLaw, volume: Volume, body: str) -> Errors | None:
-        return errors_of_stress(law, lambda F: _sheet_stress(law, F), "of the tabulated law itself")
+    def sheet_stress(self, law: MaterialLaw, F: Array) -> Array:
+        stretch, stress = table(law)
+
+        def f(x: Array) -> Array:
+            powers = [x ** ((-0.5) ** k) for k in range(TERMS)]
+            return np.asarray(sum(y * np.interp(y, stretch, stress) for y in powers))
+
+        left, x, right = np.linalg.svd(F)
+        normal = f(1 / x.prod(axis=-1))
+        principal = (f(x) - normal[:, None]) / x
+        return np.asarray((left * principal[:, None, :]) @ right)
 
 
 def table(law: MaterialLaw) -> tuple[Array, Array]:
@@ -61,29 +69,6 @@ def table(law: MaterialLaw) -> tuple[Array, Array]:
     F, tension = mode_curve(law, "uniaxial", ROWS)
     compression = point_stress(law.stress, stretches_to_gradient("uniaxial", pressed))[:, 0, 0]
     return np.concatenate([pressed, [1.0], F[:, 0, 0]]), np.concatenate([compression, [0.0], tension])
-
-
-def mode_errors(law: MaterialLaw) -> dict[str, float]:
-    """Largest stress error of each mode over its largest stress, of the law that the table makes."""
-    found = {}
-    for mode in MODES:
-        F, true = mode_curve(law, mode, CHECKED)
-        found[mode] = float(np.abs(_sheet_stress(law, F)[:, 0, 0] - true).max() / np.abs(true).max())
-    return found
-
-
-def _sheet_stress(law: MaterialLaw, F: Array) -> Array:
-    """Nominal stress (n, 2, 2) of an incompressible sheet at F (n, 2, 2)."""
-    stretch, stress = table(law)
-
-    def f(x: Array) -> Array:
-        powers = [x ** ((-0.5) ** k) for k in range(TERMS)]
-        return np.asarray(sum(y * np.interp(y, stretch, stress) for y in powers))
-
-    left, x, right = np.linalg.svd(F)
-    normal = f(1 / x.prod(axis=-1))
-    principal = (f(x) - normal[:, None]) / x
-    return np.asarray((left * principal[:, None, :]) @ right)
 
 
 def _row(*values: str | float) -> str:

@@ -7,6 +7,7 @@ In: a folder, and answers to what no file states. Out: a `Recording` with the co
 from __future__ import annotations
 
 import fnmatch
+import re
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -97,7 +98,7 @@ class VendorFolder(Importer):
             found.ask(
                 "points.files",
                 "--files",
-                f"the folder holds several exports ({kinds}); a pattern such as '*.csv' names one",
+                f"the folder holds several exports ({kinds}); name the files of one, such as '{_alike(export.frames)}'",
             )
         order, times = _ordered(vendor, export.frames, answers.order)
         frames = [export.frames[i] for i in order.index]
@@ -149,6 +150,12 @@ def _file(path: Path) -> TextFile | None:
     if path.suffix == ".mat":
         return ncorr_file(path)
     return hdf5_file(path) if path.suffix in HDF5 else text_file(path)
+
+
+def _alike(frames: list[TextFile]) -> str:
+    """A pattern of the files of one export: * where numbers differ, ? for brackets, which mean something in patterns."""
+    names = {re.sub(r"\d+", "*", frame.path.name) if len(frames) > 1 else frame.path.name for frame in frames}
+    return min(names).translate(str.maketrans("[]", "??"))
 
 
 def _folders(path: Path) -> list[Path]:

@@ -14,7 +14,7 @@ factor is twice the posterior probability of the admissible side. Smooth disturb
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice, pairwise
@@ -28,7 +28,12 @@ FORMULA_ERROR = 0.02  # relative, of what an effect explains
 MOST = 3  # effects in a subset
 BEAM = 40  # subsets of one size that are extended
 GRID = 12  # variances of a discrepancy that are tried
-UNEXPLAINED = "none of these"
+
+
+def over_variances(log_evidence: Callable[[float], float], largest: float) -> float:
+    """Log evidence averaged over a logarithmic grid of variances of smooth disturbances."""
+    values = [log_evidence(float(v)) for v in np.geomspace(0.1, max(largest, 10.0), GRID)]
+    return float(special.logsumexp(values) - np.log(GRID))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +94,11 @@ class Evidence:
 
     def subset(self, members: tuple[int, ...]) -> Subset:
         """Evidence of effects together, with the error of their formulas."""
-        own = [self._slices[i] for i in members]
-        index = np.concatenate([*own, np.zeros(0, np.int64)]).astype(np.int64)
-        prior = sum(self.log_odds + np.log(self.signatures[i].prior) for i in members)
         if not members:
             return Subset((), 0.0, ())
+        own = [self._slices[i] for i in members]
+        index = np.concatenate(own)
+        prior = sum(self.log_odds + np.log(self.signatures[i].prior) for i in members)
         _, a, _ = self._solve(index, 0.0)
         strength = float(a @ self._gram[np.ix_(index, index)] @ a)
         variance = FORMULA_ERROR**2 * strength / max(self.D.shape[1], 1)
@@ -105,9 +110,8 @@ class Evidence:
 
     def discrepancy(self) -> float:
         """Log evidence of smooth disturbances without any effect."""
-        top = max(float(self.r @ self.r), 10.0)
-        values = [self._solve(np.zeros(0, np.int64), v)[0] for v in np.geomspace(0.1, top, GRID)]
-        return float(special.logsumexp(values) - np.log(GRID) + self.log_odds)
+        nothing = np.zeros(0, np.int64)
+        return over_variances(lambda v: self._solve(nothing, v)[0], float(self.r @ self.r)) + self.log_odds
 
     def _solve(self, index: NDArray[np.int64], variance: float) -> tuple[float, Array, Array]:
         """Log evidence, amplitudes and their posterior deviations of columns; D with a variance."""

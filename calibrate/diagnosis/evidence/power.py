@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from calibrate.diagnosis.evidence.priors import Priors
@@ -20,8 +21,10 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Status
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.effects import Effect
+from calibrate.effects.chain import Addition
 from calibrate.effects.effect import Parameter
 
+Array = NDArray[np.float64]
 CONFIDENCE = 0.95
 
 
@@ -37,12 +40,13 @@ class Finding(StrEnum):
 
 @dataclass(frozen=True)
 class Power:
-    """limit: largest amplitude, by its distance from null, that these data allow; prior: its standard deviation before; both in the unit of
+    """value: amplitude of what was found, with its standard deviation. limit: largest amplitude, by its distance from null, that these data allow; prior: its standard deviation before; both in the unit of
     `parameter`, None where nothing can be said. missing: what the data lack."""
 
     effect: Effect
     finding: Finding
     parameter: Parameter
+    value: tuple[float, float] | None = None
     limit: float | None = None
     prior: float | None = None
     missing: tuple[str, ...] = ()
@@ -55,8 +59,17 @@ class Power:
 
 def powers(problem: Problem, last: Round, significance: float, priors: Priors) -> tuple[Power, ...]:
     """Of the effects of the final model, then of every candidate of its round."""
-    found = tuple(Power(a.effect, Finding.FOUND, a.effect.amplitudes[0]) for a in last.fit.additions)
+    fitted = zip(last.fit.additions, last.fit.errors, strict=True)
+    found = tuple(_largest(a, np.array(deviations)) for a, deviations in fitted)
     return (*found, *(_of_candidate(problem, one, significance, priors) for one in last.candidates))
+
+
+def _largest(found: Addition, deviations: Array) -> Power:
+    """Of an effect in the model: of several amplitudes the one that stands out most."""
+    values = np.array(found.amplitudes)
+    null = np.array([p.null for p in found.effect.amplitudes])
+    i = int(np.argmax(np.abs(values - null) / deviations))
+    return Power(found.effect, Finding.FOUND, found.effect.amplitudes[i], (float(values[i]), float(deviations[i])))
 
 
 def _of_candidate(problem: Problem, one: Candidate, significance: float, priors: Priors) -> Power:
@@ -65,7 +78,7 @@ def _of_candidate(problem: Problem, one: Candidate, significance: float, priors:
         return Power(effect, Finding.MEASURED, effect.amplitudes[0])
     prior = prior_deviations(problem, effect, priors)
     if not score.is_tested:
-        return Power(effect, Finding.INVISIBLE, effect.amplitudes[0], None, float(prior[0]), score.missing)
+        return Power(effect, Finding.INVISIBLE, effect.amplitudes[0], None, None, float(prior[0]), score.missing)
     limits = [
         upper_limit(value - p.null, deviation, p.lower == p.null)
         for value, deviation, p in zip(score.amplitudes, score.errors, effect.amplitudes, strict=True)
@@ -73,7 +86,7 @@ def _of_candidate(problem: Problem, one: Candidate, significance: float, priors:
     worst = int(np.argmax(np.array(limits) / prior))
     seen = score.adjusted < significance and score.admissible
     finding = Finding.OPEN if seen else Finding.EXCLUDED if limits[worst] <= prior[worst] else Finding.INVISIBLE
-    return Power(effect, finding, effect.amplitudes[worst], limits[worst], float(prior[worst]))
+    return Power(effect, finding, effect.amplitudes[worst], None, limits[worst], float(prior[worst]))
 
 
 def upper_limit(estimate: float, deviation: float, one_sided: bool) -> float:

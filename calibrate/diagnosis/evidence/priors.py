@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
-from calibrate.effects import CATALOGUE, Effect
+from calibrate.effects import BESIDE, CATALOGUE, Effect
 
 Array = NDArray[np.float64]
 FILE = Path(__file__).with_name("priors.toml")
@@ -96,7 +96,7 @@ def _table(path: Path) -> dict[str, Prior]:
 
 
 def _prior(path: Path, name: str, entry: object) -> Prior:
-    known = {effect.name for effect in CATALOGUE} | {"uneven initial warp"}
+    known = {effect.name for effect in (*CATALOGUE, *BESIDE)}
     if name not in known:
         raise errors.ConfigError(f"{path}: no effect is named '{name}'; choose from {', '.join(sorted(known))}")
     if not isinstance(entry, dict) or set(entry) - KEYS:

@@ -3,34 +3,38 @@
 In: the base, subsets ranked by `linear_evidence`. Out: `Alternatives`. Each subset is fitted with the weights that belong to it, and its
 evidence is Laplace's approximation there (MacKay 1992):
 
-    ln Z = -1/2 (chi^2 + ln |C|) - 1/2 |a / L|^2 - 1/2 ln |1 + L S^T S L| + ln prior odds
+    ln Z = -1/2 chi^2 - 1/2 |a / L|^2 - 1/2 ln |1 + L S^T S L| + ln prior odds
 
-with C the covariance of the weights, chi^2 of what the base cannot absorb, allowing for the error of the formulas.
+with chi^2 of what the base cannot absorb, allowing for the error of the formulas. All have weights and columns of one model, that which leaves
+least, and are refitted: with its own, a model would judge itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from calibrate import errors
+from calibrate.diagnosis import effect_fit, weighted_fit
 from calibrate.diagnosis import problem as equations
-from calibrate.diagnosis import residual_tests, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, GRID, Evidence, Subset
+from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, Evidence, Subset, over_variances
 from calibrate.diagnosis.evidence.priors import Priors
-from calibrate.diagnosis.evidence.signatures import prior_deviations
+from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects import Effect
-from calibrate.effects.chain import Addition, Additions
-from calibrate.fitting.least_squares import orthonormal
+from calibrate.effects.chain import Addition, Additions, Chain
 
 Array = NDArray[np.float64]
-START = 0.5  # share of the linear estimate that a fit starts from where the whole has a larger misfit
+START, SHARES = (
+    0.5,
+    4,
+)  # share of the linear estimate that a fit starts from where the whole has a larger misfit, taken so often
+WORSE = 2.0  # times the misfit of the base: the fit ran away
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,23 +77,24 @@ class Alternatives:
 
 @dataclass(frozen=True, eq=False)
 class _Refit:
-    """A subset fitted. smooth (k,): squares of the residual along smooth disturbances; strength: |S a|^2 of its effects."""
+    """A subset fitted. chi_square: of what the base cannot absorb; smooth (k,): the squares along smooth disturbances in it; strength:
+    |S a|^2 of its effects; occam: logarithm of prior and volume."""
 
     fit: Fit
+    chi_square: float
     smooth: Array
     strength: float
-    occam: float = field(default=0.0)
+    occam: float = 0.0
 
     def log_evidence(self, noise: float, variance: float | None = None) -> float:
         """noise: variance of all residuals. variance: of smooth disturbances (None: of the error of the formulas)."""
         v = FORMULA_ERROR**2 * self.strength / noise / len(self.smooth) if variance is None else variance
-        chi_square = self.fit.free_loss / noise - v / (1 + v) * float(self.smooth.sum()) / noise
-        return -0.5 * (chi_square + len(self.smooth) * np.log1p(v) + self.fit.log_determinant) + self.occam
+        chi_square = self.chi_square / noise - v / (1 + v) * float(self.smooth.sum()) / noise
+        return -0.5 * (chi_square + len(self.smooth) * np.log1p(v)) + self.occam
 
     def with_discrepancy(self, noise: float) -> float:
         """The variance of smooth disturbances averaged over a logarithmic grid."""
-        grid = np.geomspace(0.1, max(float(self.smooth.sum()), 10.0), GRID)
-        return float(special.logsumexp([self.log_evidence(noise, v) for v in grid]) - np.log(GRID))
+        return over_variances(lambda v: self.log_evidence(noise, v), float(self.smooth.sum()))
 
 
 def alternatives(
@@ -98,12 +103,11 @@ def alternatives(
     """Fits of the subsets and of none, each with and without a discrepancy, and their probabilities. Fits that run away are left out."""
     known = {effect.name: effect for effect in effects}
     shares = {s.name: s.prior for s in linear.signatures}
-    refits = [_measured(problem, base, shares, linear.log_odds, priors)]
-    for one in subsets:
-        if one.members:
-            additions = _additions(problem, linear, one, known, priors)
-            found_fit = _fitted(problem, base, additions, shares, linear.log_odds, priors)
-            refits += [] if found_fit is None else [found_fit]
+    chosen = [_additions(problem, linear, one, known, priors) for one in subsets if one.members]
+    own = [found for found in (_fitted(problem, base, additions) for additions in chosen) if found is not None]
+    weights, best = min(own, key=lambda pair: pair[1].free_loss) if own else (problem, base)
+    fits = [effect_fit.refit(weights, fit.c, fit.additions) for fit in (base, *(fit for _, fit in own))]
+    refits = [_measured(weights, best.chains, fit, shares, linear.log_odds, priors) for fit in fits]
     noise = max(1.0, min(one.fit.reduced_chi_square for one in refits))
     found = []
     for refit in refits:
@@ -128,17 +132,10 @@ def _additions(
     return tuple(found)
 
 
-def _fitted(
-    problem: Problem,
-    base: Fit,
-    additions: Additions,
-    shares: Mapping[str, float],
-    log_odds: float,
-    priors: Priors,
-) -> _Refit | None:
-    """From the linear estimate, or a share of it where that is better; None where the fit runs away."""
+def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem, Fit] | None:
+    """With its own weights, from the linear estimate, or a share of it where that is better; None where the fit runs away."""
     start = additions
-    for _ in range(4):
+    for _ in range(SHARES):
         if equations.loss(problem, base.c, start) < base.loss:
             break
         start = tuple(_toward_null(a) for a in start)
@@ -146,9 +143,7 @@ def _fitted(
         own, fit = weighted_fit.fit_with_own_weights(problem, base.c, start)
     except errors.FitError:
         return None
-    if not fit.free_loss < 2 * base.free_loss:
-        return None
-    return _measured(own, fit, shares, log_odds, priors)
+    return (own, fit) if fit.free_loss < WORSE * base.free_loss else None
 
 
 def _toward_null(one: Addition) -> Addition:
@@ -156,17 +151,18 @@ def _toward_null(one: Addition) -> Addition:
     return replace(one, amplitudes=tuple(n + START * (a - n) for a, n in zip(one.amplitudes, null, strict=True)))
 
 
-def _measured(problem: Problem, fit: Fit, shares: Mapping[str, float], log_odds: float, priors: Priors) -> _Refit:
-    """What the evidence of a fit is made of."""
-    G = orthonormal(equations.base_columns(problem, fit.chains))
-    S = [_signature(problem, fit, i) for i in range(len(fit.additions))]
+def _measured(
+    problem: Problem, chains: Sequence[Chain], fit: Fit, shares: Mapping[str, float], log_odds: float, priors: Priors
+) -> _Refit:
+    """What the evidence of a fit is made of, with columns of the base and signatures at these chains."""
+    U = base_span(problem, chains)
+    r = fit.residual - U @ (U.T @ fit.residual)
+    smooth = (disturbances(problem, U).T @ r) ** 2
+    chi_square = float(r @ r)
+    if not fit.additions:
+        return _Refit(fit, chi_square, smooth, 0.0)
+    outside = [s - U @ (U.T @ s) for s in (_signature(problem, chains, fit, i) for i in range(len(fit.additions)))]
     L = [prior_deviations(problem, a.effect, priors) for a in fit.additions]
-    D = residual_tests.smooth_disturbances(problem)
-    D = orthonormal(D - fit.columns @ (fit.columns.T @ D))
-    smooth = (D.T @ fit.residual) ** 2
-    if not S:
-        return _Refit(fit, smooth, 0.0)
-    outside = [s - G @ (G.T @ s) for s in S]
     scaled = np.concatenate([s * one for s, one in zip(outside, L, strict=True)], axis=1)
     change = [np.array(a.amplitudes) - [p.null for p in a.effect.amplitudes] for a in fit.additions]
     strength = float(np.linalg.norm(sum(s @ a for s, a in zip(outside, change, strict=True))) ** 2)
@@ -175,10 +171,10 @@ def _measured(problem: Problem, fit: Fit, shares: Mapping[str, float], log_odds:
     one_sided = sum(p.lower == p.null for addition in fit.additions for p in addition.effect.amplitudes)
     prior = sum(log_odds + np.log(shares.get(addition.effect.name, 1.0)) for addition in fit.additions)
     occam = -0.5 * float(a @ a) - 0.5 * float(np.linalg.slogdet(M)[1]) + one_sided * np.log(2) + prior
-    return _Refit(fit, smooth, strength, float(occam))
+    return _Refit(fit, chi_square, smooth, strength, float(occam))
 
 
-def _signature(problem: Problem, fit: Fit, i: int) -> Array:
+def _signature(problem: Problem, chains: Sequence[Chain], fit: Fit, i: int) -> Array:
     """Whitened (N, p) of the effect i beside the others."""
     others = fit.additions[:i] + fit.additions[i + 1 :]
-    return equations.signature(problem, fit.chains, fit.c, (*others, fit.additions[i]))
+    return equations.signature(problem, chains, fit.c, (*others, fit.additions[i]))

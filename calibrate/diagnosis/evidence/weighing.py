@@ -58,7 +58,7 @@ def weigh(
     assert found.start is not None
     say("evidence of all explanations")
     problem, first, effects = found.start, found.rounds[0], distinct(effects)
-    linear = signatures.evidence(problem, first.fit, effects, priors, _shapes(problem, first))
+    linear = signatures.evidence(problem, first.fit, found.final.chains, effects, priors, _shapes(problem, first))
     ranked = linear.by_names(linear.best(), SHOWN)
     result = _linear(linear, ranked)
     if fitted and found.final.names:

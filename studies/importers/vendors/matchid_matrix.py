@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from studies.importers.exports.guesses import Guesses
 from studies.importers.exports.text_files import TextFile
-from studies.importers.vendors.vendor import Vendor, say_layout, say_unit
+from studies.importers.vendors.vendor import Vendor, say_layout, say_stated_unit
 
 QUANTITY = re.compile(r"_([A-Za-z][\w-]*) ?\[([^\]]+)\]$")
 LEAST = 4  # columns of a matrix
@@ -38,7 +38,7 @@ class MatchIdMatrix(Vendor):
         quantity = QUANTITY.search(file.path.stem)
         assert quantity is not None
         ending, unit = quantity.group(0), quantity.group(2)
-        say_unit(found, "points.displacement_unit", unit, "mm")
+        say_stated_unit(found, unit, "the file names", "points.displacement_unit")
         for key, letter in (("u", "U"), ("v", "V"), ("x", "X"), ("y", "Y")):
             name = ending.replace(f"_{quantity.group(1)}", f"_{letter}", 1)
             others = [f.path.with_name(f.path.name.replace(ending, name)) for f in frames]

@@ -55,14 +55,13 @@ def curve_laws_record(found: Comparison, unit: str) -> dict[str, Any]:
     return _head(found, unit) | {"laws": laws}
 
 
-def terminal_lines(view: Review) -> Iterator[str]:
-    """Laws with their BIC and values, the best first, for a terminal."""
-    if view.classical is None:
-        return
-    for c in sorted(view.classical.laws, key=lambda c: c.criterion):
+def terminal_lines(found: Comparison | None, unit: str) -> Iterator[str]:
+    """Laws with their BIC and values, the best first, for a terminal; nothing where none was fitted."""
+    for c in sorted(found.laws if found else (), key=lambda c: c.criterion):
+        assert found is not None
         assert c.fit is not None
         state = "" if c.fit.reason.is_success else f", {_state(c.fit)}"
-        yield f"  {c.name}: {values(c.fit, view.model.unit, view.classical.scale)}; BIC {c.criterion:+.1f}{state}"
+        yield f"  {c.name}: {values(c.fit, unit, found.scale)}; BIC {c.criterion:+.1f}{state}"
 
 
 def classical_record(view: Review) -> dict[str, Any] | None:

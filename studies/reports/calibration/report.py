@@ -76,6 +76,6 @@ def summary_lines(view: Review) -> Iterator[str]:
     for name, value, unit in rows:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         yield f"  {name:{width}}  {text} {unit}".rstrip()
-    yield from terminal_lines(view)
+    yield from terminal_lines(view.classical, view.model.unit)
     for finding in findings(view):
         yield f"- {finding.text}"

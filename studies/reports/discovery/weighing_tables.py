@@ -8,8 +8,9 @@ from calibrate.diagnosis.evidence.power import Finding, Power
 from calibrate.diagnosis.evidence.refinement import Explanation
 from calibrate.diagnosis.evidence.weighing import Weighing
 from calibrate.models.addition_json import amplitude_unit
-from studies.output.words import percent
+from studies.output.words import percent, plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS
+from studies.reports.discovery.view import BAND
 
 SHOWN, LEAST = 8, 1e-3  # explanations in a table; probability of one that a sentence names
 CERTAIN = 0.95  # inclusion probability from which an effect counts as there
@@ -44,9 +45,10 @@ def power_table(found: Weighing, unit: str) -> Table:
         symbol = one.parameter.name if own == "1" else f"{one.parameter.name} ({own})"
         probability = found.alternatives.inclusion.get(one.effect.name, 0.0)
         limit, prior = ("" if v is None else f"{v:.2g}" for v in (one.limit, one.prior))
+        value = "" if one.value is None else plus_minus(one.value[0], BAND * one.value[1])
         needed = one.needed if one.finding in (Finding.INVISIBLE, Finding.OPEN) else ""
-        rows.append([one.effect.name, str(one.finding), symbol, limit, prior, f"{probability:.2g}", needed])
-    return ["effect", "this test", "amplitude", "limit (95 %)", "prior", "probability", "would show it"], rows
+        rows.append([one.effect.name, str(one.finding), symbol, value, limit, prior, f"{probability:.2g}", needed])
+    return ["effect", "this test", "amplitude", "value", "limit (95 %)", "prior", "probability", "would show it"], rows
 
 
 def alternatives_words(found: Weighing) -> str:
@@ -90,5 +92,6 @@ def weighing_record(found: Weighing | None) -> dict[str, Any] | None:
 def _power(one: Power) -> dict[str, Any]:
     return {
         "effect": one.effect.name, "finding": str(one.finding), "amplitude": one.parameter.name,
-        "unit": one.parameter.unit, "limit_95": one.limit, "prior_standard_deviation": one.prior, "needed": one.needed,
+        "unit": one.parameter.unit, "value": one.value and one.value[0], "standard_deviation": one.value and one.value[1],
+        "limit_95": one.limit, "prior_standard_deviation": one.prior, "needed": one.needed,
     }  # fmt: skip

@@ -22,7 +22,7 @@ from studies.accuracy.metrics import r2
 from studies.output import Manifest, style, write_csv, write_figure
 from studies.output.report import Report
 from studies.output.words import Words
-from studies.reports.calibration.classical_table import curve_laws, curve_laws_record, values
+from studies.reports.calibration.classical_table import curve_laws, curve_laws_record, terminal_lines
 from studies.reports.calibration.fit_findings import classical_finding
 
 WORDS, LAWS = Words("curves"), Words("calibration")
@@ -62,10 +62,7 @@ class CurveCalibration:
         yield f"{self.name}: physics-augmented neural network of {architecture.inputs}, {architecture.n_parameters} parameters; {points} points"
         for mode, error in self.errors.items():
             yield f"  {TITLES[mode]}: error {100 * error:.2g} % of the largest stress"
-        for one in sorted(self.laws.laws, key=lambda c: c.criterion):
-            assert one.fit is not None
-            state = "" if one.fit.reason.is_success else f", did not converge ({one.fit.reason})"
-            yield f"  {one.name}: {values(one.fit, 'MPa', self.laws.scale)}; BIC {one.criterion:+.1f}{state}"
+        yield from terminal_lines(self.laws, "MPa")
         yield f"- {classical_finding(self.laws, self.fit.model.architecture.inputs).text}"
         yield f"- {WORDS.no_field()}"
 

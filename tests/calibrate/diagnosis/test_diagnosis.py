@@ -15,6 +15,9 @@ from scipy.optimize import lsq_linear, nnls
 from calibrate import errors
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, base_functions, effect_fit, residual_tests, score_tests
+from calibrate.diagnosis.evidence.power import Finding
+from calibrate.diagnosis.evidence.priors import read_priors
+from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import loss, signature
 from calibrate.diagnosis.score_tests import Score, Status
@@ -444,3 +447,39 @@ def test_a_lesser_effect_is_named_beside_one_that_leaves_nothing_for_it():
         assert found == ((name, "second invariant") if named else (name,))
         assert worth_a_name(both[::-1], {name: 1000.0, "second invariant": 1.0}) == (name,)
         assert "second invariant" in worth_a_name(both, {name: 1000.0, "second invariant": 40.0})
+
+
+def weighed(c01, effects=FEW, fitted=False):
+    return weigh(replace(found(c01), start=prepared(c01)[0]), read_priors(), effects, fitted)
+
+
+def test_evidence_of_all_explanations():
+    """Nothing, the hidden effect, and what is in no catalogue where that is taken out of it; a fit changes little where an effect is small."""
+    quiet, true = weighed(0.0), weighed(0.03)
+    assert quiet.alternatives.explanations[0].names == () and quiet.alternatives.unexplained < 0.05
+    assert max(quiet.alternatives.inclusion.values()) < 0.95
+    assert true.alternatives.inclusion["second invariant"] > 0.95 and true.alternatives.unexplained < 0.05
+    (one,) = (p for p in true.powers if p.finding is Finding.FOUND)
+    assert abs(one.value[0] - 0.03) < 3 * one.value[1]
+    without = weighed(0.03, tuple(e for e in FEW if e.name != "second invariant"))
+    assert without.alternatives.unexplained > 0.95
+
+
+@pytest.mark.slow
+def test_fits_of_the_best_explanations_agree_with_the_linear_evidence():
+    linear, fitted = weighed(0.03), weighed(0.03, fitted=True)
+    best = fitted.alternatives.explanations[0]
+    assert best.names == linear.alternatives.explanations[0].names == ("second invariant",)
+    assert abs(best.additions[0].amplitudes[0] - 0.03) < 3 * best.errors[0][0]
+    assert fitted.alternatives.inclusion["second invariant"] > 0.95
+
+
+def test_a_limit_holds_what_is_hidden():
+    """The second invariant left out of the model where it is small: five draws of noise, limits at 95 %."""
+    hidden, held = 3e-4, 0
+    for seed in range(1, 6):
+        state = prepared(hidden, seed)
+        powers = weigh(replace(found(hidden, seed), start=state[0]), read_priors(), FEW, False).powers
+        (one,) = (p for p in powers if p.effect.name == "second invariant")
+        held += one.limit is None or one.limit >= hidden
+    assert held >= 4
