@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis.selection import discover
+from calibrate.diagnosis.discovery import discover
 from calibrate.equations.noise_covariance import between_increments
 from calibrate.fitting.noise_check import check_noise
 from studies.cli import main as equigap

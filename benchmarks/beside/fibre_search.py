@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis.selection.loop import discover
+from calibrate.diagnosis.discovery import discover
 from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.errors import EquigapError

@@ -1,8 +1,9 @@
-"""What the evidence of all explanations says of blind trials: `python benchmarks/evidence/explained_trials.py --first 941000`.
+"""What the evidence of all explanations makes of blind trials: `python benchmarks/evidence/explained_trials.py --first 941000`.
 
 In: one trial of every effect that is hidden alone, one of every pair, and --nulls that hide nothing, seeds from --first on (--only: some of these
-seeds); --stereo: the heights of a flat sheet are measured, too; --linear: without fits. Out: a line a trial (hidden, verdict, best explanation
-and probabilities), counts of `Outcome`, and with --output a JSON file of both. A trial that is in the file is not made again.
+seeds); --stereo: the heights of a flat sheet are measured, too; --linear: without fits. Out: a line a trial (hidden, verdict of the
+rounds alone and as the evidence decides, best explanation and probabilities), counts of `Judgement` of both verdicts and of `Outcome`, and
+with --output a JSON file of both. A trial that is in the file is not made again.
 """
 
 from __future__ import annotations
@@ -18,10 +19,13 @@ from typing import Any
 import numpy as np
 
 from calibrate.data.experiment import Experiment
+from calibrate.diagnosis.discovery import discover
+from calibrate.diagnosis.evidence.decision import decided
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.evidence.refinement import Alternatives
 from calibrate.diagnosis.evidence.weighing import weigh
-from calibrate.diagnosis.selection import discover
+from calibrate.diagnosis.selection import Discovery, Verdict
+from calibrate.effects import CATALOGUE
 from studies.output import write_json
 from studies.trials.blind_data import draw, make
 from studies.trials.blind_effects import FREQUENT
@@ -58,16 +62,50 @@ def outcome(hidden: set[str], found: Alternatives) -> Outcome:
     return next(one for one, true in holds.items() if true)
 
 
+class Judgement(StrEnum):
+    """Of a verdict, by the first that holds. quiet: nothing significant; open: not explained; wrong: a name in whose group nothing hidden
+    is; right: what is hidden is named; group: it is in the groups of what is named; part: some of it."""
+
+    QUIET = "quiet"
+    OPEN = "open"
+    WRONG = "wrong"
+    RIGHT = "right"
+    GROUP = "group"
+    PART = "part"
+
+
+def judged(hidden: set[str], found: Discovery) -> Judgement:
+    """See `Judgement`."""
+    groups = {name: {name, *found.groups.get(name, ())} for name in found.named}
+    holds = {
+        Judgement.QUIET: found.verdict is Verdict.NOTHING_SIGNIFICANT,
+        Judgement.OPEN: found.verdict is Verdict.NOT_EXPLAINED,
+        Judgement.WRONG: any(not group & hidden for group in groups.values()),
+        Judgement.RIGHT: set(groups) == hidden,
+        Judgement.GROUP: hidden <= set().union(*groups.values()),
+        Judgement.PART: True,
+    }
+    return next(one for one, true in holds.items() if true)
+
+
+def said(found: Discovery) -> str:
+    """Verdict and names."""
+    names = [" or ".join((name, *found.groups.get(name, ())[1:])) for name in found.named]
+    return f"{found.verdict}: {'; '.join(names or found.closest)}"
+
+
 def diagnosed(seed: int, names: tuple[str, ...], stereo: bool, linear: bool) -> dict[str, Any]:
     """One trial."""
     experiment, _ = make(draw(seed, *(names or (None,))))
     if stereo:
         experiment = flat(experiment)
-    found = discover([experiment], whole_table=False)
-    weighing = weigh(found, read_priors(), fitted=not linear)
-    shown = weighing.alternatives
+    rounds = discover([experiment], whole_table=False, fitted=False)
+    weighing = weigh(rounds, read_priors(), fitted=not linear)
+    found = decided(rounds, weighing, read_priors(), CATALOGUE)
+    shown, hidden = weighing.alternatives, set(names)
     return {
-        "seed": seed, "hidden": list(names), "verdict": str(found.verdict), "named": list(found.named),
+        "seed": seed, "hidden": list(names), "of_rounds": said(rounds), "decided": said(found),
+        "judged_rounds": str(judged(hidden, rounds)), "judged": str(judged(hidden, found)), "replaced": found.replaced,
         "outcome": str(outcome(set(names), shown)), "best": list(shown.explanations[0].names),
         "probability": shown.explanations[0].probability, "in_no_catalogue": shown.unexplained,
         "inclusion": {name: p for name, p in shown.inclusion.items() if p > TIE},
@@ -110,8 +148,11 @@ def main() -> None:
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """As the file holds it."""
     kinds = ("none", "single", "pair")
-    counts = {kind: Counter(r["outcome"] for r in rows if len(r["hidden"]) == n) for n, kind in enumerate(kinds)}
-    numbers = {f"{kind}_{key}": value for kind, count in counts.items() for key, value in count.items()}
+    numbers = {}
+    for n, kind in enumerate(kinds):
+        for what in ("judged_rounds", "judged", "outcome"):
+            count = Counter(row[what] for row in rows if len(row["hidden"]) == n)
+            numbers |= {f"{kind}_{what}_{key}": value for key, value in count.items()}
     return {"numbers": {"trials": len(rows), **numbers}, "trials": sorted(rows, key=lambda r: r["seed"])}
 
 

@@ -16,10 +16,9 @@ from typing import Any, Literal
 from cyclopts import Parameter
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import distillation, selection
+from calibrate.diagnosis import discovery, distillation
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.evidence.priors import read_priors
-from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.diagnosis.problem import level_factor
 from calibrate.diagnosis.selection import Discovery
@@ -117,11 +116,11 @@ def discover(
     key = {"command": "discover", **settings, "experiments": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output or default_folder("discover", quick), overwrite, key)
     with released_if_refused(folder), Stages() as say:
-        found = selection.discover(
-            trained, rule, held, effects, diagnosis.spacing, diagnosis.base, not quick, diagnosis.seed, say
-        )
-        weighing = weigh(found, priors, effects, not quick, say)
-        view = View(found, held_out_words(rule, trained, held), remarks, quick, weighing)
+        found = discovery.discover(
+            trained, rule, held, effects, diagnosis.spacing, diagnosis.base, not quick, diagnosis.seed, say,
+            priors=priors, fitted=not quick,
+        )  # fmt: skip
+        view = View(found, held_out_words(rule, trained, held), remarks, quick)
         say("network of the base")
         model = replace(extended(found, view.hold_out, manifest.to_dict()), fitness=discovery_headline(view).fitness)
         say("writing the report")

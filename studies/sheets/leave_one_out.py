@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import base_fit, base_functions, effect_fit, elimination, joint_fit
+from calibrate.diagnosis import base_fit, base_functions, effect_fit
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.joint_fit import Joint
+from calibrate.diagnosis.joint import elimination
+from calibrate.diagnosis.joint import fit as joint_fit
+from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.parameters import n_parameters
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects import Effect

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import elimination, joint_fit, score_tests
+from calibrate.diagnosis import score_tests
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.joint_fit import Joint
+from calibrate.diagnosis.joint import elimination
+from calibrate.diagnosis.joint import fit as joint_fit
+from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection import DEFAULT, Verdict
 from calibrate.effects import CATALOGUE, Effect, Parameter, SecondViscosity
@@ -83,7 +85,7 @@ BY_NAME = {effect.name: effect for effect in EFFECTS}
 def learn(e: Experiment, until: float, spacing: float, say: Say) -> SheetResult:
     """What is beyond neo-Hooke in the increments up to `until`, with errors after it; everything that the report shows.
 
-    All candidates are fitted at once, from several starts; those that BIC does not retain are removed (`calibrate.diagnosis.joint_fit`); a general
+    All candidates are fitted at once, from several starts; those that BIC does not retain are removed (`calibrate.diagnosis.joint.fit`); a general
     effect gives way to a special one where that lowers BIC, and neo-Hooke to a finer base where that also predicts the last third of what
     is fitted from the rest. Effects are selected once more without each increment, beside neo-Hooke
     (`studies.sheets.leave_one_out`). until: s; spacing: of the virtual fields, mm.

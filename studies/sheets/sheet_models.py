@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.joint_fit import Joint
+from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Addition
 from calibrate.effects.out_of_plane import OutOfPlane

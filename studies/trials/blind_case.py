@@ -15,7 +15,7 @@ from typing import Any
 import jax
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import base_fit, model_weights, score_tests, selection, weighted_fit
+from calibrate.diagnosis import base_fit, discovery, model_weights, score_tests, weighted_fit
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.selection import Discovery
 from calibrate.diagnosis.selection.rounds import Round
@@ -88,12 +88,12 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     start = time.process_time()
     experiment = Experiment.load(path)
     problem, base = base_fit.prepare([experiment], [HoldOut().training])
-    found = selection.close_loop(problem, base, whole_table=False)
+    found = discovery.diagnose(problem, base, whole_table=False)
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         rest = tuple(e for e in CATALOGUE if e.name not in without)
         content["without"] = list(without)
-        content["absent"] = described(selection.close_loop(problem, base, rest, whole_table=False))
+        content["absent"] = described(discovery.diagnose(problem, base, rest, whole_table=False))
     return content
 
 

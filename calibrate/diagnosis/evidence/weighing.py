@@ -21,7 +21,7 @@ from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.refinement import Alternatives, Explanation, alternatives
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection import candidate_fit
-from calibrate.diagnosis.selection.rounds import Discovery, Round
+from calibrate.diagnosis.selection.rounds import Discovery, Round, Verdict
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
 
@@ -54,18 +54,21 @@ def weigh(
     fitted: bool = True,
     say: Say = lambda text: None,
 ) -> Weighing:
-    """Of a finished diagnosis. fitted: without linearisation, a fit for each of the best subsets."""
+    """Of a finished diagnosis. fitted: without linearisation, a fit for each of the best subsets, where anything is significant."""
     assert found.start is not None
     say("evidence of all explanations")
     problem, first, effects = found.start, found.rounds[0], distinct(effects)
     linear = signatures.evidence(problem, first.fit, found.final.chains, effects, priors, _shapes(problem, first))
     ranked = linear.by_names(linear.best(), SHOWN)
     result = _linear(linear, ranked)
-    if fitted and found.final.names:
+    final = frozenset(found.final.names)
+    fitted = fitted and found.verdict is not Verdict.NOTHING_SIGNIFICANT
+    if fitted:
         say("fits of the best explanations")
-        result = _fitted(problem, first.fit, effects, linear, ranked, priors, frozenset(found.final.names))
+        result = _fitted(problem, first.fit, effects, linear, ranked, priors, final)
+    spanned = next((one for one in ranked if linear.names(one) == final), ranked[0])
     shown = powers(found.problem, found.rounds[-1], found.thresholds.significance, priors)
-    return Weighing(result, _groups(linear, ranked[0]), shown, fitted and bool(found.final.names))
+    return Weighing(result, _groups(linear, spanned), shown, fitted)
 
 
 def _shapes(problem: Problem, first: Round) -> dict[str, tuple[float, ...]]:

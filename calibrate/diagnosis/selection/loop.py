@@ -1,6 +1,6 @@
 """Close the loop: test the effects, add the best that data held out confirm, test the residual, until nothing is significant.
 
-In: Experiments, what to hold out. Out: `Discovery` with a round for each model, and a verdict.
+In: a `Problem` and its base fit. Out: `Discovery` with a round for each model, and a verdict.
 
 An effect is added if its adjusted p-value is small, its amplitude is physically admissible, and the error on equations
 that were not used for fitting falls. Once nothing more is added, each effect is taken out again and the others compete
@@ -15,13 +15,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import residual_tests, score_tests, weighted_fit
-from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.parameters import not_distinct_from_null
-from calibrate.diagnosis.problem import Mask, Problem
+from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection import candidate_fit
 from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
 from calibrate.diagnosis.selection.confirmation import confirm
@@ -31,42 +28,9 @@ from calibrate.diagnosis.selection.rounds import Candidate, Discovery, Refusal, 
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.diagnosis.selection.verdict import conclude, is_small
 from calibrate.effects import CATALOGUE, Effect
-from calibrate.effects.effect import distinct
-from calibrate.equations.equilibrium import Equilibrium
-from calibrate.fitting.noise_check import with_checked_noise
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
-
-
-def discover(
-    experiments: Sequence[Experiment],
-    hold_out: HoldOut | None = None,
-    held: Sequence[Experiment] = (),
-    effects: Sequence[Effect] = CATALOGUE,
-    spacing: float | None = None,
-    base: str = "positive",
-    whole_table: bool = True,
-    seed: int = 0,
-    progress: Say | None = None,
-    thresholds: Thresholds = DEFAULT,
-) -> Discovery:
-    """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
-
-    hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`.
-    whole_table: refit with every effect, not only with those that are tried. Raises `FitError` for a base that does not
-    converge, `ConfigError`, and the errors of `calibrate.equations.equilibrium.equilibrium`.
-    """
-    say = progress or (lambda text: None)
-    effects = distinct(effects)
-    hold_out = hold_out or HoldOut.default(min(e.n_increments for e in experiments), bool(held))
-    say("noise")
-    checked = [with_checked_noise(e) for e in (*experiments, *held)]
-    say("base model")
-    train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
-    problem, state = prepare([e for e, _ in checked], train, spacing, base=base)
-    found = close_loop(problem, state, effects, whole_table, seed, say, thresholds)
-    return replace(found, noise=tuple(check for _, check in checked), start=problem)
 
 
 def close_loop(
@@ -77,10 +41,13 @@ def close_loop(
     seed: int = 0,
     say: Say = lambda text: None,
     thresholds: Thresholds = DEFAULT,
+    begun: tuple[Round, Model] | None = None,
 ) -> Discovery:
-    """Rounds of tests and additions from a base fit, see `discover`."""
-    model = base = Model(problem, state)
-    rounds: list[Round] = []
+    """Rounds of tests and additions from a base fit, see `calibrate.diagnosis.discovery`. begun: the first round, already made, and the
+    model to go on from."""
+    base = Model(problem, state)
+    rounds: list[Round] = [begun[0]] if begun else []
+    model = begun[1] if begun else base
     reviews: dict[frozenset[str], Review] = {}  # of models with more than one effect, by their names
     while True:
         say(f"round {len(rounds) + 1}: testing effects")
@@ -94,12 +61,9 @@ def close_loop(
         rounds.append(now)
         if added is None:
             confirmation = confirm(base, model, thresholds) if names else None
-            return conclude(model.problem, tuple(rounds), reviews.get(names, Review()), thresholds, confirmation)
+            found = conclude(model.problem, tuple(rounds), reviews.get(names, Review()), thresholds, confirmation)
+            return replace(found, start=problem)
         model = _without_superfluous(added)
-
-
-def _nothing(system: Equilibrium) -> Mask:
-    return np.zeros(system.loads.shape, bool)
 
 
 def scored_round(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Problem
@@ -14,6 +14,9 @@ from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects.chain import Addition
 from calibrate.fitting.noise_check import NoiseCheck
+
+if TYPE_CHECKING:  # it is made from a `Discovery`
+    from calibrate.diagnosis.evidence.weighing import Weighing
 
 
 class Verdict(StrEnum):
@@ -128,6 +131,8 @@ class Doubt(StrEnum):
     OTHER_WEIGHTS = "errors fall in the weights of one model only"
     LARGE_FORCE_ERROR = "large force error left"
     WEAKER_WEIGHTS = "likelihood does not rise"
+    IN_NO_CATALOGUE = "something that is in no catalogue is more probable"
+    NOT_NEEDED = "no effect has an inclusion probability above 95 %"
 
 
 @dataclass(frozen=True)
@@ -158,7 +163,8 @@ class Discovery:
 
     named: effects that the residual confirms; closest: those added that it does not. groups: for each added effect, the effects
     that these data cannot tell from it. confirmation: of the final model against the base, where it has effects. noise: of every
-    experiment, stated and found; empty where it was not looked at. start: with the weights of the base.
+    experiment, stated and found; empty where it was not looked at. start: with the weights of the base. weighing: of all
+    explanations. replaced: effects that the rounds had found before a more probable explanation took their place.
     """
 
     problem: Problem = field(repr=False)
@@ -171,6 +177,8 @@ class Discovery:
     confirmation: Confirmation | None = None
     noise: tuple[NoiseCheck, ...] = ()
     start: Problem | None = field(default=None, repr=False)
+    weighing: Weighing | None = field(default=None, repr=False)
+    replaced: tuple[str, ...] | None = None
 
     @property
     def base(self) -> Fit:

@@ -203,6 +203,8 @@ def remarks(view: View) -> list[str]:
         result += [WORDS.round_remark(number=i, remark=text) for text in round_remarks(now)]
     if view.weighing is not None and use.verdict is not Use.NOT:
         result += [alternatives_words(view.weighing), power_words(view.weighing)]
+    if found.replaced is not None:
+        result.append(WORDS.replaced(by=found.rounds[1].fit.names, names=found.replaced))
     if view.unit != "MPa":
         result.append(WORDS.no_thickness())
     factor = discovery_quality(view).attenuation

@@ -23,14 +23,17 @@ BAND = 1.96  # standard deviations of half a 95 % interval
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A discovery, what was held out in words, and remarks on the input. quick: fewer pictures. weighing: of all
-    explanations; None where it was not made."""
+    """A discovery, what was held out in words, and remarks on the input. quick: fewer pictures."""
 
     discovery: Discovery
     hold_out: str
     remarks: tuple[str, ...] = ()
     quick: bool = False
-    weighing: Weighing | None = None
+
+    @property
+    def weighing(self) -> Weighing | None:
+        """Of all explanations; None where it was not made."""
+        return self.discovery.weighing
 
     @property
     def unit(self) -> str:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibrate.data.experiment import Experiment, Noise
-from calibrate.diagnosis import selection
+from calibrate.diagnosis import discovery
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Part
 from calibrate.diagnosis.selection.rounds import Candidate
@@ -29,7 +29,7 @@ def close(loop: Loop, say: Callable[[str], None]) -> HomogeneousResult:
         return replace(e, noise=replace(noise, force_std_relative=max(noise.force_std_relative, relative)))
 
     training, held = [noisy(e) for e in loop.training], [noisy(e) for e in loop.held_out]
-    found = selection.discover(
+    found = discovery.discover(
         training, None, held, base="positive", whole_table=False, progress=lambda text: say(f"{loop.name}: {text}")
     )
     return HomogeneousResult(

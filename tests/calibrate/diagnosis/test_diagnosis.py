@@ -15,13 +15,14 @@ from scipy.optimize import lsq_linear, nnls
 from calibrate import errors
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, base_functions, effect_fit, residual_tests, score_tests
+from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.evidence.power import Finding
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import loss, signature
 from calibrate.diagnosis.score_tests import Score, Status
-from calibrate.diagnosis.selection import DEFAULT, Verdict, close_loop, discover
+from calibrate.diagnosis.selection import DEFAULT, Verdict, close_loop
 from calibrate.diagnosis.selection.candidate_fit import Model
 from calibrate.diagnosis.selection.loop import extended, scored_round
 from calibrate.diagnosis.selection.misfit import misfit
@@ -450,7 +451,7 @@ def test_a_lesser_effect_is_named_beside_one_that_leaves_nothing_for_it():
 
 
 def weighed(c01, effects=FEW, fitted=False):
-    return weigh(replace(found(c01), start=prepared(c01)[0]), read_priors(), effects, fitted)
+    return weigh(found(c01), read_priors(), effects, fitted)
 
 
 def test_evidence_of_all_explanations():
@@ -478,8 +479,7 @@ def test_a_limit_holds_what_is_hidden():
     """The second invariant left out of the model where it is small: five draws of noise, limits at 95 %."""
     hidden, held = 3e-4, 0
     for seed in range(1, 6):
-        state = prepared(hidden, seed)
-        powers = weigh(replace(found(hidden, seed), start=state[0]), read_priors(), FEW, False).powers
+        powers = weigh(found(hidden, seed), read_priors(), FEW, False).powers
         (one,) = (p for p in powers if p.effect.name == "second invariant")
         held += one.limit is None or one.limit >= hidden
     assert held >= 4

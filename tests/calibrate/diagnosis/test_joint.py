@@ -11,7 +11,10 @@ import pytest
 from discoveries import C01, sheet
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import base_fit, effect_fit, elimination, joint_equations, joint_fit, score_tests
+from calibrate.diagnosis import base_fit, effect_fit, score_tests
+from calibrate.diagnosis.joint import elimination
+from calibrate.diagnosis.joint import equations as joint_equations
+from calibrate.diagnosis.joint import fit as joint_fit
 from calibrate.diagnosis.parameters import n_parameters
 from calibrate.diagnosis.problem import Problem, all_rows
 from calibrate.effects import CATALOGUE

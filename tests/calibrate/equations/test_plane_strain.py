@@ -13,8 +13,8 @@ from synthetic import plate_experiment, random_gradients
 
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
 from calibrate.diagnosis.base_fit import prepare
+from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.distillation import bulk_modulus
-from calibrate.diagnosis.selection import discover
 from calibrate.effects import KNOWN
 from calibrate.effects.chain import Addition
 from calibrate.equations import isochoric as plane_strain

@@ -3,7 +3,7 @@
 In: a `Problem` and effects at their starting values. Out: `Joint`.
 
 Where several effects disturb everything at like size, adding one at a time ends elsewhere for every order, because each absorbs
-what belongs to those that are still missing. So all are fitted together. A weak normal prior of `joint_equations.PRIOR` typical amplitudes keeps
+what belongs to those that are still missing. So all are fitted together. A weak normal prior of `equations.PRIOR` typical amplitudes keeps
 what the data hardly see from running away (ridge; Hoerl and Kennard 1970).
 
 The noise of the equations grows with the stiffness, so that a fit with fixed weights would pull it to zero. Here all stresses are
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from calibrate.diagnosis.joint_equations import Equations, Point, Prior, at_null
+from calibrate.diagnosis.joint.equations import Equations, Point, Prior, at_null
 from calibrate.diagnosis.parameters import Variables, n_parameters
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Additions

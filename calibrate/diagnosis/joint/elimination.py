@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis import joint_fit
-from calibrate.diagnosis.joint_fit import Joint
+from calibrate.diagnosis.joint import fit as joint_fit
+from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
 from calibrate.effects.chain import Addition, Additions

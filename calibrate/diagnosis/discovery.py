@@ -1,0 +1,86 @@
+"""A whole diagnosis: base model, rounds of tests, all explanations weighed, and the verdict of both.
+
+In: Experiments, what to hold out, priors. Out: `Discovery`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis.base_fit import prepare
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence.decision import decided
+from calibrate.diagnosis.evidence.priors import Priors, read_priors
+from calibrate.diagnosis.evidence.weighing import weigh
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.problem import Mask, Problem
+from calibrate.diagnosis.selection.loop import close_loop
+from calibrate.diagnosis.selection.rounds import Discovery
+from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
+from calibrate.effects import CATALOGUE, Effect
+from calibrate.effects.effect import distinct
+from calibrate.equations.equilibrium import Equilibrium
+from calibrate.fitting.noise_check import with_checked_noise
+
+Say = Callable[[str], None]
+
+
+def discover(
+    experiments: Sequence[Experiment],
+    hold_out: HoldOut | None = None,
+    held: Sequence[Experiment] = (),
+    effects: Sequence[Effect] = CATALOGUE,
+    spacing: float | None = None,
+    base: str = "positive",
+    whole_table: bool = True,
+    seed: int = 0,
+    progress: Say | None = None,
+    thresholds: Thresholds = DEFAULT,
+    priors: Priors | None = None,
+    fitted: bool = True,
+) -> Discovery:
+    """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
+
+    hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`. Others: see
+    `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
+    `calibrate.equations.equilibrium.equilibrium`.
+    """
+    say = progress or (lambda text: None)
+    hold_out = hold_out or HoldOut.default(min(e.n_increments for e in experiments), bool(held))
+    say("noise")
+    checked = [with_checked_noise(e) for e in (*experiments, *held)]
+    say("base model")
+    train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
+    problem, state = prepare([e for e, _ in checked], train, spacing, base=base)
+    found = diagnose(problem, state, effects, whole_table, seed, say, thresholds, priors, fitted)
+    return replace(found, noise=tuple(check for _, check in checked))
+
+
+def diagnose(
+    problem: Problem,
+    base: Fit,
+    effects: Sequence[Effect] = CATALOGUE,
+    whole_table: bool = True,
+    seed: int = 0,
+    say: Say = lambda text: None,
+    thresholds: Thresholds = DEFAULT,
+    priors: Priors | None = None,
+    fitted: bool = True,
+) -> Discovery:
+    """Rounds from a base fit, and the verdict in the light of all explanations.
+
+    whole_table: refit with every effect, not only with those that are tried. priors: of amplitudes, None for the default. fitted: whether
+    the best explanations are fitted and change the verdict.
+    """
+    effects, priors = distinct(effects), priors or read_priors()
+    found = close_loop(problem, base, effects, whole_table, seed, say, thresholds)
+    weighing = weigh(found, priors, effects, fitted, say)
+    return decided(found, weighing, priors, effects, seed, say)
+
+
+def _nothing(system: Equilibrium) -> Mask:
+    return np.zeros(system.loads.shape, bool)

@@ -1,0 +1,118 @@
+"""The verdict in the light of all explanations.
+
+In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that both allow. The rule:
+
+1. Where a fitted explanation is more than 20 times as probable as the final model, the rounds are run on from it. What they end with takes
+   the place of the final model, unless that is an explanation and the other is none.
+2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
+   that take its place in explanations of more than 5 %, and those in whose span alone it lies.
+3. No effect is named where something that is in no catalogue has a probability above one half.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from calibrate.diagnosis import weighted_fit
+from calibrate.diagnosis.evidence.power import powers
+from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.evidence.refinement import Alternatives, Explanation
+from calibrate.diagnosis.evidence.weighing import Weighing
+from calibrate.diagnosis.selection.candidate_fit import Model
+from calibrate.diagnosis.selection.loop import close_loop
+from calibrate.diagnosis.selection.rounds import Confirmation, Discovery, Doubt, Verdict
+from calibrate.effects import Effect
+from calibrate.errors import FitError
+
+Say = Callable[[str], None]
+ODDS, CERTAIN, TIE, UNKNOWN = 20.0, 0.95, 0.05, 0.5
+
+
+def decided(
+    found: Discovery,
+    weighing: Weighing,
+    priors: Priors,
+    effects: Sequence[Effect],
+    seed: int = 0,
+    say: Say = lambda text: None,
+) -> Discovery:
+    """With the weighing; the verdict and the model changed by it where the explanations were fitted."""
+    if weighing.fitted:
+        other = _run_on(found, weighing.alternatives, effects, seed, say)
+        if other is not None and (other.verdict is Verdict.EXPLAINED or found.verdict is not Verdict.EXPLAINED):
+            shown = powers(other.problem, other.rounds[-1], found.thresholds.significance, priors)
+            weighing = replace(weighing, powers=shown)
+            found = replace(other, replaced=found.final.names)
+        found = _judged(found, weighing)
+    return replace(found, weighing=weighing)
+
+
+def _run_on(
+    found: Discovery, alternatives: Alternatives, effects: Sequence[Effect], seed: int, say: Say
+) -> Discovery | None:
+    """The rounds from the best explanation on, where it is far better than the final model; None where it is not, or has no fit."""
+    best = _best_fitted(alternatives)
+    if best is None or best.probability <= ODDS * _probability(alternatives, found.final.names):
+        return None
+    assert found.start is not None
+    say(f"on from {' and '.join(best.names)}")
+    try:
+        model = Model(*weighted_fit.fit_with_own_weights(found.start, found.base.c, best.additions))
+        scores = {c.name: c.score.score for c in found.rounds[0].candidates if c.score.is_tested}
+        added = max(best.names, key=lambda name: scores.get(name, 0.0))
+        first = replace(found.rounds[0], added=added, group=(added,))
+        return close_loop(found.start, found.base, effects, False, seed, say, found.thresholds, (first, model))
+    except FitError:
+        return None
+
+
+def _best_fitted(alternatives: Alternatives) -> Explanation | None:
+    return next((one for one in alternatives.explanations if one.additions and not one.discrepancy), None)
+
+
+def _probability(alternatives: Alternatives, names: Sequence[str]) -> float:
+    """Of exactly these effects."""
+    return sum(e.probability for e in alternatives.explanations if set(e.names) == set(names) and not e.discrepancy)
+
+
+def _judged(found: Discovery, weighing: Weighing) -> Discovery:
+    """Names, groups and verdict by the probabilities."""
+    if not found.final.names:
+        return found
+    groups = {name: _group(name, found.final.names, weighing) for name in found.final.names}
+    if found.verdict is not Verdict.EXPLAINED:
+        return replace(found, groups=groups)
+    alternatives = weighing.alternatives
+    certain = tuple(name for name in found.named if _together(alternatives, groups[name]) > CERTAIN)
+    unknown = alternatives.unexplained > UNKNOWN
+    if certain and not unknown:
+        closest = tuple(name for name in found.final.names if name not in certain)
+        return replace(found, named=certain, closest=closest, groups=groups)
+    doubt = Doubt.IN_NO_CATALOGUE if unknown else Doubt.NOT_NEEDED
+    return replace(
+        found, verdict=Verdict.NOT_EXPLAINED, named=(), closest=found.final.names, groups=groups,
+        confirmation=_with_doubt(found.confirmation, doubt),
+    )  # fmt: skip
+
+
+def _group(name: str, final: Sequence[str], weighing: Weighing) -> tuple[str, ...]:
+    """The effect, then those that these data cannot tell from it."""
+    others = [
+        other
+        for one in weighing.alternatives.explanations
+        if one.probability > TIE and name not in one.names
+        for other in one.names
+        if other not in final
+    ]
+    alone = (other for other in weighing.groups.get(name, ()) if " with " not in other)
+    return tuple(dict.fromkeys((name, *others, *alone)))
+
+
+def _together(alternatives: Alternatives, group: Sequence[str]) -> float:
+    """Probability of any of these effects."""
+    return sum(one.probability for one in alternatives.explanations if set(group) & set(one.names))
+
+
+def _with_doubt(confirmation: Confirmation | None, doubt: Doubt) -> Confirmation | None:
+    return None if confirmation is None else replace(confirmation, doubts=(*confirmation.doubts, doubt))

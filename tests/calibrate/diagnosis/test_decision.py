@@ -1,0 +1,69 @@
+"""The verdict in the light of all explanations: names by probability, groups, doubts, a better explanation taken over."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import synthetic
+
+from calibrate.data.experiment import Noise
+from calibrate.diagnosis.discovery import discover
+from calibrate.diagnosis.evidence.decision import decided
+from calibrate.diagnosis.evidence.priors import read_priors
+from calibrate.diagnosis.evidence.refinement import Alternatives, Explanation
+from calibrate.diagnosis.evidence.weighing import Weighing, weigh
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.selection import Verdict
+from calibrate.diagnosis.selection.rounds import Doubt
+from calibrate.effects import CATALOGUE
+
+HIDDEN, OTHER = "second invariant", "lens distortion"
+FEW = tuple(e for e in CATALOGUE if e.name in (HIDDEN, OTHER, "force offset", "image rotation"))
+
+
+@cache
+def found(without: str = ""):
+    """What the rounds find in a Mooney-Rivlin plate; without an effect in the catalogue."""
+    sheet = synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.03), n_increments=4)
+    noisy = synthetic.with_noise(sheet, Noise(1e-4, 3.0, 3e-4, 2e-3), 1)
+    effects = [e for e in FEW if e.name != without]
+    return discover([noisy], HoldOut("none", None), effects=effects, whole_table=False, fitted=False)
+
+
+def after(*explanations: tuple[tuple[str, ...], bool, float], groups=None):
+    """The verdict where the alternatives are these: effects, whether something unknown is with them, probability."""
+    known = [Explanation(names, float(np.log(p)), unknown) for names, unknown, p in explanations]
+    weighing = Weighing(Alternatives.of(known), groups or {}, (), True)
+    return decided(found(), weighing, read_priors(), FEW)
+
+
+def test_an_effect_is_named_by_its_probability_alone_or_with_those_like_it():
+    assert found().named == (HIDDEN,)
+    sure = after(((HIDDEN,), False, 0.97), ((), False, 0.03))
+    assert sure.verdict is Verdict.EXPLAINED and sure.named == (HIDDEN,) and sure.groups == {HIDDEN: (HIDDEN,)}
+    tie = after(((HIDDEN,), False, 0.6), ((OTHER,), False, 0.38), ((), False, 0.02))
+    assert tie.verdict is Verdict.EXPLAINED and tie.groups == {HIDDEN: (HIDDEN, OTHER)}
+    beside = after(((HIDDEN,), False, 0.6), ((HIDDEN, OTHER), False, 0.4))
+    assert beside.groups == {HIDDEN: (HIDDEN,)}  # another beside it does not take its place
+    spanned = after(((HIDDEN,), False, 1.0), groups={HIDDEN: (OTHER, "a with b")})
+    assert spanned.groups == {HIDDEN: (HIDDEN, OTHER)}
+
+
+def test_an_effect_that_is_not_needed_or_stands_in_for_the_unknown_is_not_named():
+    idle = after(((HIDDEN,), False, 0.8), ((), False, 0.2))
+    unknown = after(((HIDDEN,), True, 0.6), ((HIDDEN,), False, 0.4))
+    for result, doubt in ((idle, Doubt.NOT_NEEDED), (unknown, Doubt.IN_NO_CATALOGUE)):
+        assert result.verdict is Verdict.NOT_EXPLAINED and result.named == () and result.closest == (HIDDEN,)
+        assert doubt in result.confirmation.doubts
+
+
+def test_the_rounds_are_run_on_from_a_far_better_explanation():
+    """Rounds that did not know the effect, weighed with a catalogue that does."""
+    missed = found(without=HIDDEN)
+    assert HIDDEN not in missed.named
+    result = decided(missed, weigh(missed, read_priors(), FEW), read_priors(), FEW)
+    assert result.verdict is Verdict.EXPLAINED and result.named == (HIDDEN,)
+    assert result.replaced == missed.final.names
+    (c01,) = result.final.additions[0].amplitudes
+    assert abs(c01 - 0.03) < 3 * result.final.errors[0][0]
