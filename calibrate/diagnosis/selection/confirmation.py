@@ -24,7 +24,7 @@ def confirm(base: Model, final: Model, thresholds: Thresholds = DEFAULT) -> Conf
     assert after is not None
     limit = allowed_force_error(before, after, thresholds)
     found = {
-        Doubt.ERRORS_GROW: _grows(before, after, thresholds),
+        Doubt.ERRORS_GROW: errors_grow(before, after, thresholds),
         Doubt.NO_CLEAR_FALL: not _falls_clearly(before, after, thresholds),
         Doubt.OTHER_WEIGHTS: not falls_in_either_weights(base, final),
         Doubt.LARGE_FORCE_ERROR: bool(np.isfinite(limit)) and not after.force <= limit,
@@ -41,10 +41,16 @@ def allowed_force_error(before: Misfit, after: Misfit, thresholds: Thresholds = 
     return float(np.clip(uncertainty, thresholds.small_force_error, thresholds.large_force_error))
 
 
-def _grows(before: Misfit, after: Misfit, thresholds: Thresholds) -> bool:
-    """Whether force or field error, each by itself, grows beyond what noise does."""
+def errors_grow(before: Misfit, after: Misfit, thresholds: Thresholds) -> bool:
+    """Whether force or field error, each by itself, grows beyond what noise does, and beyond what is negligible.
+
+    A base that takes a small effect in has smaller errors in N than the true model.
+    """
+    least = thresholds.negligible_error**2
     pairs = zip((before.force, before.field), (after.force, after.field), before.noise, strict=True)
-    return any(new**2 > thresholds.worse**2 * max(old**2 - noise, 0.0) + 2 * noise for old, new, noise in pairs)
+    return any(
+        new**2 > max(thresholds.worse**2 * max(old**2 - noise, 0.0) + 2 * noise, least) for old, new, noise in pairs
+    )
 
 
 def _falls_clearly(before: Misfit, after: Misfit, thresholds: Thresholds) -> bool:

@@ -20,6 +20,7 @@ class Thresholds:
     worse: a misfit larger by this factor is worse.
     small_force_error, large_force_error: relative, of what is held out; an explanation leaves no more than the first, or than twice
     the stated uncertainty and the second.
+    negligible_error: relative error of force or field that may grow up to here: that of a load cell of class 0.5 (ISO 7500-1).
     above_noise: factor on the standard deviation of noise, above which an error in N stands clear of it.
     clear_fall: share of the square of such an error, that must fall.
     softest_base: share of the stiffness of the base that an effect must leave it.
@@ -41,6 +42,7 @@ class Thresholds:
     worse: float = 1.02
     small_force_error: float = 0.02
     large_force_error: float = 0.1
+    negligible_error: float = 0.005
     above_noise: float = 2.0
     clear_fall: float = 0.2
     softest_base: float = 0.1
