@@ -21,8 +21,8 @@ import numpy as np
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.evidence.decision import decided
+from calibrate.diagnosis.evidence.explanations import Alternatives
 from calibrate.diagnosis.evidence.priors import read_priors
-from calibrate.diagnosis.evidence.refinement import Alternatives
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.effects import CATALOGUE

@@ -15,10 +15,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from calibrate.diagnosis import weighted_fit
+from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation, Weighing
 from calibrate.diagnosis.evidence.power import powers
 from calibrate.diagnosis.evidence.priors import Priors
-from calibrate.diagnosis.evidence.refinement import Alternatives, Explanation
-from calibrate.diagnosis.evidence.weighing import Weighing
 from calibrate.diagnosis.selection.candidate_fit import Model
 from calibrate.diagnosis.selection.loop import close_loop
 from calibrate.diagnosis.selection.rounds import Confirmation, Discovery, Doubt, Verdict

@@ -8,53 +8,20 @@ test then says no more than was believed before.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from calibrate.diagnosis.evidence.explanations import Finding, Power
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import prior_deviations
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Status
 from calibrate.diagnosis.selection.rounds import Candidate, Round
-from calibrate.effects import Effect
 from calibrate.effects.chain import Addition
-from calibrate.effects.effect import Parameter
 
 Array = NDArray[np.float64]
 CONFIDENCE = 0.95
-
-
-class Finding(StrEnum):
-    """What a test shows of an effect; open: significant, but not in the model."""
-
-    FOUND = "found"
-    OPEN = "significant, not in the model"
-    EXCLUDED = "excluded above"
-    INVISIBLE = "invisible in this test"
-    MEASURED = "measured otherwise"
-
-
-@dataclass(frozen=True)
-class Power:
-    """value: amplitude of what was found, with its standard deviation. limit: largest amplitude, by its distance from null, that these data allow; prior: its standard deviation before; both in the unit of
-    `parameter`, None where nothing can be said. missing: what the data lack."""
-
-    effect: Effect
-    finding: Finding
-    parameter: Parameter
-    value: tuple[float, float] | None = None
-    limit: float | None = None
-    prior: float | None = None
-    missing: tuple[str, ...] = ()
-
-    @property
-    def needed(self) -> str:
-        """What would show it."""
-        return ", ".join(self.missing) or self.effect.decided_by
 
 
 def powers(problem: Problem, last: Round, significance: float, priors: Priors) -> tuple[Power, ...]:

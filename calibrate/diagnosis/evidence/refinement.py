@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from calibrate import errors
 from calibrate.diagnosis import effect_fit, weighted_fit
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, Evidence, Subset, over_variances
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
@@ -35,44 +35,6 @@ START, SHARES = (
     4,
 )  # share of the linear estimate that a fit starts from where the whole has a larger misfit, taken so often
 WORSE = 2.0  # times the misfit of the base: the fit ran away
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """Effects that together may explain a test. discrepancy: with something smooth that is in no catalogue beside them. additions, errors:
-    as they were fitted, none where they were not."""
-
-    names: tuple[str, ...]
-    log_evidence: float
-    discrepancy: bool = False
-    probability: float = 0.0
-    additions: Additions = ()
-    errors: tuple[tuple[float, ...], ...] = ()
-
-
-@dataclass(frozen=True)
-class Alternatives:
-    """Explanations, the most probable first."""
-
-    explanations: tuple[Explanation, ...]
-
-    @classmethod
-    def of(cls, found: Sequence[Explanation]) -> Alternatives:
-        """With probabilities from log evidence."""
-        weights = special.softmax([one.log_evidence for one in found])
-        whole = [replace(one, probability=float(w)) for one, w in zip(found, weights, strict=True)]
-        return cls(tuple(sorted(whole, key=lambda one: -one.log_evidence)))
-
-    @property
-    def inclusion(self) -> dict[str, float]:
-        """Posterior probability of every effect: of all explanations that have it."""
-        names = dict.fromkeys(name for one in self.explanations for name in one.names)
-        return {name: sum(one.probability for one in self.explanations if name in one.names) for name in names}
-
-    @property
-    def unexplained(self) -> float:
-        """Posterior probability of something that is in no catalogue."""
-        return sum(one.probability for one in self.explanations if one.discrepancy)
 
 
 @dataclass(frozen=True, eq=False)

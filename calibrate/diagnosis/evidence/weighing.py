@@ -8,17 +8,17 @@ from the smaller within it as in the linear evidence.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence import signatures
+from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation, Weighing
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Subset
-from calibrate.diagnosis.evidence.power import Power, powers
+from calibrate.diagnosis.evidence.power import powers
 from calibrate.diagnosis.evidence.priors import Priors
-from calibrate.diagnosis.evidence.refinement import Alternatives, Explanation, alternatives
+from calibrate.diagnosis.evidence.refinement import alternatives
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection import candidate_fit
 from calibrate.diagnosis.selection.rounds import Discovery, Round, Verdict
@@ -34,17 +34,6 @@ SHAPED, FITTED, SHOWN = (
 )  # effects whose shape is refined, subsets that are fitted, sets of names that are weighed
 NEAR, STRONG = 12.0, 0.1  # log evidence behind the best, absolute and relative, within which a subset is fitted
 SPANNED = 0.98  # R^2 of a signature on up to two others
-
-
-@dataclass(frozen=True, eq=False)
-class Weighing:
-    """alternatives; groups: effects that lie in the span of up to two others, by their names; powers: of every effect. fitted: whether the
-    alternatives were fitted, or are linear in their amplitudes."""
-
-    alternatives: Alternatives
-    groups: dict[str, tuple[str, ...]]
-    powers: tuple[Power, ...]
-    fitted: bool
 
 
 def weigh(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence.explanations import Weighing
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score
@@ -14,9 +15,6 @@ from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects.chain import Addition
 from calibrate.fitting.noise_check import NoiseCheck
-
-if TYPE_CHECKING:  # it is made from a `Discovery`
-    from calibrate.diagnosis.evidence.weighing import Weighing
 
 
 class Verdict(StrEnum):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.evidence.weighing import Weighing
+from calibrate.diagnosis.evidence.explanations import Weighing
 from calibrate.diagnosis.problem import Part, level_factor
 from calibrate.diagnosis.selection import Discovery
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from calibrate.diagnosis.evidence.power import Finding, Power
-from calibrate.diagnosis.evidence.refinement import Explanation
-from calibrate.diagnosis.evidence.weighing import Weighing
+from calibrate.diagnosis.evidence.explanations import Explanation, Finding, Power, Weighing
 from calibrate.models.addition_json import amplitude_unit
 from studies.output.words import percent, plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS

@@ -10,9 +10,9 @@ import synthetic
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.evidence.decision import decided
+from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation, Weighing
 from calibrate.diagnosis.evidence.priors import read_priors
-from calibrate.diagnosis.evidence.refinement import Alternatives, Explanation
-from calibrate.diagnosis.evidence.weighing import Weighing, weigh
+from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Doubt

@@ -16,7 +16,7 @@ from calibrate import errors
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, base_functions, effect_fit, residual_tests, score_tests
 from calibrate.diagnosis.discovery import discover
-from calibrate.diagnosis.evidence.power import Finding
+from calibrate.diagnosis.evidence.explanations import Finding
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut

@@ -7,10 +7,10 @@ import pytest
 from scipy import stats
 
 from calibrate import errors
+from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature
 from calibrate.diagnosis.evidence.power import upper_limit
 from calibrate.diagnosis.evidence.priors import Scales, deviations, read_priors
-from calibrate.diagnosis.evidence.refinement import Alternatives, Explanation
 from calibrate.effects import CATALOGUE
 
 N = 60

@@ -1,0 +1,91 @@
+"""What the evidence says: explanations with probabilities, and what a test shows of every effect. Plain data, computed elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from scipy import special
+
+from calibrate.effects import Effect
+from calibrate.effects.chain import Additions
+from calibrate.effects.effect import Parameter
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Effects that together may explain a test. discrepancy: with something smooth that is in no catalogue beside them. additions, errors:
+    as they were fitted, none where they were not."""
+
+    names: tuple[str, ...]
+    log_evidence: float
+    discrepancy: bool = False
+    probability: float = 0.0
+    additions: Additions = ()
+    errors: tuple[tuple[float, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """Explanations, the most probable first."""
+
+    explanations: tuple[Explanation, ...]
+
+    @classmethod
+    def of(cls, found: Sequence[Explanation]) -> Alternatives:
+        """With probabilities from log evidence."""
+        weights = special.softmax([one.log_evidence for one in found])
+        whole = [replace(one, probability=float(w)) for one, w in zip(found, weights, strict=True)]
+        return cls(tuple(sorted(whole, key=lambda one: -one.log_evidence)))
+
+    @property
+    def inclusion(self) -> dict[str, float]:
+        """Posterior probability of every effect: of all explanations that have it."""
+        names = dict.fromkeys(name for one in self.explanations for name in one.names)
+        return {name: sum(one.probability for one in self.explanations if name in one.names) for name in names}
+
+    @property
+    def unexplained(self) -> float:
+        """Posterior probability of something that is in no catalogue."""
+        return sum(one.probability for one in self.explanations if one.discrepancy)
+
+
+class Finding(StrEnum):
+    """What a test shows of an effect; open: significant, but not in the model."""
+
+    FOUND = "found"
+    OPEN = "significant, not in the model"
+    EXCLUDED = "excluded above"
+    INVISIBLE = "invisible in this test"
+    MEASURED = "measured otherwise"
+
+
+@dataclass(frozen=True)
+class Power:
+    """value: amplitude of what was found, with its standard deviation. limit: largest amplitude, by its distance from null, that these data allow; prior: its standard deviation before; both in the unit of
+    `parameter`, None where nothing can be said. missing: what the data lack."""
+
+    effect: Effect
+    finding: Finding
+    parameter: Parameter
+    value: tuple[float, float] | None = None
+    limit: float | None = None
+    prior: float | None = None
+    missing: tuple[str, ...] = ()
+
+    @property
+    def needed(self) -> str:
+        """What would show it."""
+        return ", ".join(self.missing) or self.effect.decided_by
+
+
+@dataclass(frozen=True, eq=False)
+class Weighing:
+    """alternatives; groups: effects that lie in the span of up to two others, by their names; powers: of every effect. fitted: whether the
+    alternatives were fitted, or are linear in their amplitudes."""
+
+    alternatives: Alternatives
+    groups: dict[str, tuple[str, ...]]
+    powers: tuple[Power, ...]
+    fitted: bool
