@@ -1,6 +1,7 @@
-"""Result files that follow from others: rates of the blind trials, and the catalogue of effects (`make numbers`).
+"""Result files that follow from others: rates of the blind trials, the catalogue of effects, the alerts (`make numbers`).
 
-In: `docs/blind.json` and the classes of `calibrate.effects`. Out: `trials.json` and `catalogue.json` in `docs/results`.
+In: `docs/blind.json`, the classes of `calibrate.effects`, `studies/output/alerts.toml`. Out: `trials.json`, `catalogue.json` and `alerts.json` in
+`docs/results`.
 
 The definitions of the rates are those of `studies.trials.trial_summary`. A strong effect is one with a score above 10. Of these are told apart:
 named right; right with a wrong name beside it; right only through a group, which names an effect that the data cannot tell from it;
@@ -16,6 +17,7 @@ from typing import Any
 
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.effects import CATALOGUE, Effect
+from studies.output.alerts import Alert, registry
 from studies.trials.judgement import JudgedTrial, read
 from studies.trials.trial_summary import FIELD, summary
 
@@ -129,9 +131,28 @@ def parameters(effect: Effect) -> str:
     return ", ".join(words) if len(words) < FEW else f"{words[0]}, ..., {words[-1]}"
 
 
+def alerts() -> dict[str, Any]:
+    """`alerts.json`: a table for each letter, with a place to link to in each row."""
+    tables: dict[str, list[list[str]]] = {}
+    for alert in registry().values():
+        rows = tables.setdefault(alert.code[0], [["code", "severity", "it means", "what to do"]])
+        rows.append([f'<a id="{alert.anchor}"></a>{alert.code}', severity(alert), alert.means, alert.do])
+    return {
+        "command": "python docs/derive_numbers.py, from studies/output/alerts.toml",
+        "numbers": {"codes": len(registry())},
+        "tables": tables,
+    }
+
+
+def severity(alert: Alert) -> str:
+    """'warning; **serious** where ...'."""
+    named = [f"**{s}**" if s == "serious" else str(s) for s in (alert.severity, alert.raised) if s is not None]
+    return named[0] if alert.raised is None else f"{named[0]}; {named[1]} where {alert.when}"
+
+
 def main() -> dict[str, dict[str, Any]]:
     """Everything that is written, by file."""
-    return {"trials": trials(), "catalogue": catalogue()}
+    return {"trials": trials(), "catalogue": catalogue(), "alerts": alerts()}
 
 
 if __name__ == "__main__":

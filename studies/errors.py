@@ -31,3 +31,7 @@ class DesignError(StudyError, ValueError):
 
 class ExportError(StudyError, ValueError):
     """A model that an export target cannot carry, or an option that it does not have."""
+
+
+class AlertError(StudyError, ValueError):
+    """The registry of alerts cannot be read, or a sentence has no code or two."""

@@ -11,14 +11,14 @@ from wording import share
 
 def take(folder: Path, calibration: Path) -> dict[str, Any]:
     """Content of the file. folder: of `equigap replay`; calibration: of the `equigap calibrate` before."""
-    told = {f["code"]: f for f in json.loads((folder / "maps.json").read_text())["results"]["findings"]}
-    field, mesh = told["field_error"], told["mesh_effect"]
+    told = {f["code"]: f["data"] for f in json.loads((folder / "maps.json").read_text())["results"]["alerts"]}
+    force, field, mesh = told["R601"], told["R602"], told["R603"]
     fitted = json.loads((calibration / "report.json").read_text())["results"]["relative_force_error"]
     return {
         "command": "equigap import Soft_Homo; equigap calibrate --quick; equigap replay",
         "how": "measured sheet, twelve pictures",
         "numbers": {
-            "force_error": share(told["force_error"]["error"]),
+            "force_error": share(force["error"]),
             "field_error": f"{field['last']:.2f}",
             "in_noise": f"{field['last'] / field['noise']:.0f}",
             "mesh_field": f"{mesh['field']:.1g}",

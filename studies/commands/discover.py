@@ -37,10 +37,13 @@ from studies.commandline.option_types import (
 from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder, released_if_refused
+from studies.output.findings import Finding
+from studies.reports.alert_table import alert_lines
+from studies.reports.discovery.discovery_findings import no_time
+from studies.reports.discovery.discovery_findings import remarks as all_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.report import write
-from studies.reports.discovery.statement import network_words, verdict
-from studies.reports.discovery.statement import remarks as all_remarks
+from studies.reports.discovery.statement import network_words, reservations, verdict
 from studies.reports.discovery.view import View
 
 INTERVAL = 20.0  # s between lines of progress in a log
@@ -78,7 +81,8 @@ class Discovered(Outcome):
     def lines(self) -> Iterable[str]:
         """The verdict, what to know of it, and the files."""
         yield f"{verdict(self.view)}."
-        yield from (f"- {line}" for line in all_remarks(self.view))
+        yield from reservations(self.view)
+        yield from alert_lines(all_remarks(self.view))
         yield f"model: {self.folder / 'model.json'}"
         yield f"report: {self.report}"
 
@@ -149,7 +153,7 @@ def candidates(without: Sequence[str]) -> tuple[Effect, ...]:
 
 def read(
     paths: Sequence[Path], held_paths: Sequence[Path], rule: HoldOut | None
-) -> tuple[list[Experiment], list[Experiment], tuple[str, ...]]:
+) -> tuple[list[Experiment], list[Experiment], tuple[Finding, ...]]:
     """Experiments to be fitted, to be held out, and remarks. Raises `ConfigError` where they do not go together.
 
     Where one has no time, all do without: an effect of time cannot be carried over.
@@ -170,14 +174,14 @@ def read(
             f"{units['MPa']} has a thickness, {units['N/mm']} has none, so that their stiffness cannot be compared; "
             "import them with a thickness each, or without"
         )
-    remarks: list[str] = []
+    remarks: list[Finding] = []
     experiments = [experiment for _, experiment in loaded]
     timeless = [str(path) for path, experiment in loaded if experiment.time is None]
     if 0 < len(timeless) < len(loaded):
         if rule is not None and rule.kind == "after":
             raise ConfigError(f"{timeless[0]}: has no time, which --hold-out after:SECONDS needs; use every:N")
         experiments = [replace(experiment, time=None) for experiment in experiments]
-        remarks.append(f"{timeless[0]} has no time, so that no effect of time is tested; import it with its times.")
+        remarks.append(no_time(timeless[0]))
     return experiments[: len(paths)], experiments[len(paths) :], tuple(remarks)
 
 

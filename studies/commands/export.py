@@ -25,6 +25,7 @@ from studies.output.findings import Finding
 from studies.output.manifest import sha256_of
 from studies.output.words import Words
 from studies.output.writing import write_text
+from studies.reports.alert_table import alert_lines
 from studies.reports.model_remarks import remarks_of_file
 
 WORDS = Words("export")
@@ -41,7 +42,7 @@ class Exported(Outcome):
 
     def lines(self) -> Iterable[str]:
         """What the model file says of itself, the error, what was left out, and the file."""
-        yield from (remark.text for remark in self.remarks)
+        yield from alert_lines(self.remarks)
         yield WORDS.accuracy(errors=self.errors)
         if self.left_out:
             yield WORDS.left_out(names=self.left_out)

@@ -22,6 +22,7 @@ from studies.commands.simulate import read_material
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder
 from studies.output.findings import Finding
+from studies.reports.alert_table import alert_lines
 from studies.reports.prediction.predicted_curves import Curve, findings
 from studies.reports.prediction.predicted_curves import predict as predicted_curves
 from studies.reports.prediction.predicted_forces import Forecast, forecast
@@ -59,7 +60,7 @@ class PredictedCurves(Outcome):
 
     def lines(self) -> Iterable[str]:
         """Where the model extrapolates, and the files."""
-        yield from (f"- {finding.text}" for finding in self.findings)
+        yield from alert_lines(self.findings)
         yield f"curves: {self.table}"
         yield f"report: {self.report}"
 
@@ -74,7 +75,7 @@ class PredictedForces(Outcome):
 
     def lines(self) -> Iterable[str]:
         """The error, what to know of it, and the files."""
-        yield from (f"- {finding.text}" for finding in self.forecast.findings)
+        yield from alert_lines(self.forecast.findings)
         yield f"forces: {self.table}"
         yield f"report: {self.report}"
 

@@ -22,6 +22,7 @@ from studies.replay.model_law import Law, law_of, material_law
 from studies.replay.replayed_experiment import Replay
 from studies.replay.replayed_experiment import replay as replayed
 from studies.replay.report import findings, write_report
+from studies.reports.alert_table import alert_lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +34,7 @@ class Replayed(Outcome):
 
     def lines(self) -> Iterable[str]:
         """Errors, what they rest on, and the report."""
-        yield from (f"- {finding.text}" for finding in findings(self.found))
+        yield from alert_lines(findings(self.found))
         yield f"report: {self.report}"
 
 

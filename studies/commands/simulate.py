@@ -42,6 +42,7 @@ from studies.grid.axes import EXTENT
 from studies.output import Manifest, open_output_folder
 from studies.output.findings import Finding
 from studies.output.viewer import write_viewer_file
+from studies.reports.alert_table import alert_lines, alert_records
 from studies.reports.experiments.simulation_report import write_report
 from studies.reports.model_remarks import remarks_of_file
 from studies.synthetic.camera import Camera, GaussianField
@@ -110,7 +111,7 @@ class Simulated(Outcome):
 
     def lines(self) -> Iterable[str]:
         """What the model file says of itself, and files."""
-        yield from (f"- {remark.text}" for remark in self.remarks)
+        yield from alert_lines(self.remarks)
         yield f"experiment: {self.folder / 'experiment.npz'}"
         yield f"report: {self.report}"
 
@@ -154,7 +155,7 @@ def simulate(
     experiment.save(folder / "experiment.npz")
     write_viewer_file(experiment, folder / "experiment.vtu")
     remarks = tuple(remarks_of_file(test.material))
-    said = {"findings": [remark.to_dict() for remark in remarks]} if remarks else {}
+    said = {"alerts": alert_records(remarks)} if remarks else {}
     manifest.beside(folder / "experiment.npz", folder / "solution.npz", **numbers(solution, experiment), **said)
     return Simulated(
         folder, solution, experiment, write_report(folder, solution, experiment, manifest, remarks), remarks

@@ -50,6 +50,18 @@ def page(template: str, **content: Any) -> str:
     return environment.get_template(template).render(**content)
 
 
+@dataclass(frozen=True)
+class Link:
+    """A cell that leads to a place of the same report. anchor: of `Report.details`; title: shown beside the pointer."""
+
+    text: str
+    anchor: str
+    title: str = ""
+
+    def __str__(self) -> str:
+        return self.text
+
+
 @dataclass
 class _Picture:
     content: bytes
@@ -122,9 +134,10 @@ class Report:
         self._parts.append({"kind": "view", "content": content, "names": names, "label": label, "caption": caption})
         return self
 
-    def details(self, summary: str, content: Mapping[str, Any]) -> Self:
-        """Names and values that fold out, such as settings or versions; nested names are written 'a / b'."""
-        items = [(key, _cell(value)["text"]) for key, value in _flat(content)]
+    def details(self, summary: str, content: Mapping[str, Any], anchors: bool = False) -> Self:
+        """Names and values that fold out, such as settings or versions; nested names are written 'a / b'. anchors: whether a `Link`
+        may lead to a name, in lower case."""
+        items = [(key, _cell(value)["text"], key.lower() if anchors else "") for key, value in _flat(content)]
         self._parts.append({"kind": "details", "summary": summary, "rows": items})
         return self
 
@@ -166,12 +179,13 @@ def _cell(value: Any) -> dict[str, Any]:
     Text that begins with a number, such as '2.6 %', is sorted by the number.
     """
     if value is None or (isinstance(value, float) and math.isnan(value)):
-        return {"text": "–", "sort": "", "number": True, "long": False}
+        return {"text": "–", "sort": "", "number": True, "long": False, "link": None}
     if isinstance(value, bool) or not hasattr(value, "__float__"):
         text = {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
         found = WRITTEN.fullmatch(text)
         sort = repr(float(found[1].replace("\N{MINUS SIGN}", "-"))) if found else text.strip(" –-") and text
-        return {"text": text, "sort": sort, "number": found is not None, "long": len(text) > LONG}
+        link = value if isinstance(value, Link) else None
+        return {"text": text, "sort": sort, "number": found is not None, "long": len(text) > LONG, "link": link}
     number = float(value) + 0.0  # no minus before a zero
     if math.isnan(number):
         return _cell(None)
@@ -180,6 +194,7 @@ def _cell(value: Any) -> dict[str, Any]:
         "sort": repr(number) if math.isfinite(number) else "-Infinity" if number < 0 else "Infinity",
         "number": True,
         "long": False,
+        "link": None,
     }
 
 

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from studies.output import Manifest, write_csv, write_figure, write_npz
-from studies.output.findings import Finding
+from studies.output.findings import Finding, Macro
 from studies.output.report import Report
 from studies.output.viewer import write_viewer_file
 from studies.output.words import Words
 from studies.replay import figures
 from studies.replay.replayed_experiment import Replay
 from studies.reports import force_record
+from studies.reports.alert_table import add_alerts, alert_records
 
 WORDS = Words("replay")
 COLUMNS = ("increment", "time, s", "residual, rms, mm", "residual, largest, mm", "largest displacement, mm")
 
 
-class Remark(StrEnum):
+class Remark(Macro):
     """What a reader of a replay should know; macros of ``templates/replay.txt``."""
 
     FORCE = "force_error"
@@ -50,7 +50,7 @@ def findings(found: Replay) -> list[Finding]:
 def write_report(folder: Path, found: Replay, manifest: Manifest) -> Path:
     """``replay.npz``, ``replay.vtu``, tables, figures with manifests, and ``report.html``, whose path is returned. Raises `OutputWriteError`."""
     experiment = found.experiment
-    results = {"findings": [f.to_dict() for f in findings(found)], "force_error": found.force_error,
+    results = {"alerts": alert_records(findings(found)), "force_error": found.force_error,
                "field_error_mm": found.field_error.tolist()}  # fmt: skip
     write_npz(folder / "replay.npz", points=experiment.points, triangles=experiment.triangles,
               displacements=found.displacements, residual=found.residual, judged=found.judged,
@@ -61,8 +61,7 @@ def write_report(folder: Path, found: Replay, manifest: Manifest) -> Path:
     fields = field_rows(found)
     write_csv(folder / "fields.csv", COLUMNS, fields)
     report = Report(f"Replay of {experiment.name}", f"{WORDS.question()} Model: {found.law.title}.")
-    for finding in findings(found):
-        report.paragraph(finding.text)
+    add_alerts(report, findings(found)).heading("Evidence")
     for name, draw in (("maps", figures.residual_maps), ("growth", figures.growth), ("forces", figures.forces)):
         picture = folder / f"{name}.png"
         write_figure(picture, draw(found))

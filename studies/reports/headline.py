@@ -8,18 +8,20 @@ small force error says nothing of equilibrium inside. Both are weighed, and what
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from calibrate.data.strain_signal import StrainSignal
 from calibrate.models.fitness import Fitness, Use
-from studies.output.findings import Finding
+from studies.output.findings import Finding, Macro
+from studies.output.words import Words
+
+WORDS = Words("headline")
 
 
-class Reason(StrEnum):
+class Reason(Macro):
     """Macros of ``templates/headline.txt``."""
 
     FORCES_MISSED = "forces_missed"
@@ -93,17 +95,22 @@ class Headline:
     @property
     def text(self) -> str:
         """'Usable with reservations: ...; ...'."""
-        return Finding("headline", _Headline.TEXT, {"verdict": self.verdict, "reasons": self.reasons}).text
+        return WORDS.headline(verdict=self.verdict, reasons=self.in_words)
 
     @property
-    def reasons(self) -> tuple[str, ...]:
-        """In words; those against the use first."""
-        return tuple(finding.text.removesuffix(".") for finding in (*self.against, *self.reservations))
+    def reasons(self) -> tuple[Finding, ...]:
+        """Those against the use first."""
+        return *self.against, *self.reservations
+
+    @property
+    def in_words(self) -> tuple[str, ...]:
+        """The reasons as words of a sentence."""
+        return tuple(finding.text.removesuffix(".") for finding in self.reasons)
 
     @property
     def fitness(self) -> Fitness:
         """As the model file keeps it."""
-        return Fitness(self.verdict, self.reasons)
+        return Fitness(self.verdict, self.in_words)
 
     def to_dict(self) -> dict[str, Any]:
         """For a manifest."""
@@ -114,14 +121,10 @@ class Headline:
         }
 
 
-class _Headline(StrEnum):
-    TEXT = "headline"
-
-
 def headline(quality: Quality, limits: Limits = LIMITS) -> Headline:
     """The verdict on a model."""
     found = list(_found(quality, limits))
-    against = tuple(finding for severe, finding in found if severe)
+    against = tuple(replace(finding, raised=True) for severe, finding in found if severe)
     reservations = tuple(finding for severe, finding in found if not severe)
     verdict = Use.NOT if against else Use.RESERVATIONS if reservations else Use.USABLE
     return Headline(verdict, against, reservations)

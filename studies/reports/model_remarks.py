@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.fitness import Use
 from calibrate.models.model_file import load_model
 from calibrate.models.network_model import Model
-from studies.output.findings import Finding
+from studies.output.findings import Finding, Macro
 
 
-class ModelRemark(StrEnum):
+class ModelRemark(Macro):
     """Macros of ``templates/prediction.txt``."""
 
     FITNESS = "fitness"
@@ -25,7 +24,7 @@ def model_remarks(model: Model | ExtendedModel) -> list[Finding]:
     fitness = model.fitness
     if fitness is not None and fitness.verdict is not Use.USABLE:
         data = {"verdict": fitness.verdict, "reasons": list(fitness.reasons)}
-        found.append(Finding("prediction", ModelRemark.FITNESS, data))
+        found.append(Finding("prediction", ModelRemark.FITNESS, data, fitness.verdict is Use.NOT))
     if model.level_is_nominal:
         found.append(Finding("prediction", ModelRemark.NOMINAL_LEVEL))
     return found

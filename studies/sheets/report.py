@@ -43,7 +43,7 @@ def write(folder: Path, results: MeasuredResults, manifest: Manifest) -> tuple[P
     record = manifest.to_dict()
     report.heading("How it was made").details("Settings", record["settings"]).details("Versions", record["versions"])
     report.save(files[0])
-    manifest.beside(*files, *pictures.values(), findings=[finding.to_dict() for finding in found])
+    manifest.beside(*files, *pictures.values(), alerts=[finding.to_dict() for finding in found])
     return files[0], "\n".join(finding.text for finding in found)
 
 

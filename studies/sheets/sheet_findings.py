@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from typing import Any
 
 from calibrate.diagnosis.selection import DEFAULT
-from studies.output.findings import Finding
+from studies.output.findings import Finding, Macro
 from studies.sheets.measured_results import MeasuredResults
 from studies.sheets.sheet_results import ModelName, SheetResult
 from studies.sheets.tables import spread
 
 
-class SheetCode(StrEnum):
+class SheetCode(Macro):
     """Macros of ``templates/measured.txt``."""
 
     SHEET = "sheet"

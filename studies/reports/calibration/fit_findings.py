@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
 from calibrate.fitting.classical_fit import Comparison
+from calibrate.fitting.classical_fit import Verdict as Enough
 from calibrate.models.parameter_covariance import MISFIT
-from studies.output.findings import Finding
+from studies.output.findings import Finding, Macro
 from studies.reports.calibration.fit_review import Review, section_shares
 from studies.reports.experiments.experiment_findings import experiment_findings
 from studies.reports.prediction.predicted_curves import band_finding
 
 
-class FitCode(StrEnum):
+class FitCode(Macro):
     """Macros of ``templates/calibration.txt``."""
 
     NOISE_UNKNOWN = "noise_unknown"
@@ -86,7 +86,7 @@ def classical_finding(found: Comparison, inputs: str) -> Finding:
         return _finding(FitCode.CLASSICAL_NOT_FITTED, failed=failed)
     best, alike = found.converged[0], found.alike
     return _finding(
-        FitCode.CLASSICAL, verdict=str(found.verdict), law=best.name, numbers=int(best.numbers),
+        FitCode.CLASSICAL, found.verdict is Enough.BETTER, verdict=str(found.verdict), law=best.name, numbers=int(best.numbers),
         difference=best.criterion, inputs=inputs, alike=[c.name for c in alike], failed=failed,
         unstable=[c.name for c in (best, *alike) if c.fit is not None and not c.fit.stability > 0],
     )  # fmt: skip
@@ -112,7 +112,7 @@ def starts(view: Review) -> Finding:
     n, alike = len(view.calibration.losses), view.starts_alike
     share, least = LIMITS.few_starts
     few = n > 1 and alike < max(least, n // share)
-    return _finding(FitCode.STARTS, alike=alike, starts=n, stopped=str(view.calibration.reason), few=few)
+    return _finding(FitCode.STARTS, few, alike=alike, starts=n, stopped=str(view.calibration.reason), few=few)
 
 
 def forces(view: Review) -> Finding:
@@ -120,8 +120,8 @@ def forces(view: Review) -> Finding:
     if view.experiment.level_is_nominal:
         return _finding(FitCode.NOMINAL_LEVEL, increment=level_increment(view) + 1, shares=section_shares(view))
     error, simple = view.force_error(view.fitted), view.neo_hooke_error
-    worse = error > max(LIMITS.factor * simple, LIMITS.negligible)
-    return _finding(FitCode.FORCES, error=error, neo_hooke_error=simple, worse_than_neo_hooke=bool(worse))
+    worse = bool(error > max(LIMITS.factor * simple, LIMITS.negligible))
+    return _finding(FitCode.FORCES, worse, error=error, neo_hooke_error=simple, worse_than_neo_hooke=worse)
 
 
 def level_increment(view: Review) -> int:
@@ -140,14 +140,18 @@ def held_out(view: Review) -> Finding:
     last = numbers.size == numbers[-1] - numbers[0] + 1 and numbers[-1] == n
     nominal = view.experiment.level_is_nominal
     usual, there = view.fitted_chi_square, held.chi_square_per_equation
+    forces_worse = bool(
+        not nominal and held.relative_force_error > max(LIMITS.held_least, LIMITS.held_factor * fitted_error)
+    )
+    equilibrium_worse = bool(
+        usual is not None and there is not None and there > LIMITS.held_chi_square * max(1.0, usual)
+    )
     return _finding(
-        FitCode.HELD_OUT, increments=held.increments, of=n, last=bool(last), error=held.relative_force_error,
+        FitCode.HELD_OUT, forces_worse or equilibrium_worse, increments=held.increments, of=n, last=bool(last), error=held.relative_force_error,
         fitted_error=fitted_error, chi_square=there, fitted_chi_square=usual,
-        forces_worse=bool(not nominal and held.relative_force_error > max(LIMITS.held_least, LIMITS.held_factor * fitted_error)),
-        equilibrium_worse=bool(usual is not None and there is not None and there > LIMITS.held_chi_square * max(1.0, usual)),
-        level_is_nominal=nominal,
+        forces_worse=forces_worse, equilibrium_worse=equilibrium_worse, level_is_nominal=nominal,
     )  # fmt: skip
 
 
-def _finding(code: FitCode, **data: Any) -> Finding:
-    return Finding("calibration", code, data)
+def _finding(code: FitCode, raised: bool = False, /, **data: Any) -> Finding:
+    return Finding("calibration", code, data, raised)

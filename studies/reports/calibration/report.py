@@ -10,6 +10,7 @@ from studies.output import Manifest, write_csv, write_figure
 from studies.output.report import Report
 from studies.output.words import Words
 from studies.reports import force_record
+from studies.reports.alert_table import add_alerts, alert_lines, alert_records
 from studies.reports.calibration.calibration_quality import calibration_quality
 from studies.reports.calibration.classical_table import classical_record, classical_table, terminal_lines
 from studies.reports.calibration.figures import FIGURES
@@ -28,9 +29,8 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     replace(view.model, fitness=first.fitness).save(model)
     report = Report(f"Calibration on {experiment.name}", model_name(view))
     report.heading("Result").paragraph(first.text).table(*summary_table(view))
-    found = findings(view)
-    for finding in found:
-        report.paragraph(finding.text)
+    found = [*first.reasons, *findings(view)]
+    add_alerts(report, found).heading("Forces and curves")
     if not view.model.level_is_nominal:
         report.table(*force_table(view), WORDS.force_table())
     report.table(*curve_table(view), WORDS.curve_table())
@@ -52,7 +52,7 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     outputs = folder / "report.html", model, folder / "forces.csv"
     manifest.beside(
         *outputs, headline=first.to_dict(), **view.summary(), classical_laws=classical_record(view),
-        findings=[f.to_dict() for f in found],
+        alerts=alert_records(found),
     )  # fmt: skip
 
 
@@ -69,7 +69,8 @@ def model_name(view: Review) -> str:
 
 def summary_lines(view: Review) -> Iterator[str]:
     """The numbers and what they mean, for a terminal."""
-    yield headline(calibration_quality(view)).text
+    first = headline(calibration_quality(view))
+    yield first.text
     yield f"{view.experiment.name}: {model_name(view)}"
     _, rows = summary_table(view)
     width = max(len(str(row[0])) for row in rows)
@@ -77,5 +78,4 @@ def summary_lines(view: Review) -> Iterator[str]:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         yield f"  {name:{width}}  {text} {unit}".rstrip()
     yield from terminal_lines(view.classical, view.model.unit)
-    for finding in findings(view):
-        yield f"- {finding.text}"
+    yield from alert_lines([*first.reasons, *findings(view)])

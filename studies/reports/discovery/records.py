@@ -250,7 +250,6 @@ def content(view: View) -> dict[str, Any]:
         "noise": [_noise(check) for check in found.noise],
         "stress_unit": view.unit,
         "plane": found.problem.parts[0].experiment.plane,
-        "remarks": list(view.remarks),
         "confirmation": None if found.confirmation is None else found.confirmation.to_dict(),
         "experiments": [ExperimentRecord.of(part).to_dict() for part in found.problem.parts],
         "rounds": [round_record(now, view) for now in found.rounds],

@@ -13,11 +13,13 @@ from calibrate.models.fitness import Use
 from calibrate.models.network_model import Model
 from studies.output import write_csv, write_figure, write_json, write_npz
 from studies.output.report import Report
+from studies.reports.alert_table import add_alerts, alert_records
 from studies.reports.discovery import figures
 from studies.reports.discovery.candidate_outcome import WORDS
+from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
-from studies.reports.discovery.statement import remarks, untestable, verdict
+from studies.reports.discovery.statement import reservations, untestable, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
 from studies.reports.discovery.weighing_tables import alternatives_table, power_table
@@ -33,8 +35,9 @@ def write(folder: Path, view: View, model: ExtendedModel, manifest: Any) -> Path
     report = Report("Diagnosis", _subtitle(view))
     said = verdict(view)
     report.heading("Verdict").paragraph(said[0].upper() + said[1:] + ".")
-    for remark in remarks(view):
-        report.paragraph(remark)
+    for text in reservations(view):
+        report.paragraph(text)
+    add_alerts(report, remarks(view))
     _results(report, folder, view)
     report.heading("The extended model").paragraph(model_words(model))
     report.heading("How it was made")
@@ -112,7 +115,7 @@ def _data(folder: Path, view: View) -> list[Path]:
         **content(view),
         "headline": discovery_headline(view).to_dict(),
         "in_words": verdict(view),
-        "remarks": remarks(view),
+        "alerts": alert_records(remarks(view)),
     }
     write_json(folder / "discovery.json", everything)
     rows = [_flat(i, c) for i, now in enumerate(everything["rounds"], start=1) for c in now["candidates"]]

@@ -1,26 +1,21 @@
-"""The verdict of a discovery and its remarks: numbers for the template ``discovery.txt`` in, what report and terminal say out."""
+"""The verdict of a discovery: numbers for the template ``discovery.txt`` in, what report and terminal say out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calibrate.diagnosis.distillation import Distilled, bulk_modulus
+from calibrate.diagnosis.distillation import Distilled
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Doubt, Round
-from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.fitness import Use
 from studies.output.words import plus_minus
-from studies.reports.discovery.candidate_outcome import WORDS, outcome_words, round_remarks
-from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
+from studies.reports.discovery.candidate_outcome import WORDS, outcome_words
+from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.records import shape_records
 from studies.reports.discovery.view import BAND, View
-from studies.reports.discovery.weighing_tables import alternatives_words, power_words
-from studies.reports.experiments.experiment_findings import experiment_findings
 
-ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
-OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
 LISTED = 3  # amplitudes that a cell of the table can hold
 
 
@@ -111,13 +106,19 @@ class Statement:
             () if found.confirmation is None else found.confirmation.doubts,
             float("nan") if found.confirmation is None else found.confirmation.force_allowed,
             found.problem.level_is_nominal,
-            use.reasons if use.verdict is Use.NOT else (),
+            use.in_words if use.verdict is Use.NOT else (),
         )
 
 
 def verdict(view: View) -> str:
     """The verdict in words, one paragraph; also that the last fit has not converged, if so."""
     return WORDS.verdict(s=Statement.of(view))
+
+
+def reservations(view: View) -> list[str]:
+    """The headline where the model is usable with reservations; where it is not usable, the verdict says so."""
+    use = discovery_headline(view)
+    return [use.text] if use.verdict is Use.RESERVATIONS else []
 
 
 def _effects(view: View, names: tuple[str, ...]) -> tuple[NamedEffect, ...]:
@@ -192,55 +193,6 @@ def _deciding(view: View) -> tuple[str, ...]:
     groups = [found.groups.get(name, (name,)) for name in found.named]
     tests = [known[n].decided_by for group in groups if len(group) > 1 for n in group if n in known]
     return tuple(dict.fromkeys(test for test in tests if test))
-
-
-def remarks(view: View) -> list[str]:
-    """What a reader has to know, in sentences."""
-    found, use = view.discovery, discovery_headline(view)
-    result = [use.text] if use.verdict is Use.RESERVATIONS else []
-    result += [*view.remarks, *_of_noise(view), _of_hold_out(view)]
-    for i, now in enumerate(found.rounds if use.verdict is not Use.NOT else (), start=1):
-        result += [WORDS.round_remark(number=i, remark=text) for text in round_remarks(now)]
-    if view.weighing is not None and use.verdict is not Use.NOT:
-        result += [alternatives_words(view.weighing), power_words(view.weighing)]
-    if found.replaced is not None:
-        result.append(WORDS.replaced(by=found.rounds[1].fit.names, names=found.replaced))
-    if view.unit != "MPa":
-        result.append(WORDS.no_thickness())
-    factor = discovery_quality(view).attenuation
-    if factor > ATTENUATED and not found.problem.level_is_nominal:
-        result.append(WORDS.attenuated(factor=factor))
-    result += [WORDS.weak_strain(name=part.experiment.name, signal=part.experiment.strain_signal)
-               for part in found.problem.parts if part.experiment.strain_signal.ratio < WEAK_SIGNAL]  # fmt: skip
-    for part in found.problem.parts:
-        result += [f.text for f in experiment_findings(part.experiment, part.assembled.noise_is_known)]
-    bulk = bulk_modulus(found.problem, found.final)
-    if bulk is not None:
-        result.append(WORDS.plane_strain(value=plus_minus(bulk[0], BAND * bulk[1]), unit=view.unit))
-    return result
-
-
-def _of_noise(view: View) -> list[str]:
-    found = view.discovery
-    if not found.problem.noise_is_known:
-        return [WORDS.unknown_noise()]
-    names = [part.experiment.name for part in found.problem.parts]
-    said = [
-        WORDS.noise_found(name=name, check=check)
-        for name, check in zip(names, found.noise, strict=False)
-        if check.corrected
-    ]
-    chi_square = found.base.reduced_chi_square
-    attenuated = discovery_quality(view).attenuation > ATTENUATED  # a stiffness too small leaves residuals too small
-    overstated = chi_square < OVERSTATED and not attenuated
-    return [*said, *([WORDS.overstated_noise(chi_square=chi_square)] if overstated else [])]
-
-
-def _of_hold_out(view: View) -> str:
-    parts, first = view.discovery.problem.parts, view.discovery.rounds[0]
-    if first.held is None:
-        return WORDS.nothing_held_out(few=min(part.experiment.n_increments for part in parts) < 3)
-    return WORDS.held_out(what=view.hold_out, other_test=any(not part.train.size for part in parts))
 
 
 def untestable(now: Round) -> list[str]:

@@ -16,6 +16,7 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Weighing
 from calibrate.diagnosis.problem import Part, level_factor
 from calibrate.diagnosis.selection import Discovery
+from studies.output.findings import Finding
 
 Array = NDArray[np.float64]
 BAND = 1.96  # standard deviations of half a 95 % interval
@@ -27,7 +28,7 @@ class View:
 
     discovery: Discovery
     hold_out: str
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Finding, ...] = ()
     quick: bool = False
 
     @property

@@ -1,4 +1,4 @@
-"""Alternatives and power of a diagnosis: a `Weighing` in; tables, a sentence, and plain data for discovery.json, out."""
+"""Alternatives and power of a diagnosis: a `Weighing` in; tables, data of two sentences and of discovery.json out."""
 
 from __future__ import annotations
 
@@ -49,24 +49,23 @@ def power_table(found: Weighing, unit: str) -> Table:
     return ["effect", "this test", "amplitude", "value", "limit (95 %)", "prior", "probability", "would show it"], rows
 
 
-def alternatives_words(found: Weighing) -> str:
-    """Alternatives in one sentence."""
+def alternatives_data(found: Weighing) -> dict[str, Any]:
+    """Alternatives, for one sentence."""
     said = [f"{explanation(one)} ({percent(one.probability)})" for one in found.alternatives.explanations[:SHOWN]
             if one.probability > LEAST]  # fmt: skip
     certain = [name for name, value in found.alternatives.inclusion.items() if value > CERTAIN]
     spans = {name: list(group) for name, group in found.groups.items() if group}
-    return WORDS.alternatives(
-        said=said[:3], certain=certain, spans=spans, fitted=found.fitted, unexplained=found.alternatives.unexplained
-    )
+    unexplained = float(found.alternatives.unexplained)
+    return {"said": said[:3], "certain": certain, "spans": spans, "fitted": found.fitted, "unexplained": unexplained}
 
 
-def power_words(found: Weighing) -> str:
-    """Which effects this test does not show."""
+def power_data(found: Weighing) -> dict[str, Any]:
+    """Which effects this test does not show, and how many it excludes."""
     hidden = [
         one.effect.name for one in found.powers if one.finding is Finding.INVISIBLE and not one.effect.confounded_with
     ]
     excluded = sum(one.finding is Finding.EXCLUDED for one in found.powers)
-    return WORDS.power(hidden=hidden, excluded=excluded)
+    return {"hidden": hidden, "excluded": excluded}
 
 
 def weighing_record(found: Weighing | None) -> dict[str, Any] | None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 from calibrate.data.experiment import Experiment
-from studies.output.findings import Finding
+from studies.output.findings import Finding, Macro
 
 LEAST = 0.005  # of the largest force, by which forces that were measured need not balance
 
 
-class ExperimentCode(StrEnum):
+class ExperimentCode(Macro):
     """Macros of ``templates/experiment.txt``."""
 
     IMBALANCE = "forces_do_not_balance"

@@ -19,6 +19,7 @@ from studies.output import Manifest, style, write_csv, write_figure
 from studies.output.findings import Finding
 from studies.output.report import Report
 from studies.output.words import Words
+from studies.reports.alert_table import add_alerts
 
 WORDS = Words("experiment")
 
@@ -40,11 +41,10 @@ def write_report(
         f"Plane {experiment.plane} finite elements, synthetic camera and load cell",
     )
     report.paragraph(WORDS.simulated_test(experiment=experiment, noise=experiment.noise))
-    for remark in remarks:
-        report.paragraph(remark.text)
     report.figure(fields, WORDS.simulated_fields())
     report.figure(forces, WORDS.simulated_forces())
     report.table(columns, rows, WORDS.simulated_table())
+    add_alerts(report, remarks)
     report.details("Settings", manifest.to_dict()["settings"])
     report.details("Versions", manifest.to_dict()["versions"])
     return report.save(folder / "report.html")

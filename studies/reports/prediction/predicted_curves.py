@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -17,14 +16,14 @@ from numpy.typing import NDArray
 from calibrate.equations.deformation_modes import MODES, mode_invariants, nominal_stress
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
-from studies.output.findings import Finding
+from studies.output.findings import Finding, Macro
 from studies.reports.model_remarks import model_remarks
 
 Array = NDArray[np.float64]
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
 
 
-class Extent(StrEnum):
+class Extent(Macro):
     """How far a curve is calibrated, and what its bands hold; macros of ``templates/prediction.txt``."""
 
     NO_RANGE = "no_calibrated_range"
@@ -120,7 +119,7 @@ def band_finding(model: Model) -> Finding:
         "widened": float(np.sqrt(found.scale)), "effective_parameters": found.effective_parameters,
         "parameters": len(found.factor),
     }  # fmt: skip
-    return Finding("prediction", Extent.BANDS, data)
+    return Finding("prediction", Extent.BANDS, data, not found.noise_is_known or found.is_lower_bound)
 
 
 def findings(model: Model, curves: list[Curve]) -> list[Finding]:

@@ -7,7 +7,6 @@ predicted with their relative error.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +20,14 @@ from calibrate.fitting.calibration import predict_forces, relative_force_error
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.model_file import load_model
 from calibrate.models.network_model import Model
-from studies.output.findings import Finding
+from studies.output.findings import Finding, Macro
 from studies.reports.model_remarks import model_remarks
 
 Array = NDArray[np.float64]
 UNDEFORMED = 1e-3  # of I1 - 3, below which a triangle is no extrapolation
 
 
-class Remark(StrEnum):
+class Remark(Macro):
     """What a reader of the error should know; macros of ``templates/prediction.txt``."""
 
     ERROR = "force_error"

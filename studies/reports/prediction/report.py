@@ -9,6 +9,7 @@ from studies.output import Manifest, write_csv, write_figure
 from studies.output.report import Report
 from studies.output.words import Words
 from studies.reports import force_record
+from studies.reports.alert_table import add_alerts, alert_records
 from studies.reports.prediction.figures import draw_curves, draw_forces
 from studies.reports.prediction.predicted_curves import Curve, band_finding, findings
 from studies.reports.prediction.predicted_forces import Forecast
@@ -26,7 +27,7 @@ def write_curves(folder: Path, model: Model, curves: list[Curve], manifest: Mani
     found = findings(model, curves)
     manifest.beside(
         picture, table, unit=model.unit, calibrated_stretch={c.mode: c.limit for c in curves},
-        findings=[f.to_dict() for f in found],
+        alerts=alert_records(found),
     )  # fmt: skip
     layers = ", ".join(map(str, model.architecture.layers))
     report = Report(
@@ -37,8 +38,7 @@ def write_curves(folder: Path, model: Model, curves: list[Curve], manifest: Mani
         report.paragraph(WORDS.thickness_unknown())
     report.figure(picture, WORDS.curves_caption(bands=model.uncertainty is not None))
     report.table(*curve_ends(curves, model.unit), WORDS.curves_table())
-    for finding in found:
-        report.paragraph(finding.text)
+    add_alerts(report, found)
     ranges = {name: f"{low:.4g} to {high:.4g}" for name, (low, high) in model.calibrated_range.items()}
     report.details("Calibrated range", ranges).details("Versions", manifest.to_dict()["versions"])
     return report.save(folder / "report.html")
@@ -52,11 +52,12 @@ def write_forces(folder: Path, forecast: Forecast, manifest: Manifest) -> Path:
     write_figure(picture, draw_forces(forecast))
     manifest.beside(
         picture, table, relative_force_error=forecast.error, factor=forecast.factor, outside=forecast.outside,
-        findings=[f.to_dict() for f in forecast.findings],
+        alerts=alert_records(forecast.findings),
     )  # fmt: skip
     report = Report(f"Prediction of {forecast.experiment.name}", forecast.model)
     report.figure(picture, WORDS.forces_caption())
-    for finding in forecast.findings:
-        report.paragraph(finding.text)
-    report.table(columns, rows, WORDS.forces_table()).details("Versions", manifest.to_dict()["versions"])
+    add_alerts(report, forecast.findings)
+    report.heading("Forces").table(columns, rows, WORDS.forces_table()).details(
+        "Versions", manifest.to_dict()["versions"]
+    )
     return report.save(folder / "report.html")

@@ -20,13 +20,21 @@ from calibrate.fitting.homogeneous.sobolev_fit import Curves, SupervisedFit, fit
 from calibrate.models.fitness import Fitness, Use
 from studies.accuracy.metrics import r2
 from studies.output import Manifest, style, write_csv, write_figure
+from studies.output.findings import Finding, Macro
 from studies.output.report import Report
 from studies.output.words import Words
+from studies.reports.alert_table import add_alerts, alert_lines, alert_records
 from studies.reports.calibration.classical_table import curve_laws, curve_laws_record, terminal_lines
 from studies.reports.calibration.fit_findings import classical_finding
 
 WORDS, LAWS = Words("curves"), Words("calibration")
 GOOD, POOR = 0.05, 0.2  # stress error of the worst mode, up to which a model is usable, and with reservations
+
+
+class CurveCode(Macro):
+    """Macros of ``templates/curves.txt``."""
+
+    NO_FIELD = "no_field"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +62,12 @@ class CurveCalibration:
         verdict = Use.USABLE if error <= GOOD else Use.RESERVATIONS if error <= POOR else Use.NOT
         return Fitness(verdict, (WORDS.worst(mode=TITLES[worst], error=error),))
 
+    @property
+    def findings(self) -> list[Finding]:
+        """What a reader should know."""
+        laws = classical_finding(self.laws, self.fit.model.architecture.inputs)
+        return [laws, Finding("curves", CurveCode.NO_FIELD)]
+
     def lines(self) -> Iterator[str]:
         """What was found, for a terminal."""
         yield f"{str(self.fitness.verdict).capitalize()}: {' '.join(self.fitness.reasons)}"
@@ -63,8 +77,7 @@ class CurveCalibration:
         for mode, error in self.errors.items():
             yield f"  {TITLES[mode]}: error {100 * error:.2g} % of the largest stress"
         yield from terminal_lines(self.laws, "MPa")
-        yield f"- {classical_finding(self.laws, self.fit.model.architecture.inputs).text}"
-        yield f"- {WORDS.no_field()}"
+        yield from alert_lines(self.findings)
 
 
 def calibrate_curves(
@@ -84,17 +97,15 @@ def write(folder: Path, found: CurveCalibration, manifest: Manifest) -> None:
     first, *rest = found.lines()
     report = Report(f"Calibration on {found.name}", rest[0]).heading("Result").paragraph(first)
     report.table(("mode", "points", "largest stretch", "error, %", "r2"), _quality(found), WORDS.errors())
-    report.paragraph(classical_finding(found.laws, found.fit.model.architecture.inputs).text).paragraph(
-        WORDS.no_field()
-    )
     report.table(*curve_laws(found.laws, "MPa"), LAWS.classical_table(scale=found.laws.scale))
-    report.heading("Evidence").figure(picture, WORDS.figure())
+    add_alerts(report, found.findings).heading("Evidence").figure(picture, WORDS.figure())
     record = manifest.to_dict()
     report.heading("How it was made").details("Settings", record["settings"]).details("Versions", record["versions"])
     report.save(folder / "report.html")
     manifest.beside(
         folder / "report.html", model, table, picture,
         headline=found.fitness.to_dict(), stress_errors=found.errors, classical_laws=curve_laws_record(found.laws, "MPa"),
+        alerts=alert_records(found.findings),
     )  # fmt: skip
 
 

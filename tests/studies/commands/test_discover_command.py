@@ -25,13 +25,13 @@ def asked(monkeypatch):
     """What the command asked `discover` for; the discovery itself is made once, by tests/discoveries.py."""
     calls = []
 
-    def discover(trained, rule, held, effects, spacing, base, whole, seed, say):
+    def discover(trained, rule, held, effects, spacing, base, whole, seed, say, **also):
         say("round 1: testing effects")
         calls.append({"trained": trained, "rule": rule, "held": held, "effects": effects, "spacing": spacing,
                       "base": base, "whole": whole, "seed": seed})  # fmt: skip
         return explained()
 
-    monkeypatch.setattr("calibrate.diagnosis.selection.discover", discover)
+    monkeypatch.setattr("calibrate.diagnosis.discovery.discover", discover)
     monkeypatch.setattr("calibrate.diagnosis.distillation.distil", partial(distil, layers=(2,), n_starts=2))
     return calls
 
@@ -169,10 +169,10 @@ def test_without_a_time_for_all_there_is_no_time(run, asked, tmp_path):
 
 
 def test_a_base_that_has_not_converged_is_refused(run, monkeypatch):
-    def refuse(*arguments):
+    def refuse(*arguments, **also):
         raise FitError("the base model has not converged")
 
-    monkeypatch.setattr("calibrate.diagnosis.selection.discover", refuse)
+    monkeypatch.setattr("calibrate.diagnosis.discovery.discover", refuse)
     code, folder, said = run()
     assert code == 2
     assert "converged" in said
@@ -180,10 +180,10 @@ def test_a_base_that_has_not_converged_is_refused(run, monkeypatch):
 
 
 def test_interruption_leaves_nothing_half_written(run, monkeypatch):
-    def interrupt(*arguments):
+    def interrupt(*arguments, **also):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("calibrate.diagnosis.selection.discover", interrupt)
+    monkeypatch.setattr("calibrate.diagnosis.discovery.discover", interrupt)
     code, folder, _ = run()
     assert code == 130
     assert [path.name for path in folder.iterdir()] == ["run.json"]

@@ -15,12 +15,16 @@ from matplotlib.figure import Figure
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason
+from studies.output.alerts import Severity
+from studies.reports.alert_table import in_order
 from studies.reports.discovery import figures, report
 from studies.reports.discovery.candidate_outcome import Outcome, outcome
+from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
-from studies.reports.discovery.statement import Statement, remarks, verdict
+from studies.reports.discovery.statement import Statement, reservations, verdict
 from studies.reports.discovery.tables import candidate_table, model_table
 from studies.reports.discovery.view import decorrelated, deviations, forces, held_increments, nodal
+from studies.reports.headline import Reason
 
 
 def row(name: str, number: int = 0):
@@ -150,11 +154,16 @@ def test_a_useless_model_is_said_first_and_no_test_of_an_effect_is_believed():
     )
     said = verdict(useless)
     assert said.startswith("do not use") and "54 %" in said and "second invariant" not in said
-    assert not any("Round" in text for text in remarks(useless))
+    assert not any("Round" in one.text for one in remarks(useless))
     doubtful = view(
         replace(explained(), rounds=(explained().rounds[0], replace(last, train=replace(last.train, force=0.08))))
     )
-    assert remarks(doubtful)[0].startswith("Usable with reservations") and verdict(doubtful).startswith("explained")
+    assert reservations(doubtful)[0].startswith("Usable with reservations") and verdict(doubtful).startswith(
+        "explained"
+    )
+    worst = {one.alert.severity for one in remarks(useless)}, {one.alert.severity for one in remarks(doubtful)}
+    assert Severity.SERIOUS in worst[0] and Severity.SERIOUS not in worst[1]
+    assert remarks(doubtful)[0].code is Reason.FORCES_MISSED and not reservations(useless)
 
 
 def test_a_fit_that_has_not_converged_is_said():
@@ -175,7 +184,7 @@ def test_nothing_held_out_is_said():
     rounds = tuple(replace(now, held=None) for now in explained().rounds)
     found = replace(view(replace(explained(), rounds=rounds)), hold_out="nothing")
     assert not Statement.of(found).errors.held_out
-    assert any("--hold-out" in text for text in remarks(found))
+    assert any("--hold-out" in one.text for one in remarks(found))
 
 
 def test_table_has_a_row_for_every_candidate():
@@ -224,7 +233,7 @@ def test_outcomes_of_candidates():
 def test_every_refusal_has_words(reason):
     now = replace(explained().rounds[0], refusals=(Refusal("lens distortion", reason),))
     found = replace(explained(), rounds=(now, *explained().rounds[1:]))
-    assert any("lens distortion" in text for text in remarks(view(found)))
+    assert any("lens distortion" in one.text for one in remarks(view(found)))
 
 
 # --- figures and files ----------------------------------------------------------------------------------------
@@ -255,7 +264,10 @@ def test_report_and_data_are_written(tmp_path):
     assert set(manifest.outputs) == {
         "report.html", "model.json", "discovery.json", "effects.csv", "amplitudes.csv", "forces.csv", "residuals.npz",
     }  # fmt: skip
-    assert json.loads((tmp_path / "discovery.json").read_text())["verdict"] == "explained"
+    everything = json.loads((tmp_path / "discovery.json").read_text())
+    assert everything["verdict"] == "explained"
+    assert [one["text"] for one in everything["alerts"]] == [one.text for one in in_order(remarks(view(explained())))]
+    assert all(f'href="#{one["code"].lower()}"' in text for one in everything["alerts"])
     rows = _table(tmp_path / "effects.csv")
     assert [(r["round"], r["effect"]) for r in rows][:1] == [("1", "second invariant")]
     assert len(rows) == 9

@@ -30,8 +30,11 @@ from studies.grid.presets.resolution_study import RESOLUTION
 from studies.grid.presets.thickness_study import THICKNESS
 from studies.grid.results import Results
 from studies.output import Manifest, write_figure
+from studies.output.findings import Finding
 from studies.output.report import Report
 from studies.output.scene import Scene, palette
+from studies.reports.alert_table import add_alerts
+from studies.reports.model_remarks import ModelRemark
 
 pytestmark = [
     pytest.mark.slow,
@@ -161,6 +164,18 @@ def test_headings_are_listed_and_lead_there(page: Page) -> None:
     page.run("document.querySelectorAll('nav a')[5].click()")
     assert page.run("document.querySelector(location.hash).textContent") == "Part 5"
     assert abs(page.run("document.querySelector(location.hash).getBoundingClientRect().y")) < 60
+
+
+def test_the_code_of_an_alert_opens_what_it_means(chromium: Browser, tmp_path: Path) -> None:
+    nominal = Finding("prediction", ModelRemark.NOMINAL_LEVEL)
+    page = chromium.open(add_alerts(Report("Alerts"), [nominal]).save(tmp_path / "alerts.html"))
+    assert not page.run("document.querySelector('details').open")
+    page.run("document.querySelector('td a').click()")
+    page.settle()
+    assert page.run("document.querySelector('details').open")
+    assert nominal.alert.means in page.run("document.querySelector(location.hash).textContent")
+    page.close()
+    assert faults(chromium, tmp_path / "alerts.html") == []
 
 
 # --- the solid that can be turned -----------------------------------------------------------------------------------

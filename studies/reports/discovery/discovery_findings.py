@@ -1,0 +1,129 @@
+"""What a reader of a discovery has to know: a `View` in, typed findings out, worded by ``templates/discovery.txt``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+from calibrate.diagnosis.distillation import bulk_modulus
+from calibrate.diagnosis.evidence.decision import UNKNOWN
+from calibrate.fitting.calibrated_range import WEAK_SIGNAL
+from calibrate.fitting.noise_check import NoiseCheck
+from calibrate.models.fitness import Use
+from studies.output.findings import Finding, Macro
+from studies.output.words import plus_minus
+from studies.reports.discovery.candidate_outcome import round_remarks
+from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
+from studies.reports.discovery.view import BAND, View
+from studies.reports.discovery.weighing_tables import alternatives_data, power_data
+from studies.reports.experiments.experiment_findings import experiment_findings
+
+ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
+OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
+
+
+class DiscoveryCode(Macro):
+    """Macros of ``templates/discovery.txt``."""
+
+    NO_TIME = "no_time"
+    NOISE_UNKNOWN = "unknown_noise"
+    NOISE_FOUND = "noise_found"
+    NOISE_OVERSTATED = "overstated_noise"
+    NOTHING_HELD_OUT = "nothing_held_out"
+    HELD_OUT = "held_out"
+    ROUND = "round_remark"
+    ALTERNATIVES = "alternatives"
+    REPLACED = "replaced"
+    POWER = "power"
+    THICKNESS_UNKNOWN = "no_thickness"
+    ATTENUATED = "attenuated"
+    WEAK_STRAIN = "weak_strain"
+    PLANE_STRAIN = "plane_strain"
+
+
+def remarks(view: View) -> list[Finding]:
+    """The reasons of the headline first, then what the numbers rest on."""
+    found = discovery_headline(view)
+    result = [*found.reasons, *view.remarks, *_of_noise(view), _of_hold_out(view)]
+    if found.verdict is not Use.NOT:
+        result += _of_effects(view)
+    return [*result, *_of_stiffness(view), *_of_tests(view), *_of_plane_strain(view)]
+
+
+def no_time(name: str) -> Finding:
+    """Of the test without times, where others have them."""
+    return _finding(DiscoveryCode.NO_TIME, name=name)
+
+
+def _of_noise(view: View) -> Iterator[Finding]:
+    found = view.discovery
+    if not found.problem.noise_is_known:
+        yield _finding(DiscoveryCode.NOISE_UNKNOWN)
+        return
+    for part, check in zip(found.problem.parts, found.noise, strict=False):
+        if check.corrected:
+            yield noise_found(part.experiment.name, check)
+    chi_square = found.base.reduced_chi_square
+    attenuated = discovery_quality(view).attenuation > ATTENUATED  # a stiffness too small leaves residuals too small
+    if chi_square < OVERSTATED and not attenuated:
+        yield _finding(DiscoveryCode.NOISE_OVERSTATED, chi_square=chi_square)
+
+
+def noise_found(name: str, check: NoiseCheck) -> Finding:
+    """The noise that is used in place of the stated one; stated, found: standard deviations, mm."""
+    used = None if check.used is None else {**asdict(check.used), "is_common": check.used.is_common}
+    stated = None if check.stated is None else check.stated.total_std
+    return _finding(
+        DiscoveryCode.NOISE_FOUND, name=name, stated=stated, found=check.found, factor=check.factor, used=used
+    )
+
+
+def _of_hold_out(view: View) -> Finding:
+    parts, first = view.discovery.problem.parts, view.discovery.rounds[0]
+    if first.held is None:
+        few = min(part.experiment.n_increments for part in parts) < 3
+        return _finding(DiscoveryCode.NOTHING_HELD_OUT, few=few)
+    other_test = any(not part.train.size for part in parts)
+    return _finding(DiscoveryCode.HELD_OUT, what=view.hold_out, other_test=other_test)
+
+
+def _of_effects(view: View) -> Iterator[Finding]:
+    for i, now in enumerate(view.discovery.rounds, start=1):
+        for text in round_remarks(now):
+            yield _finding(DiscoveryCode.ROUND, number=i, remark=text)
+    if view.discovery.replaced is not None:
+        by = view.discovery.rounds[1].fit.names
+        yield _finding(DiscoveryCode.REPLACED, by=list(by), names=list(view.discovery.replaced))
+    if view.weighing is not None:
+        alternatives = alternatives_data(view.weighing)
+        yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unexplained"] > UNKNOWN, **alternatives)
+        yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))
+
+
+def _of_stiffness(view: View) -> Iterator[Finding]:
+    if view.unit != "MPa":
+        yield _finding(DiscoveryCode.THICKNESS_UNKNOWN)
+    factor = discovery_quality(view).attenuation
+    if factor > ATTENUATED and not view.discovery.problem.level_is_nominal:
+        yield _finding(DiscoveryCode.ATTENUATED, factor=factor)
+
+
+def _of_tests(view: View) -> Iterator[Finding]:
+    parts = view.discovery.problem.parts
+    for part in parts:
+        signal = part.experiment.strain_signal
+        if signal.ratio < WEAK_SIGNAL:
+            yield _finding(DiscoveryCode.WEAK_STRAIN, name=part.experiment.name, signal=signal.to_dict())
+    for part in parts:
+        yield from experiment_findings(part.experiment, part.assembled.noise_is_known)
+
+
+def _of_plane_strain(view: View) -> Iterator[Finding]:
+    bulk = bulk_modulus(view.discovery.problem, view.discovery.final)
+    if bulk is not None:
+        yield _finding(DiscoveryCode.PLANE_STRAIN, value=plus_minus(bulk[0], BAND * bulk[1]), unit=view.unit)
+
+
+def _finding(code: DiscoveryCode, raised: bool = False, /, **data: Any) -> Finding:
+    return Finding("discovery", code, data, raised)

@@ -1,0 +1,467 @@
+"""Alerts: every sentence has one code and a place on the page; each is made here by the data that call for it."""
+
+from __future__ import annotations
+
+import ast
+import json
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pytest
+from discoveries import explained, nothing, sheet
+from discoveries import view as seen
+from skip_network import neo_hooke
+
+from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.strain_signal import StrainSignal
+from calibrate.diagnosis.evidence.power import Finding as Power
+from calibrate.diagnosis.residual_tests import ChiSquare
+from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason
+from calibrate.fitting.classical_fit import Comparison
+from calibrate.fitting.noise_check import NoiseCheck
+from calibrate.models.fitness import Fitness, Use
+from calibrate.models.parameter_covariance import Uncertainty
+from studies.commands.discover import read as read_experiments
+from studies.errors import AlertError
+from studies.output.alerts import Severity, alert_of, read, registry
+from studies.output.findings import Finding, Macro
+from studies.output.report import Report
+from studies.output.words import percent
+from studies.output.writing import plain
+from studies.replay import report as replay_report
+from studies.reports.alert_table import COLUMNS, add_alerts, alert_lines, alert_records, in_order
+from studies.reports.calibration import fit_findings
+from studies.reports.discovery import discovery_findings
+from studies.reports.discovery.discovery_findings import remarks
+from studies.reports.discovery.view import View
+from studies.reports.headline import LIMITS, Quality, headline
+from studies.reports.prediction import predicted_curves
+from studies.reports.prediction.predicted_forces import Forecast
+from studies.reports.supervised.curve_calibration import CurveCode
+from studies.sheets.sheet_findings import SheetCode
+
+ROOT = Path(__file__).parents[3]
+PAGE = (ROOT / "docs" / "alerts.md").read_text()
+MACROS = [macro for alert in registry().values() for macro in alert.macros]
+Findings = Iterable[Finding]
+
+# --- headline -------------------------------------------------------------------------------------------------
+
+GOOD = Quality((StrainSignal(0.1, 0.01, 0),), level_is_nominal=False, has_rim=False, force_error=0.01)
+
+
+def reasons(**changes: Any) -> Findings:
+    """Of a good calibration that was changed."""
+    assert not headline(GOOD).reasons
+    return headline(replace(GOOD, **changes)).reasons
+
+
+WEAK = (StrainSignal(0.02, 0.01, 0),)
+OF_HEADLINE: dict[str, Callable[[], Findings]] = {
+    "headline.forces_missed": lambda: reasons(force_error=0.08, expected_error=0.06),
+    "headline.forces_not_predicted": lambda: reasons(held_error=0.2),
+    "headline.worse_than_one_modulus": lambda: reasons(force_error=0.04, neo_hooke_error=0.01),
+    "headline.far_above_noise": lambda: reasons(reduced_chi_square=30.0),
+    "headline.attenuated": lambda: reasons(attenuation=1.2),
+    "headline.weak_strain": lambda: reasons(signals=WEAK),
+    "headline.uncertain_stiffness": lambda: reasons(relative_deviation=0.2),
+    "headline.dead_network": lambda: reasons(dead_network=True),
+    "headline.few_starts": lambda: reasons(starts=20, alike=2),
+    "headline.unbalanced": lambda: reasons(imbalance=0.1),
+    "headline.only_ratios": lambda: reasons(level_is_nominal=True),
+    "headline.is_the_force_that_of_the_section": lambda: reasons(force_error=0.08, has_rim=True),
+}
+
+# --- experiment and calibration -------------------------------------------------------------------------------
+
+
+def poor_test(**changes: Any) -> Any:
+    """An Experiment in plane strain without noise, time, thickness or balance of forces, as far as findings look at it."""
+    known = {"name": "plate", "plane": "strain", "thickness": None, "force_imbalance": (0.2, 0.01), "n_increments": 5}
+    return SimpleNamespace(**{**known, "level_is_nominal": False, **changes})
+
+
+def review(chi_square: float | None = 1.0, **changes: Any) -> Any:
+    """A `Review`, as far as findings look at it: nothing held out, no classical laws, forces missed by 1 %."""
+    system = SimpleNamespace(level_equation=np.array([[False], [True]]))
+    calibration = SimpleNamespace(reduced_chi_square=chi_square, losses=(1.0,) * 20, reason="converged", system=system)
+    known = {
+        "chi_square": None if chi_square is None else np.ones(5),
+        "fitted_chi_square": chi_square,
+        "fitted": np.array([False, True, True, False, False]),
+        "calibration": calibration,
+        "starts_alike": 18,
+        "experiment": poor_test(),
+        "force_error": lambda increments: 0.01,
+        "neo_hooke_error": 0.05,
+        "held_out": None,
+        "classical": None,
+        "model": neo_hooke(),
+        "measured": {"right": np.array([[0.0, 0.0]] * 4 + [[2.0, 0.0]])},
+        "forces": {"right": np.array([[0.0, 0.0]] * 4 + [[1.5, 0.0]])},
+    }
+    return SimpleNamespace(**{**known, **changes})
+
+
+def law(name: str, criterion: float, converged: bool = True) -> Any:
+    """A classical law that was fitted."""
+    fit = SimpleNamespace(reason=SimpleNamespace(is_success=converged), stability=1.0)
+    return SimpleNamespace(name=name, fit=fit, numbers=1, criterion=criterion, chi_square=criterion)
+
+
+def laws(*found: Any) -> Any:
+    return Comparison(100, 1.0, found[0], found)
+
+
+HELD = SimpleNamespace(increments=3, relative_force_error=0.02, chi_square_per_equation=1.1)
+OF_CALIBRATION: dict[str, Callable[[], Findings]] = {
+    "experiment.forces_do_not_balance": lambda: fit_findings.findings(review()),
+    "experiment.bulk_modulus_with_unknown_noise": lambda: fit_findings.findings(review(None)),
+    "calibration.noise_unknown": lambda: fit_findings.findings(review(None)),
+    "calibration.residuals_as_noise": lambda: fit_findings.findings(review(1.0)),
+    "calibration.residuals_above_noise": lambda: fit_findings.findings(review(5.0)),
+    "calibration.residuals_far_above_noise": lambda: fit_findings.findings(review(30.0)),
+    "calibration.residuals_below_noise": lambda: fit_findings.findings(review(0.3)),
+    "calibration.starts": lambda: fit_findings.findings(review()),
+    "calibration.forces": lambda: fit_findings.findings(review()),
+    "calibration.nominal_level": lambda: fit_findings.findings(review(experiment=poor_test(level_is_nominal=True))),
+    "calibration.held_out": lambda: fit_findings.findings(review(held_out=HELD)),
+    "calibration.nothing_held_out": lambda: fit_findings.findings(review()),
+    "calibration.classical_laws": lambda: fit_findings.findings(review(classical=laws(law("Yeoh", 2.0)))),
+    "calibration.classical_not_fitted": lambda: fit_findings.findings(review(classical=laws(law("Yeoh", 2.0, False)))),
+    "calibration.classical_not_compared": lambda: fit_findings.findings(review()),
+    "calibration.thickness_unknown": lambda: fit_findings.findings(review()),
+    "calibration.plane_strain": lambda: fit_findings.findings(review()),
+    "curves.no_field": lambda: [Finding("curves", CurveCode.NO_FIELD)],
+}
+
+# --- discovery ------------------------------------------------------------------------------------------------
+
+
+def of_nothing(**changes: Any) -> Findings:
+    """Of the discovery on a plate in which nothing is hidden, changed."""
+    return remarks(seen(replace(nothing(), **changes)))
+
+
+def of_problem(**changes: Any) -> Findings:
+    return of_nothing(problem=replace(nothing().problem, **changes))
+
+
+def of_experiment(change: Callable[[Experiment], Experiment]) -> Findings:
+    (part,) = nothing().problem.parts
+    system = replace(part.system, experiment=change(part.experiment))
+    return of_problem(parts=(replace(part, chain=replace(part.chain, system=system)),))
+
+
+def of_first_round(**changes: Any) -> Findings:
+    first, *rest = nothing().rounds
+    return of_nothing(rounds=(replace(first, **changes), *rest))
+
+
+def of_weighing(unexplained: float = 0.7) -> Findings:
+    """Of a weighing as far as its sentences look at it: the second invariant or nothing, one effect invisible."""
+    said = [SimpleNamespace(names=("second invariant",), discrepancy=False, probability=0.2),
+            SimpleNamespace(names=(), discrepancy=True, probability=unexplained)]  # fmt: skip
+    hidden = SimpleNamespace(effect=SimpleNamespace(name="upturn", confounded_with=""), finding=Power.INVISIBLE)
+    alternatives = SimpleNamespace(explanations=said, inclusion={"second invariant": 0.2}, unexplained=unexplained)
+    weighing: Any = SimpleNamespace(fitted=True, groups={}, alternatives=alternatives, powers=[hidden])
+    return of_nothing(weighing=weighing)
+
+
+def replaced(name: str) -> Findings:
+    """The rounds were run on from a model with an effect."""
+    assert explained().rounds[1].fit.names == (name,)
+    return remarks(View(replace(explained(), replaced=("upturn",)), "every third increment"))
+
+
+def quiet() -> Findings:
+    """Residuals of the base a tenth of the stated noise."""
+    fit = nothing().rounds[0].fit
+    misfits = fit.misfits._replace(everything=ChiSquare(0.1 * fit.degrees, fit.degrees))
+    return of_first_round(fit=replace(fit, misfits=misfits))
+
+
+def noisy(experiment: Experiment) -> Experiment:
+    """Hardly any strain, which scatters by more than it is."""
+    noise = np.random.default_rng(0).normal(0.0, 0.01, experiment.displacements.shape)
+    return replace(experiment, displacements=1e-4 * experiment.displacements + noise)
+
+
+def with_patch(name: str, value: Any) -> Findings:
+    with mock.patch.object(discovery_findings, name, value):
+        return of_nothing()
+
+
+def no_time() -> Findings:
+    """Read from two files, of which one has times."""
+    with tempfile.TemporaryDirectory() as place:
+        paths = [Path(place, "plain.npz"), Path(place, "timed.npz")]
+        sheet().save(paths[0])
+        replace(sheet(seed=2), time=np.arange(1.0, 7.0)).save(paths[1])
+        return read_experiments(paths, [], None)[2]
+
+
+STATED = Noise(0.01, 3.0)
+OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
+    "discovery.no_time": no_time,
+    "discovery.unknown_noise": lambda: of_problem(noise_is_known=False),
+    "discovery.noise_found": lambda: of_nothing(noise=(NoiseCheck(STATED, 0.015, STATED.scaled(1.5)),)),
+    "discovery.overstated_noise": quiet,
+    "discovery.nothing_held_out": lambda: of_first_round(held=None),
+    "discovery.held_out": of_nothing,
+    "discovery.round_remark": lambda: of_first_round(refusals=(Refusal("upturn", RefusalReason.HELD_OUT_NOT_BETTER),)),
+    "discovery.alternatives": of_weighing,
+    "discovery.power": of_weighing,
+    "discovery.replaced": lambda: replaced("second invariant"),
+    "discovery.no_thickness": lambda: of_experiment(lambda e: replace(e, thickness=None)),
+    "discovery.attenuated": lambda: with_patch("discovery_quality", lambda view: replace(GOOD, attenuation=1.2)),
+    "discovery.weak_strain": lambda: of_experiment(noisy),
+    "discovery.plane_strain": lambda: with_patch("bulk_modulus", lambda problem, fit: (100.0, 5.0)),
+}
+
+# --- prediction, replay, sheets -------------------------------------------------------------------------------
+
+MODEL = neo_hooke()
+USELESS = replace(MODEL, fitness=Fitness(Use.NOT, ("forces are missed by 34 %",)), level_is_nominal=True)
+
+
+def curves(model: Any = MODEL, stretch: float | None = None) -> Findings:
+    return predicted_curves.findings(model, predicted_curves.predict(model, stretch))
+
+
+def forecast(**changes: Any) -> Findings:
+    """Forces of a plate that are met, with what the changes say."""
+    exact = {b.name: b.force for b in sheet().loaded}
+    return replace(Forecast(sheet(), exact, 0.0, "model"), **changes).findings
+
+
+def bands(noise_is_known: bool) -> Findings:
+    return curves(replace(MODEL, uncertainty=Uncertainty(np.zeros((4, 1)), 1.0, 1.0, noise_is_known)))
+
+
+def replayed() -> Findings:
+    """A replay as far as its findings look at it."""
+    effect = SimpleNamespace(field=0.01, force=0.001)
+    named = SimpleNamespace(remarks=(), left_out=("force offset",))
+    found: Any = SimpleNamespace(
+        experiment=sheet(), force_error=0.02, field_error=np.array([0.1]), noise=0.01, mesh_effect=effect, refined=0,
+        law=named, judged=np.array([True, False]),
+    )  # fmt: skip
+    return replay_report.findings(found)
+
+
+def of_sheets() -> Iterator[Finding]:
+    """The answers of the study, with made-up numbers."""
+    error = {"force": 0.05, "field": 0.02}
+    yield Finding("measured", SheetCode.SHEET, {
+        "name": "A", "verdict": "not explained", "closest": [], "predicts": True, "unfinished": 0, "base": error,
+        "final": error, "retained": error, "fits": 9, "force_range": (0.01, 0.02), "field_range": (0.01, 0.02)})  # fmt: skip
+    yield Finding("measured", SheetCode.ALONE, {"text": "A"})
+    yield Finding("measured", SheetCode.TRANSFERRED, {"name": "B", "factor": 2.0, "before": 0.1, "after": 0.05})
+    yield Finding("measured", SheetCode.STIFFNESS, {"name": "B", "before": error, "after": error})
+    yield Finding("measured", SheetCode.CONTROL, {"found": []})
+
+
+OF_OTHERS: dict[str, Callable[[], Findings]] = {
+    "prediction.fitness": lambda: curves(USELESS),
+    "prediction.nominal_level": lambda: curves(USELESS),
+    "prediction.no_calibrated_range": lambda: curves(neo_hooke(top=None)),
+    "prediction.within_calibrated_range": lambda: curves(stretch=1.2),
+    "prediction.leaves_calibrated_range": curves,
+    "prediction.bands": lambda: bands(True),
+    "prediction.no_bands": curves,
+    "prediction.force_error": forecast,
+    "prediction.one_factor": lambda: forecast(factor=1.5),
+    "prediction.outside_range": lambda: forecast(outside=0.1),
+    "prediction.bulk_modulus_unused": lambda: forecast(unused_bulk_modulus=100.0),
+    "prediction.effects_left_out": lambda: forecast(left_out=("force offset",)),
+    **dict.fromkeys(
+        (f"replay.{name}" for name in ("force_error", "field_error", "mesh_effect", "left_out", "few_free")), replayed
+    ),
+    **{f"measured.{code}": lambda: list(of_sheets()) for code in SheetCode},
+}
+CASES = {**OF_HEADLINE, **OF_CALIBRATION, **OF_DISCOVERY, **OF_OTHERS}
+
+# the higher severity, where the numbers ask for it
+RAISED: dict[str, Callable[[], Findings]] = {
+    "D103": lambda: reasons(signals=WEAK, level_is_nominal=True),
+    "N207": lambda: reasons(reduced_chi_square=200.0, level_is_nominal=True),
+    "N208": lambda: reasons(attenuation=1.6),
+    "F301": lambda: reasons(force_error=0.3),
+    "F302": lambda: reasons(held_error=0.4),
+    "F304": lambda: reasons(relative_deviation=0.6),
+    "F307": lambda: fit_findings.findings(review(starts_alike=1)),
+    "F308": lambda: fit_findings.findings(review(neo_hooke_error=0.001, force_error=lambda increments: 0.05)),
+    "F309": lambda: fit_findings.findings(
+        review(held_out=SimpleNamespace(increments=3, relative_force_error=0.2, chi_square_per_equation=1.1))
+    ),
+    "F312": lambda: fit_findings.findings(review(classical=laws(law("Yeoh", -50.0)))),
+    "E402": of_weighing,
+    "P501": lambda: curves(USELESS),
+    "P505": lambda: bands(False),
+}
+
+
+def made(macro: str) -> Finding:
+    """What the case of a macro makes."""
+    template, _, code = macro.partition(".")
+    found = [one for one in CASES[macro]() if (one.template, str(one.code)) == (template, code)]
+    assert found, f"the case of {macro} does not make it"
+    return found[0]
+
+
+def test_every_code_has_a_case() -> None:
+    assert set(CASES) == set(MACROS), "add a case to CASES for each macro of alerts.toml"
+    assert set(RAISED) == {code for code, alert in registry().items() if alert.raised is not None}
+
+
+@pytest.mark.parametrize("macro", MACROS)
+def test_every_alert_is_made_by_the_data_that_call_for_it(macro: str) -> None:
+    finding = made(macro)
+    alert = finding.alert
+    assert finding.text and macro in registry()[alert.code].macros
+    assert f'<a id="{alert.anchor}"></a>{alert.code} |' in PAGE and alert.page == f"docs/alerts.md#{alert.anchor}"
+    record = json.loads(json.dumps(plain(finding.to_dict()), allow_nan=False))
+    assert list(record) == ["code", "severity", "text", "means", "do", "page", "data"]
+    assert (record["code"], record["text"], record["means"]) == (alert.code, finding.text, alert.means)
+
+
+@pytest.mark.parametrize("code", list(RAISED))
+def test_severity_is_raised_where_the_numbers_ask_for_it(code: str) -> None:
+    alert = registry()[code]
+    found = {one.alert.severity for one in RAISED[code]() if one.alert.code == code}
+    assert alert.raised in found
+    usual = {one.alert.severity for macro in alert.macros for one in CASES[macro]() if one.alert.code == code}
+    assert alert.severity in usual or code in ("E402", "P501")  # whose cases are the raised ones
+    assert alert.severity is not alert.raised
+
+
+def test_usual_severity_of_those_whose_case_is_raised() -> None:
+    doubtful = replace(MODEL, fitness=Fitness(Use.RESERVATIONS, ("forces are missed by 8 %",)))
+    assert next(one for one in curves(doubtful) if one.alert.code == "P501").alert.severity is Severity.WARNING
+    assert next(one for one in of_weighing(0.01) if one.alert.code == "E402").alert.severity is Severity.NOTE
+
+
+def test_a_model_that_is_not_to_be_used_has_a_serious_alert_and_a_good_one_has_none() -> None:
+    useless = headline(replace(GOOD, force_error=0.5))
+    assert useless.verdict is Use.NOT
+    assert {one.alert.severity for one in useless.against} == {Severity.SERIOUS}
+    assert Severity.SERIOUS not in {one.alert.severity for one in of_nothing()}
+
+
+def test_limits_that_are_stated_are_those_of_the_headline() -> None:
+    limits = {"F301": LIMITS.force_error, "F302": LIMITS.held_error, "F304": LIMITS.deviation}
+    for code, (reservation, useless) in limits.items():
+        alert = registry()[code]
+        assert percent(reservation) in alert.means and percent(useless) in alert.when
+    assert f"above {LIMITS.attenuation[1]:g}" in registry()["N208"].when
+    assert f"above {LIMITS.nominal_chi_square[1]:g}" in registry()["N207"].when
+    assert LIMITS.strain == 3 and "three times" in registry()["D103"].means
+
+
+# --- the registry ---------------------------------------------------------------------------------------------
+
+
+def names_of_macros() -> dict[str, set[str]]:
+    """Values of every subclass of `Macro` in the source of the studies, by class and file."""
+    found = {}
+    for path in (ROOT / "studies").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef) and any(isinstance(b, ast.Name) and b.id == "Macro" for b in node.bases):
+                values = {ast.literal_eval(one.value) for one in node.body if isinstance(one, ast.Assign)}
+                found[f"{path.name}: {node.name}"] = values
+    return found
+
+
+def test_every_macro_of_a_finding_has_a_code_and_no_code_is_idle() -> None:
+    registered = {macro.partition(".")[2] for macro in MACROS}
+    named = names_of_macros()
+    assert len(named) > 8
+    assert not {place: values - registered for place, values in named.items() if values - registered}
+    assert registered == set().union(*named.values())
+
+
+def test_every_anchor_of_the_page_is_there_once() -> None:
+    for alert in registry().values():
+        assert PAGE.count(f'id="{alert.anchor}"') == 1
+    assert PAGE.count("<a id=") == len(registry())
+
+
+class Unknown(Macro):
+    """A macro of a template that has no code."""
+
+    TABLE = "force_table"
+
+
+def test_a_finding_without_a_code_is_refused() -> None:
+    with pytest.raises(AlertError, match=r"calibration\.force_table"):
+        Finding("calibration", Unknown.TABLE)
+    with pytest.raises(AlertError, match="without a code"):
+        alert_of("prediction", "plane_strain")  # of another template
+    with pytest.raises(AlertError, match="P503: is raised"):
+        Finding("prediction", predicted_curves.Extent.WITHIN, {"mode": "uniaxial", "end": 2.0}, raised=True)
+
+
+ENTRY = 'macros = ["prediction.bands"]\nseverity = "note"\nmeans = "This."\ndo = "That."\n'
+
+
+def registered(*entries: str) -> str:
+    return '[subjects]\nP = "Prediction"\n' + "".join(entries)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (registered("[P501]\n", ENTRY, "[P501]\n", ENTRY), "cannot be read"),
+        (registered("[P501]\n", ENTRY, "[P502]\n", ENTRY), "belongs to P501 and P502"),
+        (registered("[Q501]\n", ENTRY), "Q501 is no code"),
+        (registered("[P5]\n", ENTRY), "P5 is no code"),
+        (registered("[P501]\n", ENTRY.replace("bands", "band")), "no macro prediction.band"),
+        (registered("[P501]\n", ENTRY.replace("prediction", "forecast")), "no macro forecast.bands"),
+        (registered("[P501]\n", ENTRY.replace("note", "fatal")), "'fatal' is none"),
+        (registered("[P501]\n", ENTRY.replace("That.", " ")), "must not be empty"),
+        (registered("[P501]\n", ENTRY, 'page = "x"\n'), "P501 needs"),
+        (registered("[P501]\n", ENTRY, 'raised = "warning"\n'), "together with when"),
+        (registered("[P501]\n", ENTRY, 'raised = "note"\nwhen = "ever"\n'), "more serious than note"),
+    ],
+)
+def test_a_registry_that_is_wrong_is_named(text: str, message: str) -> None:
+    assert list(read(registered("[P501]\n", ENTRY))) == ["P501"]
+    with pytest.raises(AlertError, match=message):
+        read(text)
+
+
+# --- how they are shown ---------------------------------------------------------------------------------------
+
+
+def some() -> list[Finding]:
+    return [
+        made("calibration.plane_strain"),
+        made("headline.forces_missed"),
+        *RAISED["F302"](),
+        made("calibration.forces"),
+    ]
+
+
+def test_lines_are_sorted_by_severity_and_code_and_name_both() -> None:
+    lines = list(alert_lines(some()))
+    assert [line.split(":")[0] for line in lines] == ["- F302 serious", "- F301 warning", "- D107", "- F308"]
+    assert lines[0] == f"- F302 serious: {RAISED['F302']()[0].text}"
+    assert [one["code"] for one in alert_records(some())] == ["F302", "F301", "D107", "F308"]
+
+
+def test_the_table_of_a_report_leads_to_what_a_code_means() -> None:
+    html = add_alerts(Report("A report"), [*some(), *some()]).html()
+    for name in COLUMNS:
+        assert f">{name}</button>" in html
+    for finding in in_order(some()):
+        alert = finding.alert
+        assert f'<a href="#{alert.anchor}" title="{alert.page}">{alert.code}</a>' in html
+        assert html.count(f'id="{alert.anchor}"') == 1 and alert.means in html
+    assert "Alerts" not in add_alerts(Report("A report"), []).html()
