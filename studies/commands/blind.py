@@ -97,7 +97,7 @@ def blind(
     todo = trials.plans(quick)
     settings = {**asdict(trials), "only": ",".join(trials.only) or None, "quick": quick}
     folder = open_output_folder(output or default_folder("blind", quick), overwrite, {"study": "blind", **settings})
-    home, cache = folder / "trials", folder / "cache"
+    home = folder / "trials"
     home.mkdir(parents=True, exist_ok=True)
     earlier = read_known(known, todo)
 
@@ -106,7 +106,7 @@ def blind(
 
     if report and len(missing()) == len(todo):
         raise StudyError(f"{folder}: no trial is there yet; run the same command without --report first")
-    failures = {} if report else diagnose_missing(home, cache, jobs, len(todo), missing)
+    failures = {} if report else diagnose_missing(home, jobs, len(todo), missing)
     homes = [home / plan.name for plan in todo if plan.name not in failures]
     answer = write_report(folder, homes, failures, earlier)
     return BlindTrials(len(todo), len(todo) - len(missing()), answer, failures)

@@ -12,8 +12,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import jax
-
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_fit, discovery, model_weights, score_tests, weighted_fit
 from calibrate.diagnosis.hold_out import HoldOut
@@ -43,11 +41,8 @@ class Plan:
         return "+".join(self.effects).replace(" ", "_") + f"-{self.seed}" if self.effects else f"{NULL}-{self.seed}"
 
 
-def run(plan: Plan, folder: str | Path, cache: str | Path | None = None) -> str:
+def run(plan: Plan, folder: str | Path) -> str:
     """Write and diagnose a trial that is not there yet; return its name. Every file is written atomically."""
-    if cache is not None:
-        jax.config.update("jax_compilation_cache_dir", str(cache))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
     home = Path(folder) / plan.name
     if not (home / "experiment.npz").exists() or not (home / "sealed" / "label.json").exists():
         write(draw(plan.seed, *(plan.effects or (None,))), home)

@@ -34,10 +34,9 @@ def watch_parent(parent: int) -> None:
 
 @dataclass
 class Workers:
-    """Processes that make trials side by side. trials, cache: folders. failures: {trial: error}, filled as they happen."""
+    """Processes that make trials side by side. trials: a folder. failures: {trial: error}, filled as they happen."""
 
     trials: Path
-    cache: Path
     jobs: int
     progress: Progress
     failures: dict[str, str] = field(default_factory=dict)
@@ -53,7 +52,7 @@ class Workers:
                 self._collect(pool, batch)
 
     def _collect(self, pool: ProcessPoolExecutor, batch: Sequence[Plan]) -> None:
-        tasks = {pool.submit(run, plan, self.trials, self.cache): plan for plan in batch}
+        tasks = {pool.submit(run, plan, self.trials): plan for plan in batch}
         try:
             for task in as_completed(tasks):
                 error = task.exception()
@@ -67,14 +66,12 @@ class Workers:
             raise
 
 
-def diagnose_missing(
-    trials: Path, cache: Path, jobs: int, total: int, missing: Callable[[], list[Plan]]
-) -> dict[str, str]:
+def diagnose_missing(trials: Path, jobs: int, total: int, missing: Callable[[], list[Plan]]) -> dict[str, str]:
     """Make every trial that is `missing` of `total`, again where workers die; returns the errors by trial.
 
     Raises `StudyError` when workers die again and again.
     """
-    workers = Workers(trials, cache, jobs, Progress("blind trials", total, "trial"))
+    workers = Workers(trials, jobs, Progress("blind trials", total, "trial"))
     for _ in range(BREAKDOWNS):
         todo = missing()
         workers.progress.to(total - len(todo))
