@@ -61,7 +61,7 @@ class Subset:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Signatures, the residual r (N,) and smooth disturbances D (N, k), all outside what the base adjusts and over the noise.
+    """Signatures, the residual r (N,) and smooth disturbances D (N, k), orthonormal, all outside what the base adjusts and over the noise.
 
     log_odds: of the prior, of an effect against none.
     """
@@ -72,25 +72,25 @@ class Evidence:
     log_odds: float
 
     @cached_property
-    def _all(self) -> Array:
-        return np.concatenate([*(s.columns for s in self.signatures), self.D], axis=1)
+    def _S(self) -> Array:
+        return np.concatenate([s.columns for s in self.signatures], axis=1)
 
     @cached_property
-    def _gram(self) -> Array:
-        return np.asarray(self._all.T @ self._all)
+    def _gram(self) -> tuple[Array, Array]:
+        """S^T S, and S^T D D^T S."""
+        cross = self._S.T @ self.D
+        return self._S.T @ self._S, cross @ cross.T
 
     @cached_property
-    def _b(self) -> Array:
-        return np.asarray(self._all.T @ self.r)
+    def _b(self) -> tuple[Array, Array, float]:
+        """S^T r, S^T D D^T r and |D^T r|^2."""
+        smooth = self.D.T @ self.r
+        return self._S.T @ self.r, self._S.T @ (self.D @ smooth), float(smooth @ smooth)
 
     @cached_property
     def _slices(self) -> list[NDArray[np.int64]]:
         ends = np.cumsum([0, *(s.columns.shape[1] for s in self.signatures)])
         return [np.arange(a, b) for a, b in pairwise(ends)]
-
-    @cached_property
-    def _smooth(self) -> NDArray[np.int64]:
-        return np.arange(self._gram.shape[0] - self.D.shape[1], self._gram.shape[0])
 
     def subset(self, members: tuple[int, ...]) -> Subset:
         """Evidence of effects together, with the error of their formulas."""
@@ -100,7 +100,7 @@ class Evidence:
         index = np.concatenate(own)
         prior = sum(self.log_odds + np.log(self.signatures[i].prior) for i in members)
         _, a, _ = self._solve(index, 0.0)
-        strength = float(a @ self._gram[np.ix_(index, index)] @ a)
+        strength = float(a @ self._gram[0][np.ix_(index, index)] @ a)
         variance = FORMULA_ERROR**2 * strength / max(self.D.shape[1], 1)
         value, a, spread = self._solve(index, variance)
         sided = np.concatenate([self.signatures[i].one_sided for i in members])
@@ -114,19 +114,22 @@ class Evidence:
         return over_variances(lambda v: self._solve(nothing, v)[0], float(self.r @ self.r)) + self.log_odds
 
     def _solve(self, index: NDArray[np.int64], variance: float) -> tuple[float, Array, Array]:
-        """Log evidence, amplitudes and their posterior deviations of columns; D with a variance."""
-        scale = np.ones(len(index))
-        if variance > 0:
-            index = np.concatenate([index, self._smooth])
-            scale = np.concatenate([scale, np.full(len(self._smooth), np.sqrt(variance))])
-        M = np.eye(len(index)) + scale[:, None] * self._gram[np.ix_(index, index)] * scale
-        b = scale * self._b[index]
-        root = linalg.cho_factor(M, lower=True)
-        a = linalg.cho_solve(root, b)
-        value = 0.5 * float(b @ a) - float(np.log(np.diag(root[0])).sum())
-        n = len(index) - (len(self._smooth) if variance > 0 else 0)
-        spread = np.sqrt(np.diag(linalg.cho_solve(root, np.eye(len(index))[:, :n]))[:n]) if n else np.zeros(0)
-        return value, -a[:n], spread  # r = residual + S a: the amplitude that removes it
+        """Log evidence, amplitudes and their posterior deviations of columns; D, which is orthonormal, with a variance, integrated out."""
+        (gram, of_smooth), (b, b_smooth, smooth) = self._gram, self._b
+        share = variance / (1 + variance)
+        block = np.ix_(index, index)
+        M = np.eye(len(index)) + gram[block] - share * of_smooth[block]
+        right = b[index] - share * b_smooth[index]
+        root = linalg.cholesky(M, lower=True, check_finite=False)
+        inverse = linalg.solve_triangular(root, np.eye(len(index)), lower=True, check_finite=False)
+        z = inverse @ right
+        value = 0.5 * (float(z @ z) + share * smooth) - float(np.log(np.diag(root)).sum())
+        value -= 0.5 * self.D.shape[1] * float(np.log1p(variance))
+        return (
+            value,
+            -inverse.T @ z,
+            np.linalg.norm(inverse, axis=0),
+        )  # r = residual + S a: the amplitude that removes it
 
     def best(self, most: int = MOST) -> list[Subset]:
         """Subsets of up to `most` different effects, the best first: all single ones, and beams of the larger."""

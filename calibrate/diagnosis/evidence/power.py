@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from calibrate.diagnosis.evidence.explanations import Finding, Power
 from calibrate.diagnosis.evidence.priors import Priors
@@ -59,5 +59,5 @@ def _of_candidate(problem: Problem, one: Candidate, significance: float, priors:
 def upper_limit(estimate: float, deviation: float, one_sided: bool) -> float:
     """Largest distance from null at 95 %. One-sided: an estimate below null counts as null."""
     if one_sided:
-        return float(max(estimate, 0.0) + stats.norm.ppf(CONFIDENCE) * deviation)
-    return float(abs(estimate) + stats.norm.ppf(0.5 + 0.5 * CONFIDENCE) * deviation)
+        return float(max(estimate, 0.0) + special.ndtri(CONFIDENCE) * deviation)
+    return float(abs(estimate) + special.ndtri(0.5 + 0.5 * CONFIDENCE) * deviation)
