@@ -74,6 +74,17 @@ class Judgement(StrEnum):
     PART = "part"
 
 
+WORDS = {"none": "nothing hidden", "single": "one effect", "pair": "two effects"}
+MEANING = {
+    Judgement.QUIET: "nothing significant",
+    Judgement.OPEN: "significant, not explained",
+    Judgement.WRONG: "explained, with a name in whose group nothing hidden is",
+    Judgement.RIGHT: "explained by what is hidden",
+    Judgement.GROUP: "explained, what is hidden in the groups of what is named",
+    Judgement.PART: "explained by some of what is hidden",
+}
+
+
 def judged(hidden: set[str], found: Discovery) -> Judgement:
     """See `Judgement`."""
     groups = {name: {name, *found.groups.get(name, ())} for name in found.named}
@@ -147,13 +158,26 @@ def main() -> None:
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """As the file holds it."""
-    kinds = ("none", "single", "pair")
-    numbers = {}
+    kinds = tuple(WORDS)
+    numbers: dict[str, int] = {}
+    table = [
+        ["verdict", *(f"{kind}, {what}" for kind in WORDS.values() for what in ("rounds alone", "with the evidence"))]
+    ]
+    for judgement in Judgement:
+        columns = [[row for row in rows if len(row["hidden"]) == n] for n in range(len(kinds))]
+        counts = [
+            sum(row[what] == judgement for row in column) for column in columns for what in ("judged_rounds", "judged")
+        ]
+        table.append([MEANING[judgement], *(str(count) for count in counts)])
     for n, kind in enumerate(kinds):
         for what in ("judged_rounds", "judged", "outcome"):
             count = Counter(row[what] for row in rows if len(row["hidden"]) == n)
             numbers |= {f"{kind}_{what}_{key}": value for key, value in count.items()}
-    return {"numbers": {"trials": len(rows), **numbers}, "trials": sorted(rows, key=lambda r: r["seed"])}
+    return {
+        "numbers": {"trials": len(rows), **numbers},
+        "tables": {"verdicts": table},
+        "trials": sorted(rows, key=lambda r: r["seed"]),
+    }
 
 
 if __name__ == "__main__":

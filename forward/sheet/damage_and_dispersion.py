@@ -1,4 +1,5 @@
-"""Additions that no effect of the diagnosis has the formula of: damage by the energy, and fibres that are not all parallel.
+"""Additions that no effect of the diagnosis has the formula of: damage by the energy, fibres that are not all parallel, a power of the principal
+stretches, and an inclusion with a sharp edge.
 
 A diagnosis that meets them meets a law that it cannot follow exactly, beside its own softening and fibres.
 """
@@ -10,6 +11,7 @@ from typing import ClassVar
 
 from forward._dolfinx import ufl
 from forward.errors import MaterialError
+from forward.materials import Ogden
 from forward.sheet.additions import Addition
 
 
@@ -67,3 +69,36 @@ class OgdenRoxburgh(Addition):
     def factor_of_energy(self, W, largest, p):
         scale = ufl.max_value(p[1] + p[2] * largest, 1e-12)
         return 1 - ufl.erf((largest - W) / scale) / p[0]
+
+
+@dataclass(frozen=True)
+class OgdenPart(Addition):
+    """psi + mu / alpha (sum lambda^alpha - 3), mu in MPa: one term of `forward.materials.Ogden` beside any material."""
+
+    mu: float
+    alpha: float
+    name: ClassVar[str] = "Ogden part"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.alpha == 0:
+            raise MaterialError(f"{self.name}: alpha = 0; give another exponent")
+
+    def energy(self, I1, I2, C, p):
+        return Ogden().energy(I1, I2, (p[0], p[1], 0.0, 1.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Inclusion(Addition):
+    """s = 1 + height within the radius, mm, around (x, y), and 1 outside: an inclusion with a sharp edge."""
+
+    height: float
+    x: float
+    y: float
+    radius: float
+    name: ClassVar[str] = "inclusion"
+    positive: ClassVar[tuple[str, ...]] = ("radius",)
+
+    def field(self, X, p):
+        inside = ufl.le((X[0] - p[1]) ** 2 + (X[1] - p[2]) ** 2, p[3] ** 2)
+        return ufl.conditional(inside, 1 + p[0], 1.0)

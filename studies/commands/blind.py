@@ -40,10 +40,14 @@ class Trials:
     """effects to hide, with commas between (default: all that can be found)"""
     seed: Seed = 20000
     """of the first trial"""
+    foreign: bool = False
+    """hide forms that the catalogue does not have (docs/discover_results.md), in noise that is not what is stated"""
 
     def plans(self, quick: bool = False) -> list[Plan]:
         """All of them. Raises `ConfigError`."""
-        return plans(QUICK if quick else Numbers(self.trials, self.nulls, self.pairs), self.only, self.seed)
+        return plans(
+            QUICK if quick else Numbers(self.trials, self.nulls, self.pairs), self.only, self.seed, self.foreign
+        )
 
 
 @dataclass(frozen=True)

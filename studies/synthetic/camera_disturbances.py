@@ -15,13 +15,20 @@ from studies.synthetic.disturbances import Disturbance
 
 @dataclass(frozen=True)
 class LensDistortion(Disturbance):
-    """A point at x from the middle is seen at x (1 + k |x|^2 / R^2), R half the extent, in every picture."""
+    """A point at x from the middle is seen at c + (x - c) (1 + k |x - c|^2 / R^2), R half the extent, in every picture.
+
+    x, y: of the middle of the lens c, in R, from that of the specimen.
+    """
 
     k: float
+    x: float = 0.0
+    y: float = 0.0
     name: ClassVar[str] = "lens distortion"
 
     def see(self, x, share, size):
-        return x * (1 + self.k * (x**2).sum(axis=-1, keepdims=True) / (0.5 * size) ** 2)
+        radius = 0.5 * size
+        from_middle = x - radius * np.array([self.x, self.y])
+        return x + from_middle * self.k * (from_middle**2).sum(axis=-1, keepdims=True) / radius**2
 
 
 @dataclass(frozen=True)

@@ -22,30 +22,39 @@ from calibrate.effects.chain import Addition
 from studies.output.writing import write_json
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.trials.blind_data import draw, write
+from studies.trials.blind_trial import Trial
+from studies.trials.foreign import foreign
 
-NULL = "none"
+NULL, FOREIGN = "none", "foreign-"
 GLOBAL_LIMIT = 10.0  # score above which an effect counts as strong; of two, each beside the other
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A trial: seed, effects to hide, and whether to diagnose it once more without the first of them."""
+    """A trial: seed, effects to hide, whether to diagnose it once more without the first of them, and whether its forms are foreign."""
 
     seed: int
     effects: tuple[str, ...] = ()
     absent: bool = False
+    foreign: bool = False
 
     @property
     def name(self) -> str:
         """Effects and seed, as the folder of the trial is called."""
-        return "+".join(self.effects).replace(" ", "_") + f"-{self.seed}" if self.effects else f"{NULL}-{self.seed}"
+        hidden = "+".join(self.effects).replace(" ", "_") or NULL
+        return f"{FOREIGN if self.foreign else ''}{hidden}-{self.seed}"
+
+    def trial(self) -> Trial:
+        """Every number of it."""
+        drawn = draw(self.seed, *(self.effects or (None,)))
+        return foreign(drawn) if self.foreign else drawn
 
 
 def run(plan: Plan, folder: str | Path) -> str:
     """Write and diagnose a trial that is not there yet; return its name. Every file is written atomically."""
     home = Path(folder) / plan.name
     if not (home / "experiment.npz").exists() or not (home / "sealed" / "label.json").exists():
-        write(draw(plan.seed, *(plan.effects or (None,))), home)
+        write(plan.trial(), home)
     if len(plan.effects) > 1 and not (home / "sealed" / "beside.json").exists():
         write_json(home / "sealed" / "beside.json", beside(home))
     if not (home / "diagnosis.json").exists():
@@ -82,13 +91,12 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
 
     start = time.process_time()
     experiment = Experiment.load(path)
-    problem, base = base_fit.prepare([experiment], [HoldOut().training])
-    found = discovery.diagnose(problem, base, whole_table=False)
+    found = discovery.discover([experiment], whole_table=False)
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         rest = tuple(e for e in CATALOGUE if e.name not in without)
         content["without"] = list(without)
-        content["absent"] = described(discovery.diagnose(problem, base, rest, whole_table=False))
+        content["absent"] = described(discovery.discover([experiment], effects=rest, whole_table=False))
     return content
 
 

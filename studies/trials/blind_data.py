@@ -28,6 +28,7 @@ from studies.synthetic.camera import GaussianField, stream
 from studies.trials.blind_effects import EFFECTS, FREQUENT, SOLID, UNLOADING, Hidden, Situation, check, log_uniform
 from studies.trials.blind_solution import camera_mesh, clean_experiment, warp
 from studies.trials.blind_trial import SPECIMENS, Trial
+from studies.trials.foreign import noise_of
 
 Array = NDArray[np.float64]
 RAMP = tuple(k / 10 for k in range(1, 11))
@@ -139,16 +140,20 @@ def record(trial: Trial, clean: Experiment) -> Experiment:
     field = GaussianField(trial.correlation_length, FIELD_RESOLUTION)
     fields = np.array([field.sample(clean.points, rng) for _ in range(clean.n_increments)])
     largest = max(float(np.abs(b.force).max()) for b in clean.loaded)
+    noise: Noise | None
     noise = Noise(trial.displacement_std, trial.correlation_length, trial.force_relative, trial.force_floor * largest)
+    errors = trial.displacement_std * fields
     loaded = []
     for b in clean.loaded:
         relative, floor = rng.standard_normal((2, *b.force.shape))
         error = noise.force_std_relative * np.abs(b.force) * relative + noise.force_std * floor
         loaded.append(replace(b, force=b.force + error))
     specimen = SPECIMENS[trial.specimen].to_dict()
+    if trial.foreign is not None:
+        errors, noise = noise_of(trial, clean, noise)
     return replace(
         clean,
-        displacements=clean.displacements + trial.displacement_std * fields,
+        displacements=clean.displacements + errors,
         loaded=tuple(loaded),
         noise=noise,
         provenance={"study": "blind trials", "specimen": specimen},

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import batched, count
 from pathlib import Path
 
 from calibrate.errors import ConfigError
 from studies.errors import StudyError
+from studies.synthetic.camera import stream
 from studies.trials.blind_case import Plan
-from studies.trials.blind_data import draw
-from studies.trials.blind_effects import FREQUENT, LATER
+from studies.trials.blind_effects import FREQUENT, LATER, MATERIAL, RECORDING, SOLID
 from studies.trials.judgement import JudgedTrial, read
 
 PAIRS = (
@@ -22,6 +22,7 @@ PAIRS = (
     ("Mullins softening", "second invariant"),
 )
 ABSENT = 3  # of so many trials of an effect, one is diagnosed once more without the effect in the catalogue
+PAIRED = 4  # random stream, beside those of the trials
 WINDOW = 72  # trials that are put in an order of their own
 
 
@@ -42,10 +43,10 @@ class Numbers:
 QUICK = Numbers(1, 2, 1)
 
 
-def plans(numbers: Numbers, only: Sequence[str] = (), seed: int = 20000) -> list[Plan]:
+def plans(numbers: Numbers, only: Sequence[str] = (), seed: int = 20000, foreign: bool = False) -> list[Plan]:
     """All trials, mixed so that a run that is stopped has some of each. only: effects to hide, () for all that can be found.
 
-    seed: of the first trial. Raises `ConfigError` for an effect that cannot be found.
+    seed: of the first trial. foreign: forms and noise that are not those of the catalogue, in random pairs. Raises `ConfigError` for an effect that cannot be found.
     """
     for name in only:
         if name not in FREQUENT:
@@ -58,17 +59,24 @@ def plans(numbers: Numbers, only: Sequence[str] = (), seed: int = 20000) -> list
 
     single = hiding([name for name in effects if name not in LATER])
     none = [Plan(next(seeds)) for _ in range(numbers.nulls)]
-    both = [Plan(next(seeds), PAIRS[i % len(PAIRS)]) for i in range(numbers.pairs)]
+    both = [_pair(next(seeds), None if foreign else PAIRS[i % len(PAIRS)]) for i in range(numbers.pairs)]
     later = hiding([name for name in effects if name in LATER])
     ranked = [(k / max(len(group), 1), plan) for group in (single, none, both, later) for k, plan in enumerate(group)]
-    return [plan for _, plan in sorted(ranked, key=lambda pair: pair[0])]
+    return [replace(plan, foreign=foreign) for _, plan in sorted(ranked, key=lambda pair: pair[0])]
+
+
+def _pair(seed: int, names: tuple[str, str] | None) -> Plan:
+    """These two effects, or a random one of the material with one of the recording."""
+    rng = stream(seed, PAIRED)
+    of_material, of_recording = (sorted(set(kind) & set(FREQUENT) - {SOLID}) for kind in (MATERIAL, RECORDING))
+    return Plan(seed, names or (str(rng.choice(of_material)), str(rng.choice(of_recording))))
 
 
 def in_order_of_size(todo: Sequence[Plan]) -> list[Plan]:
     """Trials of one specimen and number of increments in a row, within a `WINDOW`: they share compiled code."""
 
     def size(plan: Plan) -> tuple[str, int]:
-        trial = draw(plan.seed, *(plan.effects or (None,)))
+        trial = plan.trial()
         return trial.specimen, len(trial.factors)
 
     return [plan for window in batched(todo, WINDOW) for plan in sorted(window, key=size)]

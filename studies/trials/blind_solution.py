@@ -27,6 +27,7 @@ from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Ro
 from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
 from studies.synthetic.disturbances import Disturbance, observe
 from studies.synthetic.load_cell_disturbances import ForceGain, ForceOffset, Lag
+from studies.trials import foreign
 from studies.trials.blind_effects import SOLID
 from studies.trials.blind_trial import SPECIMENS, Trial
 
@@ -79,7 +80,11 @@ def solve(trial: Trial, size_factor: float = 1.0) -> SurfaceSolution:
         Loading.clamped(SPECIMENS[trial.specimen].loaded, trial.displacement),
         factors,
         times,
-        substeps=VISCOUS_SUBSTEPS if described.prony else SET_SUBSTEPS if described.permanent_set else 1,
+        substeps=VISCOUS_SUBSTEPS
+        if described.prony or described.branches
+        else SET_SUBSTEPS
+        if described.permanent_set
+        else 1,
     )
     return solution if lag is None else lag.split(solution, trial.times)
 
@@ -106,11 +111,14 @@ def _solve_solid(trial: Trial, size_factor: float, lag: Lag | None) -> SurfaceSo
 
 def sheet(trial: Trial) -> Sheet:
     """The sheet with the effects that are in the material."""
-    effects = [(e.name, e.amplitudes, e.shape) for e in trial.effects if e.name in effect_laws.SOLVED]
+    own = foreign.laws(trial)
+    known = [e for e in trial.effects if e.name not in own.solved]
+    effects = [(e.name, e.amplitudes, e.shape) for e in known if e.name in effect_laws.SOLVED]
     patches = [laws.Patch(e.more["height"], e.more["x"], e.more["y"], e.more["width"])
-               for e in trial.effects if e.name == "stiffness field"]  # fmt: skip
+               for e in known if e.name == "stiffness field"]  # fmt: skip
     extent = effect_laws.Extent(2 * max(SPECIMENS[trial.specimen].half_extent))
-    return effect_laws.sheet(trial.material, trial.thickness, effects, extent, patches)
+    made = effect_laws.sheet(trial.material, trial.thickness, effects, extent, [*patches, *own.additions])
+    return replace(made, branches=own.branches)
 
 
 def warp(more: dict[str, float]) -> Warp:
@@ -126,7 +134,9 @@ def disturbances(trial: Trial) -> list[Disturbance]:
     }
     found: list[Disturbance] = []
     for hidden in trial.effects:
-        if hidden.name in kinds:
+        if hidden.name == LensDistortion.name and trial.foreign is not None:
+            found.append(foreign.lens(hidden))
+        elif hidden.name in kinds:
             found.append(kinds[hidden.name](**hidden.amplitudes))
         elif hidden.name == SubsetSmoothing.name:
             found.append(SubsetSmoothing(hidden.more["side"]))

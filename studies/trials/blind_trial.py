@@ -17,11 +17,21 @@ SPECIMENS: dict[str, Specimen] = {
 
 
 @dataclass(frozen=True)
+class ForeignNoise:
+    """Of a foreign trial. common: share of the variance of the displacement noise that all pictures have in common, half of it with the
+    pattern, half with the reference; stated: what the Experiment states, over what is there; None: it states none."""
+
+    common: float
+    stated: float | None
+
+
+@dataclass(frozen=True)
 class Trial:
     """Every number of a trial. Lengths in mm, times in s.
 
     stretch: nominal, of the specimen; factors, times: load factor and time of each increment; displacement_std and
-    correlation_length of the noise; force_relative: std of a force over its size; force_floor: over the largest.
+    correlation_length of the noise; force_relative: std of a force over its size; force_floor: over the largest. foreign: forms and noise that
+    are not those of the catalogue, see `studies.trials.foreign`.
     """
 
     seed: int
@@ -36,6 +46,7 @@ class Trial:
     correlation_length: float
     force_relative: float
     force_floor: float
+    foreign: ForeignNoise | None = None
 
     @property
     def displacement(self) -> float:

@@ -18,6 +18,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.data.triangulation import signed_areas
 from calibrate.diagnosis.selection import Verdict
 from studies.trials.blind_case import GLOBAL_LIMIT
+from studies.trials.foreign import FOREIGN, INCLUSION
 
 ALIKE = 0.9  # signatures above this correlation are look-alikes
 
@@ -104,11 +105,16 @@ def judge(home: Path) -> JudgedTrial:
         strong=bool(names) and min((beside or scores).values()) > GLOBAL_LIMIT,
         hit=[any(n in group for group in groups) for n in names],
         exact=[n in full["named"] for n in names],
-        amplitudes=[_amplitude(h, full["additions"]) for h in hidden],
+        amplitudes=[None if _is_foreign(h, label) else _amplitude(h, full["additions"]) for h in hidden],
         field=[_field(h, full["additions"], home) for h in hidden],
         seconds=content["seconds"],
         absent=_without(content["absent"], first.get(names[0], {}).get("like", {})) if "absent" in content else None,
     )
+
+
+def _is_foreign(hidden: Mapping[str, Any], label: Mapping[str, Any]) -> bool:
+    """Whether its form is none of the catalogue, so that amplitudes cannot be compared."""
+    return label.get("foreign") is not None and hidden["name"] in FOREIGN
 
 
 def _without(content: Mapping[str, Any], alike: Mapping[str, float]) -> JudgedWithout:
@@ -128,7 +134,8 @@ def _field(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]], ho
     x = np.pi * (places - low) / (high - low)
     waves = [v * np.cos(int(k[1]) * x[:, 0]) * np.cos(int(k[2]) * x[:, 1]) for k, v in fitted.items()]
     distance = ((places - [patch["x"], patch["y"]]) ** 2).sum(axis=1)
-    true = patch["height"] * np.exp(-distance / (2 * patch["width"] ** 2))
+    sharp = distance <= (INCLUSION * patch["width"]) ** 2
+    true = patch["height"] * (sharp if "sharp" in patch else np.exp(-distance / (2 * patch["width"] ** 2)))
     spread = np.cov(np.sum(waves, axis=0), true, aweights=np.abs(signed_areas(e.points, e.triangles)))
     return float(spread[0, 1] / np.sqrt(spread[0, 0] * spread[1, 1]))
 
