@@ -73,7 +73,7 @@ class Evidence:
 
     @cached_property
     def _S(self) -> Array:
-        return np.concatenate([s.columns for s in self.signatures], axis=1)
+        return np.concatenate([np.zeros((len(self.r), 0)), *(s.columns for s in self.signatures)], axis=1)
 
     @cached_property
     def _gram(self) -> tuple[Array, Array]:

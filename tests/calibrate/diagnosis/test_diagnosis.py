@@ -475,6 +475,7 @@ def test_fits_of_the_best_explanations_agree_with_the_linear_evidence():
     assert fitted.alternatives.inclusion["second invariant"] > 0.95
 
 
+@pytest.mark.slow
 def test_a_limit_holds_what_is_hidden():
     """The second invariant left out of the model where it is small: five draws of noise, limits at 95 %."""
     hidden, held = 3e-4, 0

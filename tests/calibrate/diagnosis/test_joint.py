@@ -57,6 +57,7 @@ def amplitudes(one: joint_fit.Joint) -> dict[str, float]:
     return {a.effect.name: a.amplitudes[0] for a in one.present}
 
 
+@pytest.mark.slow
 def test_all_slopes_are_finite_differences() -> None:
     problem, base = plate()
     chain: Chain = problem.parts[0].chain

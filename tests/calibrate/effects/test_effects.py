@@ -112,6 +112,7 @@ def test_order_of_finding_is_not_that_of_acting(chain, c):
     np.testing.assert_allclose(stress, factor * with_fibres, rtol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TOGETHER)
 def test_derivative_between_other_effects(chain, c, name):
     """Of an effect that others act before and after, against central differences."""

@@ -56,6 +56,7 @@ def prepared(seed):
     return base_fit.prepare([noisy(seed)], [all_rows], with_discrepancy=False)
 
 
+@pytest.mark.slow
 def test_spread_of_noise_is_the_derivative_of_the_residual():
     """By finite differences, and its transpose by the adjoint identity; an effect of displacements alone, so exact."""
     system = equilibrium(noisy(0))
@@ -84,6 +85,7 @@ IN_THE_MATERIAL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plane", ["stress", "strain"])
 @pytest.mark.parametrize("name", IN_THE_MATERIAL)
 def test_noise_that_a_material_amplifies(name, plane):
@@ -119,6 +121,7 @@ def test_weights_without_such_an_effect_stay_as_they_are():
     assert model_weights.amplified(problem, (addition(0.5),)).amplifying == (addition(0.5),)
 
 
+@pytest.mark.slow
 def test_excess_is_what_noise_adds_to_a_signature():
     """Squared signatures of noisy displacements, less that of clean ones, mean over seeds against the estimate of each."""
     problem, base = prepared(0)

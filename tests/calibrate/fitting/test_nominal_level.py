@@ -103,6 +103,7 @@ def test_sections_that_pull_against_the_record_are_refused():
         system.share_carried(-system.recorded)
 
 
+@pytest.mark.slow
 def test_a_model_of_a_diagnosis_has_the_nominal_level_and_the_range_of_the_area(tmp_path):
     rule = HoldOut.parse("every:2")
     problem, base = prepare([window()], [rule.training])

@@ -24,6 +24,7 @@ needs_data = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 def test_one_neuron_with_skip_connection_is_arruda_boyce():
     result = fits.run(fits.Case("arruda-boyce", "I1", (1,)), starts=2)
     assert min(result.r2.values()) > 0.9999
@@ -41,6 +42,7 @@ def linear_energy(c1, c2):
     return {mode: (stretch, metrics.nominal_stress(slopes, mode, stretch)) for mode in metrics.MODES}
 
 
+@pytest.mark.slow
 def test_energies_linear_in_the_inputs_are_recovered():
     places = np.array([[3.0, 3.0], [8.0, 5.0]])
     found = fit_supervised(linear_energy(0.2, 0.0), "I1", (1,), n_starts=2)

@@ -189,6 +189,7 @@ def test_skin_of_an_eighth_has_the_area_of_its_faces(results):
     assert surface.area == pytest.approx(mesh.area() + 20.0 * lengths, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_report_is_written_with_figures_tables_and_manifests(results):
     path = report.write(results, thickness_study.page(results))
     html = path.read_text()

@@ -70,6 +70,7 @@ def test_a_sheet_is_read_with_its_margin(place):
     assert sheet.loaded[1].force[-1, 0] == pytest.approx(30 * MU * (2 - 0.25))
 
 
+@pytest.mark.slow
 def test_the_study_runs_on_measured_sheets(place, tmp_path):
     """Forces of 30 mm and displacements of 25 mm: both sheets are predicted from one another, without a truth."""
     settings = replace(
