@@ -8,6 +8,7 @@ from typing import Any
 
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.evidence.decision import UNKNOWN
+from calibrate.diagnosis.selection import Discovery
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.fitness import Use
@@ -35,6 +36,8 @@ class DiscoveryCode(Macro):
     ROUND = "round_remark"
     ALTERNATIVES = "alternatives"
     REPLACED = "replaced"
+    NO_EXPLANATION = "no_explanation"
+    TIE = "tie"
     POWER = "power"
     THICKNESS_UNKNOWN = "no_thickness"
     ATTENUATED = "attenuated"
@@ -92,6 +95,7 @@ def _of_effects(view: View) -> Iterator[Finding]:
     for i, now in enumerate(view.discovery.rounds, start=1):
         for text in round_remarks(now):
             yield _finding(DiscoveryCode.ROUND, number=i, remark=text)
+    yield from _of_verdict(view.discovery)
     if view.discovery.replaced is not None:
         by = view.discovery.rounds[1].fit.names
         yield _finding(DiscoveryCode.REPLACED, by=list(by), names=list(view.discovery.replaced))
@@ -99,6 +103,18 @@ def _of_effects(view: View) -> Iterator[Finding]:
         alternatives = alternatives_data(view.weighing)
         yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unexplained"] > UNKNOWN, **alternatives)
         yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))
+
+
+def _of_verdict(found: Discovery) -> Iterator[Finding]:
+    """What speaks against the effects that were found, and what they cannot be told from."""
+    if found.confirmation is not None and found.confirmation.doubts:
+        errors = {"force_after": found.confirmation.after.force, "force_allowed": found.confirmation.force_allowed}
+        doubts = [str(doubt) for doubt in found.confirmation.doubts]
+        yield _finding(DiscoveryCode.NO_EXPLANATION, names=list(found.closest), doubts=doubts, c=errors)
+    for name in found.named:
+        like = list(found.groups.get(name, (name,))[1:])
+        if like:
+            yield _finding(DiscoveryCode.TIE, name=name, like=like)
 
 
 def _of_stiffness(view: View) -> Iterator[Finding]:

@@ -239,7 +239,7 @@ def content(view: View) -> dict[str, Any]:
     found = view.discovery
     return {
         "format": "equigap-discovery",
-        "version": 1,
+        "version": 2,
         "verdict": found.verdict,
         "named": list(found.named),
         "closest": list(found.closest),

@@ -22,7 +22,7 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.strain_signal import StrainSignal
 from calibrate.diagnosis.evidence.power import Finding as Power
 from calibrate.diagnosis.residual_tests import ChiSquare
-from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason
+from calibrate.diagnosis.selection.rounds import Doubt, Refusal, RefusalReason
 from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.fitness import Fitness, Use
@@ -39,7 +39,6 @@ from studies.reports.alert_table import COLUMNS, add_alerts, alert_lines, alert_
 from studies.reports.calibration import fit_findings
 from studies.reports.discovery import discovery_findings
 from studies.reports.discovery.discovery_findings import remarks
-from studies.reports.discovery.view import View
 from studies.reports.headline import LIMITS, Quality, headline
 from studies.reports.prediction import predicted_curves
 from studies.reports.prediction.predicted_forces import Forecast
@@ -177,7 +176,20 @@ def of_weighing(unexplained: float = 0.7) -> Findings:
 def replaced(name: str) -> Findings:
     """The rounds were run on from a model with an effect."""
     assert explained().rounds[1].fit.names == (name,)
-    return remarks(View(replace(explained(), replaced=("upturn",)), "every third increment"))
+    return of_explained(replaced=("upturn",))
+
+
+def of_explained(**changes: Any) -> Findings:
+    """Of the discovery on a plate with a second invariant, changed."""
+    return remarks(seen(replace(explained(), **changes)))
+
+
+def doubtful() -> Findings:
+    """The effect that was found, where an unknown one is more probable."""
+    confirmation = explained().confirmation
+    assert confirmation is not None
+    doubts = replace(confirmation, doubts=(Doubt.IN_NO_CATALOGUE, Doubt.LARGE_FORCE_ERROR))
+    return of_explained(named=(), closest=explained().named, confirmation=doubts)
 
 
 def quiet() -> Findings:
@@ -219,6 +231,8 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.alternatives": of_weighing,
     "discovery.power": of_weighing,
     "discovery.replaced": lambda: replaced("second invariant"),
+    "discovery.no_explanation": doubtful,
+    "discovery.tie": lambda: of_explained(groups={"second invariant": ("second invariant", "upturn")}),
     "discovery.no_thickness": lambda: of_experiment(lambda e: replace(e, thickness=None)),
     "discovery.attenuated": lambda: with_patch("discovery_quality", lambda view: replace(GOOD, attenuation=1.2)),
     "discovery.weak_strain": lambda: of_experiment(noisy),
