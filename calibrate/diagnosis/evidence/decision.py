@@ -2,8 +2,8 @@
 
 In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that both allow. The rule:
 
-1. Where a fitted explanation is more than 20 times as probable as the final model, the rounds are run on from it. What they end with takes
-   the place of the final model, unless that is an explanation and the other is none.
+1. Where the rounds end without an explanation and a fitted one is more than 20 times as probable as their final model, they are run on from
+   it, and what they end with takes the place of that model.
 2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
    that take its place in explanations of more than 5 %, and those in whose span alone it lies.
 3. No effect is named where something that is in no catalogue has a probability above one half.
@@ -38,8 +38,10 @@ def decided(
 ) -> Discovery:
     """With the weighing; the verdict and the model changed by it where the explanations were fitted."""
     if weighing.fitted:
-        other = _run_on(found, weighing.alternatives, effects, seed, say)
-        if other is not None and (other.verdict is Verdict.EXPLAINED or found.verdict is not Verdict.EXPLAINED):
+        other = None
+        if found.verdict is not Verdict.EXPLAINED:
+            other = _run_on(found, weighing.alternatives, effects, seed, say)
+        if other is not None:
             shown = powers(other.problem, other.rounds[-1], found.thresholds.significance, priors)
             weighing = replace(weighing, powers=shown)
             found = replace(other, replaced=found.final.names)
