@@ -21,7 +21,7 @@ import numpy as np
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.evidence.decision import decided
-from calibrate.diagnosis.evidence.explanations import Alternatives
+from calibrate.diagnosis.evidence.explanations import CERTAIN, TIE, UNKNOWN, Alternatives
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.selection import Discovery, Verdict
@@ -30,8 +30,6 @@ from studies.output import write_json
 from studies.trials.blind_data import draw, make
 from studies.trials.blind_effects import FREQUENT
 from studies.trials.blind_plans import PAIRS
-
-CERTAIN, TIE = 0.95, 0.05  # probabilities
 
 
 class Outcome(StrEnum):
@@ -53,7 +51,7 @@ def outcome(hidden: set[str], found: Alternatives) -> Outcome:
     whole = sum(one.probability for one in found.explanations if set(one.names) == hidden and not one.discrepancy)
     holds = {
         Outcome.WRONG: any(p > CERTAIN and name not in hidden for name, p in found.inclusion.items()),
-        Outcome.UNEXPLAINED: found.unexplained > 0.5,
+        Outcome.UNEXPLAINED: found.unexplained > UNKNOWN,
         Outcome.FIRST: best == hidden,
         Outcome.TIE: whole > TIE,
         Outcome.PART: best < hidden,

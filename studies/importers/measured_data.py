@@ -24,6 +24,7 @@ import numpy as np
 import pooch
 
 from calibrate import errors
+from studies.commandline.cache_folder import cache_folder
 from studies.importers import printed_sheets
 from studies.output import track, write_npz
 
@@ -128,11 +129,6 @@ def folder() -> Path | None:
     return path
 
 
-def cache() -> Path:
-    """Where fetched files are kept."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "equigap"
-
-
 def download(address: str, digest: str | None, path: Path) -> None:
     """Fetch an address to `path`, whole or not at all. digest: sha256 of the bytes, None: not known.
 
@@ -148,19 +144,19 @@ def find(relative: str, fetch: Fetch = download) -> Path:
 
     Raises `DataNotFoundError`.
     """
-    for root in (folder(), cache()):
+    for root in (folder(), cache_folder()):
         if root is not None and (root / relative).is_file():
             return root / relative
     if relative not in FILES:
         raise _not_found(relative, "it has no public source in this form")
     address, digest = FILES[relative]
     try:
-        fetch(address, digest, cache() / relative)
+        fetch(address, digest, cache_folder() / relative)
     except ValueError as error:
         raise _not_found(relative, f"{address} has changed: its checksum is not the expected one") from error
     except OSError as error:
         raise _not_found(relative, f"fetching {address} failed: {error}") from error
-    return cache() / relative
+    return cache_folder() / relative
 
 
 def sheet(name: str, fetch: Fetch = download) -> Path:
@@ -172,15 +168,15 @@ def sheet(name: str, fetch: Fetch = download) -> Path:
     if name not in SHEETS:
         raise errors.ConfigError(f"sheet '{name}' unknown; choose one of {', '.join(SHEETS)}")
     relative = f"printed_elastomer_dic/{name}.npz"
-    for root in (folder(), cache()):
+    for root in (folder(), cache_folder()):
         if root is not None and (root / relative).is_file():
             return root / relative
     try:
         content = _fetch_sheet(name, fetch)
     except (OSError, ValueError) as error:
         raise _not_found(relative, f"fetching its frames from {SHEETS_SOURCE} failed: {error}") from error
-    write_npz(cache() / relative, **content)
-    return cache() / relative
+    write_npz(cache_folder() / relative, **content)
+    return cache_folder() / relative
 
 
 def _fetch_sheet(name: str, fetch: Fetch) -> dict[str, np.ndarray]:
@@ -219,5 +215,9 @@ def displacement_digest(u: np.ndarray) -> str:
 
 def _not_found(relative: str, why: str) -> errors.DataNotFoundError:
     root = os.environ.get(VARIABLE)
-    place = f"{root}/{relative}" if root else f"{cache()}/{relative}, or set {VARIABLE} to a folder that has {relative}"
+    place = (
+        f"{root}/{relative}"
+        if root
+        else f"{cache_folder()}/{relative}, or set {VARIABLE} to a folder that has {relative}"
+    )
     return errors.DataNotFoundError(f"data file {relative} not found ({why}); put it at {place}; see docs/import.md")

@@ -94,9 +94,10 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     found = discovery.discover([experiment], whole_table=False)
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
+        assert found.start is not None
         rest = tuple(e for e in CATALOGUE if e.name not in without)
         content["without"] = list(without)
-        content["absent"] = described(discovery.discover([experiment], effects=rest, whole_table=False))
+        content["absent"] = described(discovery.diagnose(found.start, found.base, rest, whole_table=False))
     return content
 
 

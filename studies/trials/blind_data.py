@@ -27,7 +27,7 @@ from studies.output.writing import write_json
 from studies.synthetic.camera import GaussianField, stream
 from studies.trials.blind_effects import EFFECTS, FREQUENT, SOLID, UNLOADING, Hidden, Situation, check, log_uniform
 from studies.trials.blind_solution import camera_mesh, clean_experiment, warp
-from studies.trials.blind_trial import SPECIMENS, Trial
+from studies.trials.blind_trial import FIELD_RESOLUTION, SPECIMENS, Trial
 from studies.trials.foreign import noise_of
 
 Array = NDArray[np.float64]
@@ -37,7 +37,6 @@ HISTORIES = (
     (1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6, 1.0, 0.75, 0.5, 0.25, 0.5, 0.75, 1.0),
 )
 HISTORY_SHARE = 0.3  # of the trials whose effect does not ask for unloading
-FIELD_RESOLUTION = 512
 WAVES = 4  # of the cosines that the catalogue describes a field with, in each direction
 STRAINS = 5  # Legendre polynomials of the strain of a warp, in each direction
 NOISE, REST = 0, 1  # random streams
@@ -137,24 +136,24 @@ def strains(mesh: Mesh, more: dict[str, float]) -> dict[str, float]:
 def record(trial: Trial, clean: Experiment) -> Experiment:
     """`clean` with the noise of camera and load cells."""
     rng = stream(trial.seed, NOISE)
-    field = GaussianField(trial.correlation_length, FIELD_RESOLUTION)
-    fields = np.array([field.sample(clean.points, rng) for _ in range(clean.n_increments)])
     largest = max(float(np.abs(b.force).max()) for b in clean.loaded)
-    noise: Noise | None
     noise = Noise(trial.displacement_std, trial.correlation_length, trial.force_relative, trial.force_floor * largest)
-    errors = trial.displacement_std * fields
+    stated: Noise | None = noise
+    if trial.foreign is None:
+        field = GaussianField(trial.correlation_length, FIELD_RESOLUTION)
+        errors = trial.displacement_std * np.array([field.sample(clean.points, rng) for _ in range(clean.n_increments)])
+    else:
+        errors, stated = noise_of(trial, clean, noise)
     loaded = []
     for b in clean.loaded:
         relative, floor = rng.standard_normal((2, *b.force.shape))
         error = noise.force_std_relative * np.abs(b.force) * relative + noise.force_std * floor
         loaded.append(replace(b, force=b.force + error))
     specimen = SPECIMENS[trial.specimen].to_dict()
-    if trial.foreign is not None:
-        errors, noise = noise_of(trial, clean, noise)
     return replace(
         clean,
         displacements=clean.displacements + errors,
         loaded=tuple(loaded),
-        noise=noise,
+        noise=stated,
         provenance={"study": "blind trials", "specimen": specimen},
     )

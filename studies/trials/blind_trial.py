@@ -9,6 +9,7 @@ from meshes import Cross, PlateWithHole, Specimen
 from studies.trials.blind_effects import Hidden
 
 CROSS_SCALE = 0.25
+FIELD_RESOLUTION = 512  # of the fields of noise, grid points a side
 SPECIMENS: dict[str, Specimen] = {
     "cross": Cross(**{name: CROSS_SCALE * value for name, value in Cross().dimensions().items()}),
     "plate": PlateWithHole(half_length=30, half_width=15, far_size=3, hole_radius=5, hole_size=0.8),

@@ -33,11 +33,10 @@ from forward.sheet.multiplicative_viscosity import Branch
 from studies.synthetic.camera import GaussianField, stream
 from studies.synthetic.camera_disturbances import LensDistortion
 from studies.trials.blind_effects import Hidden, log_uniform
-from studies.trials.blind_trial import ForeignNoise, Trial
+from studies.trials.blind_trial import FIELD_RESOLUTION, ForeignNoise, Trial
 
 Array = NDArray[np.float64]
 FORMS, FIELDS = 2, 3  # random streams, beside those of `blind_data`
-FIELD_RESOLUTION = 512
 SHORT, LONG, SHARE = (
     0.7,
     1.6,

@@ -6,7 +6,9 @@ In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that bot
    it, and what they end with takes the place of that model.
 2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
    that take its place in explanations of more than 5 %, and those in whose span alone it lies.
-3. No effect is named where something that is in no catalogue has a probability above one half.
+
+That something in no catalogue is more probable changes no verdict: it is told beside it. Disturbances that are smooth over place and load are
+also what is left of a strong effect by the errors of its formula and of the mesh, which the tests of the residual allow for.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from calibrate.diagnosis import weighted_fit
-from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation, Weighing
+from calibrate.diagnosis.evidence.explanations import CERTAIN, TIE, Alternatives, Explanation, Weighing
 from calibrate.diagnosis.evidence.power import powers
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.selection.candidate_fit import Model
@@ -25,7 +27,7 @@ from calibrate.effects import Effect
 from calibrate.errors import FitError
 
 Say = Callable[[str], None]
-ODDS, CERTAIN, TIE, UNKNOWN = 20.0, 0.95, 0.05, 0.5
+ODDS = 20.0  # to one, from which an explanation is far more probable
 
 
 def decided(
@@ -86,14 +88,12 @@ def _judged(found: Discovery, weighing: Weighing) -> Discovery:
         return replace(found, groups=groups)
     alternatives = weighing.alternatives
     certain = tuple(name for name in found.named if _together(alternatives, groups[name]) > CERTAIN)
-    unknown = alternatives.unexplained > UNKNOWN
-    if certain and not unknown:
+    if certain:
         closest = tuple(name for name in found.final.names if name not in certain)
         return replace(found, named=certain, closest=closest, groups=groups)
-    doubt = Doubt.IN_NO_CATALOGUE if unknown else Doubt.NOT_NEEDED
     return replace(
         found, verdict=Verdict.NOT_EXPLAINED, named=(), closest=found.final.names, groups=groups,
-        confirmation=_with_doubt(found.confirmation, doubt),
+        confirmation=_with_doubt(found.confirmation, Doubt.NOT_NEEDED),
     )  # fmt: skip
 
 

@@ -12,6 +12,12 @@ from calibrate.effects import Effect
 from calibrate.effects.chain import Additions
 from calibrate.effects.effect import Parameter
 
+CERTAIN, TIE, UNKNOWN = (
+    0.95,
+    0.05,
+    0.5,
+)  # probability from which an effect is there, an explanation competes, and something in no catalogue is the more probable
+
 
 @dataclass(frozen=True, eq=False)
 class Explanation:

@@ -129,7 +129,6 @@ class Doubt(StrEnum):
     OTHER_WEIGHTS = "errors fall in the weights of one model only"
     LARGE_FORCE_ERROR = "large force error left"
     WEAKER_WEIGHTS = "likelihood does not rise"
-    IN_NO_CATALOGUE = "something that is in no catalogue is more probable"
     NOT_NEEDED = "no effect has an inclusion probability above 95 %"
 
 

@@ -7,7 +7,6 @@ from dataclasses import asdict
 from typing import Any
 
 from calibrate.diagnosis.distillation import bulk_modulus
-from calibrate.diagnosis.evidence.decision import UNKNOWN
 from calibrate.diagnosis.selection import Discovery
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.fitting.noise_check import NoiseCheck
@@ -101,7 +100,7 @@ def _of_effects(view: View) -> Iterator[Finding]:
         yield _finding(DiscoveryCode.REPLACED, by=list(by), names=list(view.discovery.replaced))
     if view.weighing is not None:
         alternatives = alternatives_data(view.weighing)
-        yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unexplained"] > UNKNOWN, **alternatives)
+        yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unknown"], **alternatives)
         yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from calibrate.diagnosis.evidence.explanations import Explanation, Finding, Power, Weighing
+from calibrate.diagnosis.evidence.explanations import CERTAIN, UNKNOWN, Explanation, Finding, Power, Weighing
 from calibrate.models.addition_json import amplitude_unit
 from studies.output.words import percent, plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.view import BAND
 
 SHOWN, LEAST = 8, 1e-3  # explanations in a table; probability of one that a sentence names
-CERTAIN = 0.95  # inclusion probability from which an effect counts as there
 Table = tuple[list[str], list[list[Any]]]
 
 
@@ -55,8 +54,8 @@ def alternatives_data(found: Weighing) -> dict[str, Any]:
             if one.probability > LEAST]  # fmt: skip
     certain = [name for name, value in found.alternatives.inclusion.items() if value > CERTAIN]
     spans = {name: list(group) for name, group in found.groups.items() if group}
-    unexplained = float(found.alternatives.unexplained)
-    return {"said": said[:3], "certain": certain, "spans": spans, "fitted": found.fitted, "unexplained": unexplained}
+    unknown = bool(found.alternatives.unexplained > UNKNOWN)
+    return {"said": said[:3], "certain": certain, "spans": spans, "fitted": found.fitted, "unknown": unknown}
 
 
 def power_data(found: Weighing) -> dict[str, Any]:

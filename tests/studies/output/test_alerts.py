@@ -185,10 +185,10 @@ def of_explained(**changes: Any) -> Findings:
 
 
 def doubtful() -> Findings:
-    """The effect that was found, where an unknown one is more probable."""
+    """The effect that was found, where it is not needed."""
     confirmation = explained().confirmation
     assert confirmation is not None
-    doubts = replace(confirmation, doubts=(Doubt.IN_NO_CATALOGUE, Doubt.LARGE_FORCE_ERROR))
+    doubts = replace(confirmation, doubts=(Doubt.NOT_NEEDED, Doubt.LARGE_FORCE_ERROR))
     return of_explained(named=(), closest=explained().named, confirmation=doubts)
 
 
