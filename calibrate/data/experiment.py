@@ -98,6 +98,11 @@ class Experiment:
         return bool(self.provenance.get("rim"))
 
     @property
+    def is_zeroed(self) -> bool:
+        """Whether the forces count from that at the reference picture, so that no offset of the load cell is left."""
+        return bool(self.provenance.get("zeroed"))
+
+    @property
     def stress_unit(self) -> str:
         """MPa, or N/mm (stress times thickness) where the thickness is unknown."""
         return "N/mm" if self.thickness is None else "MPa"

@@ -17,13 +17,15 @@ from calibrate.diagnosis.evidence.decision import decided
 from calibrate.diagnosis.evidence.priors import Priors, read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.joint.everything import fit_everything
 from calibrate.diagnosis.problem import Mask, Problem
 from calibrate.diagnosis.selection.loop import close_loop
-from calibrate.diagnosis.selection.rounds import Discovery
+from calibrate.diagnosis.selection.rounds import Discovery, Verdict
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
 from calibrate.equations.equilibrium import Equilibrium
+from calibrate.errors import FitError
 from calibrate.fitting.noise_check import with_checked_noise
 
 Say = Callable[[str], None]
@@ -71,15 +73,27 @@ def diagnose(
     priors: Priors | None = None,
     fitted: bool = True,
 ) -> Discovery:
-    """Rounds from a base fit, and the verdict in the light of all explanations.
+    """Rounds from a base fit, the verdict in the light of all explanations, and where none explains the test all effects at once.
 
     whole_table: refit with every effect, not only with those that are tried. priors: of amplitudes, None for the default. fitted: whether
-    the best explanations are fitted and change the verdict.
+    the best explanations are fitted and change the verdict, and all effects at once.
     """
     effects, priors = distinct(effects), priors or read_priors()
     found = close_loop(problem, base, effects, whole_table, seed, say, thresholds)
     weighing = weigh(found, priors, effects, fitted, say)
-    return decided(found, weighing, priors, effects, seed, say)
+    found = decided(found, weighing, priors, effects, seed, say)
+    return _with_everything(found, effects, priors, say) if fitted else found
+
+
+def _with_everything(found: Discovery, effects: Sequence[Effect], priors: Priors, say: Say) -> Discovery:
+    """With the fit of all effects at once, where the test is not explained; without it where it has no finite start."""
+    if found.verdict is not Verdict.NOT_EXPLAINED:
+        return found
+    assert found.start is not None
+    try:
+        return replace(found, everything=fit_everything(found.start, effects, priors, say))
+    except FitError:
+        return found
 
 
 def _nothing(system: Equilibrium) -> Mask:

@@ -73,20 +73,35 @@ def smooth_disturbances(problem: Problem) -> Array:
 
 def _smooth_forces(part: Part) -> Array:
     """Nodal forces (k, t, 2 v) on the virtual fields of one experiment."""
+    boundary = part.system.fields.boundary
+    loaded = np.array([boundary == b for b in range(len(part.experiment.loaded))], float)
+    return _over_increments(part, np.concatenate([_body_cosines(part, PLACE_COSINES), loaded]))
+
+
+def smooth_body_forces(part: Part, n: int) -> Array:
+    """Those (k, t, 2 v) of body forces alone, of n cosines over each side of the specimen."""
+    return _over_increments(part, _body_cosines(part, n))
+
+
+def _body_cosines(part: Part, n: int) -> Array:
+    """Forces (n^2, v) that body forces as cosines over the specimen make on every virtual field."""
     system, points = part.system, part.experiment.points
     nodal = np.bincount(part.experiment.triangles.ravel(), np.repeat(system.areas / 3, 3), len(points))
     size = np.asarray(system.fields.values.T @ nodal).ravel()
     total = np.asarray(system.fields.values.sum(axis=0)).ravel()
     x = (np.asarray(system.fields.values.T @ points) / total[:, None] - points.min(axis=0)) / np.ptp(points, axis=0)
-    k = np.arange(PLACE_COSINES)
+    k = np.arange(n)
     cosines = [np.cos(np.pi * np.multiply.outer(x[:, i], k)) for i in range(2)]
-    places = np.einsum("v,vk,vl->klv", size, *cosines).reshape(-1, len(size))
-    loaded = np.array([system.fields.boundary == b for b in range(len(part.experiment.loaded))], float)
-    places = np.concatenate([places, loaded])
-    t = (np.arange(len(system.loads)) + 0.5) / len(system.loads)
-    times = np.cos(np.pi * np.multiply.outer(np.arange(min(TIME_COSINES, len(t))), t))
+    return np.einsum("v,vk,vl->klv", size, *cosines).reshape(-1, len(size))
+
+
+def _over_increments(part: Part, places: Array) -> Array:
+    """Forces (p, v) as cosines over the increments, in both directions (k, t, 2 v)."""
+    n, v = len(part.system.loads), places.shape[1]
+    t = (np.arange(n) + 0.5) / n
+    times = np.cos(np.pi * np.multiply.outer(np.arange(min(TIME_COSINES, n)), t))
     values = np.einsum("st,ij,pv->psijtv", times, np.eye(2), places)
-    return np.moveaxis(values, -2, -3).reshape(-1, len(t), 2 * len(size))
+    return np.moveaxis(values, -2, -3).reshape(-1, n, 2 * v)
 
 
 def uncertain_directions(weights: Sequence[Weights]) -> Array:

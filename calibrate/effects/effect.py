@@ -69,7 +69,7 @@ class Effect:
     name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report; source: of the formula;
     amplitudes; shapes; shapes_vary: False where they only choose a
     derivative at the null value and mean nothing once the amplitude is known; confounded_with: what it can never be told
-    from, or nothing; decided_by: the experiment that tells it from its likes; of_material: holds for
+    from, or nothing; decided_by: the experiment that tells it from its likes; measured_by: why it is no candidate where it is `excluded`; of_material: holds for
     every specimen of a material, not of one test alone; rough: adds second derivatives of the displacements to them, whose
     noise the weights of a model with it must know; truncated: its formula is the beginning of a series, so that a small part
     of what it explains is left for others.
@@ -86,6 +86,7 @@ class Effect:
     shapes_vary: ClassVar[bool] = True
     confounded_with: ClassVar[str] = ""
     decided_by: ClassVar[str] = ""
+    measured_by: ClassVar[str] = "two cameras measured it"
     of_material: ClassVar[bool] = False
     rough: ClassVar[bool] = False
     truncated: ClassVar[bool] = False

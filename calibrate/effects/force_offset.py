@@ -18,6 +18,10 @@ class ForceOffset(Effect):
     formula = "f - f0 e, e: direction of the largest force"
     amplitudes = (Parameter("f0", "N", typical=0.1),)
     decided_by = "a record that starts before the loading"
+    measured_by = "forces count from that at the reference picture"
+
+    def excluded(self, data):
+        return data.zeroed
 
     def missing(self, data):
         return None if len(data.u) > 2 else "more increments"  # with one it could be the whole force

@@ -23,6 +23,7 @@ from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.diagnosis.problem import level_factor
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects import CATALOGUE, Effect
+from calibrate.effects.chain import Additions
 from calibrate.errors import ConfigError
 from calibrate.models.extended_model import ExtendedModel
 from studies.commandline.option_types import (
@@ -128,7 +129,8 @@ def discover(
         say("network of the base")
         model = replace(extended(found, view.hold_out, manifest.to_dict()), fitness=discovery_headline(view).fitness)
         say("writing the report")
-        return Discovered(folder, view, write(folder, view, model, manifest))
+        of_all = of_all_effects(found, view.hold_out, manifest.to_dict())
+        return Discovered(folder, view, write(folder, view, model, manifest, of_all))
 
 
 def hold_outs(texts: Sequence[str], seed: int = 0) -> tuple[HoldOut | None, list[Path]]:
@@ -194,13 +196,44 @@ def held_out_words(rule: HoldOut | None, trained: Sequence[Experiment], held: Se
 
 def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
     """The final model of a discovery as a model file, with a network distilled from its base."""
-    parts, final = found.problem.parts, found.final
+    final = found.final
     bulk = bulk_modulus(found.problem, final)
-    model = ExtendedModel(
+    model = _file(found, final.c, final.additions, final.errors, hold_out, record)
+    model = replace(model, groups=found.groups, bulk_modulus_deviation=None if bulk is None else bulk[1])
+    model = model.scaled(level_factor(found.problem, final.c, final.additions))
+    distilled = distillation.distil(found.problem, final)
+    loss = {
+        "network": distilled.network_loss, "spline": distilled.spline_loss, "equations": distilled.n_rows,
+        "good": distilled.good, "remark": network_words(distilled),
+    }  # fmt: skip
+    return model.with_network(distilled.network, loss)
+
+
+def of_all_effects(found: Discovery, hold_out: str, record: dict[str, Any]) -> ExtendedModel | None:
+    """The fit of all effects at once as a model file, without a network; None where it was not made."""
+    if found.everything is None:
+        return None
+    fit = found.everything.fit
+    pairs = [
+        (a, d)
+        for a, d in zip(fit.present, fit.errors, strict=True)
+        if any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
+    ]
+    additions, deviations = tuple(a for a, _ in pairs), tuple(d for _, d in pairs)
+    model = _file(found, fit.c, additions, deviations, hold_out, record)
+    return model.scaled(level_factor(found.problem, fit.c, additions))
+
+
+def _file(
+    found: Discovery, c: Any, additions: Additions, deviations: tuple[tuple[float, ...], ...], hold_out: str,
+    record: dict[str, Any],
+) -> ExtendedModel:  # fmt: skip
+    parts = found.problem.parts
+    return ExtendedModel(
         found.problem.basis,
-        final.c,
-        final.additions,
-        final.errors,
+        c,
+        additions,
+        deviations,
         parts[0].experiment.stress_unit,
         tuple(
             {
@@ -215,18 +248,10 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
         hold_out,
         tuple(p.experiment.name for p in parts if not p.train.size),
         found.verdict,
-        found.groups,
         provenance={key: record[key] for key in ("command", "settings", "inputs", "versions", "revision")},
-        bulk_modulus_deviation=None if bulk is None else bulk[1],
         level_is_nominal=found.problem.level_is_nominal,
         calibrated_range=distillation.range_of(found.problem),
-    ).scaled(level_factor(found.problem, final.c, final.additions))
-    distilled = distillation.distil(found.problem, final)
-    loss = {
-        "network": distilled.network_loss, "spline": distilled.spline_loss, "equations": distilled.n_rows,
-        "good": distilled.good, "remark": network_words(distilled),
-    }  # fmt: skip
-    return model.with_network(distilled.network, loss)
+    )
 
 
 class Stages:

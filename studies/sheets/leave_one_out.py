@@ -9,7 +9,6 @@ matters.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from calibrate.diagnosis import base_fit, base_functions, effect_fit
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.joint import elimination
 from calibrate.diagnosis.joint import fit as joint_fit
+from calibrate.diagnosis.joint.everything import NESTED, simple_base
 from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.parameters import n_parameters
 from calibrate.diagnosis.problem import Problem
@@ -28,24 +28,13 @@ from studies.sheets.model_errors import equations
 
 Mask = NDArray[np.bool_]
 Say = Callable[[str], None]
-NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
 
 
 def prepared(e: Experiment, fitted: Mask, spacing: float) -> tuple[Problem, Fit]:
     """Problem of the increments fitted (t,), whose base is neo-Hooke, and its base fit."""
     problem, _ = base_fit.prepare([e], [lambda system: equations(system, fitted)], spacing, base="positive")
-    problem = with_splines(problem, 1)
+    problem = simple_base(problem)
     return problem, effect_fit.refit(problem, base_functions.first_guess([problem.parts[0].assembled]), ())
-
-
-def with_splines(problem: Problem, n: int) -> Problem:
-    """The problem with a base energy of n functions of I1."""
-    top = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
-    start = base_functions.first_guess([part.assembled for part in problem.trained])
-    prior = base_functions.smoothness("positive", n) / (base_functions.STIFFENING * float(start.max()))
-    return replace(
-        problem, cone=base_functions.base_cone(problem.basis, "positive", top, n), prior=prior, parametric=True
-    )
 
 
 def penalised_misfit(n: int, one: Joint, unit: float) -> float:

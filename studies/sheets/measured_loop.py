@@ -18,6 +18,7 @@ from calibrate.diagnosis import score_tests
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.joint import elimination
 from calibrate.diagnosis.joint import fit as joint_fit
+from calibrate.diagnosis.joint.everything import NESTED, simple_base
 from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection import DEFAULT, Verdict
@@ -26,7 +27,7 @@ from calibrate.effects.chain import Addition
 from calibrate.effects.viscosity import Viscosity
 from calibrate.effects.warp import InitialWarp, UnevenWarp
 from studies.reports.discovery.candidate_outcome import untested_words
-from studies.sheets.leave_one_out import NESTED, leave_one_out_fits, penalised_misfit, prepared, retain, with_splines
+from studies.sheets.leave_one_out import leave_one_out_fits, penalised_misfit, prepared, retain
 from studies.sheets.measured_results import Rival, RivalResult
 from studies.sheets.model_errors import Split, force_and_field
 from studies.sheets.sheet_models import SheetModels, base_name
@@ -206,7 +207,7 @@ def _without(chosen: Base, name: str, unit: float, models: SheetModels, say: Say
     say(f"how much depends on {name}")
     whole = chosen.fit
     one = joint_fit.fit(
-        with_splines(models.problem, chosen.splines), whole.c, whole.additions, whole.active - {name}, name
+        simple_base(models.problem, chosen.splines), whole.c, whole.additions, whole.active - {name}, name
     )
     return EffectWorth(
         effect=name,
@@ -246,7 +247,7 @@ def rivals(e: Experiment, learnt: SheetResult, until: float, spacing: float, say
     found = []
     for n in (1, *SPLINES):
         say(f"{e.name}: {base_name(n)} that do not relax")
-        one = joint_fit.fit(with_splines(problem, n), model.c, kept, frozenset(a.effect.name for a in kept))
+        one = joint_fit.fit(simple_base(problem, n), model.c, kept, frozenset(a.effect.name for a in kept))
         misfit = one.loss / learnt.dispersion
         found.append(Rival(name=f"{base_name(n)}, not relaxing", misfit=misfit, **models.errors(one)))
     return RivalResult(found)
@@ -276,11 +277,11 @@ def _bases(problem: Problem, final: Joint, early: Experiment, unit: float, spaci
     for splines in (1, *SPLINES):
         say(f"base of {base_name(splines)}")
         fit = (
-            joint_fit.fit(with_splines(problem, splines), final.c, final.additions, final.active)
+            joint_fit.fit(simple_base(problem, splines), final.c, final.additions, final.active)
             if splines > 1
             else final
         )
-        seen = joint_fit.fit(with_splines(short, splines), fit.c, fit.additions, fit.active)
+        seen = joint_fit.fit(simple_base(short, splines), fit.c, fit.additions, fit.active)
         r = short.parts[0].chain.residual(seen.c, seen.present)
         validation_error = force_and_field(short.parts[0].system, r, ~first)
         found.append(Base(splines, fit, penalised_misfit(splines, fit, unit), validation_error))

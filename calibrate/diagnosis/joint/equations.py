@@ -5,6 +5,7 @@ In: a `Problem` and the effects that are active. Out: residuals and derivatives 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,8 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Addition, Additions
 
 Array = NDArray[np.float64]
-PRIOR = 3.0  # typical amplitudes: standard deviation of the prior
+PRIOR = 3.0  # typical amplitudes: standard deviation of the prior where no other is given
+Widths = Mapping[str, Array]  # of the prior: {effect: standard deviation of every amplitude (p,), in its unit}
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +39,8 @@ class Point:
 class Equations:
     """Whitened equations with the stress scaled to the loads; effects that are not active, at their null values, take no part."""
 
-    def __init__(self, problem: Problem, active: frozenset[str]) -> None:
-        self.problem, self.active = problem, active
+    def __init__(self, problem: Problem, active: frozenset[str], widths: Widths | None = None) -> None:
+        self.problem, self.active, self.widths = problem, active, widths
         self.chains = [part.chain for part in problem.trained]
         self.loads = equations_of.loads(problem)
         self.columns = equations_of.base_columns(problem, self.chains) @ problem.cone
@@ -51,6 +53,10 @@ class Equations:
             return np.full(len(g), np.inf), np.inf, g
         s = float(self.loads @ self.loads) / product
         return s * g - self.loads, s, g
+
+    def prior(self, variables: Variables, dispersion: float) -> Prior:
+        """That belongs to a dispersion."""
+        return Prior(variables, self.active, dispersion, self.problem.prior, self.widths)
 
     def present(self, additions: Additions) -> Additions:
         """Those that are active."""
@@ -87,10 +93,17 @@ class Equations:
 
 
 class Prior:
-    """Normal prior on the amplitudes of active effects, in units of typical ones (shapes have none), and on the base: smooth (r, n),
-    1 / MPa, as `Problem.prior`."""
+    """Normal prior on the amplitudes of active effects (shapes have none), of `PRIOR` typical ones where no widths are given, and on the
+    base: smooth (r, n), 1 / MPa, as `Problem.prior`."""
 
-    def __init__(self, variables: Variables, active: frozenset[str], dispersion: float, smooth: Array) -> None:
+    def __init__(
+        self,
+        variables: Variables,
+        active: frozenset[str],
+        dispersion: float,
+        smooth: Array,
+        widths: Widths | None = None,
+    ) -> None:
         self.dispersion = max(1.0, dispersion)
         self.smooth = smooth * np.sqrt(self.dispersion)
         self.used = np.concatenate(
@@ -99,7 +112,8 @@ class Prior:
         self.null = np.concatenate(
             [np.concatenate([[p.null for p in a.effect.amplitudes], a.shape]) for a in variables.additions]
         )
-        self.weights = np.where(variables.is_shape | ~self.used, 0.0, np.sqrt(self.dispersion) / PRIOR)
+        width = PRIOR * np.ones(len(self.used)) if widths is None else _widths(variables, widths)
+        self.weights = np.where(variables.is_shape | ~self.used, 0.0, np.sqrt(self.dispersion) / width)
 
     def judged(self, point: Point) -> Point:
         """The point with its objective."""
@@ -120,6 +134,12 @@ class Prior:
         """Derivatives (r, n + k) of `smooth` w to w and effects, where base (n,) and effects (k,) scale all stresses down."""
         bend = self.smooth @ w
         return np.concatenate([self.smooth - np.outer(bend, base), -np.outer(bend, effects)], axis=1)
+
+
+def _widths(variables: Variables, widths: Widths) -> Array:
+    """Of every value (k,), over its scale."""
+    own = [np.concatenate([widths[a.effect.name], np.ones(len(a.shape))]) for a in variables.additions]
+    return np.concatenate(own) / variables.scale
 
 
 def _stiffer(additions: Additions, factor: float) -> Additions:

@@ -3,8 +3,8 @@
 In: a `Problem` and effects at their starting values. Out: `Joint`.
 
 Where several effects disturb everything at like size, adding one at a time ends elsewhere for every order, because each absorbs
-what belongs to those that are still missing. So all are fitted together. A weak normal prior of `equations.PRIOR` typical amplitudes keeps
-what the data hardly see from running away (ridge; Hoerl and Kennard 1970).
+what belongs to those that are still missing. So all are fitted together. A normal prior, `equations.PRIOR` typical amplitudes wide where no
+other is given, keeps what the data hardly see from running away (ridge; Hoerl and Kennard 1970).
 
 The noise of the equations grows with the stiffness, so that a fit with fixed weights would pull it to zero. Here all stresses are
 scaled by the factor s that makes internal and external work agree, s = f.f / g.f of the whitened work g and loads f, and
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from calibrate.diagnosis.joint.equations import Equations, Point, Prior, at_null
+from calibrate.diagnosis.joint.equations import Equations, Point, Prior, Widths, at_null
 from calibrate.diagnosis.parameters import Variables, n_parameters
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Additions
@@ -136,16 +136,24 @@ class _Linearised:
         return bool(fall < TOLERANCE * self.prior.dispersion)
 
 
-def fit(problem: Problem, c: Array, additions: Additions, active: frozenset[str], out: str | None = None) -> Joint:
+def fit(
+    problem: Problem,
+    c: Array,
+    additions: Additions,
+    active: frozenset[str],
+    out: str | None = None,
+    widths: Widths | None = None,
+    steps: int = STEPS,
+) -> Joint:
     """Base, amplitudes and shapes of the active effects together; c (n,): where it starts. Raises `FitError` where the start is not
     finite."""
-    equations = Equations(problem, active)
+    equations = Equations(problem, active, widths)
     additions = tuple(a if a.effect.name in active else at_null(a) for a in additions)
     w = np.maximum(np.linalg.lstsq(problem.cone, c, rcond=None)[0], 0.0)
     start = equations.scaled(w, additions)
     if not np.isfinite(start.r).all():
         raise errors.FitError("the joint fit has no finite start: check forces and their signs")
-    found = gauss_newton.minimise(lambda point, _: _linearised(equations, point), start, Damping(), STEPS)
+    found = gauss_newton.minimise(lambda point, _: _linearised(equations, point), start, Damping(), steps)
     return _finished(equations, found.point, found.reason, out)
 
 
@@ -153,7 +161,7 @@ def _linearised(equations: Equations, point: Point) -> _Linearised:
     """The problem about a point, with the prior that belongs to its dispersion."""
     variables = Variables(point.additions)
     dispersion = float(point.r @ point.r) / len(point.r)
-    prior = Prior(variables, equations.active, dispersion, equations.problem.prior)
+    prior = equations.prior(variables, dispersion)
     S = equations.slopes(point.w, point.additions, prior.used) * variables.scale
     bend = prior.bend(point.w, equations.shares(equations.columns, point.g), equations.shares(S, point.g))
     S, A = (equations.projected(columns, point.s, point.g) for columns in (S, equations.columns))
@@ -166,7 +174,7 @@ def _finished(equations: Equations, point: Point, stop: Stop, out: str | None) -
     r = equations.residual(w, additions)[0]
     variables = Variables(additions)
     loss = float(r @ r)
-    prior = Prior(variables, equations.active, loss / len(r), equations.problem.prior)
+    prior = equations.prior(variables, loss / len(r))
     S = equations.compensated(equations.slopes(w, additions, prior.used) * variables.scale, w)
     S = np.concatenate([S, np.diag(prior.weights)])
     A = equations.compensated(equations.columns, w) if len(w) > 1 else np.zeros((len(r), 0))

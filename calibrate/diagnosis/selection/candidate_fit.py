@@ -16,10 +16,10 @@ from calibrate import errors
 from calibrate.diagnosis import effect_fit, score_tests, weighted_fit
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit
 from calibrate.diagnosis.parameters import at_bounds, not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
-from calibrate.diagnosis.selection.misfit import Misfit, is_better, is_larger, misfit
 from calibrate.diagnosis.selection.rounds import Candidate, RefusalReason, Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects.chain import Addition

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibrate.diagnosis.misfit import Misfit, misfit
 from calibrate.diagnosis.selection.candidate_fit import Model, falls_in_either_weights
-from calibrate.diagnosis.selection.misfit import Misfit, misfit
 from calibrate.diagnosis.selection.rounds import Confirmation, Doubt
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 

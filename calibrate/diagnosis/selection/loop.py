@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis import residual_tests, score_tests, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.misfit import misfit
 from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection import candidate_fit
 from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
 from calibrate.diagnosis.selection.confirmation import confirm
 from calibrate.diagnosis.selection.exchange import review
-from calibrate.diagnosis.selection.misfit import misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Discovery, Refusal, RefusalReason, Review, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.diagnosis.selection.verdict import conclude, is_small

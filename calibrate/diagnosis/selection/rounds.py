@@ -8,10 +8,11 @@ from typing import Any
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Weighing
+from calibrate.diagnosis.joint.shares import Everything
+from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score
-from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects.chain import Addition
 from calibrate.fitting.noise_check import NoiseCheck
@@ -161,7 +162,8 @@ class Discovery:
     named: effects that the residual confirms; closest: those added that it does not. groups: for each added effect, the effects
     that these data cannot tell from it. confirmation: of the final model against the base, where it has effects. noise: of every
     experiment, stated and found; empty where it was not looked at. start: with the weights of the base. weighing: of all
-    explanations. replaced: effects that the rounds had found before a more probable explanation took their place.
+    explanations. replaced: effects that the rounds had found before a more probable explanation took their place. everything: the fit of all
+    effects at once, where no few of them explain the test.
     """
 
     problem: Problem = field(repr=False)
@@ -176,6 +178,7 @@ class Discovery:
     start: Problem | None = field(default=None, repr=False)
     weighing: Weighing | None = field(default=None, repr=False)
     replaced: tuple[str, ...] | None = None
+    everything: Everything | None = field(default=None, repr=False)
 
     @property
     def base(self) -> Fit:

@@ -65,6 +65,7 @@ def to_experiment(
         "frames": frames.tolist(),
         "frames_recorded": len(series.time),
         "tare_N": tare,
+        "zeroed": selection.tare is None,
         "points_lost": int(kept.lost.size),
         "noise": report,
         "notes": [*series.provenance.get("notes", []), *notes],

@@ -57,7 +57,12 @@ def outcome_words(candidate: Candidate, now: Round, thresholds: Thresholds = DEF
 
 def untested_words(score: Score) -> str:
     """Why an effect could not be tested."""
-    return WORDS.untested(status=score.status, missing=score.missing, confounded_with=score.effect.confounded_with)
+    return WORDS.untested(
+        status=score.status,
+        missing=score.missing,
+        confounded_with=score.effect.confounded_with,
+        measured_by=score.effect.measured_by,
+    )
 
 
 def round_remarks(now: Round) -> list[str]:

@@ -15,6 +15,7 @@ from studies.output.findings import Finding, Macro
 from studies.output.words import plus_minus
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
+from studies.reports.discovery.everything_table import everything_data
 from studies.reports.discovery.view import BAND, View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
 from studies.reports.experiments.experiment_findings import experiment_findings
@@ -38,6 +39,7 @@ class DiscoveryCode(Macro):
     NO_EXPLANATION = "no_explanation"
     TIE = "tie"
     POWER = "power"
+    EVERYTHING = "everything"
     THICKNESS_UNKNOWN = "no_thickness"
     ATTENUATED = "attenuated"
     WEAK_STRAIN = "weak_strain"
@@ -102,6 +104,9 @@ def _of_effects(view: View) -> Iterator[Finding]:
         alternatives = alternatives_data(view.weighing)
         yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unknown"], **alternatives)
         yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))
+    if view.discovery.everything is not None:
+        data = everything_data(view.discovery.everything)
+        yield _finding(DiscoveryCode.EVERYTHING, bool(data["implausible"]) or not data["predicts"], **data)
 
 
 def _of_verdict(found: Discovery) -> Iterator[Finding]:

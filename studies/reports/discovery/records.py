@@ -12,16 +12,17 @@ import numpy as np
 
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.problem import Part
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Status
-from calibrate.diagnosis.selection.misfit import Misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects import Effect
 from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.addition_json import amplitude_unit
 from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
+from studies.reports.discovery.everything_table import everything_record
 from studies.reports.discovery.view import BAND, View, held_increments
 from studies.reports.discovery.weighing_tables import weighing_record
 
@@ -254,4 +255,5 @@ def content(view: View) -> dict[str, Any]:
         "experiments": [ExperimentRecord.of(part).to_dict() for part in found.problem.parts],
         "rounds": [round_record(now, view) for now in found.rounds],
         "evidence": weighing_record(view.weighing),
+        "all_effects": everything_record(found.everything),
     }

@@ -18,6 +18,7 @@ from studies.reports.discovery import figures
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
+from studies.reports.discovery.everything_table import errors_table, shares_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
 from studies.reports.discovery.statement import reservations, untestable, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
@@ -28,10 +29,13 @@ MOST_TESTS = 4  # that get pictures
 QUICK_FIGURES = ("residual_map", "forces", "scores")
 
 
-def write(folder: Path, view: View, model: ExtendedModel, manifest: Any) -> Path:
-    """Write model, data, figures, report and manifest into `folder`; returns the report's path."""
+def write(folder: Path, view: View, model: ExtendedModel, manifest: Any, of_all: ExtendedModel | None = None) -> Path:
+    """Write model, data, figures, report and manifest into `folder`; returns the report's path. of_all: with all effects at once."""
     files = [folder / "report.html", folder / "model.json", *_data(folder, view)]
     model.save(files[1])
+    if of_all is not None:
+        files.append(folder / "model_all_effects.json")
+        of_all.save(files[-1])
     report = Report("Diagnosis", _subtitle(view))
     said = verdict(view)
     report.heading("Verdict").paragraph(said[0].upper() + said[1:] + ".")
@@ -64,6 +68,9 @@ def _results(report: Report, folder: Path, view: View) -> None:
         report.heading("All explanations").table(*alternatives_table(view.weighing), WORDS.alternatives_caption())
         report.heading("What this test shows of every effect")
         report.table(*power_table(view.weighing, view.unit), WORDS.power_caption())
+    if view.discovery.everything is not None:
+        report.heading("All effects at once").table(*errors_table(view.discovery.everything))
+        report.table(*shares_table(view.discovery.everything, view.unit), WORDS.everything_caption())
     report.heading("Residuals in place and time")
     for path, figure, caption in pictures(folder, view):
         write_figure(path, figure, dpi=140)

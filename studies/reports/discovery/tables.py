@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.selection.misfit import Misfit
+from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.effects import Effect
 from calibrate.models.addition_json import amplitude_unit

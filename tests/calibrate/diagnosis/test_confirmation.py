@@ -13,11 +13,11 @@ from scipy import stats
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, effect_fit, model_weights, residual_tests
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit
 from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.candidate_fit import Model, falls_in_either_weights
 from calibrate.diagnosis.selection.confirmation import allowed_force_error, confirm, errors_grow
-from calibrate.diagnosis.selection.misfit import Misfit, is_better, is_larger, misfit
 from calibrate.diagnosis.selection.rounds import Confirmation, Doubt, Review, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.diagnosis.selection.verdict import conclude

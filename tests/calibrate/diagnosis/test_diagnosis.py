@@ -20,12 +20,12 @@ from calibrate.diagnosis.evidence.explanations import Finding
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.misfit import misfit
 from calibrate.diagnosis.problem import loss, signature
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import DEFAULT, Verdict, close_loop
 from calibrate.diagnosis.selection.candidate_fit import Model
 from calibrate.diagnosis.selection.loop import extended, scored_round
-from calibrate.diagnosis.selection.misfit import misfit
 from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason, Review
 from calibrate.diagnosis.selection.verdict import conclude, worth_a_name
 from calibrate.effects import CATALOGUE

@@ -14,9 +14,9 @@ from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.distillation import distil
 from calibrate.diagnosis.effect_fit import refit
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.misfit import misfit
 from calibrate.diagnosis.problem import all_rows, level_factor
 from calibrate.diagnosis.score_tests import Status, score
-from calibrate.diagnosis.selection.misfit import misfit
 from calibrate.effects import CATALOGUE
 from calibrate.equations.deformation_modes import nominal_stress
 from calibrate.equations.equilibrium import equilibrium

@@ -57,9 +57,11 @@ def test_forces_of_both_grips(folder):
     np.testing.assert_allclose(bottom.force[:, 1], [-2.0, -10.0], atol=1e-9)
     assert np.isnan(top.force[:, 0]).all()
     assert e.provenance["tare_N"] == pytest.approx(0.1)
+    assert e.is_zeroed
     assert e.provenance["frames"] == [2, 10]
     untared = sheet(folder, Selection(frames=(2, 10), tare=0.0))
     np.testing.assert_allclose(untared.loaded[1].force[:, 1], [2.1, 10.1], atol=1e-9)
+    assert not untared.is_zeroed  # a force that is stated as zero says nothing of the load cell
 
 
 def test_synchronisation_by_rate_and_offset(folder):

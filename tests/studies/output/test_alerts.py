@@ -21,8 +21,11 @@ from skip_network import neo_hooke
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.strain_signal import StrainSignal
 from calibrate.diagnosis.evidence.power import Finding as Power
+from calibrate.diagnosis.joint.shares import Everything, Share
+from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.selection.rounds import Doubt, Refusal, RefusalReason
+from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.fitness import Fitness, Use
@@ -184,6 +187,14 @@ def of_explained(**changes: Any) -> Findings:
     return remarks(seen(replace(explained(), **changes)))
 
 
+def of_everything(value: float = 0.1) -> Findings:
+    """A fit of all effects with one of this amplitude, whose prior has a standard deviation of 0.1."""
+    share = Share(SecondInvariant(), (value,), (0.01,), (0.1,), (), 500.0, 0.1)
+    errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(0.02, 0.04, 2.0, 100), None)
+    fit: Any = SimpleNamespace(converged=True)
+    return of_nothing(everything=Everything(fit, (share,), *errors, 24.0, 1.0))
+
+
 def doubtful() -> Findings:
     """The effect that was found, where it is not needed."""
     confirmation = explained().confirmation
@@ -230,6 +241,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.round_remark": lambda: of_first_round(refusals=(Refusal("upturn", RefusalReason.HELD_OUT_NOT_BETTER),)),
     "discovery.alternatives": of_weighing,
     "discovery.power": of_weighing,
+    "discovery.everything": of_everything,
     "discovery.replaced": lambda: replaced("second invariant"),
     "discovery.no_explanation": doubtful,
     "discovery.tie": lambda: of_explained(groups={"second invariant": ("second invariant", "upturn")}),
@@ -317,6 +329,7 @@ RAISED: dict[str, Callable[[], Findings]] = {
     ),
     "F312": lambda: fit_findings.findings(review(classical=laws(law("Yeoh", -50.0)))),
     "E402": of_weighing,
+    "E407": lambda: of_everything(0.9),
     "P501": lambda: curves(USELESS),
     "P505": lambda: bands(False),
 }

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from calibrate.diagnosis.misfit import Misfit, is_larger
 from calibrate.diagnosis.selection import DEFAULT, Verdict
-from calibrate.diagnosis.selection.misfit import Misfit, is_larger
 from studies.sheets.homogeneous import homogeneous_loops, measured_homogeneous
 
 DATA = os.environ.get("EQUIGAP_DATA")

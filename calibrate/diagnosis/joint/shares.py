@@ -1,0 +1,69 @@
+"""What a fit of all effects at once says of each, and how it predicts. Plain data, computed in `everything`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibrate.diagnosis.joint.fit import Joint
+from calibrate.diagnosis.misfit import Misfit
+from calibrate.effects import Effect
+
+FAR = 3.0  # prior standard deviations that no amplitude should be beyond
+
+
+@dataclass(frozen=True)
+class Share:
+    """An effect in the fit of all. amplitudes, deviations, priors (p,): values, standard deviations after and before the test, in the units of the
+    effect. rise: of the misfit without it, in dispersions, to first order; imitated: share of its change that others could make."""
+
+    effect: Effect
+    amplitudes: tuple[float, ...]
+    deviations: tuple[float, ...]
+    priors: tuple[float, ...]
+    shape: tuple[float, ...]
+    rise: float
+    imitated: float
+
+    @property
+    def largest(self) -> int:
+        """Which amplitude is most of its prior standard deviations from null."""
+        null = np.array([p.null for p in self.effect.amplitudes])
+        return int(np.argmax(np.abs(np.array(self.amplitudes) - null) / np.array(self.priors)))
+
+    @property
+    def over_prior(self) -> float:
+        """Its distance from null, in prior standard deviations."""
+        i = self.largest
+        return abs(self.amplitudes[i] - self.effect.amplitudes[i].null) / self.priors[i]
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether its misfit would rise by more than its penalty is for one of ten thousand equations."""
+        return self.rise > len(self.amplitudes) * np.log(1e4)
+
+    @property
+    def is_far(self) -> bool:
+        """Whether it is stronger than anyone would believe: it stands in for something else."""
+        return self.over_prior > FAR
+
+
+@dataclass(frozen=True, eq=False)
+class Everything:
+    """The fit of all effects. shares: the most needed first; before, after: errors of the neo-Hookean base and of the fit, on what was fitted and
+    on what was held out (None: nothing was). variance: of the discrepancy, over that of noise; dispersion: of the rest, 1 is noise."""
+
+    fit: Joint
+    shares: tuple[Share, ...]
+    before: tuple[Misfit, Misfit | None]
+    after: tuple[Misfit, Misfit | None]
+    variance: float
+    dispersion: float
+
+    @property
+    def predicts(self) -> bool:
+        """Whether neither force nor field error of what was held out (fitted, where nothing was) is larger than that of the base."""
+        pairs = [(a, b) for a, b in zip(self.before, self.after, strict=True) if a is not None and b is not None]
+        before, after = pairs[-1]
+        return after.field <= before.field and not after.force > before.force

@@ -1,0 +1,86 @@
+"""The fit of all effects at once: `Everything` in; tables, data of a sentence and of discovery.json out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calibrate.diagnosis.joint.shares import Everything, Share
+from calibrate.diagnosis.misfit import Misfit
+from calibrate.models.addition_json import amplitude_unit
+from studies.output.words import plus_minus
+from studies.reports.discovery.view import BAND
+
+Table = tuple[list[str], list[list[Any]]]
+
+
+def shares_table(found: Everything, unit: str) -> Table:
+    """Every effect, the most needed first."""
+    columns = ["effect", "amplitude", "value", "prior", "value over prior", "misfit without it", "imitated", "this fit"]
+    return columns, [_row(one, unit) for one in found.shares]
+
+
+def _row(one: Share, unit: str) -> list[Any]:
+    i = one.largest
+    own = amplitude_unit(one.effect.amplitudes[i], unit)
+    symbol = one.effect.amplitudes[i].name if own == "1" else f"{one.effect.amplitudes[i].name} ({own})"
+    said = "not needed" if not one.is_seen else "implausible" if one.is_far else "needed"
+    value = plus_minus(one.amplitudes[i], BAND * one.deviations[i])
+    return [
+        one.effect.name, symbol, value, f"{one.priors[i]:.2g}", f"{one.over_prior:.1f}", f"{one.rise:+.0f}",
+        f"{one.imitated:.1%}", said,
+    ]  # fmt: skip
+
+
+def errors_table(found: Everything) -> Table:
+    """Errors of neo-Hooke and of the fit."""
+    rows = []
+    for name, (fitted, held) in (("neo-Hooke", found.before), ("all effects at once", found.after)):
+        rows.append([name, *_errors(fitted), *_errors(held)])
+    return ["model", "force error, fitted, %", "field error, fitted, %",
+            "force error, held out, %", "field error, held out, %"], rows  # fmt: skip
+
+
+def _errors(misfit: Misfit | None) -> list[float | None]:
+    if misfit is None:
+        return [None, None]
+    return [100 * misfit.force if misfit.force == misfit.force else None, 100 * misfit.field]
+
+
+def everything_data(found: Everything) -> dict[str, Any]:
+    """For one sentence: what was needed, what of it is implausible, and errors, held out where something was."""
+    which = 0 if found.before[1] is None else 1
+    before, after = found.before[which], found.after[which]
+    assert before is not None
+    assert after is not None
+    seen = [one for one in found.shares if one.is_seen]
+    return {
+        "needed": [one.effect.name for one in seen if not one.is_far],
+        "implausible": [one.effect.name for one in seen if one.is_far],
+        "held": bool(which),
+        "predicts": found.predicts,
+        "before": {"force": before.force, "field": before.field},
+        "after": {"force": after.force, "field": after.field},
+        "smooth": float((1 + found.variance) ** 0.5),
+    }
+
+
+def everything_record(found: Everything | None) -> dict[str, Any] | None:
+    """As discovery.json holds it."""
+    if found is None:
+        return None
+    shares = [
+        {
+            "effect": one.effect.name, "amplitudes": list(one.amplitudes), "standard_deviations": list(one.deviations),
+            "prior_standard_deviations": list(one.priors), "shape": list(one.shape), "over_prior": one.over_prior,
+            "misfit_without_it": one.rise, "imitated": one.imitated, "needed": bool(one.is_seen), "implausible": one.is_far,
+        }
+        for one in found.shares
+    ]  # fmt: skip
+    errors = {
+        name: [None if m is None else m.to_dict() for m in pair]
+        for name, pair in (("before", found.before), ("after", found.after))
+    }
+    return {
+        "effects": shares, "fitted_and_held_out": errors, "discrepancy_over_noise": found.variance**0.5,
+        "reduced_chi_square": found.dispersion, "converged": found.fit.converged, "predicts": found.predicts,
+    }  # fmt: skip
