@@ -51,7 +51,7 @@ def outcome_words(candidate: Candidate, now: Round, thresholds: Thresholds = DEF
     score = candidate.score
     return WORDS.outcome(
         kind=outcome(candidate, now, thresholds), status=score.status, missing=score.missing, confounded_with=score.effect.confounded_with,
-        reason=_reason(candidate, now),
+        measured_by=score.effect.measured_by, reason=_reason(candidate, now),
     )  # fmt: skip
 
 

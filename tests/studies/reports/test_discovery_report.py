@@ -13,18 +13,22 @@ from discovery_stand_in import StandInManifest, StandInModel
 from matplotlib.figure import Figure
 
 from calibrate.diagnosis.residual_tests import ChiSquare
+from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason
+from calibrate.effects import CATALOGUE
 from studies.output.alerts import Severity
 from studies.reports.alert_table import in_order
 from studies.reports.discovery import figures, report
-from studies.reports.discovery.candidate_outcome import Outcome, outcome
+from studies.reports.discovery.candidate_outcome import Outcome, outcome, outcome_words, untested_words
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
 from studies.reports.discovery.statement import Statement, reservations, verdict
 from studies.reports.discovery.tables import candidate_table, model_table
 from studies.reports.discovery.view import decorrelated, deviations, forces, held_increments, nodal
 from studies.reports.headline import Reason
+
+BY_NAME = {effect.name: effect for effect in CATALOGUE}
 
 
 def row(name: str, number: int = 0):
@@ -34,6 +38,17 @@ def row(name: str, number: int = 0):
 
 def without_noise(found: Discovery) -> Discovery:
     return replace(found, problem=replace(found.problem, noise_is_known=False))
+
+
+def test_an_effect_that_was_measured_says_by_what() -> None:
+    candidate, now = row("stiffness gradient")
+    for effect, words in (
+        ("force offset", "forces count from that at the reference picture"),
+        ("out-of-plane motion", "two cameras"),
+    ):
+        score = Score(BY_NAME[effect], Status.EXCLUDED)
+        assert words in outcome_words(replace(candidate, score=score), now)
+        assert words in untested_words(score)
 
 
 # --- numbers --------------------------------------------------------------------------------------------------
