@@ -248,7 +248,9 @@ class InelasticProblem(PlaneStressProblem):
         )
 
     def _find_thickness(self) -> None:
-        """F33 at the Gauss points, by Newton's method from where it was."""
+        """F33 at the Gauss points, by Newton's method from where it was; from 1 where a step that was given up has left no number."""
+        last = self._get("F33")
+        self._set("F33", np.where(np.isfinite(last), last, 1.0))
         for _ in range(THICKNESS_STEPS):
             values = self._at_points(self._thinning)
             change = -values[..., 0] / values[..., 1]

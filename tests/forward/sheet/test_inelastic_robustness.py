@@ -1,6 +1,7 @@
 """Histories whose steps fail or whose runs are cut off: state variables go with the checkpoint."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -103,3 +104,25 @@ def test_no_equilibrium_keeps_what_was_reached(mesh, case, tmp_path, monkeypatch
     np.testing.assert_array_equal(caught.value.solution.displacements, expected.displacements[:1])
     assert caught.value.solution.description["load_factors"] == FACTORS[:1]
     np.testing.assert_array_equal(run(mesh, sheet, path, max_bisections=2).displacements, expected.displacements)
+
+
+def test_a_thickness_that_a_failed_step_left_without_number_is_found_again(mesh, monkeypatch):
+    """Nearly incompressible: a trial with inverted elements leaves NaN, and the substep after it does not begin there."""
+    sheet, failed = Sheet(NeoHooke(0.4), 1.2, bulk_modulus=100.0), []
+    expected = solve_history(mesh, sheet, LOADING, [0.05, 0.1], [0.5, 1.0], 2)
+    solve = InelasticProblem.solve
+
+    def fails_at_first(problem, load_factor):
+        outcome = solve(problem, load_factor)
+        if failed:
+            return outcome
+        failed.append(load_factor)
+        variable = problem._variables["F33"]
+        variable.x.array[:] = np.nan
+        return replace(outcome, reason=-9)
+
+    monkeypatch.setattr(InelasticProblem, "solve", fails_at_first)
+    found = solve_history(mesh, sheet, LOADING, [0.1], [1.0], 2)
+    assert failed
+    np.testing.assert_allclose(found.displacements[-1], expected.displacements[-1], atol=1e-7)
+    np.testing.assert_allclose(found.history["F33"], expected.history["F33"], rtol=1e-7)
