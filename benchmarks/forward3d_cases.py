@@ -28,7 +28,7 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / 
 
 from forward import ArrudaBoyce, Loading
 from forward._dolfinx import MPI, PETSc, dolfinx, ufl
-from forward.compilation import JIT_OPTIONS, compilation, compiled_form
+from forward.compilation import compiled_form, compiled_problem
 from forward.solid import pardiso
 from forward.solid.element import PRESSURES, Solid
 from forward.solid.solid_forms import centre_function, potential, pressure_basis
@@ -72,16 +72,14 @@ class Monolithic(Elastic):
         self._energy = compiled_form(energy)
         forces = [ufl.derivative(energy, x, ufl.TestFunction(x.function_space)) for x in (self.u, self.q)]
         self.supports = [self._support(V, axis, held, values) for axis in range(3)]
-        with compilation():
-            self.problem = dolfinx.fem.petsc.NonlinearProblem(
-                forces,
-                [self.u, self.q],
-                bcs=[bc for bc, *_ in self.supports],
-                kind="mpi",
-                petsc_options_prefix=f"monolithic_{len(mesh.cells)}_",
-                petsc_options=PETSC_OPTIONS,
-                jit_options=JIT_OPTIONS,
-            )
+        self.problem = compiled_problem(
+            forces,
+            [self.u, self.q],
+            bcs=[bc for bc, *_ in self.supports],
+            kind="mpi",
+            petsc_options_prefix=f"monolithic_{len(mesh.cells)}_",
+            petsc_options=PETSC_OPTIONS,
+        )
         squares = ufl.as_vector([b * b for b in basis])
         dx = ufl.dx(metadata={"quadrature_degree": 4})
         self.moments = self._vector(dolfinx.fem.form(ufl.dot(squares, ufl.TestFunction(Q)) * dx))

@@ -48,6 +48,12 @@ def compiled_expression(value: Any, points: Any) -> Any:
         return dolfinx.fem.Expression(value, points, jit_options=JIT_OPTIONS)
 
 
+def compiled_problem(forces: Any, unknowns: Any, **settings: Any) -> Any:
+    """DOLFINx's `NonlinearProblem` with compiled forms. Raises `MissingSolverError`, `FormsCacheError`."""
+    with compilation():
+        return dolfinx.fem.petsc.NonlinearProblem(forces, unknowns, jit_options=JIT_OPTIONS, **settings)
+
+
 @contextlib.contextmanager
 def compilation(folder: Path = FOLDER) -> Iterator[None]:
     """Around whatever compiles forms with `JIT_OPTIONS`.

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forward._dolfinx import MPI, QUADRATURE_DEGREE, PETSc, basix, dolfinx, ufl
-from forward.compilation import JIT_OPTIONS, compilation, compiled_form
+from forward.compilation import compiled_form, compiled_problem
 from forward.loading import moved
 from forward.materials import Material
 from forward.stepping import Elastic
@@ -125,16 +125,14 @@ class PlaneStressProblem(Elastic):
         self.supports = self._make_supports(held, values)
         energy, forces, tangent = self._forms(material, thickness)
         self._energy = compiled_form(energy)
-        with compilation():
-            self.problem = dolfinx.fem.petsc.NonlinearProblem(
-                forces,
-                self.u,
-                bcs=[support.bc for support in self.supports],
-                petsc_options_prefix=f"plane_stress_{next(_numbers)}_",
-                J=tangent,
-                petsc_options=PETSC_OPTIONS if self.symmetric else {**PETSC_OPTIONS, "pc_type": "lu"},
-                jit_options=JIT_OPTIONS,
-            )
+        self.problem = compiled_problem(
+            forces,
+            self.u,
+            bcs=[support.bc for support in self.supports],
+            petsc_options_prefix=f"plane_stress_{next(_numbers)}_",
+            J=tangent,
+            petsc_options=PETSC_OPTIONS if self.symmetric else {**PETSC_OPTIONS, "pc_type": "lu"},
+        )
         self._prepare_factorisation()
         self._raw = self.problem.b.duplicate()
         self._is_held = self._held_entries()

@@ -196,19 +196,23 @@ def test_every_locked_package_has_a_hash() -> None:
     assert all("==" in entry and "--hash=sha256:" in entry for entry in entries)
 
 
+def locked_extras() -> dict[str, set[str]]:
+    """The extras of every locked package by its name."""
+    text = (ROOT / "requirements.lock").read_text()
+    found = re.findall(r"^([a-z0-9-]+)(?:\[(.*)\])?==", text, re.MULTILINE)
+    return {name: set(extras.split(",")) - {""} for name, extras in found}
+
+
 def test_every_dependency_is_locked() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     wanted = [*project["dependencies"], *(d for group in project["optional-dependencies"].values() for d in group)]
     names = {re.split(r"[<>=!~; \[]", requirement)[0].lower() for requirement in wanted}
-    locked = set(re.findall(r"^([a-z0-9-]+)(?:\[.*\])?==", (ROOT / "requirements.lock").read_text(), re.MULTILINE))
-    assert names <= locked
+    assert names <= locked_extras().keys()
 
 
 def test_extras_that_packages_ask_for_are_locked_with_them() -> None:
     """Else a pip of Python 3.12's age takes the newest release of such a package, which has no hash in the lock."""
-    lock = (ROOT / "requirements.lock").read_text()
-    locked = re.findall(r"^([a-z0-9-]+)(?:\[(.*)\])?==", lock, re.MULTILINE)
-    extras = {name: set(names.split(",")) - {""} for name, names in locked}
+    extras = locked_extras()
     checked = 0
     for name in extras:
         try:

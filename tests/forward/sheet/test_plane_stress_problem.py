@@ -7,7 +7,7 @@ from orders import taylor_rates
 
 from forward import ArrudaBoyce, Loading
 from forward._dolfinx import MPI, dolfinx, ufl
-from forward.compilation import JIT_OPTIONS, compilation
+from forward.compilation import compiled_problem
 from forward.sheet.plane_stress_problem import (
     NOT_A_NUMBER,
     PETSC_OPTIONS,
@@ -39,15 +39,13 @@ def manufactured_errors(n):
     bc = dolfinx.fem.dirichletbc(prescribed, dolfinx.fem.locate_dofs_topological(V, 1, rim))
     u.x.array[:] *= 0.9
     options = {**PETSC_OPTIONS, "snes_rtol": 1e-12, "snes_atol": 1e-13}
-    with compilation():
-        problem = dolfinx.fem.petsc.NonlinearProblem(
-            residual,
-            u,
-            bcs=[bc],
-            petsc_options_prefix=f"manufactured_{n}_",
-            petsc_options=options,
-            jit_options=JIT_OPTIONS,
-        )
+    problem = compiled_problem(
+        residual,
+        u,
+        bcs=[bc],
+        petsc_options_prefix=f"manufactured_{n}_",
+        petsc_options=options,
+    )
     problem.solve()
     assert problem.solver.getConvergedReason() > 0, problem.solver.getConvergedReason()
     error = u - exact
