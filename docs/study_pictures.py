@@ -31,8 +31,11 @@ PICTURES = {
         "thickness/figures/predictions_thickness-corrected.png",
         "thickness/figures/predictions_thickness-corrected.json",
     ),
-    "measured_grips": ("measured/grips.png", "measured/report.json"),
-    "measured_stiffness": ("measured/stiffness.png", "measured/report.json"),
+    "measured_errors": ("measured/errors.png", "measured/report.json"),
+    "measured_stiffness": (
+        "measured/transfer_Stiff2_Hetero/stiffness.png",
+        "measured/transfer_Stiff2_Hetero/report.json",
+    ),
     "supervised": ("supervised/treloar-a.png", "supervised/treloar-a.json"),
 }
 

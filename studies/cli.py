@@ -84,6 +84,12 @@ COMMANDS = {
         "equigap discover results/simulate/experiment.npz\nequigap discover pull_x.npz --hold-out pull_y.npz\n"
         "equigap discover sheet.npz --hold-out every:2 --without 'force offset' -o results/sheet",
     ),
+    "transfer": Command(
+        "studies.commands.transfer:transfer",
+        "predict another specimen with a model, and map where it differs",
+        "equigap transfer results/discover/model.json other.npz\n"
+        "equigap transfer model.json sheet.npz --hold-out after:15 -o results/other-sheet",
+    ),
     "resolution": Command(
         "studies.commands.grid_studies.resolution:resolution",
         "study: how camera resolution and noise limit what is identified",

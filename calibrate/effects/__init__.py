@@ -29,7 +29,7 @@ from calibrate.effects.support.effect_data import Data
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import SecondViscosity, Viscosity
-from calibrate.effects.warp import InitialWarp, UnevenWarp
+from calibrate.effects.warp import InitialWarp
 
 LISTED: tuple[Effect, ...] = (
     SecondInvariant(),
@@ -56,7 +56,7 @@ LISTED: tuple[Effect, ...] = (
     InitialWarp(),
 )
 
-BESIDE = (SecondViscosity(), UnevenWarp())  # in models, but not candidates of their own
+BESIDE = (SecondViscosity(),)  # in models, but not candidates of their own
 
 
 def _further() -> tuple[Effect, ...]:

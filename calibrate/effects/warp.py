@@ -48,18 +48,8 @@ class InitialWarp(Effect):
     def places(self, data, X, a, shape):
         low, high = X.min(axis=0), X.max(axis=0)
         x = 2.0 * (X - low) / (high - low) - 1.0
-        n = len(self.amplitudes) // 2  # the highest polynomials, all or without the mean
-        regained = jnp.einsum("ik,kni->ni", jnp.reshape(a, (2, n)), integrals(x)[-n:])
+        regained = jnp.einsum("ik,kni->ni", jnp.reshape(a, (2, ORDER + 1)), integrals(x))
         return X + 0.5 * (high - low) * regained
-
-
-@dataclass(frozen=True)
-class UnevenWarp(InitialWarp):
-    """What is uneven of it: without the means, which on one ramp of one specimen pass for stiffness, prestress or relaxation."""
-
-    name = "uneven initial warp"
-    formula = "as initial warp, without a_0 and b_0"
-    amplitudes = tuple(p for p in InitialWarp.amplitudes if not p.name.endswith("0"))
 
 
 def regained_strain(points, height):

@@ -59,6 +59,21 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
+class Applied:
+    """A model on a test. model: with the effects that hold for it; chain: the test; shift (t, 2 v), N: the mean that noise brings into the work
+    of the base."""
+
+    model: ExtendedModel
+    chain: Chain
+    shift: Array
+
+    def residual(self, factor: float = 1.0, strength: float = 1.0) -> Array:
+        """Internal virtual work minus load (t, 2 v), N, of the model `scaled` by a factor and a strength of its relaxation."""
+        scaled = self.model if factor == strength == 1 else self.model.scaled(factor, strength)
+        return self.chain.residual(scaled.c, scaled.additions) - factor * self.shift
+
+
+@dataclass(frozen=True, eq=False)
 class ExtendedModel:
     """Base coefficients c (n,), in `unit`, and additions, each with a standard deviation for each amplitude (errors).
 
@@ -93,12 +108,15 @@ class ExtendedModel:
         fitted = experiment.fingerprint in {t["fingerprint"] for t in self.training}
         return tuple(a for a in self.additions if fitted or a.effect.of_material)
 
-    def predict(self, experiment: Experiment, spacing: float | None = None) -> Prediction:
-        """Forces and residuals of an Experiment from its measured displacements.
+    def only(self, additions: Additions) -> ExtendedModel:
+        """The same with some of its additions."""
+        pairs = [(a, d) for a, d in zip(self.additions, self.errors, strict=True) if a in additions]
+        return replace(self, additions=tuple(a for a, _ in pairs), errors=tuple(d for _, d in pairs))
 
-        The one definition of the forces of such a model, which the report of a diagnosis shows too: internal virtual work minus
-        the mean that noise brings into the base, with the effects that hold for the test. spacing: of the virtual fields, mm (None:
-        as in the fit of this test, or from the noise). Raises `ConfigError` where the thickness is known to
+    def applied_to(self, experiment: Experiment, spacing: float | None = None) -> Applied:
+        """The model with the effects that hold for a test, and the virtual fields of the test.
+
+        spacing: of the virtual fields, mm (None: as in the fit of this test, or from the noise). Raises `ConfigError` where the thickness is known to
         one of test and model only, the time that the model needs is unknown, or the test is in another plane; TypeError
         for what is no Experiment; and the errors of `calibrate.equations.equilibrium.equilibrium`.
         """
@@ -126,7 +144,17 @@ class ExtendedModel:
             noise = noise_covariance.default_noise(experiment, system.fields.spacing)
         variances = np.diag(noise_covariance.between_increments(experiment, noise))
         shift = chain.noise_shift(self.c, noise_covariance.noise_factor(experiment.points, noise), variances)
-        residuals = chain.residual(self.c, additions) - shift
+        return Applied(self.only(additions), chain, shift)
+
+    def predict(self, experiment: Experiment, spacing: float | None = None) -> Prediction:
+        """Forces and residuals of an Experiment from its measured displacements.
+
+        The one definition of the forces of such a model, which the report of a diagnosis shows too: internal virtual work minus
+        the mean that noise brings into the base, with the effects that hold for the test. spacing, errors: see `applied_to`.
+        """
+        applied = self.applied_to(experiment, spacing)
+        chain, system, additions = applied.chain, applied.chain.system, applied.model.additions
+        residuals = applied.residual()
         n, readings = system.fields.n_fields, residuals + np.nan_to_num(system.loads)
         forces = {}
         for v in np.flatnonzero(system.fields.boundary >= 0):

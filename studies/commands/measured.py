@@ -1,14 +1,14 @@
-"""`equigap measured`: the loop closed on measured data; nothing but the data in, one report with its numbers out.
+"""`equigap measured`: `equigap discover` and `equigap transfer` on published measured data; nothing but the data in, one report out.
 
-Out: ``report.html``, ``measured.json`` (every number), ``errors.csv``, ``effects.csv``, ``sections.csv``,
-``homogeneous.csv``, ``control.csv``, a model file of every sheet learnt on (`equigap predict`), pictures and a manifest. Every step is kept in ``steps/`` and not made again.
+Out: ``report.html``, ``measured.json`` (every number), ``verdicts.csv``, ``errors.csv``, ``transfers.csv``, ``homogeneous.csv``, ``control.csv``, pictures and a
+manifest; what the two commands say of each sheet in a folder of its own. Every step is kept in ``steps/`` and not made again.
 """
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,31 +20,28 @@ from cyclopts import Parameter
 from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import Count, OutputFolder, Overwrite, Positive, default_folder
 from studies.commandline.outcome import Outcome
-from studies.commands.discover import Stages
+from studies.commands.discover import Diagnosis, Stages, discover
 from studies.commands.import_data import Frames, NoiseChoice, import_experiment
+from studies.commands.transfer import transfer
 from studies.importers import measured_data
 from studies.output import Manifest, open_output_folder
+from studies.output.plain import StepResult
 from studies.output.writing import write_json
-from studies.sheets import measured_control, measured_loop
+from studies.sheets import measured_control
 from studies.sheets.homogeneous import measured_homogeneous
 from studies.sheets.homogeneous.homogeneous_loops import Loop, loops
-from studies.sheets.measured_map import stiffness_map
-from studies.sheets.measured_record import MANY, SHEETS, record
-from studies.sheets.measured_results import (
+from studies.sheets.report import write
+from studies.sheets.sheet_results import (
     ControlResult,
     HomogeneousResult,
-    MapResult,
     MeasuredResults,
-    RecordResult,
-    RivalResult,
+    SheetResult,
+    TransferResult,
 )
-from studies.sheets.measured_transfer import transfer
-from studies.sheets.report import write
-from studies.sheets.sheet_results import NamedModel, SheetResult, StepResult, TransferResult
+from studies.transfer.report import findings
 
-FIRST, SECOND, HETERO = SHEETS
-FINE, CELL = 5.0, 3.5  # mm: virtual fields and grid of the map of stiffness
-LOCAL_FRAMES, COMPARED, QUICK_FRAMES = 12, 14, 15
+SHEETS = ("Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero")
+COMPARED, CONTROL_SPACING, QUICK_FRAMES = 14, 12.0, 15  # pictures; mm, of the virtual fields of the control
 
 
 @Parameter(name="*", group="Sheets")
@@ -53,11 +50,14 @@ class SheetStudy:
     """What is used of every sheet."""
 
     until: Positive = 15.0
-    """fitted up to then, scored after, s"""
+    """fitted up to then, held out after, s"""
     frames: Count = 24
     """of each sheet; with --quick 15"""
-    spacing: Positive = 12.0
-    """of the virtual fields, mm"""
+
+    @property
+    def hold_out(self) -> str:
+        """As `equigap discover` takes it."""
+        return f"after:{self.until:g}"
 
 
 @dataclass(frozen=True)
@@ -82,12 +82,11 @@ def measured(
 ) -> Measured:
     """What measured sheets and measured homogeneous tests do beyond a hyperelastic model of I1.
 
-    Learns on Soft_Homo, transfers that to Stiff2_Homo with one factor refitted, learns on Stiff2_Homo alone for comparison,
-    locates what differs in Stiff2_Hetero; runs the loops of Treloar, Kawabata and HNBR50; and looks for effects where there can
-    be none. Takes about three quarters of an hour on one core; a stopped run goes on where it was.
+    Runs `discover` on three published sheets, `transfer` of the first one's model to the others, the loops of Treloar, Kawabata and HNBR50, and
+    looks for effects where there can be none. Takes about an hour on one core; a stopped run goes on where it was.
 
     Args:
-        quick: the sheets alone, with 15 frames
+        quick: the sheets alone, with 15 frames and a quick diagnosis
 
     Raises:
         DataNotFoundError: a sheet is neither there nor to be fetched.
@@ -111,19 +110,15 @@ class Steps:
     def __init__(self, folder: Path, options: SheetStudy, quick: bool, say: Callable[[str], None]) -> None:
         self.folder, self.options, self.quick, self.say = folder, options, quick, say
         self.frames = QUICK_FRAMES if quick else options.frames
-        self._sheets: dict[str, Experiment] = {}
 
     def all(self) -> MeasuredResults:
         """Every step's result."""
-        records = {name: self.step(f"record_{name}", RecordResult, partial(self.record, name)) for name in SHEETS}
-        first = self.step("first", SheetResult, lambda: self.learn(FIRST))
-        rivals = self.step("rivals", RivalResult, lambda: self.rivals(first))
-        second = self.step("second", TransferResult, lambda: self.transfer(SECOND, first.named))
-        own = self.step("own", SheetResult, lambda: self.learn(SECOND))
-        hetero = self.step("hetero", TransferResult, lambda: self.transfer(HETERO, second.named))
-        located = self.step("map", MapResult, lambda: self.locate(hetero))
+        sheets = {name: self.step(f"sheet_{name}", SheetResult, partial(self.discovered, name)) for name in SHEETS}
+        transfers = {
+            name: self.step(f"transfer_{name}", TransferResult, partial(self.transferred, name)) for name in SHEETS[1:]
+        }
         controls = {name: self.step(f"control_{name}", ControlResult, partial(self.control, name)) for name in SHEETS}
-        return MeasuredResults(records, first, rivals, second, own, hetero, located, controls, self.loops())
+        return MeasuredResults(sheets, transfers, controls, self.loops())
 
     def loops(self) -> list[HomogeneousResult]:
         """Results of the homogeneous tests; none of a quick run."""
@@ -142,36 +137,32 @@ class Steps:
             jax.clear_caches()  # compiled code of all steps together takes more memory maps than a process may have
         return kind.from_dict(json.loads(path.read_text()))
 
-    def sheet(self, name: str) -> Experiment:
-        """The sheet with its increments."""
-        if name not in self._sheets:
-            self._sheets[name] = import_experiment(name, frames=Frames(self.frames))
-        return self._sheets[name]
+    def sheet(self, name: str) -> Path:
+        """The file of a sheet with its increments."""
+        path = self.folder / f"{name}.npz"
+        if not path.exists():
+            import_experiment(name, frames=Frames(self.frames)).save(path)
+        return path
 
-    def record(self, name: str) -> RecordResult:
-        """What the record of a sheet says, see `measured_record.record`."""
-        return record(name, self.sheet(name), import_experiment(name, frames=Frames(MANY)))
+    def discovered(self, name: str) -> SheetResult:
+        """What `equigap discover` says of a sheet."""
+        diagnosis = Diagnosis(hold_out=(self.options.hold_out,))
+        done = discover(
+            self.sheet(name), diagnosis=diagnosis, quick=self.quick, output=self.folder / name, overwrite=True
+        )
+        return SheetResult.of(name, json.loads((done.folder / "discovery.json").read_text()))
 
-    def learn(self, name: str) -> SheetResult:
-        """What a sheet does beyond hyperelasticity, see `measured_loop.learn`."""
-        return measured_loop.learn(self.sheet(name), self.options.until, self.options.spacing, self.say)
-
-    def rivals(self, learnt: SheetResult) -> RivalResult:
-        """Softening against relaxation on the first sheet, see `measured_loop.rivals`."""
-        return measured_loop.rivals(self.sheet(FIRST), learnt, self.options.until, self.options.spacing, self.say)
-
-    def transfer(self, name: str, models: Sequence[NamedModel]) -> TransferResult:
-        """Models of another sheet on this one, see `measured_transfer.transfer`."""
-        return transfer(self.sheet(name), models, self.options.until, self.options.spacing)
-
-    def locate(self, transferred: TransferResult) -> MapResult:
-        """Where the heterogeneous sheet differs from what was transferred to it, see `measured_map.stiffness_map`."""
-        e = import_experiment(HETERO, frames=Frames(LOCAL_FRAMES))
-        return stiffness_map(e, transferred.final.models, self.options.until, FINE, CELL)
+    def transferred(self, name: str) -> TransferResult:
+        """What `equigap transfer` says of a sheet with the first one's model: with all effects, where that was fitted."""
+        candidates = [self.folder / SHEETS[0] / file for file in ("model_all_effects.json", "model.json")]
+        model = next(path for path in candidates if path.exists())
+        output = self.folder / f"transfer_{name}"
+        done = transfer(model, self.sheet(name), hold_out=self.options.hold_out, output=output, overwrite=True)
+        return TransferResult.of(done.found, [one.text for one in findings(done.found)])
 
     def control(self, name: str) -> ControlResult:
         """Negative control on a sheet, see `measured_control.split_half`."""
-        return measured_control.split_half(neighbouring_pictures(name, COMPARED), self.options.spacing)
+        return measured_control.split_half(neighbouring_pictures(name, COMPARED), CONTROL_SPACING)
 
     def homogeneous(self, loop: Loop) -> HomogeneousResult:
         """A loop on homogeneous tests, see `measured_homogeneous.close`."""

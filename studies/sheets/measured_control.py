@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis import base_fit, effect_fit, score_tests
 from calibrate.diagnosis.problem import Part, Problem, all_rows
+from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Chain
 from calibrate.equations import reduction
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.weights import weights_of
-from studies.sheets.measured_loop import EVERY
-from studies.sheets.measured_results import ControlResult, EffectScore
+from studies.sheets.sheet_results import ControlResult, EffectScore
 
 Array = NDArray[np.float64]
 AROUND = (-3, -1, 1, 3)  # even pictures around an odd one
@@ -69,7 +69,7 @@ def split_half(e: Experiment, spacing: float, seed: int = 0) -> ControlResult:
     here, *around = [Chain(Equilibrium(part, fields), problem.basis).residual(fit.c) for part in (odd, *even)]
     difference = here - sum(w[:, None] * r for w, r in zip(weights.T, around, strict=True))
     white = problem.whiten([difference])
-    scores = score_tests.score(problem, replace(fit, residual=white), EVERY, seed)
+    scores = score_tests.score(problem, replace(fit, residual=white), CATALOGUE, seed)
     tested = [s for s in scores if s.is_tested]
     U = fit.columns
     rest = white - U @ (U.T @ white)

@@ -33,7 +33,7 @@ STUDIES = [
     {"output", "commandline"},
     {"importers", "synthetic", "accuracy"},
     {"reports"},
-    {"grid", "trials", "sheets", "design", "replay"},
+    {"grid", "trials", "sheets", "design", "replay", "transfer"},
 ]
 FOUNDATIONS = {"meshes", "forward", "calibrate"}
 for level, names in enumerate(STUDIES):

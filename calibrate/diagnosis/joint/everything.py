@@ -1,8 +1,8 @@
 """All effects at once, each as strong as its prior allows, for tests that no few effects explain.
 
 In: a `Problem`, effects, priors. Out: `Everything`. Beside neo-Hooke, so that no flexible base hides an effect; the upturn and the second
-invariant, with their priors, make it Yeoh's or Mooney and Rivlin's. What none of them explains is a smooth discrepancy (`discrepancy`), whose variance is found with them: what is
-plausible is fitted, what is not stays unexplained.
+invariant, with their priors, make it Yeoh's or Mooney and Rivlin's. What none of them explains is a smooth discrepancy (`discrepancy`). Its variance is that of what neo-Hooke leaves: updated with the fit it would grow without
+end, as what is not seen may be fitted badly.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ from calibrate.diagnosis import base_functions, effect_fit, score_tests
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import prior_deviations
-from calibrate.diagnosis.joint import discrepancy, elimination
+from calibrate.diagnosis.joint import discrepancy
 from calibrate.diagnosis.joint import fit as joint_fit
 from calibrate.diagnosis.joint.equations import Widths
 from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.joint.shares import Everything, Share
 from calibrate.diagnosis.misfit import Misfit, misfit
 from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.score_tests import Score
 from calibrate.effects import Effect
-from calibrate.effects.chain import Additions
+from calibrate.effects.chain import Addition, Additions
 from calibrate.equations.basis import energy_basis
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
 NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
-TURNS, SETTLED = 8, 0.1  # updates of the variance; relative change that is small enough
-FIRST, STEPS = 5, 6  # steps from every start, and between updates
+SMOOTH = {"initial warp"}  # left out: ten smooth amplitudes, as free as a discrepancy and beside it only in its way
+FIRST, STEPS = 5, 30  # steps from every start, and from the best
 
 
 def fit_everything(
@@ -41,28 +42,41 @@ def fit_everything(
 ) -> Everything:
     """Of the training rows of a problem, with its weights. Raises `FitError` where a fit has no finite start, or nothing can be tested."""
     problem = simple_base(problem)
+    effects = [effect for effect in effects if effect.name not in SMOOTH]
     base = effect_fit.refit(problem, base_functions.first_guess([part.assembled for part in problem.trained]), ())
     scores = [score for score in score_tests.score(problem, base, effects) if score.is_tested]
     names = {score.effect.name for score in scores}
-    additions = elimination.candidates(scores, [name for name, general in NESTED.items() if general in names])
+    additions = candidates(scores, [name for name, general in NESTED.items() if general in names])
     if not additions:
         raise errors.FitError("no effect of the catalogue can be tested with these data, so that none can be fitted")
     widths = {a.effect.name: prior_deviations(problem, a.effect, priors) for a in additions}
     D = discrepancy.directions(problem)
     variance = discrepancy.variance_of(base.residual, D)
     fit = _best_start(problem, base.c, additions, widths, D, variance, say)
-    for turn in range(TURNS):
-        say(f"all {len(additions)} effects at once, turn {turn + 1}")
-        before, variance = variance, discrepancy.variance_of(_residual(problem, fit), D)
-        with_it = discrepancy.with_discrepancy(problem, D, variance)
-        fit = joint_fit.fit(with_it, fit.c, fit.additions, fit.active, None, widths, STEPS)
-        if fit.converged and abs(variance - before) < SETTLED * (1 + before):
-            break
+    say(f"all {len(additions)} effects at once, to the end")
+    with_it = discrepancy.with_discrepancy(problem, D, variance)
+    fit = joint_fit.fit(with_it, fit.c, fit.additions, fit.active, widths, STEPS)
+    left = discrepancy.variance_of(equations.residual(problem, fit.c, fit.present), D)
     before_it, after_it = (
         (_misfit(problem, c, some, held=False), misfit(problem, c, some, held=True))
         for c, some in ((base.c, ()), (fit.c, fit.present))
     )
-    return Everything(fit, _shares(fit, widths), before_it, after_it, variance, fit.dispersion)
+    return Everything(fit, _shares(fit, widths), before_it, after_it, left, fit.dispersion)
+
+
+def candidates(scores: Sequence[Score], nested: Sequence[str] = ()) -> Additions:
+    """Tested effects at their null values, with the shapes that the score test found best; amplitudes that shapes need are
+    started at a third of a typical one. nested: effects left out, because a more general one holds them."""
+    result = []
+    for one in scores:
+        if not one.is_tested or one.effect.name in nested:
+            continue
+        values = [
+            float(np.clip(p.null + 0.3 * p.typical, p.lower, p.upper)) if one.effect.shapes else p.null
+            for p in one.effect.amplitudes
+        ]
+        result.append(Addition(one.effect, tuple(values), one.shape))
+    return tuple(result)
 
 
 def simple_base(problem: Problem, n: int = 1) -> Problem:
@@ -94,12 +108,8 @@ def _best_start(
     found = []
     for i, start in enumerate(starts):
         say(f"all {len(additions)} effects at once, start {i + 1} of {len(starts)}")
-        found.append(joint_fit.fit(with_it, c, start, active, None, widths, FIRST))
+        found.append(joint_fit.fit(with_it, c, start, active, widths, FIRST))
     return min(found, key=lambda one: one.objective)
-
-
-def _residual(problem: Problem, fit: Joint) -> Array:
-    return equations.residual(problem, fit.c, fit.present)
 
 
 def _misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misfit:

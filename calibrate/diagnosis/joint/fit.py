@@ -13,7 +13,6 @@ scaled by the factor s that makes internal and external work agree, s = f.f / g.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +38,7 @@ class Joint:
 
     loss: |g - f|^2 of n_rows equations by n_base functions of the base; objective: with the prior. deviations: a standard
     deviation of each amplitude, the prior included. costs: rise of the loss without each active effect, to first order. imitated:
-    share of what each changes that the others could do. stop: why the iteration ended. out: what was taken out last.
+    share of what each changes that the others could do. stop: why the iteration ended.
     """
 
     c: Array
@@ -53,7 +52,6 @@ class Joint:
     costs: dict[str, float]
     imitated: dict[str, float]
     stop: Stop
-    out: str | None = None
 
     @property
     def converged(self) -> bool:
@@ -74,11 +72,6 @@ class Joint:
     def dispersion(self) -> float:
         """Misfit an equation, by degrees of freedom; 1 is noise."""
         return self.loss / max(self.n_rows - self.n_base - sum(map(n_parameters, self.present)), 1)
-
-    def penalty(self, names: Sequence[str]) -> float:
-        """log(n) for every parameter of some effects (BIC; Schwarz 1978)."""
-        sizes = sum(n_parameters(a) for a in self.additions if a.effect.name in names)
-        return sizes * float(np.log(self.n_rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +134,6 @@ def fit(
     c: Array,
     additions: Additions,
     active: frozenset[str],
-    out: str | None = None,
     widths: Widths | None = None,
     steps: int = STEPS,
 ) -> Joint:
@@ -154,7 +146,7 @@ def fit(
     if not np.isfinite(start.r).all():
         raise errors.FitError("the joint fit has no finite start: check forces and their signs")
     found = gauss_newton.minimise(lambda point, _: _linearised(equations, point), start, Damping(), steps)
-    return _finished(equations, found.point, found.reason, out)
+    return _finished(equations, found.point, found.reason)
 
 
 def _linearised(equations: Equations, point: Point) -> _Linearised:
@@ -168,7 +160,7 @@ def _linearised(equations: Equations, point: Point) -> _Linearised:
     return _Linearised(equations, prior.judged(point), variables, prior, A, S, bend)
 
 
-def _finished(equations: Equations, point: Point, stop: Stop, out: str | None) -> Joint:
+def _finished(equations: Equations, point: Point, stop: Stop) -> Joint:
     """The fit with the uncertainty of its amplitudes, and what each effect is worth."""
     w, additions = point.w, point.additions
     r = equations.residual(w, additions)[0]
@@ -208,5 +200,4 @@ def _finished(equations: Equations, point: Point, stop: Stop, out: str | None) -
         costs,
         imitated,
         stop,
-        out,
     )

@@ -14,8 +14,7 @@ from calibrate.diagnosis.problem import Part
 from calibrate.diagnosis.selection.rounds import Candidate
 from studies.reports.discovery.candidate_outcome import round_remarks, untested_words
 from studies.sheets.homogeneous.homogeneous_loops import Loop
-from studies.sheets.measured_results import CandidateResult, HomogeneousErrors, HomogeneousResult
-from studies.sheets.sheet_results import Amplitude
+from studies.sheets.sheet_results import Amplitude, CandidateResult, HomogeneousErrors, HomogeneousResult
 
 RELATIVE = {"hnbr50": 0.02}  # noise of a smoothed record, from two cycles of one test that should be alike
 

@@ -34,14 +34,11 @@ SHAPES = {
     "lag between force and image": (0.0,),
 }
 EFFECTS = {effect.name: effect for effect in KNOWN}
-THICK, WARP, UNEVEN, LENS = "3D effect of thickness", "initial warp", "uneven initial warp", "lens distortion"
+THICK, WARP, LENS = "3D effect of thickness", "initial warp", "lens distortion"
 COARSE = {
     THICK: 2e-3,
     (THICK, LENS): 0.015,
     (THICK, WARP): 0.04,
-    (THICK, UNEVEN): 0.04,
-    (UNEVEN, WARP): 2e-3,
-    (WARP, UNEVEN): 2e-3,
 }
 """Where second derivatives at edges, or those of fourth polynomials, converge slowly with the mesh."""
 

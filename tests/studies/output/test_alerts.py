@@ -46,7 +46,8 @@ from studies.reports.headline import LIMITS, Quality, headline
 from studies.reports.prediction import predicted_curves
 from studies.reports.prediction.predicted_forces import Forecast
 from studies.reports.supervised.curve_calibration import CurveCode
-from studies.sheets.sheet_findings import SheetCode
+from studies.sheets.report import SheetCode
+from studies.transfer.report import TransferCode
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "alerts.md").read_text()
@@ -286,12 +287,22 @@ def of_sheets() -> Iterator[Finding]:
     """The answers of the study, with made-up numbers."""
     error = {"force": 0.05, "field": 0.02}
     yield Finding("measured", SheetCode.SHEET, {
-        "name": "A", "verdict": "not explained", "closest": [], "predicts": True, "unfinished": 0, "base": error,
-        "final": error, "retained": error, "fits": 9, "force_range": (0.01, 0.02), "field_range": (0.01, 0.02)})  # fmt: skip
-    yield Finding("measured", SheetCode.ALONE, {"text": "A"})
-    yield Finding("measured", SheetCode.TRANSFERRED, {"name": "B", "factor": 2.0, "before": 0.1, "after": 0.05})
-    yield Finding("measured", SheetCode.STIFFNESS, {"name": "B", "before": error, "after": error})
+        "name": "A", "verdict": "not explained", "closest": [], "models": ["neo-Hooke", "base"], "before": error, "after": error})  # fmt: skip
+    yield Finding("measured", SheetCode.TRANSFERRED, {"name": "B", "variant": "map", "before": error, "after": error})
     yield Finding("measured", SheetCode.CONTROL, {"found": []})
+
+
+def of_transfer() -> Findings:
+    """The same of a transfer."""
+    error = {"force": 0.05, "field": 0.02}
+    data: dict[TransferCode, dict[str, object]] = {
+        TransferCode.TRANSFERRED: {"name": "B", "stiffness": 2.0, "relaxation": None, "before": error, "after": error},
+        TransferCode.WORSE: {"name": "B", "model": error, "neo_hooke": error},
+        TransferCode.MAP: {"name": "B", "share": 0.2, "low": 0.5, "high": 1.5, "after": error},
+        TransferCode.NO_MAP: {"name": "B", "share": -0.1},
+        TransferCode.LEFT_OUT: {"effects": ["lens distortion"]},
+    }
+    return [Finding("transfer", code, data[code]) for code in TransferCode]
 
 
 OF_OTHERS: dict[str, Callable[[], Findings]] = {
@@ -311,6 +322,7 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
         (f"replay.{name}" for name in ("force_error", "field_error", "mesh_effect", "left_out", "few_free")), replayed
     ),
     **{f"measured.{code}": lambda: list(of_sheets()) for code in SheetCode},
+    **{f"transfer.{code}": of_transfer for code in TransferCode},
 }
 CASES = {**OF_HEADLINE, **OF_CALIBRATION, **OF_DISCOVERY, **OF_OTHERS}
 

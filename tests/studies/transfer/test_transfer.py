@@ -1,0 +1,132 @@
+"""A model on another specimen: factors, a map of stiffness that counts only where it predicts, files, and what is refused."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pulled_sheets import MU, SIZE, TIME, layered, material, read_as, section_forces, uniaxial
+
+from calibrate import errors
+from calibrate.data.experiment import Noise
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.effects.chain import Addition
+from calibrate.effects.lens_distortion import LensDistortion
+from calibrate.effects.viscosity import Viscosity
+from studies import cli
+from studies.transfer import report
+from studies.transfer.transferred import AS_IT_IS, MAP, NEO_HOOKE, RELAXATION, STIFFNESS, transfer
+
+AFTER = HoldOut.parse("after:10")
+
+
+def noisy(e, std=2e-3, seed=0):
+    """Displacements with noise, mm, forces with a thousandth."""
+    rng = np.random.default_rng(seed)
+    moved = e.displacements + rng.normal(0.0, std, e.displacements.shape)
+    return replace(e, displacements=moved, noise=Noise(std, 0.0, 0.0, 1e-3))
+
+
+def test_section_forces_of_a_uniform_sheet():
+    e = uniaxial()
+    pull = np.abs(e.loaded[-1].force[:, 1])
+    found = section_forces(e, material())
+    assert found == pytest.approx(np.repeat(pull[:, None], found.shape[1], axis=1), rel=2e-3)
+
+
+def test_a_material_is_transferred_with_one_factor():
+    found = transfer(uniaxial(), material(mu=0.5 * MU), AFTER, 12.0)
+    assert found.row(STIFFNESS).stiffness == pytest.approx(2.0, rel=5e-3)
+    assert found.row(STIFFNESS).held_out.force < 5e-3
+    assert found.row(AS_IT_IS).held_out.force == pytest.approx(0.5, abs=5e-3)
+    assert found.row(NEO_HOOKE).held_out.force < 5e-3
+    assert section_forces(uniaxial(), found.model).mean() == pytest.approx(
+        section_forces(uniaxial(), material()).mean(), rel=5e-3
+    )
+
+
+def test_the_strength_of_relaxation_has_its_own_factor():
+    """A force with twice the overstress that was learnt; factors are fitted to what is not held out alone."""
+    learnt = material(Addition(Viscosity(), (0.2,), (3.0,)))
+    e = read_as(uniaxial(), learnt.scaled(1.5, 2.0))
+    found = transfer(e, learnt, AFTER, 12.0)
+    row = found.row(RELAXATION)
+    assert (row.stiffness, row.relaxation) == (pytest.approx(1.5, rel=2e-2), pytest.approx(2.0, rel=2e-2))
+    spoilt = [replace(b, force=np.where((TIME > 10)[:, None], 3 * b.force, b.force)) for b in e.loaded]
+    again = transfer(replace(e, loaded=tuple(spoilt)), learnt, AFTER, 12.0)
+    assert again.row(RELAXATION).stiffness == pytest.approx(row.stiffness, rel=1e-6)
+    assert again.row(RELAXATION).held_out.force > 0.5
+
+
+def test_the_stiffer_half_is_located():
+    found = transfer(layered(), material(), AFTER, 8.0)
+    e, values = found.experiment, found.map.values * found.final.stiffness
+    y = e.points[:, 1]
+    inner = np.abs(e.points[:, 0] - SIZE / 2) < SIZE / 4
+    assert np.median(values[inner & (y < 0.3 * SIZE)]) == pytest.approx(1.0, abs=0.1)
+    assert np.median(values[inner & (y > 0.7 * SIZE)]) == pytest.approx(2.0, abs=0.2)
+    assert found.map.is_real
+    assert found.best is found.row(MAP)
+    assert found.best.held_out.field < 0.2 * found.final.held_out.field
+
+
+def test_an_even_sheet_has_no_map():
+    """By chance one in 32 would: each part of the fields is as likely to be predicted better as worse."""
+    alarms = sum(transfer(noisy(uniaxial(), seed=seed), material(), AFTER, 8.0).map.is_real for seed in range(20))
+    assert alarms <= 3
+
+
+def test_effects_of_another_test_are_left_out():
+    learnt = material(Addition(LensDistortion(), (0.01,)))
+    found = transfer(uniaxial(), learnt, AFTER, 12.0)
+    assert found.left_out == ("lens distortion",)
+    assert found.row(STIFFNESS).held_out.force < 5e-3
+    assert "T805" in {one.alert.code for one in report.findings(found)}
+
+
+def test_what_predicts_worse_than_neo_hooke_is_said():
+    learnt = material(Addition(Viscosity(), (2.0,), (20.0,)))
+    found = transfer(uniaxial(), learnt, HoldOut.parse("after:5"), 12.0)
+    worse = not found.best.held_out.is_no_larger_than(found.row(NEO_HOOKE).held_out)
+    assert ("T802" in {one.alert.code for one in report.findings(found)}) is worse
+
+
+@pytest.mark.parametrize(
+    ("change", "rule", "said"),
+    [
+        ({}, "none", "no increment is held out"),
+        ({}, "after:0.5", "leaves nothing to fit"),
+        ({"time": None}, "after:10", "needs a time"),
+        ({"thickness": None}, "after:10", "give the thickness"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(change, rule, said):
+    with pytest.raises(errors.ConfigError, match=said):
+        transfer(replace(uniaxial(), **change), material(), HoldOut.parse(rule), 12.0)
+
+
+def test_a_sheet_without_forces_is_refused():
+    e = uniaxial()
+    unknown = tuple(replace(b, force=np.full_like(b.force, np.nan)) for b in e.loaded)
+    with pytest.raises(errors.EquigapError, match="force"):
+        transfer(replace(e, loaded=unknown), material(), AFTER, 12.0)
+
+
+def test_the_command_writes_what_it_says(tmp_path, capsys):
+    material(mu=0.5 * MU).save(tmp_path / "model.json")
+    noisy(layered()).save(tmp_path / "sheet.npz")
+    files = [str(tmp_path / name) for name in ("model.json", "sheet.npz")]
+    out = tmp_path / "out"
+    assert cli.main(["transfer", *files, "--hold-out", "after:10", "--spacing", "8", "-o", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "T801" in said and "T803" in said
+    content = json.loads((out / "transfer.json").read_text())
+    assert [row["name"] for row in content["models"]] == [NEO_HOOKE, AS_IT_IS, STIFFNESS, MAP]
+    assert len(content["fitted_increments"]) == (TIME <= 10).sum()
+    rows = list(csv.reader((out / "stiffness.csv").read_text().splitlines()))
+    assert len(rows) - 1 == len(layered().points)
+    assert {"report.html", "report.json", "stiffness.png", "forces.png", "model.json", "errors.csv"} <= {
+        p.name for p in out.iterdir()
+    }
+    assert cli.main(["predict", str(out / "model.json"), "--test", files[1], "-o", str(tmp_path / "predicted")]) == 0
