@@ -86,14 +86,14 @@ def diagnose(
 
 
 def _with_everything(found: Discovery, effects: Sequence[Effect], priors: Priors, say: Say) -> Discovery:
-    """With the fit of all effects at once, where the test is not explained; without it where it has no finite start."""
+    """With the fit of all effects at once, where the test is not explained; with the reason where it cannot be made."""
     if found.verdict is not Verdict.NOT_EXPLAINED:
         return found
     assert found.start is not None
     try:
         return replace(found, everything=fit_everything(found.start, effects, priors, say))
-    except FitError:
-        return found
+    except FitError as error:
+        return replace(found, without_everything=str(error))
 
 
 def _nothing(system: Equilibrium) -> Mask:

@@ -46,7 +46,7 @@ def findings(found: Transferred) -> list[Finding]:
             "name": name, "model": best.held_out.to_dict(), "neo_hooke": reference.held_out.to_dict(),
         }))  # fmt: skip
     without, with_it = found.map.unseen
-    share = {"name": name, "share": 1 - with_it / without}
+    share = {"name": name, "share": 1 - with_it / without if without > 0 else 0.0}
     if found.map.is_real:
         low, high = np.quantile(found.map.values, [0.05, 0.95])
         after = found.row(MAP).held_out.to_dict()

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 SMOOTHING = (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0)  # weights of the differences of neighbours in a map
 FOLDS = 5  # of the virtual fields, drawn at random
-CELL = 0.7  # of the grid, over the spacing of the virtual fields
+CELL, MOST = 0.7, 20  # of the grid, over the spacing of the virtual fields; cells along the longest side
 SMALL = 0.1  # of the largest force, below which an increment does not count more
 
 
@@ -54,7 +54,8 @@ class StiffnessMap:
 def stiffness_map(applied: Applied, fitted: Mask) -> StiffnessMap:
     """The map of a test from its increments (t,) that are fitted."""
     system = applied.chain.system
-    work, loads, hats = _work_by_place(applied, CELL * system.fields.spacing)
+    longest = float(np.ptp(system.experiment.points, axis=0).max())
+    work, loads, hats = _work_by_place(applied, max(CELL * system.fields.spacing, longest / MOST))
     size = np.linalg.norm(loads[:, np.tile(system.fields.boundary >= 0, 2)], axis=1)
     scale = np.maximum(size, SMALL * size.max())[:, None]
     A, b = work / scale[..., None], loads / scale

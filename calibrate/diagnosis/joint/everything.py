@@ -34,13 +34,15 @@ Array = NDArray[np.float64]
 Say = Callable[[str], None]
 NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
 SMOOTH = {"initial warp"}  # left out: ten smooth amplitudes, as free as a discrepancy and beside it only in its way
+MOST = 60  # increments of a test with a memory: derivatives of several histories at once take memory that grows faster than they do
 FIRST, STEPS = 5, 30  # steps from every start, and from the best
 
 
 def fit_everything(
     problem: Problem, effects: Sequence[Effect], priors: Priors, say: Say = lambda text: None
 ) -> Everything:
-    """Of the training rows of a problem, with its weights. Raises `FitError` where a fit has no finite start, or nothing can be tested."""
+    """Of the training rows of a problem, with its weights. Raises `FitError` where a fit has no finite start, nothing can be tested, or a test has too
+    many increments."""
     problem = simple_base(problem)
     effects = [effect for effect in effects if effect.name not in SMOOTH]
     base = effect_fit.refit(problem, base_functions.first_guess([part.assembled for part in problem.trained]), ())
@@ -49,6 +51,11 @@ def fit_everything(
     additions = candidates(scores, [name for name, general in NESTED.items() if general in names])
     if not additions:
         raise errors.FitError("no effect of the catalogue can be tested with these data, so that none can be fitted")
+    longest = max(part.experiment.n_increments for part in problem.parts)
+    if longest > MOST and any(a.effect.remembers for a in additions):
+        raise errors.FitError(
+            f"{longest} increments need more memory than a computer may have where effects have a history; give at most {MOST}"
+        )
     widths = {a.effect.name: prior_deviations(problem, a.effect, priors) for a in additions}
     D = discrepancy.directions(problem)
     variance = discrepancy.variance_of(base.residual, D)

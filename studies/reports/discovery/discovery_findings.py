@@ -40,6 +40,7 @@ class DiscoveryCode(Macro):
     TIE = "tie"
     POWER = "power"
     EVERYTHING = "everything"
+    WITHOUT_EVERYTHING = "without_everything"
     THICKNESS_UNKNOWN = "no_thickness"
     ATTENUATED = "attenuated"
     WEAK_STRAIN = "weak_strain"
@@ -107,6 +108,8 @@ def _of_effects(view: View) -> Iterator[Finding]:
     if view.discovery.everything is not None:
         data = everything_data(view.discovery.everything)
         yield _finding(DiscoveryCode.EVERYTHING, bool(data["implausible"]) or not data["predicts"], **data)
+    if view.discovery.without_everything:
+        yield _finding(DiscoveryCode.WITHOUT_EVERYTHING, reason=view.discovery.without_everything)
 
 
 def _of_verdict(found: Discovery) -> Iterator[Finding]:

@@ -14,12 +14,13 @@ from calibrate.diagnosis import base_fit, score_tests
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.joint import discrepancy
+from calibrate.diagnosis.joint import discrepancy, everything
 from calibrate.diagnosis.joint.everything import fit_everything, simple_base
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.score_tests import Status
 from calibrate.diagnosis.selection import Verdict
 from calibrate.effects import CATALOGUE
+from calibrate.errors import FitError
 
 BY_NAME = {effect.name: effect for effect in CATALOGUE}
 KNOWN = ("second invariant", "upturn", "lens distortion", "stiffness gradient")
@@ -108,3 +109,15 @@ def test_no_offset_where_forces_count_from_the_reference() -> None:
         problem, base = base_fit.prepare([e], [HoldOut("every", 3).training])
         (score,) = score_tests.score(problem, base, [BY_NAME["force offset"]])
         assert score.status is status
+
+
+def test_too_many_increments_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Effects with a history need memory that grows faster than the increments; without them any number will do."""
+    monkeypatch.setattr(everything, "MOST", 5)
+    problem, _ = base_fit.prepare([turned()], [HoldOut("every", 3).training])
+    with pytest.raises(FitError, match="6 increments need more memory"):
+        fit_everything(problem, [BY_NAME[name] for name in ("viscoelasticity", "second invariant")], read_priors())
+    effects = tuple(BY_NAME[name] for name in ("viscoelasticity", "lens distortion"))
+    found = discover([turned()], HoldOut("every", 3), effects=effects)
+    assert found.everything is None
+    assert "6 increments" in found.without_everything

@@ -243,6 +243,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.alternatives": of_weighing,
     "discovery.power": of_weighing,
     "discovery.everything": of_everything,
+    "discovery.without_everything": lambda: of_nothing(without_everything="too long"),
     "discovery.replaced": lambda: replaced("second invariant"),
     "discovery.no_explanation": doubtful,
     "discovery.tie": lambda: of_explained(groups={"second invariant": ("second invariant", "upturn")}),
