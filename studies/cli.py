@@ -127,12 +127,12 @@ COMMANDS = {
         "equigap design --quick\nequigap design family.toml --validate --output results/next",
     ),
     "figures": Command(
-        "studies.commands.figures:figures",
+        "studies.commands.reproduction.figures:figures",
         "every figure and table of all studies, in one folder",
         "equigap figures --scale quick\nequigap figures --scale default --only resolution,thickness -o results/all",
     ),
     "verify": Command(
-        "studies.commands.verify:verify",
+        "studies.commands.reproduction.verify:verify",
         "compare the numbers of a run of `figures` with reference values",
         "equigap verify results/figures-quick\nequigap verify results/figures-quick --same-as results/again",
     ),

@@ -54,6 +54,11 @@ def digits(value: float, places: int = 3) -> str:
     return f"{value:.0f}" if 10.0**places <= abs(value) < 1e6 else f"{value:.{places}g}"
 
 
+def digits_if_any(value: float | None) -> str | None:
+    """The same of a cell that may be empty."""
+    return None if value is None else digits(value)
+
+
 def plus_minus(value: float, half: float) -> str:
     """'0.01630 +- 0.00060': half the 95 % interval to two digits, the value to the same place."""
     if not 0 < half < float("inf"):

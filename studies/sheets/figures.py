@@ -9,27 +9,30 @@ from matplotlib.figure import Figure
 
 from studies.output import style
 from studies.sheets.sheet_results import ALL, BASE, FOUND, NEO_HOOKE, MeasuredResults
-from studies.transfer.transferred import AS_IT_IS
 
-MODELS = {NEO_HOOKE: ("o", "vermilion"), BASE: ("D", "orange"), FOUND: ("^", "green"), ALL: ("s", "blue")}
+COLOURS = {NEO_HOOKE: "vermilion", BASE: "orange", FOUND: "green", ALL: "blue"}
 
 
 def errors(results: MeasuredResults) -> Figure:
-    """Errors of every model on increments that were held out: of the force against of the field, a panel a sheet."""
-    with style.figure(9.0, 3.4) as figure:
-        axes = np.ravel(figure.subplots(1, len(results.sheets), sharex=True, sharey=True, squeeze=False))
-        for ax, (name, one) in zip(axes, results.sheets.items(), strict=True):
-            for model in one.models:
-                marker, colour = MODELS[model.name]
-                x, y = 100 * model.held_out.field, 100 * model.held_out.force
-                ax.plot(x, y, marker, color=style.COLOURS[colour], label=model.name, linestyle="none")
-            for row in results.transfers[name].rows if name in results.transfers else ():
-                if row.name != AS_IT_IS:
-                    ax.plot(100 * row.held_out.field, 100 * row.held_out.force, ".", color="0.6")
-                    ax.annotate(row.name, (100 * row.held_out.field, 100 * row.held_out.force), fontsize=5, color="0.4")
-            ax.set(title=name, xlabel="field error (%)", xlim=(0, None), ylim=(0, None))
-        axes[0].set(ylabel="force error (%)")
-        axes[0].legend(fontsize=7)
+    """Errors of force and of field of every model of every sheet: fitted hollow, held out filled; transferred models grey."""
+    lines = []
+    for name, one in results.sheets.items():
+        lines += [(f"{name}: {m.name}", m.fitted, m.held_out, style.COLOURS[COLOURS[m.name]]) for m in one.models]
+        rows = results.transfers[name].rows if name in results.transfers else []
+        lines += [(f"{name}: transferred, {r.name}", r.fitted, r.held_out, "0.5") for r in rows if r.stiffness != 1.0]
+    with style.figure(9.0, 0.26 * len(lines) + 1.0) as figure:
+        axes = figure.subplots(1, 2, sharey=True)
+        y = np.arange(len(lines))[::-1]
+        for ax, kind in zip(axes, ("force", "field"), strict=True):
+            for at, (_, fitted, held, colour) in zip(y, lines, strict=True):
+                ends = [100 * getattr(part, kind) for part in (fitted, held)]
+                ax.plot(ends, [at, at], color=colour, linewidth=0.8)
+                ax.plot(ends[:1], [at], "o", color=colour, mfc="white")
+                ax.plot(ends[1:], [at], "o", color=colour)
+            ax.set(xscale="log", xlabel=f"{kind} error (%)")
+            ax.set_xticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
+            ax.minorticks_off()
+        axes[0].set_yticks(y, [line[0] for line in lines], fontsize=7)
         return figure
 
 

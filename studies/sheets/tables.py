@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from studies.output.words import Words, percent
+from studies.output.words import Words, digits_if_any, percent
 from studies.sheets.sheet_results import ControlResult, HomogeneousResult, SheetResult, TransferResult
 
 WORDS = Words("measured")
@@ -21,7 +21,15 @@ def verdict_table(sheets: Mapping[str, SheetResult]) -> Table:
     for one in sheets.values():
         needed, implausible = (", ".join(names) or "none" for names in (one.needed or one.named, one.implausible))
         rows.append(
-            [one.name, str(one.verdict), one.chi_square, needed, implausible, one.discrepancy, ", ".join(one.alerts)]
+            [
+                one.name,
+                str(one.verdict),
+                digits_if_any(one.chi_square),
+                needed,
+                implausible,
+                digits_if_any(one.discrepancy),
+                ", ".join(one.alerts),
+            ]
         )
     return columns, rows
 
@@ -38,7 +46,7 @@ def error_table(sheets: Mapping[str, SheetResult]) -> Table:
 def transfer_table(transfers: Mapping[str, TransferResult]) -> Table:
     """One line a variant."""
     return ["sheet", "model", "stiffness", "relaxation", *ERRORS], [
-        [one.name, r.name, r.stiffness, r.relaxation,
+        [one.name, r.name, digits_if_any(r.stiffness), digits_if_any(r.relaxation),
          *map(percent, (r.fitted.force, r.fitted.field, r.held_out.force, r.held_out.field))]
         for one in transfers.values()
         for r in one.rows
@@ -52,7 +60,9 @@ def control_table(controls: Mapping[str, ControlResult]) -> Table:
     for r in controls.values():
         first = max(r.effects, key=lambda e: e.score, default=None)
         highest = first.effect if first is not None else None
-        rows.append([r.name, r.pictures, r.reduced_chi_square, len(r.effects), r.smallest_adjusted_p, highest])
+        rows.append(
+            [r.name, r.pictures, digits_if_any(r.reduced_chi_square), len(r.effects), r.smallest_adjusted_p, highest]
+        )
     return columns, rows
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from studies.output import Manifest, style, write_csv, write_figure, write_json
 from studies.output.findings import Finding, Macro
 from studies.output.report import Report
-from studies.output.words import Words, percent
+from studies.output.words import Words, digits_if_any, percent
 from studies.reports.alert_table import add_alerts, alert_records
 from studies.transfer.transferred import AS_IT_IS, MAP, NEO_HOOKE, Row, Transferred
 
@@ -61,7 +61,7 @@ def findings(found: Transferred) -> list[Finding]:
 def table(found: Transferred) -> tuple[list[str], list[list[Any]]]:
     """A line for each variant."""
     return COLUMNS, [
-        [row.name, row.stiffness, row.relaxation, *map(percent, (row.fitted.force, row.fitted.field, row.held_out.force, row.held_out.field))]
+        [row.name, digits_if_any(row.stiffness), digits_if_any(row.relaxation), *map(percent, (row.fitted.force, row.fitted.field, row.held_out.force, row.held_out.field))]
         for row in found.rows
     ]  # fmt: skip
 

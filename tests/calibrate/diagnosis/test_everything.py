@@ -114,10 +114,11 @@ def test_no_offset_where_forces_count_from_the_reference() -> None:
 def test_too_many_increments_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Effects with a history need memory that grows faster than the increments; without them any number will do."""
     monkeypatch.setattr(everything, "MOST", 5)
-    problem, _ = base_fit.prepare([turned()], [HoldOut("every", 3).training])
+    timed = replace(turned(), time=np.arange(1.0, turned().n_increments + 1))
+    problem, _ = base_fit.prepare([timed], [HoldOut("every", 3).training])
     with pytest.raises(FitError, match="6 increments need more memory"):
         fit_everything(problem, [BY_NAME[name] for name in ("viscoelasticity", "second invariant")], read_priors())
     effects = tuple(BY_NAME[name] for name in ("viscoelasticity", "lens distortion"))
-    found = discover([turned()], HoldOut("every", 3), effects=effects)
+    found = discover([timed], HoldOut("every", 3), effects=effects)
     assert found.everything is None
     assert "6 increments" in found.without_everything

@@ -10,7 +10,7 @@ from PIL import Image
 
 from studies import cli
 from studies.commandline import application
-from studies.commands import figures
+from studies.commands.reproduction import figures
 from studies.errors import OptionError
 
 

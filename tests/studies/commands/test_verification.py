@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from studies import cli
-from studies.commands import verify as verification
-from studies.commands.figures import STEPS
-from studies.commands.verify import Key
+from studies.commands.reproduction import verify as verification
+from studies.commands.reproduction.figures import STEPS
+from studies.commands.reproduction.verify import Key
 
 
 def run(folder: Path, force: float = 10.0, scale: str = "quick") -> Path:

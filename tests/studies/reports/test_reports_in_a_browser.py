@@ -22,7 +22,7 @@ from report_checks import faults
 from study_stand_in import judged_fit, result_of, runs_with, store
 
 from studies import cli
-from studies.commands import figures
+from studies.commands.reproduction import figures
 from studies.grid import convergence_report, convergence_runs, steps
 from studies.grid import report as study_report
 from studies.grid.axes import Loss
