@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,7 +16,7 @@ COLOURS = {NEO_HOOKE: "vermilion", BASE: "orange", FOUND: "green", ALL: "blue"}
 
 def errors(results: MeasuredResults) -> Figure:
     """Errors of force and of field of every model of every sheet: fitted hollow, held out filled; transferred models grey."""
-    lines = []
+    lines: list[tuple[str, Any, Any, str]] = []
     for name, one in results.sheets.items():
         lines += [(f"{name}: {m.name}", m.fitted, m.held_out, style.COLOURS[COLOURS[m.name]]) for m in one.models]
         rows = results.transfers[name].rows if name in results.transfers else []
@@ -26,7 +27,7 @@ def errors(results: MeasuredResults) -> Figure:
         for ax, kind in zip(axes, ("force", "field"), strict=True):
             for at, (_, fitted, held, colour) in zip(y, lines, strict=True):
                 ends = [100 * getattr(part, kind) for part in (fitted, held)]
-                ax.plot(ends, [at, at], color=colour, linewidth=0.8)
+                ax.plot(ends, [at, at], color=colour, linewidth=0.8, linestyle="-")
                 ax.plot(ends[:1], [at], "o", color=colour, mfc="white")
                 ax.plot(ends[1:], [at], "o", color=colour)
             ax.set(xscale="log", xlabel=f"{kind} error (%)")
