@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 # without it a kink of any steepness fits just where the data end, and ruins the extrapolation.
 PRIOR_STD = 5.0
 DISTILLATION_DECAY = 1e-6
+RUNAWAY = 1e3  # of a convex spline over the one that was fitted, beyond which it is no start
 STRAIGHT = 1e-4  # relative change of the derivatives of an energy that is called a straight line
 CLEARLY_LOWER, CLEAR_SHARE, RESTARTS = (
     10.0,
@@ -156,6 +157,8 @@ def fit_network(
     allowed = found.loss - max(CLEARLY_LOWER, CLEAR_SHARE * found.loss)
     if quadratic.loss(best) >= allowed:
         return architecture, found
+    if np.abs(best).max() > RUNAWAY * np.abs(spline).max():  # beyond the data a convex spline may rise without end
+        return architecture, replace(found, dead=True)
     for again in range(1, RESTARTS + 1):
         new_architecture, new = _fit_network(quadratic, inputs, layers, best, 2 * n_starts, seed + 1000 * again, effort)
         if new.loss < found.loss:

@@ -202,6 +202,17 @@ def test_network_recovers_the_material(inputs, layers):
     assert error < 0.01 * derivatives(energy, invariants).max()
 
 
+def test_a_convex_spline_that_runs_away_is_no_start(arruda_boyce, monkeypatch):
+    """The network stays the straight line that it was, is called dead, and has a stiffness that a model file may hold."""
+    c, quadratic, _ = arruda_boyce
+    monkeypatch.setattr(network_fit, "is_straight", lambda *_: True)
+    monkeypatch.setattr(network_fit, "convex_spline", lambda *_: 1e25 * c)
+    monkeypatch.setattr(type(quadratic), "loss", lambda *_: -np.inf)
+    architecture, result = network_fit.fit_network(quadratic, "I1", (2,), c, n_starts=2)
+    assert result.dead
+    assert architecture.energy_scale < 1e3 * np.abs(c).max()
+
+
 def test_network_loss_is_the_loss_of_its_spline_interpolant(arruda_boyce):
     c, quadratic, _ = arruda_boyce
     architecture, result = network_fit.fit_network(quadratic, "I1", (2, 2), c, n_starts=6)
