@@ -103,6 +103,11 @@ class Experiment:
         return bool(self.provenance.get("zeroed"))
 
     @property
+    def is_synchronised(self) -> bool:
+        """Whether the crosshead's record shows that pictures and forces have one clock, so that there is no lag."""
+        return bool((self.provenance.get("clocks") or {}).get("agree"))
+
+    @property
     def stress_unit(self) -> str:
         """MPa, or N/mm (stress times thickness) where the thickness is unknown."""
         return "N/mm" if self.thickness is None else "MPa"

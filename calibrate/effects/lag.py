@@ -26,6 +26,10 @@ class Lag(Effect):
     shapes = (Parameter("branch", "1", lower=-1.0, upper=1.0),)
     shapes_vary = False
     decided_by = "a pause in the loading, or a second rate"
+    measured_by = "the crosshead moves when the grips in the pictures do"
+
+    def excluded(self, data):
+        return data.synchronised
 
     def missing(self, data):
         return lacks_rate(data)

@@ -30,7 +30,7 @@ def load_cells(m: ColumnMap, folder: Path, n_frames: int) -> tuple[list[ForceRec
 
 def _load_cell(cell: ForceTable, m: ColumnMap, folder: Path, n_frames: int) -> tuple[ForceRecord, Array]:
     path = folder / (m.points.folder if cell.in_frames else cell.file)
-    names = [cell.force] + ([cell.time] if cell.time else [])
+    names = [name for name in (cell.force, cell.time, cell.crosshead) if name]
     table = _in_frames(m, folder, names) if cell.in_frames else read_columns(path, names, cell.text)
     if cell.picture:
         rows = _rows(cell, path, m, folder)
@@ -39,7 +39,8 @@ def _load_cell(cell: ForceTable, m: ColumnMap, folder: Path, n_frames: int) -> t
     scale = TIME_UNITS[cell.time_unit]
     if not cell.per_frame:
         assert cell.time is not None
-        return ForceRecord(scale * table[cell.time], force, str(path)), _times(m.frames, n_frames)
+        crosshead = table[cell.crosshead] if cell.crosshead else None
+        return ForceRecord(scale * table[cell.time], force, str(path), crosshead), _times(m.frames, n_frames)
     time = scale * table[cell.time] if cell.time else None
     if len(force) == n_frames - 1 and m.points.reference == "separate":  # no row for a picture without a file
         force = np.concatenate([[0.0], force])

@@ -114,12 +114,13 @@ class ForceTable(Table):
     """[force]: file and columns of the machine record; sign = -1 where tension is recorded as negative.
     per_frame: one row a frame, in their order; then no time is needed. picture: with per_frame, the column that names the picture of a row, by
     which rows are found. in_frames: no file, every frame's own file holds its value. sides: those it pulls at; needed where there are several load
-    cells, each with a [[force]] of its own."""
+    cells, each with a [[force]] of its own. crosshead: column of its position, in any unit."""
 
     file: str = ""
     in_frames: bool = False
     force: str
     time: str | None = None
+    crosshead: str | None = None
     unit: ForceUnit = "N"
     time_unit: TimeUnit = "s"
     sign: float = 1.0

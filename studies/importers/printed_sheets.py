@@ -31,7 +31,8 @@ from studies.importers.text_tables import Layout, read_table
 Array = NDArray[np.float64]
 FRAME_RATE_HZ = 5.0
 FRAME_COLUMNS = ("x [pixel]", "y [pixel]", "x-displacement [pixel]", "y-displacement [pixel]")
-RECORD_COLUMNS = ("Time", "Displacement", "Force")
+CROSSHEAD = "Displacement"
+RECORD_COLUMNS = ("Time", CROSSHEAD, "Force")
 RECORD_FILE = "force_disp.csv"
 PACKED = ("x_px", "y_px", "ux_px", "uy_px")
 
@@ -103,8 +104,8 @@ def _is_frame(path: Path) -> bool:
 def read_record(path: str | Path) -> ForceRecord:
     """Machine record, s and N: quoted CSV, one row of units. Raises `DataNotFoundError`, `FileFormatError`,
     `TimeError`, `MissingForceError`."""
-    table = read_table(path, ("Time", "Force"), Layout(units_row=True))
-    return ForceRecord(table["Time"], table["Force"], str(path))
+    table = read_table(path, ("Time", "Force"), Layout(units_row=True), optional=[CROSSHEAD])
+    return ForceRecord(table["Time"], table["Force"], str(path), table.get(CROSSHEAD))
 
 
 def read_packed(path: str | Path) -> tuple[Frames, ForceRecord | None]:
@@ -128,7 +129,7 @@ def read_packed(path: str | Path) -> tuple[Frames, ForceRecord | None]:
         )
     record = None
     if "force_N" in content and "time_s" in content:
-        record = ForceRecord(content["time_s"], content["force_N"], str(path))
+        record = ForceRecord(content["time_s"], content["force_N"], str(path), content.get("disp_mm"))
     rate = float(content["frame_rate_hz"]) if "frame_rate_hz" in content else None
     return Frames(points, displacements, rate), record
 

@@ -43,8 +43,10 @@ class Layout:
     missing_words: tuple[str, ...] = ()
 
 
-def read_table(path: str | Path, columns: Sequence[str] | None = None, layout: Layout = Layout()) -> dict[str, Array]:
-    """Read `columns` (all by default) of a text table: {name: (n_rows,)}.
+def read_table(
+    path: str | Path, columns: Sequence[str] | None = None, layout: Layout = Layout(), optional: Sequence[str] = ()
+) -> dict[str, Array]:
+    """Read `columns` (all by default) of a text table, and those of `optional` that it has: {name: (n_rows,)}.
 
     Raises `DataNotFoundError` (no such file), `DecimalCommaError` and `FileFormatError` with file and line:
     not numeric, too few or too many fields (a truncated file), column missing, no rows.
@@ -52,7 +54,7 @@ def read_table(path: str | Path, columns: Sequence[str] | None = None, layout: L
     path = Path(path)
     rows = _rows(path, layout)
     names = _header(path, rows, layout)
-    wanted = list(names if columns is None else columns)
+    wanted = list(names) if columns is None else [*columns, *(name for name in optional if name in names)]
     index = [_find(path, names, name) for name in wanted]
     values: list[list[float]] = []
     for line, fields in rows[layout.header_line + layout.units_row :]:

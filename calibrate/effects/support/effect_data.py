@@ -31,7 +31,7 @@ class Data:
     thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm, edge_nodes (m, 2): of
     a free edge, motion: see `calibrate.effects.support.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.support.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
     the stencil and slopes above, membrane: see `calibrate.effects.support.membrane`; plane: 'stress' or 'strain'.
-    reference_height (n,), mm: of stereo data, see `Experiment.heights`; None: one camera. zeroed: see `Experiment.is_zeroed`.
+    reference_height (n,), mm: of stereo data, see `Experiment.heights`; None: one camera. zeroed, synchronised: see `Experiment`.
     """
 
     points: Any
@@ -54,6 +54,7 @@ class Data:
     plane: str = field(default="stress", metadata={"static": True})
     reference_height: Any = None
     zeroed: bool = field(default=False, metadata={"static": True})
+    synchronised: bool = field(default=False, metadata={"static": True})
 
     @classmethod
     def of(cls, experiment: Experiment) -> Data:
@@ -86,6 +87,7 @@ class Data:
             experiment.plane,
             None if experiment.heights is None else jnp.asarray(experiment.heights[0]),
             experiment.is_zeroed,
+            experiment.is_synchronised,
         )
 
     @property

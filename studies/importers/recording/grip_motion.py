@@ -1,9 +1,11 @@
-"""How the grips of a recorded test move: along the pull, across it, and whether the specimen broke.
+"""How the grips of a recorded test move: along the pull, across it, whether the specimen broke, and whether the crosshead moves when they do.
 
-In: a `Series`. Out: lengths in mm, a time in s, notes.
+In: a `Series`. Out: lengths in mm, times in s, notes.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,13 @@ FEWEST, UNLIKE, LIKE = (
     0.7,
     0.95,
 )  # frames, and correlations with the force, that tell displacements from increments of them
+AT_REST = 0.3  # speed of the crosshead at the beginning of its record over the mean, below which it starts there
+ONSET, POWERS = (
+    0.25,
+    3,
+)  # share of the elongation in which clocks are compared; of the crosshead's motion, for a load train that gives way
+SEARCHED, STEP = 2.0, 0.01  # s, either way; of the interval of the pictures
+EARLY = 8  # frames that are needed
 UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been longer than its chosen frames show
 
 
@@ -61,6 +70,66 @@ def moves_across(series: Series, frames: Index) -> tuple[float, float] | None:
         return None
     along, across = np.abs(grip_motion(series)[frames]).max(axis=0)
     return (float(along), float(across)) if across > ACROSS * along else None
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """offset: how much later than stated the pictures were taken, on the clock of the machine, s; std: standard deviation, s; interval of the
+    pictures, s."""
+
+    offset: float
+    std: float
+    interval: float
+
+    @property
+    def agree(self) -> bool:
+        """Whether they do to within one picture, so that there is no lag to be found."""
+        return abs(self.offset) + 2 * self.std <= self.interval
+
+
+def clocks(series: Series) -> Clocks | None:
+    """The time of the pictures beside that of the machine, from when the grips start to move and when the crosshead does.
+
+    The elongation of the first frames is a polynomial of the crosshead's motion, because the load train gives way. The standard deviation is that of
+    the profile likelihood. None where the machine recorded no crosshead, or one that is already moving, and where the frames cannot tell to within
+    one of them.
+    """
+    record = series.record
+    if record.crosshead is None or not series.has_clock or not _starts_at_rest(record.time, record.crosshead):
+        return None
+    length = elongation(series)
+    begun = np.flatnonzero(np.abs(length) > ONSET * np.nanmax(np.abs(length)))
+    frames = np.flatnonzero(np.isfinite(length[: begun[0]])) if begun.size else begun
+    if len(frames) < EARLY:
+        return None
+    time, seen = series.time[frames], length[frames]
+    crosshead = record.crosshead / np.ptp(record.crosshead)
+
+    def misfit(shift: float) -> float:
+        moved = np.interp(time + shift, record.time, crosshead)
+        columns = np.stack([moved**k - moved[0] ** k for k in range(1, POWERS + 1)], axis=1)
+        left = columns @ np.linalg.lstsq(columns, seen, rcond=None)[0] - seen
+        return float(left @ left)
+
+    interval = float(np.median(np.diff(series.time)))
+    tried = np.arange(-SEARCHED, SEARCHED, STEP * interval)
+    misfits = np.array([misfit(shift) for shift in tried])
+    likely = tried[misfits <= misfits.min() * (1 + 1 / (len(frames) - POWERS - 1))]
+    best = float(tried[np.argmin(misfits)])
+    found = Clocks(best, max(float(np.abs(likely - best).max()), STEP * interval), interval)
+    return found if found.std < interval else None
+
+
+def _starts_at_rest(time: Array, position: Array) -> bool:
+    """Whether a crosshead starts to move when its record begins, or later."""
+    moving = np.flatnonzero(np.abs(position - position[0]) > ONSET * np.ptp(position))
+    mean = abs(position[moving[0]] - position[0]) / (time[moving[0]] - time[0]) if moving.size else 0.0
+    return bool(mean > 0 and abs(position[1] - position[0]) < AT_REST * mean * (time[1] - time[0]))
+
+
+def clock_notes(found: Clocks | None) -> list[str]:
+    """Where the crosshead moves at another time than the grips."""
+    return [] if found is None or found.agree else [WORDS.note_clocks(clocks=found)]
 
 
 def failure(series: Series) -> float | None:

@@ -7,7 +7,7 @@ every decision written into its provenance.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from calibrate import errors
 from calibrate.data import points
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
-from studies.importers.recording.grip_motion import elongation, failure, looks_incremental, moves_across, unseen_peak
+from studies.importers.recording.grip_motion import (
+    clock_notes,
+    clocks,
+    elongation,
+    failure,
+    looks_incremental,
+    moves_across,
+    unseen_peak,
+)
 from studies.importers.recording.masks import Masked
 from studies.importers.recording.notes import mask_notes, noise_notes, record_notes, strain_notes
 from studies.importers.recording.outliers import outliers
@@ -59,6 +67,8 @@ def to_experiment(
     if kept.lost.size:
         notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))
     found, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
+    compared = clocks(series)
+    notes += clock_notes(compared)
     notes += record_notes(series.record) + noise_notes(report) + _spurious_notes(series, kept)
     provenance = {
         **series.provenance,
@@ -66,6 +76,7 @@ def to_experiment(
         "frames_recorded": len(series.time),
         "tare_N": tare,
         "zeroed": selection.tare is None,
+        "clocks": None if compared is None else {**asdict(compared), "agree": compared.agree},
         "points_lost": int(kept.lost.size),
         "noise": report,
         "notes": [*series.provenance.get("notes", []), *notes],

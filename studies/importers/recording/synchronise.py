@@ -21,7 +21,8 @@ BREAK_LEVEL, BREAK_DURATION = 0.5, 0.05
 
 @dataclass(frozen=True)
 class ForceRecord:
-    """Load-cell record: time (n,) s, increasing; force (n,) N, positive in tension; source: for messages.
+    """Load-cell record: time (n,) s, increasing; force (n,) N, positive in tension; source: for messages; crosshead (n,): its position, in any
+    unit, where it was recorded.
 
     Readings without a force (NaN) are left out; blank: their numbers, from 1. Raises `MissingForceError` for too few readings or none with a force,
     `TimeError`.
@@ -30,6 +31,7 @@ class ForceRecord:
     time: Array
     force: Array
     source: str = "force record"
+    crosshead: Array | None = None
     blank: tuple[int, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
@@ -41,6 +43,8 @@ class ForceRecord:
         object.__setattr__(self, "blank", tuple((np.flatnonzero(~known) + 1).tolist()))
         object.__setattr__(self, "force", self.force[known])
         object.__setattr__(self, "time", self.time[known])
+        if self.crosshead is not None:
+            object.__setattr__(self, "crosshead", self.crosshead[known])
         backwards = ~(np.diff(self.time) > 0)
         if backwards.any() or not np.isfinite(self.time).all():
             row = int(np.flatnonzero(backwards)[0]) + 1 if backwards.any() else 0
