@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibrate.diagnosis import base_functions
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Problem
@@ -56,7 +57,8 @@ def distil(
 ) -> Distilled:
     """Fit PANN_I1^layers to the base of a fit. Raises `FitError`."""
     loss = quadratic(problem, fit)
-    architecture, found = fit_network(loss, "I1", layers, fit.c, n_starts, seed)
+    reach = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
+    architecture, found = fit_network(loss, "I1", layers, fit.c, n_starts, seed, reach=reach)
     exact = equations.residual(problem, found.coefficients, fit.additions)
     network_loss = float(exact @ exact)
     factor = equations.level_factor(problem, fit.c, fit.additions)

@@ -32,7 +32,6 @@ Array = NDArray[np.float64]
 # without it a kink of any steepness fits just where the data end, and ruins the extrapolation.
 PRIOR_STD = 5.0
 DISTILLATION_DECAY = 1e-6
-RUNAWAY = 1e3  # of a convex spline over the one that was fitted, beyond which it is no start
 STRAIGHT = 1e-4  # relative change of the derivatives of an energy that is called a straight line
 CLEARLY_LOWER, CLEAR_SHARE, RESTARTS = (
     10.0,
@@ -41,15 +40,15 @@ CLEARLY_LOWER, CLEAR_SHARE, RESTARTS = (
 )  # loss of a convex spline, absolute and relative, that calls for new starts
 
 
-def monotone_functions(basis, k: int, n: int = 24) -> Array:
+def monotone_functions(basis, k: int, n: int = 24, reach: float = np.inf) -> Array:
     """Non-decreasing functions psi_k(J_k), sampled at the basis' sites: (n, n_sites, 2).
 
     The first is constant, the others are integrated cubic B-splines of s = sqrt((J - J(I)) / range), constant
-    beyond the range of the data: a function that rises only there would act on the data by the ripples of its
-    interpolant alone.
+    beyond the range of the data, and beyond `reach`, the J - J(I) of those that are fitted: a function that rises only there would act on the data by
+    the ripples of its interpolant alone, and without end.
     """
     x = np.maximum(basis.site_inputs[:, k], 0.0)
-    s = np.sqrt(np.minimum(x / min(x.max(), basis.input_tops[k]), 1.0))
+    s = np.sqrt(np.minimum(x / min(x.max(), basis.input_tops[k], reach), 1.0))
     values = Spline(n).matrix(s)
     cumulative = np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
     functions = np.zeros((n, len(x), 2))
@@ -57,13 +56,13 @@ def monotone_functions(basis, k: int, n: int = 24) -> Array:
     return functions
 
 
-def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24) -> Array:
-    """Coefficients (n_functions,) of the best energy that is a sum of convex non-decreasing functions of J_k.
+def convex_spline(quadratic: Quadratic, inputs: str, n: int = 24, reach: float = np.inf) -> Array:
+    """Coefficients (n_functions,) of the best energy that is a sum of convex non-decreasing functions of J_k; reach: see `monotone_functions`.
 
     In plane strain with the best bulk modulus, not negative. Raises `FitError` when the loss has no information at all.
     """
     basis = quadratic.basis
-    columns = np.concatenate([monotone_functions(basis, k, n) for k in INPUT_SETS[inputs]])
+    columns = np.concatenate([monotone_functions(basis, k, n, reach) for k in INPUT_SETS[inputs]])
     E = basis.interpolation @ columns.reshape(len(columns), -1).T
     if isinstance(basis, PlaneStrainBasis):
         E = np.column_stack([E, np.eye(basis.n_functions)[:, -1]])
@@ -142,23 +141,22 @@ def fit_network(
     n_starts: int = 20,
     seed: int = 0,
     effort: Effort = Effort(),
+    reach: float = np.inf,
 ) -> tuple[pann.Architecture, NetworkFit]:
     """Fit PANN_inputs^layers to a reduced loss, starting from `spline` coefficients of `convex_spline`.
 
     n_starts random starts (JAX key `seed`) are distilled from the spline and polished on the loss; the one with
     the lowest loss is returned. In plane strain every network has the bulk modulus that suits it best, the last of its
     coefficients. Hidden weights that die leave a straight line; where a convex spline is clearly
-    better, the network is started again from that. Raises `FitError` when no start converged to a finite loss.
+    better, the network is started again from that. reach: see `monotone_functions`. Raises `FitError` when no start converged to a finite loss.
     """
     architecture, found = _fit_network(quadratic, inputs, layers, spline, n_starts, seed, effort)
     if not is_straight(quadratic.basis, found.coefficients):
         return architecture, found
-    best = convex_spline(quadratic, inputs)
+    best = convex_spline(quadratic, inputs, reach=reach)
     allowed = found.loss - max(CLEARLY_LOWER, CLEAR_SHARE * found.loss)
     if quadratic.loss(best) >= allowed:
         return architecture, found
-    if np.abs(best).max() > RUNAWAY * np.abs(spline).max():  # beyond the data a convex spline may rise without end
-        return architecture, replace(found, dead=True)
     for again in range(1, RESTARTS + 1):
         new_architecture, new = _fit_network(quadratic, inputs, layers, best, 2 * n_starts, seed + 1000 * again, effort)
         if new.loss < found.loss:

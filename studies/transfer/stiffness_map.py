@@ -3,8 +3,8 @@
 In: a model on a test, increments that are fitted. Out: `StiffnessMap`.
 
 The factors k of a grid minimise |sum_q k_q w_q - F|^2 / |F|^2 + weight |gradient k|^2, w_q the virtual work of the model's stress times the hat of node
-q. The weight is the one that predicts best virtual fields that were left out (cross-validation; Stone 1974). Where the model is right everywhere, the map is
-as likely to predict a part of the fields better as worse. So it counts where it predicts every one of the `FOLDS` parts better.
+q. The weight is the one that predicts best virtual fields that were left out (cross-validation; Stone 1974). The map counts where it predicts every one of
+`FOLDS` parts of the fields better than the same stiffness everywhere; each is predicted with a weight that the other parts have chosen.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ Mask = NDArray[np.bool_]
 SMOOTHING = (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0)  # weights of the differences of neighbours in a map
 FOLDS = 5  # of the virtual fields, drawn at random
 CELL, MOST = 0.7, 20  # of the grid, over the spacing of the virtual fields; cells along the longest side
+LEVEL = 100.0  # weight of the mean force over that of all forces
 SMALL = 0.1  # of the largest force, below which an increment does not count more
 
 
@@ -62,20 +63,59 @@ def stiffness_map(applied: Applied, fitted: Mask) -> StiffnessMap:
     known = np.isfinite(system.loads).all(axis=0)
     inner = np.tile(system.fields.boundary < 0, 2) & known
     fold = np.tile(np.random.default_rng(0).integers(FOLDS, size=A.shape[1] // 2), 2)
-    parts = [inner & (fold == i) for i in range(FOLDS)]
+    parts = [_normal(A, b, fitted, inner & (fold == i)) for i in range(FOLDS)]
+    grips = _with_level(_normal(A, b, fitted, known & ~inner))
     D = _differences(hats)
-    shown = [_equations(A, b, fitted, known & ~part) for part in parts]
-    hidden = [_equations(A, b, fitted, part) for part in parts]
-    same = np.ones(A.shape[2])
-    without = np.array([_size(*one, same) for one in hidden])
-    tried = [
-        np.array([_size(*one, _smooth_fit(*other, weight * D)) for one, other in zip(hidden, shown, strict=True)])
-        for weight in SMOOTHING
-    ]
-    best = int(np.argmin([np.linalg.norm(one) for one in tried]))
-    k = _smooth_fit(*_equations(A, b, fitted, known), SMOOTHING[best] * D)
+    without = np.array([part.misfit(np.ones(A.shape[2])) for part in parts])
+    with_it = np.array([_predicted(part, grips, parts[:i] + parts[i + 1 :], D) for i, part in enumerate(parts)])
+    weight = _weight(grips, parts, D)
+    k = _smooth_fit(sum(parts, start=grips), weight * D)
     residual = np.einsum("trk,k->tr", work, k) - loads
-    return StiffnessMap(hats @ k, SMOOTHING[best], without, tried[best], residual)
+    return StiffnessMap(hats @ k, weight, without, with_it, residual)
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Normal equations of A k = b: H = A^T A, g = A^T b, s = b^T b."""
+
+    H: Array
+    g: Array
+    s: float
+
+    def __add__(self, other: _Normal) -> _Normal:
+        return _Normal(self.H + other.H, self.g + other.g, self.s + other.s)
+
+    def misfit(self, k: Array) -> float:
+        """|A k - b|."""
+        return float(np.sqrt(max(k @ self.H @ k - 2 * self.g @ k + self.s, 0.0)))
+
+
+def _normal(A: Array, b: Array, increments: Mask, rows: Mask) -> _Normal:
+    """Of some increments (t,) and rows (2 v,)."""
+    A, b = A[increments][:, rows].reshape(-1, A.shape[-1]), b[increments][:, rows].ravel()
+    return _Normal(A.T @ A, A.T @ b, float(b @ b))
+
+
+def _with_level(grips: _Normal) -> _Normal:
+    """The equations of the forces with their level held: fields have no load, so that with them alone every stiffness would be too small."""
+    row, target = grips.g / np.sqrt(grips.s), np.sqrt(grips.s)
+    return grips + _Normal(LEVEL**2 * np.outer(row, row), LEVEL**2 * target * row, (LEVEL * target) ** 2)
+
+
+def _predicted(hidden: _Normal, grips: _Normal, shown: list[_Normal], D: Array) -> float:
+    """Misfit of a hidden part by the map of the others, whose weight is theirs, too."""
+    k = _smooth_fit(sum(shown, start=grips), _weight(grips, shown, D) * D)
+    return hidden.misfit(k)
+
+
+def _weight(grips: _Normal, parts: list[_Normal], D: Array) -> float:
+    """The weight with which each part is predicted best by the others."""
+
+    def misfit(weight: float) -> float:
+        fits = (_smooth_fit(sum(parts[:i] + parts[i + 1 :], start=grips), weight * D) for i in range(len(parts)))
+        return sum(part.misfit(k) ** 2 for part, k in zip(parts, fits, strict=True))
+
+    return min(SMOOTHING, key=misfit)
 
 
 def _work_by_place(applied: Applied, cell: float) -> tuple[Array, Array, sp.csr_array]:
@@ -89,20 +129,10 @@ def _work_by_place(applied: Applied, cell: float) -> tuple[Array, Array, sp.csr_
     return work, np.nan_to_num(chain.external(model.additions)) + applied.shift, hats
 
 
-def _equations(A: Array, b: Array, increments: Mask, rows: Mask) -> tuple[Array, Array]:
-    """Those of some increments (t,) and rows (2 v,), flat."""
-    A, b = A[increments][:, rows], b[increments][:, rows]
-    return A.reshape(-1, A.shape[-1]), b.ravel()
-
-
-def _size(A: Array, b: Array, k: Array) -> float:
-    return float(np.linalg.norm(A @ k - b))
-
-
-def _smooth_fit(A: Array, b: Array, D: Array) -> Array:
-    """k >= 0 that minimises |A k - b|^2 + |D k|^2 (rows of D: differences of neighbours), from the normal equations."""
-    factor = scipy.linalg.cholesky(A.T @ A + D.T @ D)
-    return nnls(factor, scipy.linalg.solve_triangular(factor, A.T @ b, trans=1), maxiter=50 * len(factor))[0]
+def _smooth_fit(equations: _Normal, D: Array) -> Array:
+    """k >= 0 that minimises |A k - b|^2 + |D k|^2 (rows of D: differences of neighbours)."""
+    factor = scipy.linalg.cholesky(equations.H + D.T @ D)
+    return nnls(factor, scipy.linalg.solve_triangular(factor, equations.g, trans=1), maxiter=50 * len(factor))[0]
 
 
 def _differences(hats: sp.csr_array) -> Array:

@@ -25,6 +25,7 @@ from studies.transfer.stiffness_map import StiffnessMap, stiffness_map
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 STRONGEST = 10.0  # factor on the relaxation
+EQUAL = 1e-3  # difference of relative errors that is none
 NEO_HOOKE, AS_IT_IS, STIFFNESS, RELAXATION, MAP = (
     "neo-Hooke, fitted to the forces", "as it is", "stiffness refitted", "stiffness and relaxation refitted", "stiffness map",
 )  # fmt: skip
@@ -39,8 +40,8 @@ class ForceAndField(Plain):
     field: float
 
     def is_no_larger_than(self, other: ForceAndField) -> bool:
-        """Whether neither error is larger than another's."""
-        return self.force <= other.force and self.field <= other.field
+        """Whether neither error is larger than another's, by more than a load cell could tell."""
+        return self.force <= other.force + EQUAL and self.field <= other.field + EQUAL
 
 
 @dataclass(frozen=True)

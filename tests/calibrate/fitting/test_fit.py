@@ -168,6 +168,26 @@ def test_building_blocks_of_the_convex_spline():
     assert functions[:, :, 0].min() >= -1e-12
 
 
+@pytest.mark.parametrize("reach", [1.5, 5.0, np.inf])
+def test_building_blocks_are_constant_beyond_what_is_fitted(reach):
+    basis = bases.SingleBasis(0, 5.0)
+    beyond = network_fit.monotone_functions(basis, 0, 12, reach)[:, basis.site_inputs[:, 0] >= min(reach, 5.0), 0]
+    assert beyond.shape[1] > 0
+    np.testing.assert_allclose(beyond, beyond[:, :1] * np.ones(beyond.shape[1]), atol=1e-12)
+
+
+def test_a_convex_spline_does_not_run_away_beyond_what_is_fitted(arruda_boyce):
+    """Of functions that act on the fitted range alone; the loss knows nothing of what is beyond."""
+    c, quadratic, _ = arruda_boyce
+    basis, reach = quadratic.basis, 0.3 * quadratic.basis.site_inputs[:, 0].max()
+    columns = basis.spline.matrix(np.linspace(0, np.sqrt(reach / basis.top), 200))
+    seen = reduction.Quadratic(
+        basis, columns.T @ columns, columns.T @ (columns @ c), float(c @ columns.T @ columns @ c), 200
+    )
+    slope = basis.spline.matrix(np.linspace(0, 1, 400)) @ network_fit.convex_spline(seen, "I1", reach=reach)
+    assert slope.max() < 1.5 * (columns @ c).max()
+
+
 def test_data_without_information_are_refused():
     basis = bases.SingleBasis(0, 1.0, 6)
     empty = reduction.Quadratic(basis, np.zeros((6, 6)), np.zeros(6), 0.0, 3)
@@ -200,17 +220,6 @@ def test_network_recovers_the_material(inputs, layers):
     )
     error = np.abs(np.asarray(fitted) - derivatives(energy, invariants)).max()
     assert error < 0.01 * derivatives(energy, invariants).max()
-
-
-def test_a_convex_spline_that_runs_away_is_no_start(arruda_boyce, monkeypatch):
-    """The network stays the straight line that it was, is called dead, and has a stiffness that a model file may hold."""
-    c, quadratic, _ = arruda_boyce
-    monkeypatch.setattr(network_fit, "is_straight", lambda *_: True)
-    monkeypatch.setattr(network_fit, "convex_spline", lambda *_: 1e25 * c)
-    monkeypatch.setattr(type(quadratic), "loss", lambda *_: -np.inf)
-    architecture, result = network_fit.fit_network(quadratic, "I1", (2,), c, n_starts=2)
-    assert result.dead
-    assert architecture.energy_scale < 1e3 * np.abs(c).max()
 
 
 def test_network_loss_is_the_loss_of_its_spline_interpolant(arruda_boyce):

@@ -13,6 +13,7 @@ from calibrate.data.experiment import Noise
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.effects.chain import Addition
 from calibrate.effects.lens_distortion import LensDistortion
+from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.viscosity import Viscosity
 from studies import cli
 from studies.transfer import report
@@ -69,10 +70,11 @@ def test_the_stiffer_half_is_located():
     assert found.map.is_real
     assert found.best is found.row(MAP)
     assert found.best.held_out.field < 0.2 * found.final.held_out.field
+    assert found.best.fitted.force < found.final.fitted.force + 1e-3
 
 
 def test_an_even_sheet_has_no_map():
-    """By chance one in 32 would: each part of the fields is as likely to be predicted better as worse."""
+    """Of 200 seeds 8 say otherwise."""
     alarms = sum(transfer(noisy(uniaxial(), seed=seed), material(), AFTER, 8.0).map.is_real for seed in range(20))
     assert alarms <= 3
 
@@ -86,10 +88,11 @@ def test_effects_of_another_test_are_left_out():
 
 
 def test_what_predicts_worse_than_neo_hooke_is_said():
-    learnt = material(Addition(Viscosity(), (2.0,), (20.0,)))
-    found = transfer(uniaxial(), learnt, HoldOut.parse("after:5"), 12.0)
-    worse = not found.best.held_out.is_no_larger_than(found.row(NEO_HOOKE).held_out)
-    assert ("T802" in {one.alert.code for one in report.findings(found)}) is worse
+    """A second invariant that this sheet does not have bends the curve; neo-Hooke is what it is made of."""
+    for learnt, worse in ((material(Addition(SecondInvariant(), (2 * MU,))), True), (material(mu=2 * MU), False)):
+        found = transfer(uniaxial(), learnt, HoldOut.parse("after:5"), 12.0)
+        assert (found.row(STIFFNESS).held_out.force > 2 * found.row(NEO_HOOKE).held_out.force + 0.01) is worse
+        assert ("T802" in {one.alert.code for one in report.findings(found)}) is worse
 
 
 @pytest.mark.parametrize(
