@@ -90,7 +90,8 @@ class Variables:
     def at(self, values: Array) -> Additions:
         """The additions with other values (k,)."""
         result = []
-        for a, part in zip(self.additions, np.split(values, np.cumsum(self.sizes)[:-1]), strict=True):
+        ends = np.cumsum(self.sizes).astype(int)
+        for a, part in zip(self.additions, np.split(values, ends)[:-1], strict=True):
             n = len(a.amplitudes)
             result.append(replace(a, amplitudes=tuple(map(float, part[:n])), shape=tuple(map(float, part[n:]))))
         return tuple(result)

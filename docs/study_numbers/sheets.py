@@ -1,4 +1,5 @@
-"""Numbers and tables of the measured sheets: the folder of `equigap measured` in, what the pages state out."""
+"""Numbers and tables of the measured sheets: the folders of `equigap measured`, and of `equigap replay` with the model of all effects, in; what the pages
+state out."""
 
 from __future__ import annotations
 
@@ -7,14 +8,21 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from wording import share
+
+from calibrate.effects import KNOWN
 
 SHORT = {"Soft_Homo": "soft", "Stiff2_Homo": "stiff", "Stiff2_Hetero": "hetero"}
 MODELS = {"neo-Hooke": "neo_hooke", "base": "base", "base and effects found": "found", "all effects at once": "all"}
 
 
-def take(folder: Path) -> dict[str, Any]:
-    """Errors of every model of every sheet, tables as the report has them, and the errors of transferred models."""
+UNITS = {effect.name: effect for effect in KNOWN}
+UNTIL = 15.0  # s
+
+
+def take(folder: Path, replay: Path) -> dict[str, Any]:
+    """Errors of every model of every sheet, tables as the report has them, amplitudes of all effects, and the forces of a replay of the first sheet."""
     found = json.loads((folder / "measured.json").read_text())
     record = json.loads((folder / "report.json").read_text())
     numbers: dict[str, Any] = {}
@@ -34,9 +42,52 @@ def take(folder: Path) -> dict[str, Any]:
     numbers["control_smallest_p"] = f"{min(one['smallest_adjusted_p'] for one in controls):.2f}"
     tables = {name: list(csv.reader((folder / f"{name}.csv").read_text().splitlines()))
               for name in ("verdicts", "errors", "transfers", "homogeneous", "control")}  # fmt: skip
+    tables["amplitudes"] = [["sheet", "effect", "amplitude", "prior standard deviations", "shape", "imitated by the others"],
+                            *(row for name in SHORT for row in amplitudes(folder, name))]  # fmt: skip
+    numbers |= forces(replay)
     return {
-        "command": "equigap measured",
+        "command": "equigap measured; equigap replay results/measured/Soft_Homo.npz results/measured/Soft_Homo/model_all_effects.json",
         "how": f"revision {record.get('revision', 'unknown')}; first 15 s fitted, what comes after held out and looked at once",
         "numbers": numbers,
         "tables": tables,
+    }
+
+
+def amplitudes(folder: Path, name: str) -> list[list[str]]:
+    """Of every effect that the fit of all needs, the amplitude that is furthest from none."""
+    together = json.loads((folder / name / "discovery.json").read_text())["all_effects"]
+    rows = []
+    for one in [] if together is None else together["effects"]:
+        if not one["needed"]:
+            continue
+        effect = UNITS[one["effect"]]
+        nulls = np.array([p.null for p in effect.amplitudes])
+        k = int(np.argmax(np.abs(np.array(one["amplitudes"]) - nulls) / np.array(one["prior_standard_deviations"])))
+        parameter = effect.amplitudes[k]
+        value = f"{parameter.name} = {one['amplitudes'][k]:.3g} ± {one['standard_deviations'][k]:.1g} {'' if parameter.unit == '1' else parameter.unit}"
+        shape = ", ".join(f"{p.name} = {v:.2g} {p.unit}" for p, v in zip(effect.shapes, one["shape"], strict=True))
+        rows.append([name, effect.name, value.strip(), f"{one['over_prior']:.1f}", shape, share(one["imitated"])])
+    return rows
+
+
+def forces(replay: Path) -> dict[str, str]:
+    """Norm of the force errors of a replay over that of the forces: in all, after `UNTIL`, and in the first picture."""
+    rows = list(csv.DictReader((replay / "forces.csv").read_text().splitlines()))
+    time = np.array([float(row["time"]) for row in rows])
+    names = [key.removesuffix("_measured") for key in rows[0] if key.endswith("_measured") and rows[0][key] != ""]
+    measured, found = (
+        np.array([[float(row[f"{name}_{kind}"]) for name in names] for row in rows])
+        for kind in ("measured", "predicted")
+    )
+
+    def error(part: Any) -> str:
+        known = np.isfinite(measured[part])
+        return share(
+            float(np.linalg.norm((found[part] - measured[part])[known]) / np.linalg.norm(measured[part][known]))
+        )
+
+    return {
+        "replay_force": error(slice(None)),
+        "replay_force_after": error(time > UNTIL),
+        "replay_force_first": error(slice(0, 1)),
     }

@@ -216,7 +216,7 @@ def of_all_effects(found: Discovery, hold_out: str, record: dict[str, Any]) -> E
     fit = found.everything.fit
     pairs = [
         (a, d)
-        for a, d in zip(fit.present, fit.errors, strict=True)
+        for a, d in zip(fit.additions, fit.errors, strict=True)
         if any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
     ]
     additions, deviations = tuple(a for a, _ in pairs), tuple(d for _, d in pairs)

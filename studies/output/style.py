@@ -12,9 +12,11 @@ from contextlib import contextmanager
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 COLOURS = {
     "blue": "#0072B2",
@@ -51,6 +53,11 @@ RC = {
     "savefig.dpi": 160,
     "svg.hashsalt": "equigap",
 }
+
+
+def over(time: NDArray[np.float64] | None, count: int) -> tuple[NDArray[np.float64], str]:
+    """Where `count` increments are drawn, and the label of that axis: time (t,), s, or their numbers from 1."""
+    return (np.arange(1.0, count + 1), "increment") if time is None else (time, "time, s")
 
 
 @contextmanager

@@ -40,15 +40,13 @@ def residual_maps(found: Replay) -> Figure:
 def growth(found: Replay) -> Figure:
     """Root mean square residual of every increment beside the noise."""
     experiment = found.experiment
-    x = np.arange(1.0, experiment.n_increments + 1) if experiment.time is None else experiment.time
+    x, label = style.over(experiment.time, experiment.n_increments)
     with style.figure(4.8, 3.0) as figure:
         axes = figure.subplots()
         axes.plot(x, found.field_error, ".-", color=style.COLOURS["blue"], label="measured - replayed")
         if found.noise is not None:
             axes.axhline(found.noise, color="0.4", linestyle="--", label="noise of the camera")
-        axes.set(
-            xlabel="increment" if experiment.time is None else "time, s", ylabel="root mean square, mm", ylim=(0, None)
-        )
+        axes.set(xlabel=label, ylabel="root mean square, mm", ylim=(0, None))
         axes.legend()
     return figure
 

@@ -46,7 +46,7 @@ def worth_drawing(measured: Mapping[str, Array]) -> list[tuple[str, int]]:
 def draw(measured: Mapping[str, Array], found: Mapping[str, Array], time: Array | None, label: str) -> Figure:
     """Forces over time, s, or increments, differences below; components that carry next to nothing are left out. label: of `found`."""
     panels = worth_drawing(measured)
-    x = np.arange(1.0, len(next(iter(found.values()))) + 1) if time is None else time
+    x, over = style.over(time, len(next(iter(found.values()))))
     with style.figure(max(4.8, 3.0 * len(panels)), 4.4) as figure:
         axes = figure.subplots(2, len(panels), squeeze=False, sharex=True, height_ratios=(2, 1.2))
         for (top, bottom), (name, k) in zip(axes.T, panels, strict=True):
@@ -55,7 +55,7 @@ def draw(measured: Mapping[str, Array], found: Mapping[str, Array], time: Array 
             bottom.plot(x, found[name][:, k] - measured[name][:, k], ".-", color=style.COLOURS["blue"])
             bottom.axhline(0, color="0.4", lw=0.6)
             top.set_title(f"{name} edge, {COMPONENTS[k]}")
-            bottom.set_xlabel("increment" if time is None else "time, s")
+            bottom.set_xlabel(over)
         axes[0, 0].set_ylabel("force on the specimen, N")
         axes[1, 0].set_ylabel(f"{label} - measured, N")
         axes[0, 0].legend()

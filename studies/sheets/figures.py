@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from studies.output import style
 from studies.sheets.sheet_results import ALL, BASE, FOUND, NEO_HOOKE, MeasuredResults
+from studies.transfer.transferred import ForceAndField
 
 COLOURS = {NEO_HOOKE: "vermilion", BASE: "orange", FOUND: "green", ALL: "blue"}
 
 
 def errors(results: MeasuredResults) -> Figure:
     """Errors of force and of field of every model of every sheet: fitted hollow, held out filled; transferred models grey."""
-    lines: list[tuple[str, Any, Any, str]] = []
+    lines: list[tuple[str, ForceAndField, ForceAndField, str]] = []
     for name, one in results.sheets.items():
         lines += [(f"{name}: {m.name}", m.fitted, m.held_out, style.COLOURS[COLOURS[m.name]]) for m in one.models]
         rows = results.transfers[name].rows if name in results.transfers else []

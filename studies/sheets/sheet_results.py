@@ -12,22 +12,9 @@ from typing import Any, Self
 
 from calibrate.diagnosis.selection import Verdict
 from studies.output.plain import Plain, StepResult
-from studies.transfer.transferred import Row, Transferred
+from studies.transfer.transferred import ForceAndField, Row, Transferred
 
 NEO_HOOKE, BASE, FOUND, ALL = "neo-Hooke", "base", "base and effects found", "all effects at once"
-
-
-@dataclass(frozen=True)
-class Errors(Plain):
-    """Relative errors: of the force, of the field; see `calibrate.diagnosis.misfit`."""
-
-    force: float
-    field: float
-
-    @classmethod
-    def of(cls, content: Mapping[str, Any]) -> Self:
-        """From an entry of discovery.json."""
-        return cls(content["force_error"], content["field_error"])
 
 
 @dataclass(frozen=True)
@@ -35,8 +22,8 @@ class ModelErrors(Plain):
     """Errors of a model in the increments that were fitted, and in those that were held out."""
 
     name: str
-    fitted: Errors
-    held_out: Errors
+    fitted: ForceAndField
+    held_out: ForceAndField
 
 
 @dataclass(frozen=True)
@@ -60,14 +47,14 @@ class SheetResult(StepResult):
     def of(cls, name: str, found: Mapping[str, Any]) -> Self:
         """From the content of discovery.json."""
         first, last, together = found["rounds"][0], found["rounds"][-1], found["all_effects"]
-        models = [ModelErrors(BASE, Errors.of(first["train"]), Errors.of(first["held_out"]))]
+        models = [ModelErrors(BASE, _errors(first["train"]), _errors(first["held_out"]))]
         if last is not first:
-            models.append(ModelErrors(FOUND, Errors.of(last["train"]), Errors.of(last["held_out"])))
+            models.append(ModelErrors(FOUND, _errors(last["train"]), _errors(last["held_out"])))
         effects: list[Mapping[str, Any]] = []
         if together is not None:
             pairs = together["fitted_and_held_out"]
-            models[:0] = [ModelErrors(NEO_HOOKE, *map(Errors.of, pairs["before"]))]
-            models.append(ModelErrors(ALL, *map(Errors.of, pairs["after"])))
+            models[:0] = [ModelErrors(NEO_HOOKE, *map(_errors, pairs["before"]))]
+            models.append(ModelErrors(ALL, *map(_errors, pairs["after"])))
             effects = [one for one in together["effects"] if one["needed"]]
         return cls(
             name=name,
@@ -86,6 +73,11 @@ class SheetResult(StepResult):
     def model(self, name: str) -> ModelErrors:
         """The model of that name; the base where there is none."""
         return next((one for one in self.models if one.name == name), self.models[0])
+
+
+def _errors(content: Mapping[str, Any]) -> ForceAndField:
+    """From an entry of discovery.json."""
+    return ForceAndField(content["force_error"], content["field_error"])
 
 
 @dataclass(frozen=True)

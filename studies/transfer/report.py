@@ -109,14 +109,14 @@ def write(folder: Path, found: Transferred, manifest: Manifest) -> Path:
 def draw_forces(found: Transferred) -> Figure:
     """Force error of each variant over the increments; those that were fitted are filled."""
     e = found.experiment
-    x = np.arange(1.0, e.n_increments + 1) if e.time is None else e.time
+    x, label = style.over(e.time, e.n_increments)
     with style.figure(6.0, 3.6) as figure:
         ax = figure.subplots()
         for row, colour in zip(_drawn(found), style.COLOURS.values(), strict=False):
             y = 100 * np.array(row.over_increments)
             ax.plot(x, y, color=colour, label=row.name)
             ax.plot(x[found.fitted], y[found.fitted], "o", color=colour, markersize=4)
-        ax.set(xlabel="increment" if e.time is None else "time (s)", ylabel="force error over largest force (%)")
+        ax.set(xlabel=label, ylabel="force error over largest force (%)")
         ax.set_ylim(bottom=0)
         ax.legend(fontsize=8)
         return figure

@@ -87,7 +87,7 @@ class _Normal:
 
     def misfit(self, k: Array) -> float:
         """|A k - b|."""
-        return float(np.sqrt(max(k @ self.H @ k - 2 * self.g @ k + self.s, 0.0)))
+        return float(np.sqrt(max(float(k @ self.H @ k) - 2 * float(self.g @ k) + self.s, 0.0)))
 
 
 def _normal(A: Array, b: Array, increments: Mask, rows: Mask) -> _Normal:
@@ -98,7 +98,8 @@ def _normal(A: Array, b: Array, increments: Mask, rows: Mask) -> _Normal:
 
 def _with_level(grips: _Normal) -> _Normal:
     """The equations of the forces with their level held: fields have no load, so that with them alone every stiffness would be too small."""
-    row, target = grips.g / np.sqrt(grips.s), np.sqrt(grips.s)
+    target = float(np.sqrt(grips.s))
+    row = grips.g / target
     return grips + _Normal(LEVEL**2 * np.outer(row, row), LEVEL**2 * target * row, (LEVEL * target) ** 2)
 
 

@@ -87,15 +87,15 @@ class Transferred:
 
 
 def transfer(
-    e: Experiment, model: ExtendedModel, rule: HoldOut | None = None, spacing: float | None = None
+    e: Experiment, model: ExtendedModel, rule: HoldOut = HoldOut(), spacing: float | None = None
 ) -> Transferred:
-    """A model on a test. rule: every third increment is held out where none is given; spacing: of the virtual fields, mm, from the noise where none
+    """A model on a test. rule: what is held out; spacing: of the virtual fields, mm, from the noise where none
     is given.
 
     Raises `ConfigError` where model and test, or rule and test, do not go together; `FitError` where the test has no force, or no factor fits
     it.
     """
-    fitted = (rule or HoldOut()).increments(e)
+    fitted = rule.increments(e)
     if fitted.all():
         raise errors.ConfigError(
             f"{e.name}: no increment is held out by which to judge; give every:N, after:SECONDS, last or random"
@@ -114,22 +114,22 @@ def transfer(
         before, after = (force_and_field(system, residual, part) for part in (fitted, ~fitted))
         return Row(name, stiffness, relaxation, before, after, over.tolist())
 
+    same = 1.0 if applied.model.relaxes else None
     rows = [
         row(NEO_HOOKE, _neo_hooke(e, model, system, fitted)),
-        row(AS_IT_IS, applied.residual(), 1.0, 1.0 if model.relaxes else None),
+        row(AS_IT_IS, applied.residual(), 1.0, same),
     ]
     factors: tuple[float, ...] = (1.0,)
     for name in (STIFFNESS, RELAXATION)[: 2 if applied.model.relaxes else 1]:
         factors = factors_of(applied, fitted, strength=name == RELAXATION)
-        relaxation = None if not applied.model.relaxes else factors[1] if len(factors) > 1 else 1.0
-        rows.append(row(name, applied.residual(*factors), factors[0], relaxation))
+        stiffness, relaxation = (*factors, same)[:2]
+        rows.append(row(name, applied.residual(*factors), stiffness, relaxation))
     final = replace(applied, model=applied.model.scaled(*factors), shift=factors[0] * applied.shift)
     located = stiffness_map(final, fitted)
     rows.append(row(MAP, located.residual, None, rows[-1].relaxation))
     kept = {a.effect.name for a in applied.model.additions}
     left_out = tuple(a.effect.name for a in model.additions if a.effect.name not in kept)
-    words = str(rule or HoldOut())
-    return Transferred(e, words, fitted, system.fields.spacing, tuple(rows), left_out, final.model, located)
+    return Transferred(e, str(rule), fitted, system.fields.spacing, tuple(rows), left_out, final.model, located)
 
 
 def factors_of(applied: Applied, fitted: Mask, strength: bool) -> tuple[float, ...]:

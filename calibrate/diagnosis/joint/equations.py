@@ -1,6 +1,6 @@
 """The equations of a joint fit: work scaled to the loads, with exact derivatives, and the prior on effects and base.
 
-In: a `Problem` and the effects that are active. Out: residuals and derivatives at any base and amplitudes.
+In: a `Problem` and effects. Out: residuals and derivatives at any base and amplitudes.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from calibrate.diagnosis import problem as equations_of
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.problem import Problem
-from calibrate.effects.chain import Addition, Additions
+from calibrate.effects.chain import Additions
 
 Array = NDArray[np.float64]
-PRIOR = 3.0  # typical amplitudes: standard deviation of the prior where no other is given
 Widths = Mapping[str, Array]  # of the prior: {effect: standard deviation of every amplitude (p,), in its unit}
 
 
@@ -37,17 +36,17 @@ class Point:
 
 
 class Equations:
-    """Whitened equations with the stress scaled to the loads; effects that are not active, at their null values, take no part."""
+    """Whitened equations with the stress scaled to the loads."""
 
-    def __init__(self, problem: Problem, active: frozenset[str], widths: Widths | None = None) -> None:
-        self.problem, self.active, self.widths = problem, active, widths
+    def __init__(self, problem: Problem, widths: Widths) -> None:
+        self.problem, self.widths = problem, widths
         self.chains = [part.chain for part in problem.trained]
         self.loads = equations_of.loads(problem)
         self.columns = equations_of.base_columns(problem, self.chains) @ problem.cone
 
     def residual(self, w: Array, additions: Additions) -> tuple[Array, float, Array]:
         """s g - f (N,), s and g (N,)."""
-        g = equations_of.residual(self.problem, self.problem.cone @ w, self.present(additions)) + self.loads
+        g = equations_of.residual(self.problem, self.problem.cone @ w, additions) + self.loads
         product = float(g @ self.loads)
         if not product > 0:
             return np.full(len(g), np.inf), np.inf, g
@@ -56,11 +55,7 @@ class Equations:
 
     def prior(self, variables: Variables, dispersion: float) -> Prior:
         """That belongs to a dispersion."""
-        return Prior(variables, self.active, dispersion, self.problem.prior, self.widths)
-
-    def present(self, additions: Additions) -> Additions:
-        """Those that are active."""
-        return tuple(a for a in additions if a.effect.name in self.active)
+        return Prior(variables, dispersion, self.problem.prior, self.widths)
 
     def scaled(self, w: Array, additions: Additions) -> Point:
         """Both with stresses scaled to the loads, and the residual there; an effect on the loads makes it another one."""
@@ -83,37 +78,23 @@ class Equations:
         base = self.columns @ w
         return columns - np.outer(base, self.shares(columns, base))
 
-    def slopes(self, w: Array, additions: Additions, used: NDArray[np.bool_]) -> Array:
-        """d g / d amplitudes and shapes (N, k), zero where not `used`."""
-        c, present = self.problem.cone @ w, self.present(additions)
-        S = np.zeros((len(self.loads), len(used)))
-        if present:
-            S[:, used] = self.problem.whiten([chain.jacobian(c, present) for chain in self.chains]).T
-        return S
+    def slopes(self, w: Array, additions: Additions) -> Array:
+        """d g / d amplitudes and shapes (N, k)."""
+        if not additions:
+            return np.zeros((len(self.loads), 0))
+        c = self.problem.cone @ w
+        return np.asarray(self.problem.whiten([chain.jacobian(c, additions) for chain in self.chains])).T
 
 
 class Prior:
-    """Normal prior on the amplitudes of active effects (shapes have none), of `PRIOR` typical ones where no widths are given, and on the
-    base: smooth (r, n), 1 / MPa, as `Problem.prior`."""
+    """Normal prior on the amplitudes (shapes have none), and on the base: smooth (r, n), 1 / MPa, as `Problem.prior`."""
 
-    def __init__(
-        self,
-        variables: Variables,
-        active: frozenset[str],
-        dispersion: float,
-        smooth: Array,
-        widths: Widths | None = None,
-    ) -> None:
+    def __init__(self, variables: Variables, dispersion: float, smooth: Array, widths: Widths) -> None:
         self.dispersion = max(1.0, dispersion)
         self.smooth = smooth * np.sqrt(self.dispersion)
-        self.used = np.concatenate(
-            [np.full(n, a.effect.name in active) for a, n in zip(variables.additions, variables.sizes, strict=True)]
-        )
-        self.null = np.concatenate(
-            [np.concatenate([[p.null for p in a.effect.amplitudes], a.shape]) for a in variables.additions]
-        )
-        width = PRIOR * np.ones(len(self.used)) if widths is None else _widths(variables, widths)
-        self.weights = np.where(variables.is_shape | ~self.used, 0.0, np.sqrt(self.dispersion) / width)
+        nulls = [np.concatenate([[p.null for p in a.effect.amplitudes], a.shape]) for a in variables.additions]
+        self.null = np.concatenate([np.zeros(0), *nulls])
+        self.weights = np.where(variables.is_shape, 0.0, np.sqrt(self.dispersion) / _widths(variables, widths))
 
     def judged(self, point: Point) -> Point:
         """The point with its objective."""
@@ -139,7 +120,7 @@ class Prior:
 def _widths(variables: Variables, widths: Widths) -> Array:
     """Of every value (k,), over its scale."""
     own = [np.concatenate([widths[a.effect.name], np.ones(len(a.shape))]) for a in variables.additions]
-    return np.concatenate(own) / variables.scale
+    return np.concatenate([np.zeros(0), *own]) / variables.scale
 
 
 def _stiffer(additions: Additions, factor: float) -> Additions:
@@ -153,8 +134,3 @@ def _stiffer(additions: Additions, factor: float) -> Additions:
         )
         for a in additions
     )
-
-
-def at_null(addition: Addition) -> Addition:
-    """The effect with amplitudes at which it does nothing."""
-    return replace(addition, amplitudes=tuple(p.null for p in addition.effect.amplitudes))

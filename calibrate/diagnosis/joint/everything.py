@@ -33,7 +33,9 @@ from calibrate.equations.basis import energy_basis
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
 NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
-SMOOTH = {"initial warp"}  # left out: ten smooth amplitudes, as free as a discrepancy and beside it only in its way
+SMOOTH = {
+    "initial warp"
+}  # left out: ten smooth amplitudes without a law are a second discrepancy, and neither can be told from the other
 MOST = 60  # increments of a test with a memory: derivatives of several histories at once take memory that grows faster than they do
 FIRST, STEPS = 5, 30  # steps from every start, and from the best
 
@@ -62,11 +64,11 @@ def fit_everything(
     fit = _best_start(problem, base.c, additions, widths, D, variance, say)
     say(f"all {len(additions)} effects at once, to the end")
     with_it = discrepancy.with_discrepancy(problem, D, variance)
-    fit = joint_fit.fit(with_it, fit.c, fit.additions, fit.active, widths, STEPS)
-    left = discrepancy.variance_of(equations.residual(problem, fit.c, fit.present), D)
+    fit = joint_fit.fit(with_it, fit.c, fit.additions, widths, STEPS)
+    left = discrepancy.variance_of(equations.residual(problem, fit.c, fit.additions), D)
     before_it, after_it = (
         (_misfit(problem, c, some, held=False), misfit(problem, c, some, held=True))
-        for c, some in ((base.c, ()), (fit.c, fit.present))
+        for c, some in ((base.c, ()), (fit.c, fit.additions))
     )
     return Everything(fit, _shares(fit, widths), before_it, after_it, left, fit.dispersion)
 
@@ -86,13 +88,13 @@ def candidates(scores: Sequence[Score], nested: Sequence[str] = ()) -> Additions
     return tuple(result)
 
 
-def simple_base(problem: Problem, n: int = 1) -> Problem:
-    """The problem with a base energy of n functions of I1, beside which alone effects are fitted; one is neo-Hooke."""
+def simple_base(problem: Problem) -> Problem:
+    """The problem with neo-Hooke as its base, beside which alone effects are fitted."""
     top = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
     start = base_functions.first_guess([part.assembled for part in problem.trained])
     bulk = problem.basis.n_functions - energy_basis(problem.basis).n_functions
-    prior = base_functions.smoothness("positive", n, bulk) / (base_functions.STIFFENING * float(start.max()))
-    cone = base_functions.base_cone(problem.basis, "positive", top, n)
+    prior = base_functions.smoothness("positive", 1, bulk) / (base_functions.STIFFENING * float(start.max()))
+    cone = base_functions.base_cone(problem.basis, "positive", top, 1)
     return replace(problem, cone=cone, prior=prior, parametric=True)
 
 
@@ -102,7 +104,6 @@ def _best_start(
     """A few steps from the shapes of the score tests, and from the shortest of the times that the material remembers: relaxation that is fast
     beside the increments looks like an offset of force or time to a score."""
     with_it = discrepancy.with_discrepancy(problem, D, variance)
-    active = frozenset(a.effect.name for a in additions)
     starts = [additions]
     if any(a.effect.remembers and a.shape for a in additions):
         data = problem.trained[0].chain.data
@@ -115,7 +116,7 @@ def _best_start(
     found = []
     for i, start in enumerate(starts):
         say(f"all {len(additions)} effects at once, start {i + 1} of {len(starts)}")
-        found.append(joint_fit.fit(with_it, c, start, active, widths, FIRST))
+        found.append(joint_fit.fit(with_it, c, start, widths, FIRST))
     return min(found, key=lambda one: one.objective)
 
 
@@ -136,6 +137,6 @@ def _shares(fit: Joint, widths: Widths) -> tuple[Share, ...]:
             fit.costs[a.effect.name] / fit.dispersion,
             fit.imitated[a.effect.name],
         )
-        for a in fit.present
+        for a in fit.additions
     ]
     return tuple(sorted(found, key=lambda one: -one.rise))

@@ -3,8 +3,8 @@
 In: a `Problem` and effects at their starting values. Out: `Joint`.
 
 Where several effects disturb everything at like size, adding one at a time ends elsewhere for every order, because each absorbs
-what belongs to those that are still missing. So all are fitted together. A normal prior, `equations.PRIOR` typical amplitudes wide where no
-other is given, keeps what the data hardly see from running away (ridge; Hoerl and Kennard 1970).
+what belongs to those that are still missing. So all are fitted together. A normal prior keeps what the data hardly see from running away (ridge;
+Hoerl and Kennard 1970).
 
 The noise of the equations grows with the stiffness, so that a fit with fixed weights would pull it to zero. Here all stresses are
 scaled by the factor s that makes internal and external work agree, s = f.f / g.f of the whitened work g and loads f, and
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from calibrate.diagnosis.joint.equations import Equations, Point, Prior, Widths, at_null
+from calibrate.diagnosis.joint.equations import Equations, Point, Prior, Widths
 from calibrate.diagnosis.parameters import Variables, n_parameters
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Additions
@@ -34,16 +34,15 @@ TOLERANCE = 0.02  # fall of the misfit in a step, over the dispersion
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A fit. c (n,), MPa; additions: all candidates, those taken out at their null values; active: names of the others.
+    """A fit. c (n,), MPa; additions: all effects.
 
     loss: |g - f|^2 of n_rows equations by n_base functions of the base; objective: with the prior. deviations: a standard
-    deviation of each amplitude, the prior included. costs: rise of the loss without each active effect, to first order. imitated:
+    deviation of each amplitude, the prior included. costs: rise of the loss without each effect, to first order. imitated:
     share of what each changes that the others could do. stop: why the iteration ended.
     """
 
     c: Array
     additions: Additions
-    active: frozenset[str]
     loss: float
     objective: float
     n_rows: int
@@ -59,19 +58,14 @@ class Joint:
         return self.stop is Stop.CONVERGED
 
     @property
-    def present(self) -> Additions:
-        """The additions that are in the model."""
-        return tuple(a for a in self.additions if a.effect.name in self.active)
-
-    @property
     def errors(self) -> tuple[tuple[float, ...], ...]:
-        """Standard deviations in the order of `present`."""
-        return tuple(self.deviations[a.effect.name] for a in self.present)
+        """Standard deviations in the order of `additions`."""
+        return tuple(self.deviations[a.effect.name] for a in self.additions)
 
     @property
     def dispersion(self) -> float:
         """Misfit an equation, by degrees of freedom; 1 is noise."""
-        return self.loss / max(self.n_rows - self.n_base - sum(map(n_parameters, self.present)), 1)
+        return self.loss / max(self.n_rows - self.n_base - sum(map(n_parameters, self.additions)), 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +88,7 @@ class _Linearised:
         scale, n, k = variables.scale, len(w), len(variables.values)
         lower, upper = (end / scale for end in variables.bounds)
         x = np.clip(variables.values / scale, lower, upper)
-        moves = prior.used & S.any(axis=0)
+        moves = S.any(axis=0)
         free = np.concatenate([np.full(n, n > 1), moves])  # a single base function has s alone
         J = np.concatenate([A, S], axis=1)
         pull = np.concatenate([np.zeros((k, n)), np.diag(prior.weights)], axis=1)
@@ -133,14 +127,12 @@ def fit(
     problem: Problem,
     c: Array,
     additions: Additions,
-    active: frozenset[str],
-    widths: Widths | None = None,
+    widths: Widths,
     steps: int = STEPS,
 ) -> Joint:
-    """Base, amplitudes and shapes of the active effects together; c (n,): where it starts. Raises `FitError` where the start is not
+    """Base, amplitudes and shapes together; c (n,): where it starts. widths: of the prior. Raises `FitError` where the start is not
     finite."""
-    equations = Equations(problem, active, widths)
-    additions = tuple(a if a.effect.name in active else at_null(a) for a in additions)
+    equations = Equations(problem, widths)
     w = np.maximum(np.linalg.lstsq(problem.cone, c, rcond=None)[0], 0.0)
     start = equations.scaled(w, additions)
     if not np.isfinite(start.r).all():
@@ -154,7 +146,7 @@ def _linearised(equations: Equations, point: Point) -> _Linearised:
     variables = Variables(point.additions)
     dispersion = float(point.r @ point.r) / len(point.r)
     prior = equations.prior(variables, dispersion)
-    S = equations.slopes(point.w, point.additions, prior.used) * variables.scale
+    S = equations.slopes(point.w, point.additions) * variables.scale
     bend = prior.bend(point.w, equations.shares(equations.columns, point.g), equations.shares(S, point.g))
     S, A = (equations.projected(columns, point.s, point.g) for columns in (S, equations.columns))
     return _Linearised(equations, prior.judged(point), variables, prior, A, S, bend)
@@ -167,7 +159,7 @@ def _finished(equations: Equations, point: Point, stop: Stop) -> Joint:
     variables = Variables(additions)
     loss = float(r @ r)
     prior = equations.prior(variables, loss / len(r))
-    S = equations.compensated(equations.slopes(w, additions, prior.used) * variables.scale, w)
+    S = equations.compensated(equations.slopes(w, additions) * variables.scale, w)
     S = np.concatenate([S, np.diag(prior.weights)])
     A = equations.compensated(equations.columns, w) if len(w) > 1 else np.zeros((len(r), 0))
     A = np.concatenate([A, np.zeros((len(variables.values), A.shape[1]))])
@@ -176,8 +168,6 @@ def _finished(equations: Equations, point: Point, stop: Stop) -> Joint:
     x = (variables.values - prior.null) / variables.scale
     starts = np.concatenate([[0], np.cumsum(variables.sizes)]).astype(int)
     for a, start, end in zip(additions, starts, starts[1:], strict=False):
-        if a.effect.name not in equations.active:
-            continue
         own = np.arange(start, start + len(a.amplitudes))
         others = np.concatenate([A, S[:, :start], S[:, end:], S[:, own[-1] + 1 : end]], axis=1)
         Q = least_squares.orthonormal(others) if others.any() else np.zeros((len(S), 0))
@@ -191,7 +181,6 @@ def _finished(equations: Equations, point: Point, stop: Stop) -> Joint:
     return Joint(
         equations.problem.cone @ w,
         additions,
-        equations.active,
         loss,
         loss + prior.of(w, variables),
         len(r),

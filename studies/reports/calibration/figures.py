@@ -28,11 +28,10 @@ def forces(view: Review) -> Figure:
     names = [name for name, f in view.measured.items() if np.isfinite(f).any()]
     with style.figure(max(4.6, 2.9 * len(names)), 4.8) as figure:
         axes = figure.subplots(2, len(names), squeeze=False, sharex=True, sharey="row", height_ratios=(2, 1.2))
-        time = view.experiment.time
-        x = np.arange(1.0, view.experiment.n_increments + 1) if time is None else time
+        x, label = style.over(view.experiment.time, view.experiment.n_increments)
         for column, name in zip(axes.T, names, strict=True):
             _force_column(view, name, x, *column)
-            column[1].set_xlabel("increment" if time is None else "time, s")
+            column[1].set_xlabel(label)
         _clip(axes, max(float(np.nanmax(np.abs(view.measured[name]))) for name in names))
         axes[0, 0].set_ylabel("force of the grip on the specimen, N")
         axes[1, 0].set_ylabel("predicted - measured, N")

@@ -62,8 +62,7 @@ def force_history(view: View, part: Part) -> Figure:
     """Forces read and predicted over time or increments, errors below; increments held out are shaded."""
     found = {name: view.forces(part, fit) for name, fit in view.models.items()}
     panels = worth_drawing({name: v[0] for name, v in found["base model"].items()})
-    time = part.experiment.time
-    x = np.arange(1.0, part.experiment.n_increments + 1) if time is None else time
+    x, label = style.over(part.experiment.time, part.experiment.n_increments)
     with style.figure(max(4.8, 3.0 * len(panels)), 4.8) as figure:
         axes = figure.subplots(2, len(panels), squeeze=False, sharex=True, height_ratios=(2, 1.4))
         for (top, bottom), (boundary, k) in zip(axes.T, panels, strict=True):
@@ -78,7 +77,7 @@ def force_history(view: View, part: Part) -> Figure:
             bottom.axhline(0, color="0.4", lw=0.6)
             for ax in (top, bottom):
                 _shade(ax, x, held_increments(part))
-            bottom.set_xlabel("increment" if time is None else "time, s")
+            bottom.set_xlabel(label)
         axes[0, 0].set_ylabel("force on the specimen, N")
         axes[1, 0].set_ylabel("predicted - measured, N")
         axes[0, 0].legend(fontsize=8)

@@ -24,6 +24,7 @@ from calibrate.errors import FitError
 BY_NAME = {effect.name: effect for effect in CATALOGUE}
 NAMES = ("stiffness gradient", "second invariant", "lens distortion", "image rotation")
 PHI = 0.01
+WIDTHS = {effect.name: np.array([3 * p.typical for p in effect.amplitudes]) for effect in CATALOGUE}  # of a wide prior
 
 
 @cache
@@ -49,11 +50,11 @@ def found(names: tuple[str, ...]) -> joint_fit.Joint:
     """The fit of candidates in some order."""
     problem, base = turned_plate()
     scores = {s.effect.name: s for s in score_tests.score(problem, base, [BY_NAME[name] for name in names])}
-    return joint_fit.fit(problem, base.c, candidates([scores[name] for name in names]), frozenset(names))
+    return joint_fit.fit(problem, base.c, candidates([scores[name] for name in names]), WIDTHS)
 
 
 def amplitudes(one: joint_fit.Joint) -> dict[str, float]:
-    return {a.effect.name: a.amplitudes[0] for a in one.present}
+    return {a.effect.name: a.amplitudes[0] for a in one.additions}
 
 
 @pytest.mark.slow
@@ -103,9 +104,9 @@ def test_stiffness_follows_the_forces() -> None:
     final = found(NAMES)
     tripled = tuple(
         replace(a, amplitudes=tuple(3 * v for v in a.amplitudes)) if a.effect.amplitudes[0].unit == "MPa" else a
-        for a in final.present
+        for a in final.additions
     )
-    again = joint_fit.fit(problem, base.c, tripled, final.active)
+    again = joint_fit.fit(problem, base.c, tripled, WIDTHS)
     assert again.converged
     assert again.loss == pytest.approx(final.loss, rel=1e-4)
     values, before = amplitudes(again), amplitudes(final)
@@ -117,8 +118,7 @@ def test_how_much_of_an_effect_the_others_imitate() -> None:
     """A gradient beside a field of stiffness that holds its lowest terms."""
     problem, base = turned_plate()
     additions = (Addition(BY_NAME["stiffness gradient"], (0.0, 0.0)), Addition(BY_NAME["stiffness field"], (0.0,) * 15))
-    both = frozenset(a.effect.name for a in additions)
-    one = joint_fit.fit(problem, base.c, additions, both)
+    one = joint_fit.fit(problem, base.c, additions, WIDTHS)
     assert one.imitated["stiffness gradient"] > 0.8
 
 
@@ -126,8 +126,9 @@ def test_the_cost_of_an_effect_is_the_rise_of_the_misfit_without_it() -> None:
     """To first order; the rest is fitted again."""
     problem, _ = turned_plate()
     final = found(("second invariant", "image rotation"))
-    for name in final.active:
-        other = joint_fit.fit(problem, final.c, final.additions, final.active - {name})
+    for name in final.costs:
+        others = tuple(a for a in final.additions if a.effect.name != name)
+        other = joint_fit.fit(problem, final.c, others, WIDTHS)
         assert final.costs[name] == pytest.approx(other.loss - final.loss, rel=0.3)
 
 
@@ -135,8 +136,7 @@ def test_the_prior_on_the_base_counts_in_what_is_minimised() -> None:
     """A strong one takes the stiffening out, though that raises the misfit."""
     problem, base = plate()
     strong = replace(problem, prior=100 * problem.prior)
-    additions = (Addition(BY_NAME["second invariant"], (C01,)),)
-    plain, bound = (joint_fit.fit(one, base.c, additions, frozenset()) for one in (problem, strong))
+    plain, bound = (joint_fit.fit(one, base.c, (), WIDTHS) for one in (problem, strong))
     stiffening = [np.linalg.norm(problem.prior @ np.linalg.lstsq(problem.cone, one.c)[0]) for one in (plain, bound)]
     assert plain.converged and bound.converged
     assert stiffening[1] < 0.1 * stiffening[0]
@@ -148,7 +148,7 @@ def test_a_start_that_pushes_where_the_grips_pull_is_named() -> None:
     problem, base = plate()
     additions = (Addition(BY_NAME["second invariant"], (-10.0,)),)
     with pytest.raises(FitError, match="finite"):
-        joint_fit.fit(problem, base.c, additions, frozenset({"second invariant"}))
+        joint_fit.fit(problem, base.c, additions, WIDTHS)
 
 
 @pytest.mark.parametrize("at_minimum", [True, False])
@@ -158,7 +158,11 @@ def test_a_fit_that_cannot_move_has_converged_only_at_a_minimum(
     """Every step raises the misfit, as with slopes that are wrong: what they promise decides."""
     problem, _ = turned_plate()
     final = found(NAMES)
-    start = final.additions if at_minimum else tuple(joint_equations.at_null(a) for a in final.additions)
+    start = (
+        final.additions
+        if at_minimum
+        else tuple(replace(a, amplitudes=tuple(p.null for p in a.effect.amplitudes)) for a in final.additions)
+    )
     right, calls = joint_equations.Equations.residual, iter([1.0, 1.0])
 
     def raised(self: joint_equations.Equations, *where: Any) -> Any:
@@ -166,4 +170,4 @@ def test_a_fit_that_cannot_move_has_converged_only_at_a_minimum(
         return next(calls, 1e3) * r, s, g
 
     monkeypatch.setattr(joint_equations.Equations, "residual", raised)
-    assert joint_fit.fit(problem, final.c, start, final.active).converged is at_minimum
+    assert joint_fit.fit(problem, final.c, start, WIDTHS).converged is at_minimum
