@@ -126,6 +126,11 @@ COMMANDS = {
         "which specimen to cut next, and what it would tell of the law",
         "equigap design --quick\nequigap design family.toml --validate --output results/next",
     ),
+    "decide": Command(
+        "studies.commands.decide:decide",
+        "which test would tell explanations of a diagnosis apart",
+        "equigap decide results/discover\nequigap decide results/discover family.toml --quick -o results/next",
+    ),
     "figures": Command(
         "studies.commands.reproduction.figures:figures",
         "every figure and table of all studies, in one folder",

@@ -68,10 +68,10 @@ def disturbances(problem: Problem, U: Array) -> Array:
 
 def prior_deviations(problem: Problem, effect: Effect, priors: Priors) -> Array:
     """Of every amplitude (p,) of an effect, in its unit."""
-    return deviations(effect, priors, [Scales.of_test(part.experiment, _modulus(problem)) for part in problem.trained])
+    return deviations(effect, priors, [Scales.of_test(part.experiment, modulus(problem)) for part in problem.trained])
 
 
-def _modulus(problem: Problem) -> float:
+def modulus(problem: Problem) -> float:
     """Twice the median psi_1 of the base that the weights belong to, MPa: steadier than that at rest, where strains are small."""
     energy = problem.c[: energy_basis(problem.basis).n_functions]
     return 2 * float(np.median(energy[energy > 0]))

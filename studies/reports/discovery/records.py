@@ -12,8 +12,9 @@ import numpy as np
 
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence.signatures import modulus
 from calibrate.diagnosis.misfit import Misfit
-from calibrate.diagnosis.problem import Part
+from calibrate.diagnosis.problem import Part, Problem
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Status
 from calibrate.diagnosis.selection.rounds import Candidate, Round
@@ -235,12 +236,18 @@ def _noise(check: NoiseCheck) -> dict[str, Any]:
     return {"stated_std_mm": check.stated and check.stated.total_std, "found_std_mm": check.found, "used": used}
 
 
+def _duration(problem: Problem) -> float | None:
+    """Of the longest test that has times, s."""
+    ends = [float(part.experiment.time[-1]) for part in problem.parts if part.experiment.time is not None]
+    return max(ends, default=None)
+
+
 def content(view: View) -> dict[str, Any]:
     """Everything that the report says, as discovery.json holds it."""
     found = view.discovery
     return {
         "format": "equigap-discovery",
-        "version": 2,
+        "version": 3,
         "verdict": found.verdict,
         "named": list(found.named),
         "closest": list(found.closest),
@@ -254,6 +261,8 @@ def content(view: View) -> dict[str, Any]:
         "confirmation": None if found.confirmation is None else found.confirmation.to_dict(),
         "experiments": [ExperimentRecord.of(part).to_dict() for part in found.problem.parts],
         "rounds": [round_record(now, view) for now in found.rounds],
-        "evidence": weighing_record(view.weighing),
+        "evidence": weighing_record(view.weighing, view.unit),
+        "modulus": modulus(found.problem),
+        "duration_s": _duration(found.problem),
         "all_effects": everything_record(found.everything),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from calibrate.diagnosis.evidence.explanations import CERTAIN, UNKNOWN, Explanation, Finding, Power, Weighing
-from calibrate.models.addition_json import amplitude_unit
+from calibrate.models.addition_json import addition_to_dict, amplitude_unit
 from studies.output.words import percent, plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.view import BAND
@@ -67,7 +67,7 @@ def power_data(found: Weighing) -> dict[str, Any]:
     return {"hidden": hidden, "excluded": excluded}
 
 
-def weighing_record(found: Weighing | None) -> dict[str, Any] | None:
+def weighing_record(found: Weighing | None, unit: str) -> dict[str, Any] | None:
     """As discovery.json holds it."""
     if found is None:
         return None
@@ -75,7 +75,8 @@ def weighing_record(found: Weighing | None) -> dict[str, Any] | None:
         "fitted": found.fitted,
         "explanations": [
             {"effects": list(one.names), "not_in_catalogue": one.discrepancy, "probability": one.probability,
-             "log_evidence": one.log_evidence, "fitted": bool(one.additions)}
+             "log_evidence": one.log_evidence, "fitted": bool(one.additions),
+             "additions": [addition_to_dict(a, d, unit) for a, d in zip(one.additions, one.errors, strict=True)]}
             for one in found.alternatives.explanations[:SHOWN]
         ],
         "inclusion": found.alternatives.inclusion,

@@ -31,6 +31,7 @@ from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.fitness import Fitness, Use
 from calibrate.models.parameter_covariance import Uncertainty
 from studies.commands.discover import read as read_experiments
+from studies.decide.report import DecideCode
 from studies.errors import AlertError
 from studies.output.alerts import Severity, alert_of, read, registry
 from studies.output.findings import Finding, Macro
@@ -306,6 +307,18 @@ def of_transfer() -> Findings:
     return [Finding("transfer", code, data[code]) for code in TransferCode]
 
 
+def of_decision() -> Findings:
+    """The same of what would decide."""
+    best = {"rivals": "upturn against lag", "specimen": "PS", "programme": "ramp", "expected": 4.0}
+    data: dict[DecideCode, dict[str, Any]] = {
+        DecideCode.DECIDES: {**best, "now": 1.0},
+        DecideCode.NOTHING_DECIDES: best,
+        DecideCode.NOTHING_OPEN: {},
+        DecideCode.REFUSED: {"specimens": ["UT (too long)"]},
+    }
+    return [Finding("decide", code, data[code]) for code in DecideCode]
+
+
 OF_OTHERS: dict[str, Callable[[], Findings]] = {
     "prediction.fitness": lambda: curves(USELESS),
     "prediction.nominal_level": lambda: curves(USELESS),
@@ -324,6 +337,7 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
     ),
     **{f"measured.{code}": lambda: list(of_sheets()) for code in SheetCode},
     **{f"transfer.{code}": of_transfer for code in TransferCode},
+    **{f"decide.{code}": of_decision for code in DecideCode},
 }
 CASES = {**OF_HEADLINE, **OF_CALIBRATION, **OF_DISCOVERY, **OF_OTHERS}
 

@@ -1,0 +1,75 @@
+"""How much a test is expected to say for one explanation against another, before it is made.
+
+In: an Experiment without noise, `Rivals`, priors. Out: the difference of their ln evidence on the data that the first is expected to give: the residual -S a,
+with S its signature beside the base that the test would have and a its amplitudes as they were found. Both are weighed as a diagnosis weighs them
+(`calibrate.diagnosis.evidence.linear_evidence`): amplitudes free within their priors, all shapes tried, the error of the formulas allowed for. This is the
+expected utility of Lindley (1956) for the choice between two models, linear in the amplitudes; the noise adds as much to both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis.base_fit import prepare
+from calibrate.diagnosis.evidence.linear_evidence import Evidence
+from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.evidence.signatures import evidence, modulus, prior_deviations
+from calibrate.diagnosis.problem import Problem, all_rows
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
+from studies.decide.rivals import Rivals
+
+Array = NDArray[np.float64]
+
+
+def expected(e: Experiment, pairs: Sequence[Rivals], stiffness: float, priors: Priors) -> list[float | None]:
+    """ln evidence for each pair's truth against its others; None where the test cannot show the truth. stiffness: shear modulus of the base that the
+    amplitudes were found beside, MPa or N/mm.
+
+    Raises `FitError`, and the errors of `calibrate.equations.equilibrium.equilibrium`.
+    """
+    problem, base = prepare([e], [all_rows])
+    chains = [part.chain for part in problem.trained]
+    known = {effect.name: effect for effect in CATALOGUE}
+    found: list[float | None] = []
+    for pair in pairs:
+        effects = [known[name] for name in dict.fromkeys((*pair.names, *pair.others))]
+        shapes = {a.effect.name: a.shape for a in pair.truth if a.shape}
+        weighed = evidence(problem, base, chains, effects, priors, shapes)
+        change = _change(problem, weighed, pair, modulus(problem) / stiffness, priors)
+        if change is None:
+            found.append(None)
+            continue
+        weighed = replace(weighed, r=-change)
+        found.append(_best(weighed, pair.names) - _best(weighed, pair.others))
+    return found
+
+
+def _change(problem: Problem, weighed: Evidence, pair: Rivals, stiffer: float, priors: Priors) -> Array | None:
+    """What the truth adds to the whitened equations (N,); None where a signature is missing."""
+    total = np.zeros(len(weighed.r))
+    for a in pair.truth:
+        own = [s for s in weighed.signatures if s.name == a.effect.name and (not a.shape or s.shape == a.shape)]
+        if not own:
+            return None
+        total += own[-1].columns @ (_amplitudes(a, stiffer) / prior_deviations(problem, a.effect, priors))
+    return total
+
+
+def _amplitudes(a: Addition, stiffer: float) -> Array:
+    """Distances (p,) from the null values beside a base that is as many times stiffer."""
+    pairs = zip(a.effect.amplitudes, a.amplitudes, strict=True)
+    return np.array([(value - p.null) * stiffer**p.stiffness_power for p, value in pairs])
+
+
+def _best(weighed: Evidence, names: Sequence[str]) -> float:
+    """ln evidence of effects, of their best shapes, without prior odds; those that the test cannot show are left out."""
+    places = [[i for i, s in enumerate(weighed.signatures) if s.name == name] for name in names]
+    subsets = (weighed.subset(members) for members in product(*(own for own in places if own)))
+    return max(one.log_evidence - len(one.members) * weighed.log_odds for one in subsets)
