@@ -72,7 +72,9 @@ def amplitudes(folder: Path, name: str) -> list[list[str]]:
 
 def forces(replay: Path) -> dict[str, str]:
     """Norm of the force errors of a replay over that of the forces: in all, after `UNTIL`, and in the first picture."""
-    rows = list(csv.DictReader((replay / "forces.csv").read_text().splitlines()))
+    rows = list(
+        csv.DictReader(line for line in (replay / "forces.csv").read_text().splitlines() if not line.startswith("#"))
+    )
     time = np.array([float(row["time"]) for row in rows])
     names = [key.removesuffix("_measured") for key in rows[0] if key.endswith("_measured") and rows[0][key] != ""]
     measured, found = (

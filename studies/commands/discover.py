@@ -20,6 +20,7 @@ from calibrate.diagnosis import discovery, distillation
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut, Kind
+from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.problem import level_factor
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects import CATALOGUE, Effect
@@ -47,6 +48,7 @@ from studies.reports.discovery.report import write
 from studies.reports.discovery.statement import network_words, reservations, verdict
 from studies.reports.discovery.view import View
 
+ALL_EFFECTS, PLAUSIBLE = "model_all_effects.json", "model_plausible.json"  # files
 INTERVAL = 20.0  # s between lines of progress in a log
 
 
@@ -129,8 +131,8 @@ def discover(
         say("network of the base")
         model = replace(extended(found, view.hold_out, manifest.to_dict()), fitness=discovery_headline(view).fitness)
         say("writing the report")
-        of_all = of_all_effects(found, view.hold_out, manifest.to_dict())
-        return Discovered(folder, view, write(folder, view, model, manifest, of_all))
+        beside = of_all_effects(found, view.hold_out, manifest.to_dict())
+        return Discovered(folder, view, write(folder, view, model, manifest, beside))
 
 
 def hold_outs(texts: Sequence[str], seed: int = 0) -> tuple[HoldOut | None, list[Path]]:
@@ -209,11 +211,14 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
     return model.with_network(distilled.network, loss)
 
 
-def of_all_effects(found: Discovery, hold_out: str, record: dict[str, Any]) -> ExtendedModel | None:
-    """The fit of all effects at once as a model file, without a network; None where it was not made."""
-    if found.everything is None:
-        return None
-    fit = found.everything.fit
+def of_all_effects(found: Discovery, hold_out: str, record: dict[str, Any]) -> dict[str, ExtendedModel]:
+    """Fits of all effects, and of the plausible ones, as model files without a network, by their names; those that were made."""
+    fits = {} if found.everything is None else {ALL_EFFECTS: found.everything, PLAUSIBLE: found.everything.plausible}
+    return {name: _without_network(found, one.fit, hold_out, record) for name, one in fits.items() if one is not None}
+
+
+def _without_network(found: Discovery, fit: Joint, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
+    """Its effects that are not at their null values."""
     pairs = [
         (a, d)
         for a, d in zip(fit.additions, fit.errors, strict=True)

@@ -20,7 +20,7 @@ from cyclopts import Parameter
 from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import Count, OutputFolder, Overwrite, Positive, default_folder
 from studies.commandline.outcome import Outcome
-from studies.commands.discover import Diagnosis, Stages, discover
+from studies.commands.discover import ALL_EFFECTS, PLAUSIBLE, Diagnosis, Stages, discover
 from studies.commands.import_data import Frames, NoiseChoice, import_experiment
 from studies.commands.transfer import transfer
 from studies.importers import measured_data
@@ -154,7 +154,7 @@ class Steps:
 
     def transferred(self, name: str) -> TransferResult:
         """What `equigap transfer` says of a sheet with the first one's model: with all effects, where that was fitted."""
-        candidates = [self.folder / SHEETS[0] / file for file in ("model_all_effects.json", "model.json")]
+        candidates = [self.folder / SHEETS[0] / file for file in (PLAUSIBLE, ALL_EFFECTS, "model.json")]
         model = next(path for path in candidates if path.exists())
         output = self.folder / f"transfer_{name}"
         done = transfer(model, self.sheet(name), hold_out=self.options.hold_out, output=output, overwrite=True)

@@ -14,7 +14,8 @@ from calibrate.diagnosis.selection import Verdict
 from studies.output.plain import Plain, StepResult
 from studies.transfer.transferred import ForceAndField, Row, Transferred
 
-NEO_HOOKE, BASE, FOUND, ALL = "neo-Hooke", "base", "base and effects found", "all effects at once"
+NEO_HOOKE, BASE, FOUND = "neo-Hooke", "base", "base and effects found"
+ALL, PLAUSIBLE = "all effects at once", "plausible effects"
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,10 @@ class SheetResult(StepResult):
             pairs = together["fitted_and_held_out"]
             models[:0] = [ModelErrors(NEO_HOOKE, *map(_errors, pairs["before"]))]
             models.append(ModelErrors(ALL, *map(_errors, pairs["after"])))
+            if together["plausible"] is not None:
+                models.append(
+                    ModelErrors(PLAUSIBLE, *map(_errors, together["plausible"]["fitted_and_held_out"]["after"]))
+                )
             effects = [one for one in together["effects"] if one["needed"]]
         return cls(
             name=name,

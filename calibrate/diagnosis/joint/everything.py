@@ -1,14 +1,16 @@
 """All effects at once, each as strong as its prior allows, for tests that no few effects explain.
 
 In: a `Problem`, effects, priors. Out: `Everything`. Beside neo-Hooke, so that no flexible base hides an effect; the upturn and the second
-invariant, with their priors, make it Yeoh's or Mooney and Rivlin's. What none of them explains is a smooth discrepancy (`discrepancy`). Its variance is that of what neo-Hooke leaves: updated with the fit it would grow without
+invariant, with their priors, make it Yeoh's or Mooney and Rivlin's. An effect that ends far beyond its prior stands in for something else, and lets
+others do so: a second fit is without such effects. What none of them explains is a smooth discrepancy (`discrepancy`). Its variance is that of what neo-Hooke leaves: updated with the fit it would grow without
 end, as what is not seen may be fitted badly.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from calibrate import errors
 from calibrate.diagnosis import base_functions, effect_fit, score_tests
 from calibrate.diagnosis import problem as equations
+from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import prior_deviations
 from calibrate.diagnosis.joint import discrepancy
@@ -32,6 +35,7 @@ from calibrate.equations.basis import energy_basis
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
+Start = tuple[Array, Additions]  # base and effects
 NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
 SMOOTH = {
     "initial warp"
@@ -48,9 +52,8 @@ def fit_everything(
     problem = simple_base(problem)
     effects = [effect for effect in effects if effect.name not in SMOOTH]
     base = effect_fit.refit(problem, base_functions.first_guess([part.assembled for part in problem.trained]), ())
-    scores = [score for score in score_tests.score(problem, base, effects) if score.is_tested]
-    names = {score.effect.name for score in scores}
-    additions = candidates(scores, [name for name, general in NESTED.items() if general in names])
+    scores = {score.effect.name: score for score in score_tests.score(problem, base, effects) if score.is_tested}
+    additions = candidates(list(scores.values()), [name for name, general in NESTED.items() if general in scores])
     if not additions:
         raise errors.FitError("no effect of the catalogue can be tested with these data, so that none can be fitted")
     longest = max(part.experiment.n_increments for part in problem.parts)
@@ -58,19 +61,71 @@ def fit_everything(
         raise errors.FitError(
             f"{longest} increments need more memory than a computer may have where effects have a history; give at most {MOST}"
         )
-    widths = {a.effect.name: prior_deviations(problem, a.effect, priors) for a in additions}
-    D = discrepancy.directions(problem)
-    variance = discrepancy.variance_of(base.residual, D)
-    fit = _best_start(problem, base.c, additions, widths, D, variance, say)
-    say(f"all {len(additions)} effects at once, to the end")
-    with_it = discrepancy.with_discrepancy(problem, D, variance)
-    fit = joint_fit.fit(with_it, fit.c, fit.additions, widths, STEPS)
-    left = discrepancy.variance_of(equations.residual(problem, fit.c, fit.additions), D)
-    before_it, after_it = (
-        (_misfit(problem, c, some, held=False), misfit(problem, c, some, held=True))
-        for c, some in ((base.c, ()), (fit.c, fit.additions))
-    )
-    return Everything(fit, _shares(fit, widths), before_it, after_it, left, fit.dispersion)
+    widths = {name: prior_deviations(problem, score.effect, priors) for name, score in scores.items()}
+    search = _Search(problem, base, scores, widths, discrepancy.directions(problem), say)
+    found = search.to_the_end(search.best_start(additions))
+    return replace(found, plausible=search.plausible(found))
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Fits of several effects beside a base fit; widths: of the priors; D (N, k): directions of the discrepancy."""
+
+    problem: Problem
+    base: Fit
+    scores: Mapping[str, Score]
+    widths: Widths
+    D: Array
+    say: Say
+
+    @cached_property
+    def with_discrepancy(self) -> Problem:
+        """The problem with the discrepancy of what the base leaves."""
+        variance = discrepancy.variance_of(self.base.residual, self.D)
+        return discrepancy.with_discrepancy(self.problem, self.D, variance)
+
+    def best_start(self, additions: Additions) -> Start:
+        """A few steps from the shapes of the score tests, and from the shortest of the times that the material remembers: relaxation that is fast
+        beside the increments looks like an offset of force or time to a score."""
+        starts = [additions]
+        if any(a.effect.remembers and a.shape for a in additions):
+            data = self.problem.trained[0].chain.data
+            starts.append(
+                tuple(
+                    replace(a, shape=a.effect.shape_values(data)[0]) if a.effect.remembers and a.shape else a
+                    for a in additions
+                )
+            )
+        found = []
+        for i, start in enumerate(starts):
+            self.say(f"all {len(additions)} effects at once, start {i + 1} of {len(starts)}")
+            found.append(joint_fit.fit(self.with_discrepancy, self.base.c, start, self.widths, FIRST))
+        best = min(found, key=lambda one: one.objective)
+        return best.c, best.additions
+
+    def to_the_end(self, start: Start) -> Everything:
+        """The fit, what it says of each effect, and its errors."""
+        c, additions = start
+        self.say(f"all {len(additions)} effects at once, to the end")
+        fit = joint_fit.fit(self.with_discrepancy, c, additions, self.widths, STEPS)
+        left = discrepancy.variance_of(equations.residual(self.problem, fit.c, fit.additions), self.D)
+        before_it, after_it = (
+            (_misfit(self.problem, c, some, held=False), misfit(self.problem, c, some, held=True))
+            for c, some in ((self.base.c, ()), (fit.c, fit.additions))
+        )
+        return Everything(fit, _shares(fit, self.widths), before_it, after_it, left, fit.dispersion)
+
+    def plausible(self, found: Everything) -> Everything | None:
+        """The fit of effects of which none is beyond what its prior allows: those that are go, all at once, until none is. What a more general one held
+        takes its place. None where there is nothing to take out, or nothing left."""
+        now = found
+        while far := {one.effect.name for one in now.shares if one.is_far}:
+            back = [self.scores[name] for name, general in NESTED.items() if general in far and name in self.scores]
+            kept = tuple(a for a in now.fit.additions if a.effect.name not in far)
+            if not kept and not back:
+                return None
+            now = self.to_the_end((now.fit.c, (*kept, *candidates(back))))
+        return None if now is found else now
 
 
 def candidates(scores: Sequence[Score], nested: Sequence[str] = ()) -> Additions:
@@ -96,28 +151,6 @@ def simple_base(problem: Problem) -> Problem:
     prior = base_functions.smoothness("positive", 1, bulk) / (base_functions.STIFFENING * float(start.max()))
     cone = base_functions.base_cone(problem.basis, "positive", top, 1)
     return replace(problem, cone=cone, prior=prior, parametric=True)
-
-
-def _best_start(
-    problem: Problem, c: Array, additions: Additions, widths: Widths, D: Array, variance: float, say: Say
-) -> Joint:
-    """A few steps from the shapes of the score tests, and from the shortest of the times that the material remembers: relaxation that is fast
-    beside the increments looks like an offset of force or time to a score."""
-    with_it = discrepancy.with_discrepancy(problem, D, variance)
-    starts = [additions]
-    if any(a.effect.remembers and a.shape for a in additions):
-        data = problem.trained[0].chain.data
-        starts.append(
-            tuple(
-                replace(a, shape=a.effect.shape_values(data)[0]) if a.effect.remembers and a.shape else a
-                for a in additions
-            )
-        )
-    found = []
-    for i, start in enumerate(starts):
-        say(f"all {len(additions)} effects at once, start {i + 1} of {len(starts)}")
-        found.append(joint_fit.fit(with_it, c, start, widths, FIRST))
-    return min(found, key=lambda one: one.objective)
 
 
 def _misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misfit:

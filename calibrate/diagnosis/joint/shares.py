@@ -52,7 +52,8 @@ class Share:
 @dataclass(frozen=True, eq=False)
 class Everything:
     """The fit of all effects. shares: the most needed first; before, after: errors of the neo-Hookean base and of the fit, on what was fitted and
-    on what was held out (None: nothing was). variance: of the discrepancy, over that of noise; dispersion: of the rest, 1 is noise."""
+    on what was held out (None: nothing was). variance: of the discrepancy, over that of noise; dispersion: of the rest, 1 is noise.
+    plausible: without effects beyond their priors, None where there were none."""
 
     fit: Joint
     shares: tuple[Share, ...]
@@ -60,6 +61,7 @@ class Everything:
     after: tuple[Misfit, Misfit | None]
     variance: float
     dispersion: float
+    plausible: Everything | None = None
 
     @property
     def predicts(self) -> bool:

@@ -40,6 +40,7 @@ class DiscoveryCode(Macro):
     TIE = "tie"
     POWER = "power"
     EVERYTHING = "everything"
+    PLAUSIBLE = "plausible"
     WITHOUT_EVERYTHING = "without_everything"
     THICKNESS_UNKNOWN = "no_thickness"
     ATTENUATED = "attenuated"
@@ -108,6 +109,10 @@ def _of_effects(view: View) -> Iterator[Finding]:
     if view.discovery.everything is not None:
         data = everything_data(view.discovery.everything)
         yield _finding(DiscoveryCode.EVERYTHING, bool(data["implausible"]) or not data["predicts"], **data)
+        if view.discovery.everything.plausible is not None:
+            data = everything_data(view.discovery.everything.plausible)
+            keys = ("needed", "held", "predicts", "before", "after")
+            yield _finding(DiscoveryCode.PLAUSIBLE, not data["predicts"], **{key: data[key] for key in keys})
     if view.discovery.without_everything:
         yield _finding(DiscoveryCode.WITHOUT_EVERYTHING, reason=view.discovery.without_everything)
 

@@ -32,10 +32,10 @@ def _row(one: Share, unit: str) -> list[Any]:
 
 
 def errors_table(found: Everything) -> Table:
-    """Errors of neo-Hooke and of the fit."""
-    rows = []
-    for name, (fitted, held) in (("neo-Hooke", found.before), ("all effects at once", found.after)):
-        rows.append([name, *_errors(fitted), *_errors(held)])
+    """Errors of neo-Hooke, of the fit, and of that of plausible effects."""
+    models = [("neo-Hooke", found.before), ("all effects at once", found.after)]
+    models += [] if found.plausible is None else [("plausible effects", found.plausible.after)]
+    rows = [[name, *_errors(fitted), *_errors(held)] for name, (fitted, held) in models]
     return ["model", "force error, fitted, %", "field error, fitted, %",
             "force error, held out, %", "field error, held out, %"], rows  # fmt: skip
 
@@ -83,4 +83,5 @@ def everything_record(found: Everything | None) -> dict[str, Any] | None:
     return {
         "effects": shares, "fitted_and_held_out": errors, "discrepancy_over_noise": found.variance**0.5,
         "reduced_chi_square": found.dispersion, "converged": found.fit.converged, "predicts": found.predicts,
+        "plausible": everything_record(found.plausible),
     }  # fmt: skip

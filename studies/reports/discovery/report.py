@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +29,16 @@ MOST_TESTS = 4  # that get pictures
 QUICK_FIGURES = ("residual_map", "forces", "scores")
 
 
-def write(folder: Path, view: View, model: ExtendedModel, manifest: Any, of_all: ExtendedModel | None = None) -> Path:
-    """Write model, data, figures, report and manifest into `folder`; returns the report's path. of_all: with all effects at once."""
+def write(
+    folder: Path, view: View, model: ExtendedModel, manifest: Any, beside: Mapping[str, ExtendedModel] | None = None
+) -> Path:
+    """Write model, data, figures, report and manifest into `folder`; returns the report's path. beside: further models by the
+    names of their files."""
     files = [folder / "report.html", folder / "model.json", *_data(folder, view)]
     model.save(files[1])
-    if of_all is not None:
-        files.append(folder / "model_all_effects.json")
-        of_all.save(files[-1])
+    for name, other in (beside or {}).items():
+        files.append(folder / name)
+        other.save(files[-1])
     report = Report("Diagnosis", _subtitle(view))
     said = verdict(view)
     report.heading("Verdict").paragraph(said[0].upper() + said[1:] + ".")
@@ -71,6 +74,8 @@ def _results(report: Report, folder: Path, view: View) -> None:
     if view.discovery.everything is not None:
         report.heading("All effects at once").table(*errors_table(view.discovery.everything))
         report.table(*shares_table(view.discovery.everything, view.unit), WORDS.everything_caption())
+        if view.discovery.everything.plausible is not None:
+            report.heading("Plausible effects").table(*shares_table(view.discovery.everything.plausible, view.unit))
     report.heading("Residuals in place and time")
     for path, figure, caption in pictures(folder, view):
         write_figure(path, figure, dpi=140)

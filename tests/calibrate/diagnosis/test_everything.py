@@ -12,11 +12,11 @@ from discoveries import C01, few, nothing, sheet
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_fit, score_tests
 from calibrate.diagnosis.discovery import discover
-from calibrate.diagnosis.evidence.priors import read_priors
+from calibrate.diagnosis.evidence.priors import Prior, read_priors
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.joint import discrepancy, everything
 from calibrate.diagnosis.joint.everything import fit_everything, simple_base
-from calibrate.diagnosis.joint.shares import Everything
+from calibrate.diagnosis.joint.shares import Everything, Share
 from calibrate.diagnosis.score_tests import Status
 from calibrate.diagnosis.selection import Verdict
 from calibrate.effects import CATALOGUE
@@ -122,3 +122,35 @@ def test_too_many_increments_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     found = discover([timed], HoldOut("every", 3), effects=effects)
     assert found.everything is None
     assert "6 increments" in found.without_everything
+
+
+def sceptical(*names: str) -> dict[str, Prior]:
+    """Priors that hold some effects for nearly impossible."""
+    return {**read_priors(), **{name: Prior(1e-3, "", "") for name in names}}
+
+
+def test_what_no_prior_allows_is_taken_out_and_the_rest_fitted_again() -> None:
+    problem, _ = base_fit.prepare([turned()], [HoldOut("every", 3).training])
+    found = fit_everything(problem, [BY_NAME[name] for name in (*KNOWN, "image rotation")], sceptical("image rotation"))
+    (far,) = (one for one in found.shares if one.is_far)
+    assert far.effect.name == "image rotation"
+    assert found.plausible is not None
+    assert {one.effect.name for one in found.plausible.shares} == set(KNOWN)
+    assert not any(one.is_far for one in found.plausible.shares)
+    lacking = fitted(*KNOWN)
+    for one in lacking.shares:
+        again = next(other for other in found.plausible.shares if other.effect.name == one.effect.name)
+        assert again.amplitudes == pytest.approx(one.amplitudes, abs=0.3 * max(one.deviations))
+
+
+def test_where_all_is_plausible_there_is_no_second_fit() -> None:
+    assert fitted(*KNOWN, "image rotation").plausible is None
+
+
+def test_what_an_implausible_effect_held_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A field of stiffness that nobody believes gives way to its gradient."""
+    monkeypatch.setattr(Share, "is_far", property(lambda one: one.effect.name == "stiffness field"))
+    found = fitted("second invariant", "stiffness gradient", "stiffness field")
+    assert {one.effect.name for one in found.shares} == {"second invariant", "stiffness field"}
+    assert found.plausible is not None
+    assert {one.effect.name for one in found.plausible.shares} == {"second invariant", "stiffness gradient"}
