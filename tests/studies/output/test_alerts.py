@@ -197,6 +197,15 @@ def of_everything(value: float = 0.1) -> Findings:
     return of_nothing(everything=Everything(fit, (share,), *errors, 24.0, 1.0))
 
 
+def of_plausible(force: float = 0.05) -> Findings:
+    """The same with a second fit of this force error, neo-Hooke having 0.1."""
+    errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(force, 0.05, 2.0, 100), None)
+    fit: Any = SimpleNamespace(converged=True)
+    found = Everything(fit, (), *errors, 24.0, 1.0)
+    share = Share(SecondInvariant(), (0.9,), (0.01,), (0.1,), (), 500.0, 0.1)
+    return of_nothing(everything=replace(found, shares=(share,), plausible=found))
+
+
 def doubtful() -> Findings:
     """The effect that was found, where it is not needed."""
     confirmation = explained().confirmation
@@ -244,6 +253,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.alternatives": of_weighing,
     "discovery.power": of_weighing,
     "discovery.everything": of_everything,
+    "discovery.plausible": of_plausible,
     "discovery.without_everything": lambda: of_nothing(without_everything="too long"),
     "discovery.replaced": lambda: replaced("second invariant"),
     "discovery.no_explanation": doubtful,
@@ -357,6 +367,7 @@ RAISED: dict[str, Callable[[], Findings]] = {
     "F312": lambda: fit_findings.findings(review(classical=laws(law("Yeoh", -50.0)))),
     "E402": of_weighing,
     "E407": lambda: of_everything(0.9),
+    "E409": lambda: of_plausible(0.2),
     "P501": lambda: curves(USELESS),
     "P505": lambda: bands(False),
 }
