@@ -63,7 +63,7 @@ class InelasticProblem(PlaneStressProblem):
     def __init__(
         self, mesh: Mesh, sheet: Sheet, held: Any, values: Array, tolerance: float, max_iterations: int, comm: Any
     ) -> None:
-        self.sheet, self.symmetric = sheet, not (sheet.softens or sheet.softens_by_energy)
+        self.sheet, self.symmetric = sheet, _has_symmetric_tangent(sheet)
         self._variables: dict[str, Any] = {}
         super().__init__(mesh, sheet, sheet.thickness, held, values, tolerance, max_iterations, comm)
         self._cells = np.asarray(self.domain.topology.original_cell_index)
@@ -258,3 +258,11 @@ class InelasticProblem(PlaneStressProblem):
             self._set("F33", np.maximum(before + change, before / 2))
             if not np.abs(change).max() > THICKNESS_TOLERANCE:
                 break
+
+
+def _has_symmetric_tangent(sheet: Sheet) -> bool:
+    """Not with damage, whose factor multiplies a stress; nor with overstress in a compressible sheet, as C33 in S + Q - C33 Q33 C^-1 then is no function of
+    the C in the plane, so that this has no potential."""
+    return not (
+        sheet.softens or sheet.softens_by_energy or (sheet.bulk_modulus is not None and sheet.prony is not None)
+    )

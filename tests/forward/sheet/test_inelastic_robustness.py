@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from interrupted import interrupted
 
 from forward import Loading, NeoHooke, SurfaceSolution
+from forward._dolfinx import MPI
 from forward.errors import ConvergenceError, SolutionError
 from forward.sheet.additions import MooneyPart, Mullins
 from forward.sheet.inelastic import solve_history
@@ -46,6 +48,29 @@ def check_same(found, expected):
     assert found.history.keys() == expected.history.keys()
     for name, values in expected.history.items():
         np.testing.assert_array_equal(found.history[name], values, err_msg=name)
+
+
+ALL_KINDS = {
+    **SHEETS,
+    "viscous": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), Prony(0.9, 2.0)),
+    "compressible and elastic": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), bulk_modulus=2.0),
+    "compressible and viscous": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), Prony(0.9, 2.0), bulk_modulus=2.0),
+}
+
+
+@pytest.mark.parametrize("sheet", ALL_KINDS.values(), ids=ALL_KINDS)
+def test_the_solver_knows_whether_the_tangent_is_symmetric(mesh, sheet):
+    """With the wrong answer Newton's method converges slowly, or not at all."""
+    held, values = LOADING.on(mesh).prescribed(mesh)
+    problem = InelasticProblem(mesh, sheet, held, values, 1e-8, 20, MPI.COMM_SELF)
+    for factor in (0.5, 1.0):
+        assert problem.step(factor, 1.0).converged
+        problem.commit()
+    assert problem.step(0.8, 0.3).converged
+    A = sp.csr_array(problem.problem.A.getValuesCSR()[::-1])
+    off = abs(A - A.T).max() / abs(A).max()
+    assert bool(off < 1e-10) is problem.symmetric
+    assert problem.symmetric or off > 1e-6
 
 
 @pytest.mark.parametrize("reached", range(len(TIMES) + 1))
