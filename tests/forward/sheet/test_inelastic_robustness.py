@@ -63,10 +63,9 @@ def test_the_solver_knows_whether_the_tangent_is_symmetric(mesh, sheet):
     """With the wrong answer Newton's method converges slowly, or not at all."""
     held, values = LOADING.on(mesh).prescribed(mesh)
     problem = InelasticProblem(mesh, sheet, held, values, 1e-8, 20, MPI.COMM_SELF)
-    for factor in (0.5, 1.0):
-        assert problem.step(factor, 1.0).converged
-        problem.commit()
-    assert problem.step(0.8, 0.3).converged
+    assert problem.step(0.5, 1.0).converged
+    problem.commit()
+    assert problem.step(1.0, 1.0).converged
     A = sp.csr_array(problem.problem.A.getValuesCSR()[::-1])
     off = abs(A - A.T).max() / abs(A).max()
     assert bool(off < 1e-10) is problem.symmetric
