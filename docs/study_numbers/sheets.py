@@ -1,4 +1,4 @@
-"""Numbers and tables of the measured sheets: the folders of `equigap measured`, and of `equigap replay` with the model of all effects, in; what the pages
+"""Numbers and tables of the measured sheets: the folders of `equigap measured`, and of `equigap replay` with the plausible one, in; what the pages
 state out."""
 
 from __future__ import annotations
@@ -14,7 +14,13 @@ from wording import share
 from calibrate.effects import KNOWN
 
 SHORT = {"Soft_Homo": "soft", "Stiff2_Homo": "stiff", "Stiff2_Hetero": "hetero"}
-MODELS = {"neo-Hooke": "neo_hooke", "base": "base", "base and effects found": "found", "all effects at once": "all"}
+MODELS = {
+    "neo-Hooke": "neo_hooke",
+    "base": "base",
+    "base and effects found": "found",
+    "all effects at once": "all",
+    "plausible effects": "plausible",
+}
 
 
 UNITS = {effect.name: effect for effect in KNOWN}
@@ -42,11 +48,11 @@ def take(folder: Path, replay: Path) -> dict[str, Any]:
     numbers["control_smallest_p"] = f"{min(one['smallest_adjusted_p'] for one in controls):.2f}"
     tables = {name: list(csv.reader((folder / f"{name}.csv").read_text().splitlines()))
               for name in ("verdicts", "errors", "transfers", "homogeneous", "control")}  # fmt: skip
-    tables["amplitudes"] = [["sheet", "effect", "amplitude", "prior standard deviations", "shape", "imitated by the others"],
+    tables["amplitudes"] = [["sheet", "fit", "effect", "amplitude", "prior standard deviations", "shape", "imitated by the others"],
                             *(row for name in SHORT for row in amplitudes(folder, name))]  # fmt: skip
     numbers |= forces(replay)
     return {
-        "command": "equigap measured; equigap replay results/measured/Soft_Homo.npz results/measured/Soft_Homo/model_all_effects.json",
+        "command": "equigap measured; equigap replay results/measured/Soft_Homo.npz results/measured/Soft_Homo/model_plausible.json",
         "how": f"revision {record.get('revision', 'unknown')}; first 15 s fitted, what comes after held out and looked at once",
         "numbers": numbers,
         "tables": tables,
@@ -54,10 +60,11 @@ def take(folder: Path, replay: Path) -> dict[str, Any]:
 
 
 def amplitudes(folder: Path, name: str) -> list[list[str]]:
-    """Of every effect that the fit of all needs, the amplitude that is furthest from none."""
+    """Of every effect that a fit needs, the amplitude that is furthest from none."""
     together = json.loads((folder / name / "discovery.json").read_text())["all_effects"]
+    fits = {} if together is None else {"all effects at once": together, "plausible effects": together["plausible"]}
     rows = []
-    for one in [] if together is None else together["effects"]:
+    for fit, one in ((fit, one) for fit, content in fits.items() if content is not None for one in content["effects"]):
         if not one["needed"]:
             continue
         effect = UNITS[one["effect"]]
@@ -66,7 +73,7 @@ def amplitudes(folder: Path, name: str) -> list[list[str]]:
         parameter = effect.amplitudes[k]
         value = f"{parameter.name} = {one['amplitudes'][k]:.3g} ± {one['standard_deviations'][k]:.1g} {'' if parameter.unit == '1' else parameter.unit}"
         shape = ", ".join(f"{p.name} = {v:.2g} {p.unit}" for p, v in zip(effect.shapes, one["shape"], strict=True))
-        rows.append([name, effect.name, value.strip(), f"{one['over_prior']:.1f}", shape, share(one["imitated"])])
+        rows.append([name, fit, effect.name, value.strip(), f"{one['over_prior']:.1f}", shape, share(one["imitated"])])
     return rows
 
 

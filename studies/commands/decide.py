@@ -86,7 +86,7 @@ def decide(
     folder = open_output_folder(output or default_folder("decide", quick), overwrite, key)
     tables = family.specimen if undecided.rivals else ()
     results = [_step(folder, t, undecided, family, time, beliefs) for t in track(tables, "specimens", unit="specimens")]
-    found = Decision(source.parent.name, undecided.rivals, tuple(results))
+    found = Decision(source.parent.name, undecided.rivals, tuple(results), undecided.unknown)
     return DecideOutcome(found, report.write(folder, found, manifest))
 
 

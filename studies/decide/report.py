@@ -58,11 +58,12 @@ class Test:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What every specimen would say of every pair."""
+    """What every specimen would say of every pair. unknown: see `Undecided`."""
 
     source: str
     rivals: tuple[Rivals, ...]
     specimens: tuple[SpecimenResult, ...]
+    unknown: bool = False
 
     @property
     def tests(self) -> list[Test]:
@@ -85,7 +86,7 @@ def findings(found: Decision) -> list[Finding]:
 
 def _findings(found: Decision) -> Iterator[tuple[DecideCode, dict[str, Any]]]:
     if not found.rivals:
-        yield DecideCode.NOTHING_OPEN, {}
+        yield DecideCode.NOTHING_OPEN, {"unknown": found.unknown}
     for i, pair in enumerate(found.rivals):
         best = found.best(i)
         if best is None:
@@ -153,6 +154,7 @@ def draw(found: Decision) -> Figure:
             ax.barh(at - height * i, values, height, color=colour, label=pair.text)
         ax.axvline(DECISIVE, color="0.3", linewidth=0.8)
         ax.set_xscale("symlog", linthresh=DECISIVE)
+        ax.set_xlim(left=min(-1.0, 1.2 * min(v or 0.0 for t in tests for v in t.values)))
         ax.set_yticks(at - 0.4 + height / 2, [t.title for t in tests], fontsize=7)
         ax.set_xlabel("expected ln evidence")
         figure.legend(fontsize=7, loc="outside upper left")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from calibrate import errors
-from calibrate.diagnosis.evidence.explanations import TIE
+from calibrate.diagnosis.evidence.explanations import TIE, UNKNOWN
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Additions
 from calibrate.models.addition_json import addition_from_dict
@@ -41,11 +41,13 @@ class Rivals:
 
 @dataclass(frozen=True, eq=False)
 class Undecided:
-    """What a diagnosis left open. modulus: shear modulus of its base, MPa or N/mm; duration: of its longest test, s, None without times."""
+    """What a diagnosis left open. modulus: shear modulus of its base, MPa or N/mm; duration: of its longest test, s, None without times; unknown: whether
+    something in no catalogue is the most probable."""
 
     rivals: tuple[Rivals, ...]
     modulus: float
     duration: float | None
+    unknown: bool = False
 
 
 def read(path: Path) -> Undecided:
@@ -64,7 +66,7 @@ def read(path: Path) -> Undecided:
             raise KeyError("format")
         evidence, modulus, duration = content["evidence"], float(content["modulus"]), content["duration_s"]
         if evidence is not None and evidence["fitted"]:
-            return Undecided(tuple(_rivals(evidence)), modulus, duration)
+            return Undecided(tuple(_rivals(evidence)), modulus, duration, evidence["not_in_catalogue"] > UNKNOWN)
     except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
         raise errors.FileFormatError(f"{path}: no discovery.json of this version ({error!r}); {AGAIN}") from None
     if content["verdict"] == "nothing significant":

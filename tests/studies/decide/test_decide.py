@@ -159,7 +159,7 @@ def diagnosis(folder: Path, **changes) -> Path:
                     explanation(TURN, (0.01,), (), 0.01, -15.0)]  # fmt: skip
     content = {
         "format": "equigap-discovery", "version": 3, "verdict": "explained", "modulus": 0.4, "duration_s": 30.0,
-        "evidence": {"fitted": True, "explanations": explanations, "spanned_by": {RELAXATION: [MULLINS, "upturn with lens distortion"]}},
+        "evidence": {"fitted": True, "explanations": explanations, "not_in_catalogue": 0.0, "spanned_by": {RELAXATION: [MULLINS, "upturn with lens distortion"]}},
     } | changes  # fmt: skip
     (folder / "discovery.json").write_text(json.dumps(content))
     return folder
@@ -171,6 +171,14 @@ def test_pairs_of_a_diagnosis(tmp_path):
         ((RELAXATION,), (LAG,), 1.0), ((RELAXATION,), (MULLINS,), None), ((LAG,), (RELAXATION,), -1.0),
     ]  # fmt: skip
     assert (found.modulus, found.duration) == (0.4, 30.0)
+
+
+def test_something_unknown_is_no_pair(tmp_path):
+    found = read(
+        diagnosis(tmp_path, evidence={"fitted": True, "explanations": [], "not_in_catalogue": 0.9, "spanned_by": {}})
+    )
+    assert not found.rivals
+    assert found.unknown
 
 
 @pytest.mark.parametrize(
