@@ -5,7 +5,7 @@
     python docs/study_numbers generalise results/generalise
     python docs/study_numbers design results/design results/cross-pattern
     python docs/study_numbers replay results/replay results/calibrate
-    python docs/study_numbers sheets results/measured results/replay
+    python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
     python docs/study_numbers skin FOLDER              in which the commands of docs/ugly_data.md were run
 
 In: output folders of the commands of `docs/results`. Out: a file of `docs/results`; `make numbers` puts it into the pages.

@@ -1,5 +1,5 @@
-"""Numbers and tables of the measured sheets: the folders of `equigap measured`, and of `equigap replay` with the plausible one, in; what the pages
-state out."""
+"""Numbers and tables of the measured sheets: the folders of `equigap measured`, and of `equigap replay` of the first sheet with the plausible model and with
+neo-Hooke, in; what the pages state out."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from wording import share
 
 from calibrate.effects import KNOWN
+from calibrate.models.addition_json import amplitude_unit
 
 SHORT = {"Soft_Homo": "soft", "Stiff2_Homo": "stiff", "Stiff2_Hetero": "hetero"}
 MODELS = {
@@ -27,7 +28,7 @@ UNITS = {effect.name: effect for effect in KNOWN}
 UNTIL = 15.0  # s
 
 
-def take(folder: Path, replay: Path) -> dict[str, Any]:
+def take(folder: Path, replay: Path, neo_hooke: Path) -> dict[str, Any]:
     """Errors of every model of every sheet, tables as the report has them, amplitudes of all effects, and the forces of a replay of the first sheet."""
     found = json.loads((folder / "measured.json").read_text())
     record = json.loads((folder / "report.json").read_text())
@@ -51,8 +52,9 @@ def take(folder: Path, replay: Path) -> dict[str, Any]:
     tables["amplitudes"] = [["sheet", "fit", "effect", "amplitude", "prior standard deviations", "shape", "imitated by the others"],
                             *(row for name in SHORT for row in amplitudes(folder, name))]  # fmt: skip
     numbers |= forces(replay)
+    numbers |= {f"{name}_mm": last_field(one) for name, one in (("replay", replay), ("replay_neo_hooke", neo_hooke))}
     return {
-        "command": "equigap measured; equigap replay results/measured/Soft_Homo.npz results/measured/Soft_Homo/model_plausible.json",
+        "command": "equigap measured; equigap replay results/measured/Soft_Homo.npz results/measured/Soft_Homo/model_plausible.json; equigap replay results/measured/Soft_Homo.npz neo_hooke --parameter mu=0.4",
         "how": f"revision {record.get('revision', 'unknown')}; first 15 s fitted, what comes after held out and looked at once",
         "numbers": numbers,
         "tables": tables,
@@ -61,7 +63,8 @@ def take(folder: Path, replay: Path) -> dict[str, Any]:
 
 def amplitudes(folder: Path, name: str) -> list[list[str]]:
     """Of every effect that a fit needs, the amplitude that is furthest from none."""
-    together = json.loads((folder / name / "discovery.json").read_text())["all_effects"]
+    found = json.loads((folder / name / "discovery.json").read_text())
+    together = found["all_effects"]
     fits = {} if together is None else {"all effects at once": together, "plausible effects": together["plausible"]}
     rows = []
     for fit, one in ((fit, one) for fit, content in fits.items() if content is not None for one in content["effects"]):
@@ -71,7 +74,12 @@ def amplitudes(folder: Path, name: str) -> list[list[str]]:
         nulls = np.array([p.null for p in effect.amplitudes])
         k = int(np.argmax(np.abs(np.array(one["amplitudes"]) - nulls) / np.array(one["prior_standard_deviations"])))
         parameter = effect.amplitudes[k]
-        value = f"{parameter.name} = {one['amplitudes'][k]:.3g} ± {one['standard_deviations'][k]:.1g} {'' if parameter.unit == '1' else parameter.unit}"
+        unit = (
+            amplitude_unit(parameter, found["stress_unit"]).removeprefix("1")
+            if parameter.unit == "1"
+            else amplitude_unit(parameter, found["stress_unit"])
+        )
+        value = f"{parameter.name} = {one['amplitudes'][k]:.3g} ± {one['standard_deviations'][k]:.1g} {unit}"
         shape = ", ".join(f"{p.name} = {v:.2g} {p.unit}" for p, v in zip(effect.shapes, one["shape"], strict=True))
         rows.append([name, fit, effect.name, value.strip(), f"{one['over_prior']:.1f}", shape, share(one["imitated"])])
     return rows
@@ -100,3 +108,9 @@ def forces(replay: Path) -> dict[str, str]:
         "replay_force_after": error(time > UNTIL),
         "replay_force_first": error(slice(0, 1)),
     }
+
+
+def last_field(replay: Path) -> str:
+    """Root mean square residual of the last increment of a replay, mm."""
+    lines = [line for line in (replay / "fields.csv").read_text().splitlines() if not line.startswith("#")]
+    return f"{float(list(csv.DictReader(lines))[-1]['residual, rms, mm']):.2f}"
