@@ -19,6 +19,7 @@ from studies.reports.discovery.everything_table import everything_data
 from studies.reports.discovery.view import BAND, View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
 from studies.reports.experiments.experiment_findings import experiment_findings
+from studies.reports.headline import Reason
 
 ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
 OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
@@ -48,12 +49,20 @@ class DiscoveryCode(Macro):
     PLANE_STRAIN = "plane_strain"
 
 
+OF_THE_MODEL = {
+    Reason.FORCES_MISSED,
+    Reason.FORCES_NOT_PREDICTED,
+}  # reasons against it that say nothing against the data
+
+
 def remarks(view: View) -> list[Finding]:
     """The reasons of the headline first, then what the numbers rest on."""
     found = discovery_headline(view)
     result = [*found.reasons, *view.remarks, *_of_noise(view), _of_hold_out(view)]
     if found.verdict is not Use.NOT:
         result += _of_effects(view)
+    if all(one.code in OF_THE_MODEL for one in found.against):
+        result += _of_all_effects(view)
     return [*result, *_of_stiffness(view), *_of_tests(view), *_of_plane_strain(view)]
 
 
@@ -106,6 +115,10 @@ def _of_effects(view: View) -> Iterator[Finding]:
         alternatives = alternatives_data(view.weighing)
         yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unknown"], **alternatives)
         yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))
+
+
+def _of_all_effects(view: View) -> Iterator[Finding]:
+    """Of fits that have a base of their own, whatever the forces of the final model are."""
     if view.discovery.everything is not None:
         data = everything_data(view.discovery.everything)
         yield _finding(DiscoveryCode.EVERYTHING, bool(data["implausible"]) or not data["predicts"], **data)

@@ -43,7 +43,7 @@ from studies.reports.alert_table import COLUMNS, add_alerts, alert_lines, alert_
 from studies.reports.calibration import fit_findings
 from studies.reports.discovery import discovery_findings
 from studies.reports.discovery.discovery_findings import remarks
-from studies.reports.headline import LIMITS, Quality, headline
+from studies.reports.headline import LIMITS, Quality, Reason, headline
 from studies.reports.prediction import predicted_curves
 from studies.reports.prediction.predicted_forces import Forecast
 from studies.reports.supervised.curve_calibration import CurveCode
@@ -530,3 +530,14 @@ def test_the_table_of_a_report_leads_to_what_a_code_means() -> None:
         assert f'<a href="#{alert.anchor}" title="{alert.page}">{alert.code}</a>' in html
         assert html.count(f'id="{alert.anchor}"') == 1 and alert.means in html
     assert "Alerts" not in add_alerts(Report("A report"), []).html()
+
+
+@pytest.mark.parametrize(("reason", "told"), [(Reason.FORCES_NOT_PREDICTED, True), (Reason.WEAK_STRAIN, False)])
+def test_all_effects_are_told_where_only_the_final_model_fails(
+    reason: Reason, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    against = SimpleNamespace(verdict=Use.NOT, against=(SimpleNamespace(code=reason),), reasons=())
+    monkeypatch.setattr(discovery_findings, "discovery_headline", lambda view: against)
+    codes = {one.alert.code for one in of_plausible()}
+    assert ({"E407", "E409"} <= codes) is told
+    assert "E402" not in codes
