@@ -28,7 +28,7 @@ ONSET, POWERS = (
     0.25,
     3,
 )  # share of the elongation in which clocks are compared; of the crosshead's motion, for a load train that gives way
-SEARCHED, STEP = 2.0, 0.01  # s, either way; of the interval of the pictures
+SEARCHED, STEP = 10.0, 0.01  # intervals of the pictures, either way, and between two times that are tried
 EARLY = 8  # frames that are needed
 UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been longer than its chosen frames show
 
@@ -112,7 +112,7 @@ def clocks(series: Series) -> Clocks | None:
         return float(left @ left)
 
     interval = float(np.median(np.diff(series.time)))
-    tried = np.arange(-SEARCHED, SEARCHED, STEP * interval)
+    tried = interval * np.arange(-SEARCHED, SEARCHED, STEP)
     misfits = np.array([misfit(shift) for shift in tried])
     likely = tried[misfits <= misfits.min() * (1 + 1 / (len(frames) - POWERS - 1))]
     best = float(tried[np.argmin(misfits)])

@@ -47,6 +47,8 @@ def report_lines(experiment: Experiment, target: Path) -> Iterator[str]:
         yield f"  {WORDS.imported_boundary(boundary=b, force=np.nanmax(np.abs(b.force)))}"
     yield f"  {WORDS.imported_noise(noise=noise, found=experiment.provenance['noise'])}"
     yield f"  {WORDS.imported_strain(signal=experiment.strain_signal)}"
+    if experiment.is_synchronised:
+        yield f"  {WORDS.imported_clocks(clocks=experiment.provenance['clocks'])}"
     if experiment.thickness is None:
         yield f"  {WORDS.imported_without_thickness()}"
     for line in experiment.provenance.get("found", []):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from studies.importers import printed_sheets
 from studies.importers.recording.grip_motion import clocks
 from studies.importers.recording.series import to_experiment
 from studies.importers.recording.synchronise import ForceRecord
+from studies.reports.experiments.import_report import report_lines
 
 RATE, BEFORE = 5.0, 3  # Hz; pictures before the start
 
@@ -74,6 +76,7 @@ def test_no_lag_is_a_candidate_where_the_clocks_agree():
         assert e.is_synchronised is agree
         assert lag().excluded(Data.of(e)) is agree
         assert any("s to the offset" in note for note in e.provenance["notes"]) is not agree
+        assert any("there is no lag" in line for line in report_lines(e, Path("e.npz"))) is agree
 
 
 def test_the_offset_that_a_note_asks_for_mends_the_clocks():
