@@ -13,6 +13,7 @@ from wording import share
 
 from calibrate.effects import KNOWN
 from calibrate.models.addition_json import amplitude_unit
+from studies.reports.discovery.statement import with_unit
 
 SHORT = {"Soft_Homo": "soft", "Stiff2_Homo": "stiff", "Stiff2_Hetero": "hetero"}
 MODELS = {
@@ -24,7 +25,7 @@ MODELS = {
 }
 
 
-UNITS = {effect.name: effect for effect in KNOWN}
+EFFECTS = {effect.name: effect for effect in KNOWN}
 UNTIL = 15.0  # s
 
 
@@ -70,26 +71,20 @@ def amplitudes(folder: Path, name: str) -> list[list[str]]:
     for fit, one in ((fit, one) for fit, content in fits.items() if content is not None for one in content["effects"]):
         if not one["needed"]:
             continue
-        effect = UNITS[one["effect"]]
+        effect = EFFECTS[one["effect"]]
         nulls = np.array([p.null for p in effect.amplitudes])
         k = int(np.argmax(np.abs(np.array(one["amplitudes"]) - nulls) / np.array(one["prior_standard_deviations"])))
         parameter = effect.amplitudes[k]
-        unit = (
-            amplitude_unit(parameter, found["stress_unit"]).removeprefix("1")
-            if parameter.unit == "1"
-            else amplitude_unit(parameter, found["stress_unit"])
-        )
-        value = f"{parameter.name} = {one['amplitudes'][k]:.3g} ± {one['standard_deviations'][k]:.1g} {unit}"
+        value = f"{parameter.name} = {one['amplitudes'][k]:.3g} ± {one['standard_deviations'][k]:.1g}"
+        value = with_unit(value, amplitude_unit(parameter, found["stress_unit"]))
         shape = ", ".join(f"{p.name} = {v:.2g} {p.unit}" for p, v in zip(effect.shapes, one["shape"], strict=True))
-        rows.append([name, fit, effect.name, value.strip(), f"{one['over_prior']:.1f}", shape, share(one["imitated"])])
+        rows.append([name, fit, effect.name, value, f"{one['over_prior']:.1f}", shape, share(one["imitated"])])
     return rows
 
 
 def forces(replay: Path) -> dict[str, str]:
     """Norm of the force errors of a replay over that of the forces: in all, after `UNTIL`, and in the first picture."""
-    rows = list(
-        csv.DictReader(line for line in (replay / "forces.csv").read_text().splitlines() if not line.startswith("#"))
-    )
+    rows = _table(replay / "forces.csv")
     time = np.array([float(row["time"]) for row in rows])
     names = [key.removesuffix("_measured") for key in rows[0] if key.endswith("_measured") and rows[0][key] != ""]
     measured, found = (
@@ -112,5 +107,9 @@ def forces(replay: Path) -> dict[str, str]:
 
 def last_field(replay: Path) -> str:
     """Root mean square residual of the last increment of a replay, mm."""
-    lines = [line for line in (replay / "fields.csv").read_text().splitlines() if not line.startswith("#")]
-    return f"{float(list(csv.DictReader(lines))[-1]['residual, rms, mm']):.2f}"
+    return f"{float(_table(replay / 'fields.csv')[-1]['residual, rms, mm']):.2f}"
+
+
+def _table(path: Path) -> list[dict[str, str]]:
+    """Rows by the names of their columns; lines of remarks are left out."""
+    return list(csv.DictReader(line for line in path.read_text().splitlines() if not line.startswith("#")))

@@ -3,7 +3,7 @@
 In: an Experiment without noise, `Rivals`, priors. Out: the difference of their ln evidence on the data that the first is expected to give: the residual -S a,
 with S its signature beside the base that the test would have and a its amplitudes as they were found. Both are weighed as a diagnosis weighs them
 (`calibrate.diagnosis.evidence.linear_evidence`): amplitudes free within their priors, all shapes tried, the error of the formulas allowed for. This is the
-expected utility of Lindley (1956) for the choice between two models, linear in the amplitudes; the noise adds as much to both.
+expected utility of Lindley (1956) for the choice between two models, linear in the amplitudes; the noise is taken to add as much to both.
 """
 
 from __future__ import annotations

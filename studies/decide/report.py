@@ -29,6 +29,7 @@ class DecideCode(Macro):
 
     DECIDES = "decides"
     NOTHING_DECIDES = "nothing_decides"
+    NOT_SHOWN = "not_shown"
     NOTHING_OPEN = "nothing_open"
     REFUSED = "refused"
 
@@ -90,6 +91,7 @@ def _findings(found: Decision) -> Iterator[tuple[DecideCode, dict[str, Any]]]:
     for i, pair in enumerate(found.rivals):
         best = found.best(i)
         if best is None:
+            yield DecideCode.NOT_SHOWN, {"rivals": pair.text}
             continue
         test, value = best
         data = {"rivals": pair.text, "specimen": test.specimen, "programme": test.programme, "expected": value}

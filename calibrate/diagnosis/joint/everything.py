@@ -37,9 +37,8 @@ Array = NDArray[np.float64]
 Say = Callable[[str], None]
 Start = tuple[Array, Additions]  # base and effects
 NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
-SMOOTH = {
-    "initial warp"
-}  # left out: ten smooth amplitudes without a law are a second discrepancy, and neither can be told from the other
+# left out: ten smooth amplitudes without a law are a second discrepancy, and neither can be told from the other
+SMOOTH = {"initial warp"}
 MOST = 60  # increments of a test with a memory: derivatives of several histories at once take memory that grows faster than they do
 FIRST, STEPS = 5, 30  # steps from every start, and from the best
 

@@ -49,10 +49,8 @@ class DiscoveryCode(Macro):
     PLANE_STRAIN = "plane_strain"
 
 
-OF_THE_MODEL = {
-    Reason.FORCES_MISSED,
-    Reason.FORCES_NOT_PREDICTED,
-}  # reasons against it that say nothing against the data
+# reasons against the final model that say nothing against the data
+OF_THE_MODEL = {Reason.FORCES_MISSED, Reason.FORCES_NOT_PREDICTED}
 
 
 def remarks(view: View) -> list[Finding]:

@@ -224,4 +224,6 @@ def test_nothing_open_and_nothing_possible_are_said(tmp_path, capsys):
     assert (
         cli.main(["decide", str(open_), str(tmp_path / "plan.toml"), "--quick", "-o", str(tmp_path / "refused")]) == 0
     )
-    assert "W904" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "W904" in said
+    assert "no test that is possible shows it" in said

@@ -323,6 +323,7 @@ def of_decision() -> Findings:
     data: dict[DecideCode, dict[str, Any]] = {
         DecideCode.DECIDES: {**best, "now": 1.0},
         DecideCode.NOTHING_DECIDES: best,
+        DecideCode.NOT_SHOWN: {"rivals": "upturn against lag"},
         DecideCode.NOTHING_OPEN: {"unknown": True},
         DecideCode.REFUSED: {"specimens": ["UT (too long)"]},
     }
