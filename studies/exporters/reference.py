@@ -33,8 +33,7 @@ def stress_of_energy(energy: Callable[[Any], Any], F: Any, time: Any) -> Any:
 
 def stress_of_extended(basis: SingleBasis, c: Array, additions: Additions, F: Any, time: Any) -> Any:
     """P of the base with coefficients c (n,) and effects of the material, compressibility left out."""
-    law = partial(base_law, basis.k, basis.n, basis.top, jnp.asarray(c))
-    P = jax.vmap(law)(F.reshape(-1, 2, 2)).reshape(F.shape)
+    P = base_law(basis.k, basis.n, basis.top, jnp.asarray(c), F)
     data: Any = SimpleNamespace(time=time)
     relaxing = [a for a in additions if a.effect.stage == "relaxation"]
     for a in ordered(additions):

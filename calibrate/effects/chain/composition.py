@@ -7,7 +7,7 @@ derivatives by amplitudes, shapes and displacements.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -19,21 +19,24 @@ from numpy.typing import NDArray
 
 from calibrate.effects.chain import noise_spread
 from calibrate.effects.chain.addition import Addition, Additions, ordered
-from calibrate.effects.chain.linearisation import Constants, Linearisation, Quantities, Recent, Stage
+from calibrate.effects.chain.blocks import Block, blocks, joined, virtual_work
+from calibrate.effects.chain.linearisation import Constants, Linearisation, Quantities, Stage
 from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
 from calibrate.effects.chain.stages import (
+    are_local,
     deformation_name,
     displacement_stages,
     gradients_stage,
     load_stages,
     local_stages,
-    stages,
-    stress_stages,
+    material_stages,
+    motion_stages,
 )
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
-from calibrate.equations.equilibrium import Equilibrium
+from calibrate.equations import kinematics
+from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
 
 Array = NDArray[np.float64]
 
@@ -42,13 +45,14 @@ Array = NDArray[np.float64]
 class Chain:
     """One Experiment's chain with base functions of a single invariant.
 
-    prepared: its data, where not those of the Experiment; recent: the linearisation that was last asked for.
+    What holds at the nodes is run at once, what holds in the triangles block by block (`blocks`). prepared: its data, where not those of the
+    Experiment; divided: its triangles in blocks, where they are known.
     """
 
     system: Equilibrium
     basis: SingleBasis | PlaneStrainBasis
     prepared: Data | None = None
-    recent: Recent = field(default_factory=Recent, repr=False)
+    divided: tuple[Block, ...] | None = field(default=None, repr=False)
 
     @cached_property
     def data(self) -> Data:
@@ -62,9 +66,16 @@ class Chain:
         return jnp.asarray(np.nan_to_num(loads))
 
     @cached_property
-    def virtual(self) -> Array:
-        """(v, 2 m): thickness x area x gradient of each virtual field, mm^2."""
-        return self.system.virtual_gradients.toarray()
+    def blocks(self) -> tuple[Block, ...]:
+        """The triangles."""
+        if self.divided is not None:
+            return self.divided
+        return blocks(self.system.virtual_gradients, self.system.experiment.n_increments)
+
+    @cached_property
+    def whole(self) -> tuple[Block, ...]:
+        """All triangles in one block, for what is no matter of each for itself."""
+        return self.blocks if len(self.blocks) == 1 else blocks(self.system.virtual_gradients, 1, np.inf)
 
     @property
     def energy(self) -> SingleBasis:
@@ -78,19 +89,18 @@ class Chain:
         """What compiled code depends on of the basis."""
         return Base(self.energy.k, self.energy.n, isinstance(self.basis, PlaneStrainBasis))
 
-    def constants(self, c: Any) -> Constants:
-        """What links read beside their inputs, for coefficients c (n,)."""
-        return Constants(self.data, jnp.asarray(self.energy.top), jnp.asarray(c))
+    def constants(self, c: Any, block: Block | None = None) -> Constants:
+        """What links read beside their inputs, for coefficients c (n,), of a block or of the whole."""
+        data = self.data if block is None else block.of(self.data)
+        return Constants(data, jnp.asarray(self.energy.top), jnp.asarray(c))
 
     def disturbed(self, noise: Array) -> Chain:
         """The same chain with noise (t, n, 2), mm, on the displacements."""
-        return Chain(self.system, self.basis, replace(self.data, u=self.data.u + noise))
+        return Chain(self.system, self.basis, replace(self.data, u=self.data.u + noise), self.blocks)
 
     def work(self, stress: Any) -> Array:
         """Virtual work (..., t, 2 v), N, of stresses (..., t, m, 2, 2)."""
-        P = np.asarray(stress)
-        flat = np.moveaxis(P, -2, -3).reshape(-1, P.shape[-3] * 2)
-        return (flat @ self.virtual.T).reshape(*P.shape[:-3], -1)
+        return virtual_work(self.system.virtual_gradients, stress)
 
     def spread(self, loads: Any) -> Array:
         """Right-hand sides (..., t, 2 v), N, of forces (..., t, 2, b) of the loaded boundaries."""
@@ -101,11 +111,15 @@ class Chain:
 
     def residual(self, c: Any, additions: Additions = ()) -> Array:
         """Residual (t, 2 v), N, of coefficients c (n,) and effects, in whatever order these are given."""
-        return self.work(self.stress(c, additions)) - self.external(additions)
+        work = sum(block.work(run.quantities[STRESS]) for block, run in self._runs(c, additions))
+        return np.asarray(work - self.external(additions))
 
     def stress(self, c: Any, additions: Additions = ()) -> Array:
         """P (t, m, 2, 2), MPa, of coefficients c (n,) and the effects in the model."""
-        return np.asarray(self._run(stress_stages(self.base, additions), c, self._start).quantities[STRESS])
+        some, parts = zip(
+            *((b, np.asarray(run.quantities[STRESS])) for b, run in self._runs(c, additions)), strict=True
+        )
+        return joined(parts, some, 1)
 
     def external(self, additions: Additions = ()) -> Array:
         """Loads (t, 2 v), N, as the effects correct them: minus the residual of a material without stiffness."""
@@ -118,25 +132,11 @@ class Chain:
 
     def derivative(self, c: Any, additions: Additions) -> Array:
         """d residual / d amplitudes of the last addition, (p, t, 2 v), at the values they have."""
-        last, place = additions[-1], place_of(additions[-1], additions)
-        if last.is_null:  # it changes nothing yet, so that the run without it is known
-            run = self.linearised(c, additions[:-1]).with_null(stages(self.base, additions), place)
-        else:
-            run = self.linearised(c, additions)
-        return self._change(run, last, place)
+        return self._changes(c, additions, additions[-1:], with_shape=False)
 
     def jacobian(self, c: Any, additions: Additions) -> Array:
         """d residual / d amplitudes and shapes of all additions, (k, t, 2 v): of each its amplitudes, then its shapes."""
-        run = self.linearised(c, additions)
-        changes = [self._change(run, one, place_of(one, additions), with_shape=True) for one in additions]
-        return np.concatenate(changes)
-
-    def linearised(self, c: Any, additions: Additions) -> Linearisation:
-        """The run of the whole chain; the last one is kept."""
-        c = np.asarray(c, float)
-        return self.recent.get(
-            (c.tobytes(), ordered(additions)), lambda: self._run(stages(self.base, additions), c, self._start)
-        )
+        return self._changes(c, additions, additions, with_shape=True)
 
     def noise_shift(self, c: Any, factor: Any, variances: Any = 1.0) -> Array:
         """Mean change (t, 2 v), N, that displacement noise brings into the residual: second order in the noise.
@@ -145,41 +145,32 @@ class Chain:
         over that of the factor.
         """
         axes = noise_spread.gradient_axes(self.system.gradient, factor)
-        shift = self.work(noise_spread.stress_shift(self.base, self.constants(c), jnp.asarray(axes)))
+        shift = sum(
+            block.work(noise_spread.stress_shift(self.base, self.constants(c, block), axes[block.places]))
+            for block in self.blocks
+        )
         return np.asarray(shift * np.reshape(variances, (-1, 1)))
 
     def pulled_back(self, c: Array, additions: Additions, forces: Array) -> Array:
         """K^T forces (t, n, 2) of forces (t, 2 v), N; K: tangent of base and effects in the material, at the displacements
         that additions correct."""
-        deformation = self._deformation(additions)
-        stress = self._run(local_stages(self.base, additions), c, deformation.quantities)
-        t = len(forces)
-        virtual = np.asarray(forces).reshape(t, 2, -1) @ self.virtual
-        dual = jnp.asarray(virtual.reshape(t, 2, -1, 2).swapaxes(1, 2))
-        found = deformation.pull(stress.pull({STRESS: dual[None]}))
-        return _by_measured(found)[0]
+        correction, total = self._run(displacement_stages(additions), (), self._start), 0.0
+        for block, gradients, stress in self._local_runs(correction, c, additions):
+            total = total + gradients.pull(stress.pull({STRESS: jnp.asarray(block.dual(forces))[None]}))[DISPLACEMENTS]
+        return _by_measured(correction.pull({DISPLACEMENTS: total}))[0]
 
-    def spread_of_noise(self, c: Array, additions: Additions, factor: sp.csr_array) -> list[Array]:
-        """K B (2 v, 2 s), N, of every increment, with B the factor (n, s) of the noise and K as in `pulled_back`.
+    def spread_of_noise(self, c: Array, additions: Additions, factor: sp.csr_array) -> Iterator[Array]:
+        """K B (2 v, 2 s), N, of one increment after the other, with B the factor (n, s) of the noise and K as in `pulled_back`.
 
         What an increment has of the noise of others is taken for more of its own.
         """
-        deformation, local = self._deformation(additions), [a for a in additions if a.effect.in_material]
-        gradients = np.asarray(deformation.steps[-1].output)
-        if local:
-            run = self._run(local_stages(self.base, additions), c, deformation.quantities)
-            remembers = any(one.effect.remembers for one in local)
-            moduli = noise_spread.tangent_moduli(run, self.base, self.system.areas, remembers)
-            tangents = [self.system.stiffness(modulus) for modulus in moduli]
-        else:
-            tangents = [self.system.tangent(self.basis, F, c) for F in gradients]
-        rows = np.array(
-            [np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks]) for blocks in tangents]
-        )
         correction = self._run(displacement_stages(additions), (), self._start)
-        if correction.steps:
-            rows = _by_measured(correction.pull({DISPLACEMENTS: jnp.asarray(rows.swapaxes(0, 1))})).swapaxes(0, 1)
-        return [np.hstack([row[..., k] @ factor for k in range(2)]) for row in rows]
+        for i, modulus in enumerate(self._moduli(correction, c, additions)):
+            blocks = self.system.stiffness(modulus)
+            rows = np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks])
+            if correction.steps:
+                rows = self._by_seen(rows, i, additions)
+            yield np.hstack([rows[..., k] @ factor for k in range(2)])
 
     @property
     def _start(self) -> Quantities:
@@ -188,33 +179,76 @@ class Chain:
         found = {MEASURED: data.u, DISPLACEMENTS: data.u, PLACES: data.points, LOADS: self.measured}
         return found if data.time is None else found | {TIME: data.time}
 
-    @property
-    def _gradients(self) -> Stage:
-        return gradients_stage(deformation_name(self.base))
-
-    @cached_property
-    def _uncorrected(self) -> Linearisation:
-        """From the measured displacements to their F."""
-        return self._run((self._gradients,), (), self._start)
-
     def _run(self, links: Sequence[Stage], c: Any, start: Quantities) -> Linearisation:
         return Linearisation.run(links, self.constants(c), start)
 
-    def _deformation(self, additions: Additions) -> Linearisation:
-        """From the measured displacements to F at those that effects correct."""
-        corrections = displacement_stages(additions)
-        return self._run((*corrections, self._gradients), (), self._start) if corrections else self._uncorrected
+    def _runs(
+        self, c: Any, additions: Additions, moved: Linearisation | None = None
+    ) -> Iterator[tuple[Block, Linearisation]]:
+        """From true displacements to P, block by block; moved: the run to these, where it is known."""
+        start = (moved or self._run(motion_stages(additions), (), self._start)).quantities
+        stages = material_stages(self.base, additions)
+        for block in self.blocks if are_local(additions) else self.whole:
+            yield block, Linearisation.run(stages, self.constants(c, block), start)
 
-    def _change(self, run: Linearisation, addition: Addition, place: int, with_shape: bool = False) -> Array:
-        """d residual / d amplitudes of an addition, and shapes behind them, (p, t, 2 v)."""
-        changes = run.by_parameters(place, with_shape)
-        size = len(addition.amplitudes) + with_shape * len(addition.shape)
-        result = np.zeros((size, *self.system.loads.shape))
-        if STRESS in changes:
-            result += self.work(changes[STRESS])
-        if LOADS in changes:
-            result -= self.spread(changes[LOADS])
-        return result
+    def _local_runs(
+        self, correction: Linearisation, c: Any, additions: Additions
+    ) -> Iterator[tuple[Block, Linearisation, Linearisation]]:
+        """Block by block, from corrected displacements to F, and on to the stress of what holds at a place and its past."""
+        name = deformation_name(self.base)
+        stages = local_stages(self.base, additions)
+        for block in self.blocks:
+            constants = self.constants(c, block)
+            gradients = Linearisation.run((gradients_stage(name),), constants, correction.quantities)
+            yield block, gradients, Linearisation.run(stages, constants, gradients.quantities)
+
+    def _moduli(self, correction: Linearisation, c: Array, additions: Additions) -> Iterator[Array]:
+        """dP/dF (m, 2, 2, 2, 2), MPa, of one increment after the other, larger by what an increment has of the noise of others."""
+        local = [a for a in additions if a.effect.in_material]
+        if not local:
+            F = kinematics.deformation_gradients(self.system.gradient, np.asarray(correction.quantities[DISPLACEMENTS]))
+            yield from (tangent_modulus(self.basis, one, c) for one in F)
+            return
+        remembers = any(one.effect.remembers for one in local)
+        parts = [
+            noise_spread.tangent_moduli(run, self.base, block.places, block.used, self.system.areas, remembers)
+            for block, _, run in self._local_runs(correction, c, additions)
+        ]
+        own, others = (sum(getattr(part, name) for part in parts) for name in ("own", "others"))
+        larger = np.sqrt(1 + others / own)
+        for i, factor in enumerate(larger):
+            yield np.concatenate([part.moduli[i] for part in parts]) * factor
+
+    def _by_seen(self, rows: Array, increment: int, additions: Additions) -> Array:
+        """Rows (r, n, 2) by the displacements that were seen in an increment, of those by corrected ones."""
+        start = self._start
+        start = start | {name: start[name][increment][None] for name in (MEASURED, DISPLACEMENTS)}
+        one = replace(self.constants(()), data=replace(self.data, u=start[MEASURED]))
+        correction = Linearisation.run(displacement_stages(additions), one, start)
+        return _by_measured(correction.pull({DISPLACEMENTS: jnp.asarray(rows)[:, None]}))[:, 0]
+
+    def _changes(self, c: Any, additions: Additions, of: Additions, with_shape: bool) -> Array:
+        """d residual / d amplitudes of some additions, and shapes behind those of each, (k, t, 2 v)."""
+        moved, loads = (
+            self._run(motion_stages(additions), (), self._start),
+            self._run(load_stages(additions), (), {LOADS: self.measured}),
+        )
+        places = [place_of(one, additions) for one in of]
+        starts = [moved.by_parameters(place, with_shape, {}) for place in places]
+        total = []
+        for one, place in zip(of, places, strict=True):
+            total.append(np.zeros((len(one.amplitudes) + with_shape * len(one.shape), *self.system.loads.shape)))
+            changes = loads.by_parameters(place, with_shape, {})
+            if LOADS in changes:
+                total[-1] -= self.spread(changes[LOADS])
+        stages = material_stages(self.base, additions)
+        acting = [i for i, place in enumerate(places) if starts[i] or any(place in one.places for one in stages)]
+        for block, run in self._runs(c, additions, moved) if acting else ():
+            for i in acting:
+                changes = run.by_parameters(places[i], with_shape, starts[i])
+                if STRESS in changes:
+                    total[i] += block.work(changes[STRESS])
+        return np.concatenate(total)
 
 
 def place_of(addition: Addition, additions: Additions) -> int:

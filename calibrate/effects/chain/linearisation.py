@@ -5,7 +5,7 @@ Quantities, changes and duals are dictionaries by the names that stages read and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,16 +37,14 @@ class Constants:
 class Stage:
     """A link in its place.
 
-    additions: the effects that it depends on, with their values, none for a link of the base; where the first has the null
-    value, what the link `passes` is left. places: of these among all in their order, which tells two of one effect apart. names: what a quantity of the link
-    is called here, if not as in the link. turn: which of several runs of the same link for the same effect it is.
+    additions: the effects that it depends on, with their values, none for a link of the base. places: of these among all in their order, which
+    tells two of one effect apart. names: what a quantity of the link is called here, if not as in the link.
     """
 
     link: Link
     additions: tuple[Addition, ...] = ()
     places: tuple[int, ...] = ()
     names: Mapping[str, str] = field(default_factory=dict)
-    turn: Any = None
 
     @property
     def parameters(self) -> Parameters:
@@ -66,14 +64,6 @@ class Stage:
     def inputs(self, quantities: Quantities) -> tuple[Any, ...]:
         """Values of the quantities that are read."""
         return tuple(quantities[name] for name in self.reads)
-
-    def key(self, without: int | None = None) -> Any:
-        """What tells it from all others of a run, as it would be without the addition at a place."""
-        if not self.places:
-            return self.link, self.turn
-        left = (place for place in self.places if place != without)
-        places = tuple(place - (without is not None and place > without) for place in left)
-        return type(self.link), places, self.turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,31 +86,13 @@ class Linearisation:
     @classmethod
     def run(cls, stages: Sequence[Stage], constants: Constants, start: Mapping[str, Any]) -> Linearisation:
         """Apply the stages in their order."""
-        return cls(constants, dict(start), ()).extended(stages, lambda stage, quantities: None)
-
-    def with_null(self, stages: Sequence[Stage], null: int) -> Linearisation:
-        """The run of `stages`, which are those of this run and those that the addition at place `null` brings; it changes
-        nothing, so that what this run has found holds."""
-        known = {step.stage.key(): step.output for step in self.steps}
-
-        def find(stage: Stage, quantities: Quantities) -> Any:
-            passes, output = stage.link.passes, known.get(stage.key(null))
-            if output is None and passes is not None and stage.places[:1] == (null,):
-                return quantities[stage.names.get(passes, passes)]
-            return output
-
-        return Linearisation(self.constants, self.start, ()).extended(stages, find)
-
-    def extended(self, stages: Sequence[Stage], find: Callable[[Stage, Quantities], Any]) -> Linearisation:
-        """With further stages, applied where `find` does not know what they write."""
-        quantities, steps = self.quantities, list(self.steps)
+        quantities, steps = dict(start), []
         for stage in stages:
-            inputs, output = stage.inputs(quantities), find(stage, quantities)
-            if output is None:
-                output = apply(stage.link, inputs, self.constants.of(stage.link), stage.parameters)
+            inputs = stage.inputs(quantities)
+            output = apply(stage.link, inputs, constants.of(stage.link), stage.parameters)
             quantities[stage.writes] = output
             steps.append(Step(stage, inputs, output))
-        return Linearisation(self.constants, self.start, tuple(steps))
+        return cls(constants, dict(start), tuple(steps))
 
     @property
     def quantities(self) -> Quantities:
@@ -140,9 +112,10 @@ class Linearisation:
             _write(moved, step, self._pushed(step, moved))
         return moved
 
-    def by_parameters(self, place: int, with_shape: bool) -> Quantities:
-        """Derivatives (p, ...) of every quantity at the end by the amplitudes of the addition at a place, and by its shape behind them."""
-        moved: Quantities = {}
+    def by_parameters(self, place: int, with_shape: bool, changes: Quantities) -> Quantities:
+        """Derivatives (p, ...) of every quantity at the end by the amplitudes of the addition at a place, and by its shape behind them;
+        changes: those of the quantities at the start."""
+        moved = dict(changes)
         for step in self.steps:
             change = self._pushed(step, moved)
             if place in step.stage.places:
@@ -179,17 +152,3 @@ def _write(changes: Quantities, step: Step, change: Any) -> None:
         changes.pop(step.stage.writes, None)
     else:
         changes[step.stage.writes] = change
-
-
-class Recent:
-    """The last linearisation that was asked for, as many effects are tried beside the same ones."""
-
-    def __init__(self) -> None:
-        self.key: Any = None
-        self.value: Linearisation | None = None
-
-    def get(self, key: Any, make: Callable[[], Linearisation]) -> Linearisation:
-        """That of `key`, made anew if it is not the last one."""
-        if self.value is None or key != self.key:
-            self.key, self.value = key, make()
-        return self.value

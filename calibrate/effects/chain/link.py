@@ -22,13 +22,11 @@ class Link(ABC):
     """A function from quantities to one quantity; equal links share their compiled code, so that subclasses are frozen
     dataclasses.
 
-    reads, writes: names of the quantities. passes: the one that is written unchanged where its effect has the null value, if
-    there is one. uses_coefficients: whether it depends on the base model.
+    reads, writes: names of the quantities. uses_coefficients: whether it depends on the base model.
     """
 
     reads: ClassVar[tuple[str, ...]]
     writes: ClassVar[str]
-    passes: ClassVar[str | None] = None
     uses_coefficients: ClassVar[bool] = False
 
     @abstractmethod

@@ -46,7 +46,6 @@ class CorrectedPlaces(OfEffect):
 
     reads: ClassVar[tuple[str, ...]] = (PLACES,)
     writes: ClassVar[str] = PLACES
-    passes: ClassVar[str | None] = PLACES
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         return self.effect.places(constants, inputs[0], *parameters[0])
@@ -58,7 +57,6 @@ class CorrectedDisplacements(OfEffect):
 
     reads: ClassVar[tuple[str, ...]] = (DISPLACEMENTS, MEASURED)
     writes: ClassVar[str] = DISPLACEMENTS
-    passes: ClassVar[str | None] = DISPLACEMENTS
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         u, measured = inputs
@@ -72,7 +70,6 @@ class MeanDisplacements(OfEffect):
     effect: Thickness
     reads: ClassVar[tuple[str, ...]] = (DISPLACEMENTS, PLACES)
     writes: ClassVar[str] = DISPLACEMENTS
-    passes: ClassVar[str | None] = DISPLACEMENTS
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         return self.effect.of_the_mean(constants, inputs[0], inputs[1], parameters[0][0])
@@ -84,7 +81,6 @@ class CorrectedTime(OfEffect):
 
     reads: ClassVar[tuple[str, ...]] = (TIME,)
     writes: ClassVar[str] = TIME
-    passes: ClassVar[str | None] = TIME
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         return self.effect.time(inputs[0], parameters[0][0])
@@ -132,7 +128,6 @@ class MeanDeformation(OfEffect):
     effect: Thickness
     reads: ClassVar[tuple[str, ...]] = (ELASTIC, THINNING)
     writes: ClassVar[str] = CURVED
-    passes: ClassVar[str | None] = ELASTIC
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         return self.effect.mean_deformation(constants, inputs[0], inputs[1], parameters[0][0])
@@ -191,7 +186,6 @@ class CorrectedLoads(OfEffect):
 
     reads: ClassVar[tuple[str, ...]] = (LOADS,)
     writes: ClassVar[str] = LOADS
-    passes: ClassVar[str | None] = LOADS
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         return self.effect.loads(constants, inputs[0], *parameters[0])

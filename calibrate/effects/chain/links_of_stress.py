@@ -52,7 +52,6 @@ class ChangedStress(OfEffect):
 
     reads: ClassVar[tuple[str, ...]] = (DEFORMATION, STRESS)
     writes: ClassVar[str] = STRESS
-    passes: ClassVar[str | None] = STRESS
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         F, P = inputs
@@ -66,7 +65,6 @@ class RelaxedStress(Link):
     effects: tuple[Effect, ...]
     reads: ClassVar[tuple[str, ...]] = (DEFORMATION, STRESS, TIME)
     writes: ClassVar[str] = STRESS
-    passes: ClassVar[str | None] = STRESS
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         F, P, time = inputs
@@ -85,7 +83,6 @@ class FormedAnew(OfEffect):
     base: Base
     reads: ClassVar[tuple[str, ...]] = (DEFORMATION, STRESS)
     writes: ClassVar[str] = STRESS
-    passes: ClassVar[str | None] = STRESS
     uses_coefficients: ClassVar[bool] = True
 
     def __call__(self, inputs: Inputs, constants: Constants, parameters: Parameters) -> Any:
@@ -109,7 +106,6 @@ class VolumeRatio(OfEffect):
     base: Base
     reads: ClassVar[tuple[str, ...]] = (DEFORMATION, STRESS, VOLUME)
     writes: ClassVar[str] = VOLUME
-    passes: ClassVar[str | None] = VOLUME
     uses_coefficients: ClassVar[bool] = True
 
     def __call__(self, inputs: Inputs, constants: Constants, parameters: Parameters) -> Any:
@@ -149,7 +145,6 @@ class MeanStress(OfEffect):
     effect: Thickness
     reads: ClassVar[tuple[str, ...]] = (STRESS, ELASTIC, CURVED, THINNING, PLACES)
     writes: ClassVar[str] = STRESS
-    passes: ClassVar[str | None] = STRESS
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         P, F, mean, thinning, places = inputs
@@ -163,7 +158,6 @@ class WithStrip(OfEffect):
     effect: UnmeasuredStrip
     reads: ClassVar[tuple[str, ...]] = (STRESS, STRESS_BESIDE)
     writes: ClassVar[str] = STRESS
-    passes: ClassVar[str | None] = STRESS
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         P, beside = inputs

@@ -6,6 +6,7 @@ In: deformation gradients, a base model, effects in the material. Out: change of
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -59,25 +60,34 @@ def stress_shift(base: Base, constants: Constants, axes: Any) -> Any:
     return change
 
 
-def tangent_moduli(run: Linearisation, base: Base, areas: Array, remembers: bool) -> Array:
-    """dP/dF (t, m, 2, 2, 2, 2), MPa, times the root of 1 + |dP/dF of other increments|^2 over its own.
+@dataclass(frozen=True, eq=False)
+class Moduli:
+    """dP/dF of a block: moduli (t, b, 2, 2, 2, 2), MPa, by F of the same increment; own, others (t,): their squares, and those of dP/dF by other
+    increments, times the areas."""
 
-    run: from F to P, of base and effects in the material; areas (m,), mm^2; remembers: whether stress depends on earlier
-    increments.
-    """
+    moduli: Array
+    own: Array
+    others: Array
+
+
+def tangent_moduli(
+    run: Linearisation, base: Base, places: NDArray[np.int64], used: int, areas: Array, remembers: bool
+) -> Moduli:
+    """Of a run from F to P, of base and effects in the material, in the first `used` of the triangles `places` (b,); areas (m,), mm^2, of all;
+    remembers: whether stress depends on earlier increments."""
     name = deformation_name(base)
-    t, m = run.start[name].shape[:2]
-    areas = areas[:, None, None]
-    own, others = np.zeros((t, m, 2, 2, 2, 2)), np.zeros(t)
-    units = jnp.broadcast_to(jnp.eye(4).reshape(4, 1, 1, 2, 2), (4, t, m, 2, 2))
+    t, b = run.start[name].shape[:2]
+    weights = areas[places][:used, None, None]
+    own, others, squares = np.zeros((t, used, 2, 2, 2, 2)), np.zeros(t), np.zeros(t)
+    units = jnp.broadcast_to(jnp.eye(4).reshape(4, 1, 1, 2, 2), (4, t, b, 2, 2))
     inner, outer = run.split_at(STRESS)
     changes = inner.push({name: units})
     for some in [[j] for j in range(t)] if remembers else [list(range(t))]:
         only = jnp.zeros((t, 1, 1, 1)).at[np.array(some)].set(1.0)
-        dP = np.asarray(outer.push({key: only * change for key, change in changes.items()})[STRESS])
-        own[some] = np.moveaxis(dP[:, some].reshape(2, 2, len(some), m, 2, 2), (0, 1), (4, 5))
-        sizes = (areas * dP**2).sum(axis=(0, 2, 3, 4))
+        dP = np.asarray(outer.push({key: only * change for key, change in changes.items()})[STRESS])[:, :, :used]
+        own[some] = np.moveaxis(dP[:, some].reshape(2, 2, len(some), used, 2, 2), (0, 1), (4, 5))
+        sizes = (weights * dP**2).sum(axis=(0, 2, 3, 4))
+        squares[some] = sizes[some]
         sizes[some] = 0.0
         others += sizes
-    sizes = (areas[..., None, None] * own**2).sum(axis=(1, 2, 3, 4, 5))
-    return own * np.sqrt(1 + others / sizes)[:, None, None, None, None, None]
+    return Moduli(own, squares, others)

@@ -6,10 +6,7 @@ Quantities: t increments, n nodes, m triangles, b loaded boundaries.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
-
-import jax
 
 from calibrate.effects.chain.base_law import base_law
 from calibrate.effects.chain.linearisation import Constants
@@ -38,13 +35,9 @@ class Base:
     n_functions: int
     plane_strain: bool
 
-    def law(self, constants: Constants) -> Any:
-        """Its stress (2, 2) at one deformation gradient (2, 2); in plane strain at its isochoric part."""
-        return partial(base_law, self.invariant, self.n_functions, constants.top, constants.c)
-
     def stress(self, constants: Constants, F: Any) -> Any:
-        """The same (..., 2, 2) at F (..., 2, 2)."""
-        return jax.vmap(self.law(constants))(F.reshape(-1, 2, 2)).reshape(F.shape)
+        """P (..., 2, 2), MPa, at F (..., 2, 2); in plane strain at its isochoric part."""
+        return base_law(self.invariant, self.n_functions, constants.top, constants.c, F)
 
     def modulus(self, constants: Constants) -> Any:
         """About its shear modulus at rest, MPa."""

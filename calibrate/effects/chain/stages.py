@@ -13,7 +13,6 @@ incompressible sheet; the bulk modulus is the last coefficient (`calibrate.equat
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from calibrate.effects.chain import links_of_motion as motion
 from calibrate.effects.chain import links_of_stress as stress
@@ -42,11 +41,6 @@ Names = Mapping[str, str]
 SWEEPS = 4  # of the volume ratio
 
 
-def stages(base: Base, additions: Additions) -> Stages:
-    """All stages of a chain, additions in whatever order these are given."""
-    return (*stress_stages(base, additions), *load_stages(additions))
-
-
 def displacement_stages(additions: Additions) -> Stages:
     """Those that correct displacements, the correlation's first, the mean over the thickness last."""
     camera = _backwards(motion.CorrectedDisplacements, "displacements", additions)
@@ -72,29 +66,39 @@ def deformation_name(base: Base) -> str:
 def local_stages(base: Base, additions: Additions) -> Stages:
     """Those from F, called `deformation_name`, to P that hold at a place and its past."""
     local = tuple(a for a in additions if a.effect.in_material)
-    return _plane_strain(base, local) if base.plane_strain else _laws(base, local, {}, (0,))
+    return _plane_strain(base, local) if base.plane_strain else _laws(base, local, {})
 
 
-def stress_stages(base: Base, additions: Additions) -> Stages:
-    """Those from what is measured to P."""
+def motion_stages(additions: Additions) -> Stages:
+    """Those from what is measured to true places, displacements and times, all at the nodes."""
     places = _backwards(motion.CorrectedPlaces, "places", additions)
-    moved = (*places, *displacement_stages(additions), *_backwards(motion.CorrectedTime, "time", additions))
+    return (*places, *displacement_stages(additions), *_backwards(motion.CorrectedTime, "time", additions))
+
+
+def material_stages(base: Base, additions: Additions) -> Stages:
+    """Those from what `motion_stages` leave to P."""
+    moved_places = bool(_acting("places", additions))
     thick = _of(Thickness, additions)
     curved = CURVED if base.plane_strain or _of(Compressibility, additions) else DEFORMATION
     names = {CURVED: curved, ELASTIC: ELASTIC if thick else curved}
-    found = [*moved, gradients_stage(GRADIENTS if places else names[ELASTIC])]
-    if places:
+    found = [gradients_stage(GRADIENTS if moved_places else names[ELASTIC])]
+    if moved_places:
         found.append(Stage(motion.ElasticGradients(), names=names))
     for place, a, effect in thick:
         found.append(Stage(motion.Thinning(effect), names=names))
         found.append(Stage(motion.MeanDeformation(effect), (a,), (place,), names))
-    found += _material(base, additions, names, ())
+    found += _material(base, additions, names)
     found += [Stage(stress.MeanStress(effect), (a,), (place,), names) for place, a, effect in thick]
     for place, a, strip in _of(UnmeasuredStrip, additions):
         found.append(Stage(motion.StripDeformation(strip), (a,), (place,), names))
-        found += _material(base, additions, _inside_strip(names), ("strip",))
+        found += _material(base, additions, _inside_strip(names))
         found.append(Stage(stress.WithStrip(strip), (a,), (place,)))
-    return (*found, *([Stage(stress.MeasuredReference())] if places else []))
+    return (*found, *([Stage(stress.MeasuredReference())] if moved_places else []))
+
+
+def are_local(additions: Additions) -> bool:
+    """Whether `material_stages` act in every triangle for itself, as all do but those of the thickness."""
+    return not _of(Thickness, additions)
 
 
 def _inside_strip(names: Names) -> Names:
@@ -108,33 +112,31 @@ def _inside_strip(names: Names) -> Names:
     }
 
 
-def _material(base: Base, additions: Additions, names: Names, turn: tuple[str, ...]) -> Stages:
+def _material(base: Base, additions: Additions, names: Names) -> Stages:
     """From the mean deformation to its stress."""
     compressible = _of(Compressibility, additions)
     if base.plane_strain:
         return _plane_strain(base, additions)
     if not compressible:
-        return _laws(base, additions, names, (*turn, 0))
+        return _laws(base, additions, names)
     place, a, effect = compressible[0]
     sweeps = 1 if a.is_null else SWEEPS  # one is exact for the derivative, and its laws are those without the effect
-    found = [Stage(motion.Incompressible(), names=names, turn=turn)]
-    for k in range(sweeps + 1):
-        now = (*turn, 0 if a.is_null else k)
-        found.append(Stage(motion.FreeOfVolume(), names=names, turn=now))
-        found += _laws(base, additions, names, now)
-        if k < sweeps:
-            found.append(Stage(stress.VolumeRatio(effect, base), (a,), (place,), names, now))
-    return (*found, Stage(stress.StressAtVolume(), names=names, turn=turn))
+    found = [Stage(motion.Incompressible(), names=names), Stage(motion.FreeOfVolume(), names=names)]
+    for _ in range(sweeps):
+        found += _laws(base, additions, names)
+        found.append(Stage(stress.VolumeRatio(effect, base), (a,), (place,), names))
+        found.append(Stage(motion.FreeOfVolume(), names=names))
+    return (*found, *_laws(base, additions, names), Stage(stress.StressAtVolume(), names=names))
 
 
 def _plane_strain(base: Base, additions: Additions) -> Stages:
     """From F to P in plane strain."""
-    return Stage(motion.IsochoricPart()), *_laws(base, additions, {}, (0,)), Stage(stress.PlaneStrainStress())
+    return Stage(motion.IsochoricPart()), *_laws(base, additions, {}), Stage(stress.PlaneStrainStress())
 
 
-def _laws(base: Base, additions: Additions, names: Names, turn: tuple[Any, ...]) -> Stages:
+def _laws(base: Base, additions: Additions, names: Names) -> Stages:
     """The stress of an incompressible sheet, with its history."""
-    found = [Stage(stress.BaseStress(base), names=names, turn=turn)]
+    found = [Stage(stress.BaseStress(base), names=names)]
     acting = _acting("stress", additions)
     energies, relaxing = (
         [both for both in acting if both[1].effect.stage == stage] for stage in ("energy", "relaxation")
@@ -143,7 +145,7 @@ def _laws(base: Base, additions: Additions, names: Names, turn: tuple[Any, ...])
 
     def add(link: Link, *together: tuple[int, Addition]) -> None:
         places, some = zip(*together, strict=True)
-        found.append(Stage(link, some, places, names, turn))
+        found.append(Stage(link, some, places, names))
 
     for one in energies:
         add(stress.ChangedStress(one[1].effect), one)

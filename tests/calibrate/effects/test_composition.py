@@ -39,6 +39,7 @@ COARSE = {
     THICK: 2e-3,
     (THICK, LENS): 0.015,
     (THICK, WARP): 0.04,
+    (WARP, THICK): 2e-3,
 }
 """Where second derivatives at edges, or those of fourth polynomials, converge slowly with the mesh."""
 

@@ -1,0 +1,74 @@
+"""Triangles in blocks: what acts in every triangle for itself is run block by block, so that memory does not grow with the Experiment.
+
+In: an Experiment as arrays and its virtual fields. Out: `Block`s of equal size, each with all increments, so that the history of a place stays
+together. Only rows of virtual work are kept of a block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from calibrate.effects.support.effect_data import Data
+
+Array = NDArray[np.float64]
+BYTES = 8e6  # of one tensor in all increments of a block
+OF_TRIANGLES = ("triangles", "stencil", "slopes", "areas", "centroids", "edges", "edge_nodes")
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some triangles. used: how many of them are its own; the last one is repeated behind, without virtual work, so that all blocks are of
+    one size. places (b,): which they are; virtual (v, 2 b): thickness x area x gradient of each virtual field, mm^2."""
+
+    places: NDArray[np.int64]
+    used: int
+    virtual: sp.csr_array
+
+    def of(self, data: Data) -> Data:
+        """The Experiment with these triangles alone."""
+        return replace(data, **{name: jnp.asarray(getattr(data, name))[self.places] for name in OF_TRIANGLES})
+
+    def work(self, stress: Array) -> Array:
+        """Virtual work (..., t, 2 v), N, of stresses (..., t, b, 2, 2)."""
+        return virtual_work(self.virtual, stress)
+
+    def dual(self, forces: Array) -> Array:
+        """Stresses (t, b, 2, 2) whose product with others is the work of these with forces (t, 2 v), N."""
+        t = len(forces)
+        flat = self.virtual.T @ np.moveaxis(forces.reshape(t, 2, -1), -1, 0).reshape(-1, 2 * t)
+        return np.ascontiguousarray(np.moveaxis(flat.reshape(-1, 2, t, 2), (2, 3), (0, 2)))
+
+
+def virtual_work(virtual: sp.csr_array, stress: Array) -> Array:
+    """Virtual work (..., t, 2 v), N, of stresses (..., t, b, 2, 2), MPa; virtual (v, 2 b): see `Block`."""
+    P = np.asarray(stress)
+    columns = np.moveaxis(P, (-3, -1), (0, 1)).reshape(2 * P.shape[-3], -1)
+    found = np.moveaxis((virtual @ columns).reshape(-1, *P.shape[:-3], 2), 0, -1)
+    return found.reshape(*P.shape[:-3], -1)
+
+
+def blocks(virtual: sp.csr_array, n_increments: int, most: float = BYTES) -> tuple[Block, ...]:
+    """All triangles of virtual fields (v, 2 m), in as few blocks as `most` bytes a tensor allow."""
+    m = virtual.shape[1] // 2
+    count = max(1, int(np.ceil(m * n_increments * 32 / most)))
+    size = int(np.ceil(m / count))
+    columns = sp.csc_array(virtual)
+    return tuple(_block(columns, np.arange(first, first + size), m) for first in range(0, m, size))
+
+
+def _block(virtual: sp.csc_array, places: NDArray[np.int64], m: int) -> Block:
+    used = int((places < m).sum())
+    own = virtual[:, 2 * places[0] : 2 * (places[0] + used)]
+    padding = sp.csc_array((virtual.shape[0], 2 * (len(places) - used)))
+    return Block(np.minimum(places, m - 1), used, sp.csr_array(sp.hstack([own, padding])))
+
+
+def joined(parts: Sequence[Array], some: Sequence[Block], axis: int) -> Array:
+    """Values of all triangles, of those of every block along an axis."""
+    return np.concatenate([np.take(p, np.arange(b.used), axis) for p, b in zip(parts, some, strict=True)], axis)
