@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,7 +33,8 @@ class Block:
 
     def of(self, data: Data) -> Data:
         """The Experiment with these triangles alone."""
-        return replace(data, **{name: jnp.asarray(getattr(data, name))[self.places] for name in OF_TRIANGLES})
+        own: dict[str, Any] = {name: jnp.asarray(getattr(data, name))[self.places] for name in OF_TRIANGLES}
+        return replace(data, **own)
 
     def work(self, stress: Array) -> Array:
         """Virtual work (..., t, 2 v), N, of stresses (..., t, b, 2, 2)."""

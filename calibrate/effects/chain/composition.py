@@ -34,8 +34,8 @@ from calibrate.effects.chain.stages import (
 )
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
-from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations import kinematics
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
 
 Array = NDArray[np.float64]
