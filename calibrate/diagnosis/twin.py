@@ -56,5 +56,12 @@ def residual(part: Part, c: Array, replayed: Experiment) -> Array:
 
 def _with_twin(problem: Problem, part: Part, twin: Array) -> Part:
     return weighted_part(
-        part.chain, part.assembled, problem.basis, problem.c, part.train.rows, part.held.rows, problem.with_discrepancy, twin=twin
+        part.chain,
+        part.assembled,
+        problem.basis,
+        problem.c,
+        part.train.rows,
+        part.held.rows,
+        problem.with_discrepancy,
+        twin=twin,
     )
