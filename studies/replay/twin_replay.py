@@ -27,4 +27,4 @@ def twin_replay(experiment: Experiment, model: ExtendedModel) -> Experiment:
         loaded = tuple(replace(b, force=found.forces[b.name]) for b in experiment.loaded)
         return replace(experiment, displacements=found.displacements, loaded=loaded)
     except (ForwardError, MeshError, StudyError, EquigapError) as error:
-        raise NoTwinError(str(error)) from error
+        raise NoTwinError(f"{experiment.name}: {str(error).removeprefix(f'{experiment.name}: ')}") from error
