@@ -5,7 +5,8 @@ weights that allow only for what a twin may miss; the base fitted to it; and why
 
 The replayed fields are in equilibrium with the replayed forces. Seen by the triangles of the camera, through the chain of the measured ones, they
 leave a residual that the measured ones have, too. One replay of the base is enough, as the error is of second order: it depends little on
-the law and on the noise of the grips that the replay moves by (docs/discover_method.md, "Weights").
+the law and on the noise of the grips that the replay moves by (docs/discover_method.md, "Weights"). It is smooth in the load, so that not every
+increment is replayed: between two, the residual is interpolated as the measured displacements are.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
+from calibrate.data.load_path import turning_points
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.model_weights import weighted_part
 from calibrate.diagnosis.problem import Part, Problem
@@ -35,7 +37,8 @@ def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit
     for part in problem.parts:
         model = ExtendedModel(problem.basis, fit.c, (), (), part.experiment.stress_unit)
         try:
-            twin = residual(part, fit.c, replay(part.experiment, model))
+            chosen, shares = turning_points(part.experiment.displacements)
+            twin = shares @ residual(part, fit.c, replay(part.experiment.select(chosen), model))
         except NoTwinError as error:
             parts.append(part)
             reasons.append(str(error))

@@ -17,14 +17,18 @@ from forward.errors import ForwardError
 from meshes.errors import MeshError
 from studies.errors import StudyError
 from studies.replay.model_law import law_of
-from studies.replay.replayed_experiment import replay
+from studies.replay.replayed_experiment import Replay, replay
 
 
 def twin_replay(experiment: Experiment, model: ExtendedModel) -> Experiment:
     """Raises `NoTwinError` with the reason where the test cannot be replayed."""
     try:
-        found = replay(experiment, law_of(model, experiment), check_mesh=False)
-        loaded = tuple(replace(b, force=found.forces[b.name]) for b in experiment.loaded)
-        return replace(experiment, displacements=found.displacements, loaded=loaded)
+        return replayed_test(experiment, replay(experiment, law_of(model, experiment), check_mesh=False))
     except (ForwardError, MeshError, StudyError, EquigapError) as error:
         raise NoTwinError(f"{experiment.name}: {str(error).removeprefix(f'{experiment.name}: ')}") from error
+
+
+def replayed_test(experiment: Experiment, found: Replay) -> Experiment:
+    """The test with displacements and forces of its replay."""
+    loaded = tuple(replace(b, force=found.forces[b.name]) for b in experiment.loaded)
+    return replace(experiment, displacements=found.displacements, loaded=loaded)

@@ -10,6 +10,7 @@ import pytest
 import synthetic
 
 from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.load_path import turning_points
 from calibrate.diagnosis import base_fit, twin
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.hold_out import HoldOut
@@ -34,6 +35,13 @@ SPACING = 6.0  # mm
 @cache
 def solution():
     return solve(quads(PLATE, quarter=True), ArrudaBoyce(), Loading.clamped(PLATE.loaded, 12.0), 2).mirrored()
+
+
+def in_steps():
+    """The same in eight increments, on a coarser mesh."""
+    return solve(
+        quads(PLATE, quarter=True, size_factor=2.0), ArrudaBoyce(), Loading.clamped(PLATE.loaded, 12.0), 8
+    ).mirrored()
 
 
 @cache
@@ -95,6 +103,17 @@ def test_noise_of_the_grips_hardly_changes_the_residual_of_a_twin():
         for u in (0.0, noise)
     )
     assert 0 < size(part.train(moved - exact)) ** 2 < 0.02 * part.train.size
+
+
+def test_between_replayed_increments_the_residual_is_interpolated():
+    """In the steps of a quarter that are replayed, and between: to a twentieth of the largest."""
+    e = replace(camera.observe(in_steps(), triangles(PLATE, n_nodes=200), name="plate"), noise=EXACT)
+    problem, fit = base_fit.prepare([e], [all_rows], SPACING)
+    part = problem.parts[0]
+    assert len(turning_points(e.displacements)[0]) < e.n_increments
+    found = twin.with_twins(problem, fit, twin_replay)[0].parts[0].twin
+    every = twin.residual(part, fit.c, twin_replay(e, ExtendedModel(problem.basis, fit.c, (), (), "MPa")))
+    assert size(found - every) < 0.05 * size(every)
 
 
 def test_what_a_twin_tells_is_subtracted_and_no_misfit():
