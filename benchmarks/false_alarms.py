@@ -2,8 +2,8 @@
 
 In: options of `equigap simulate` behind --, or the blind trials that hide nothing (--trials); --stated: by which the stated noise of the
 displacements is wrong, or none; --correlation: share of the variance of the noise that all pictures have in common, half of it with the
-pattern, half with the reference; --independent: increments are taken for independent, as without the two. Out: a line a test (verdict,
-best candidate, its score and adjusted p), then the rate.
+pattern, half with the reference; --independent: increments are taken for independent, as without the two; --without-twin: the discretisation
+error is allowed for, not found by a replay. Out: a line a test (verdict, best candidate, its score and adjusted p), then the rate.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from calibrate.diagnosis.discovery import discover
 from calibrate.equations.noise_covariance import between_increments
 from calibrate.fitting.noise_check import check_noise
 from studies.cli import main as equigap
+from studies.replay.twin_replay import twin_replay
 from studies.trials.blind_data import draw, make
 
 
@@ -58,10 +59,10 @@ def camera_words(total: float, correlation: float) -> list[str]:
     return [*own, "--pattern-noise", str(common), "--reference-noise", str(common)]
 
 
-def verdict(seed: int, experiment: Experiment) -> str:
+def verdict(seed: int, experiment: Experiment, twin: bool = True) -> str:
     """The verdict on one test; prints its line."""
     began = time.process_time()
-    found = discover([experiment], whole_table=False)
+    found = discover([experiment], whole_table=False, replay=twin_replay if twin else None)
     best = min((r.score for r in found.rounds[0].candidates if r.score.is_tested), key=lambda score: score.adjusted)
     print(seed, found.verdict, *found.named, f"({best.effect.name}: {best.score:.1f}, {best.adjusted:.2g})",
           found.noise[0].used, f"{time.process_time() - began:.0f} s", flush=True)  # fmt: skip
@@ -79,6 +80,7 @@ if __name__ == "__main__":
         "--correlation", type=float, default=0.0, help="share of its variance that is common to all pictures"
     )
     parser.add_argument("--independent", action="store_true", help="take increments for independent")
+    parser.add_argument("--without-twin", action="store_true", help="do not replay the tests")
     parser.add_argument("words", nargs="*", help="options of `equigap simulate`")
     args = parser.parse_args()
     words = [*camera_words(args.noise, args.correlation), *args.words]
@@ -87,6 +89,6 @@ if __name__ == "__main__":
         for seed in range(args.first, args.first + args.seeds):
             exact = make(draw(seed, None))[0] if args.trials else simulated(seed, words, Path(folder))
             stated = with_stated_noise(exact, args.stated)
-            found.append(verdict(seed, independent(stated) if args.independent else stated))
+            found.append(verdict(seed, independent(stated) if args.independent else stated, not args.without_twin))
     alarms = sum(one != "nothing significant" for one in found)
     print(f"{alarms} of {len(found)} significant ({100 * alarms / len(found):.0f} %)")

@@ -53,6 +53,10 @@ class DataNotFoundError(EquigapError, FileNotFoundError):
     """A data set is not at hand and cannot be fetched."""
 
 
+class NoTwinError(EquigapError, RuntimeError):
+    """A test that cannot be replayed by finite elements, so that nothing tells its discretisation error."""
+
+
 class FitError(EquigapError, RuntimeError):
     """The optimisation did not reach a solution."""
 

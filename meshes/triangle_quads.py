@@ -1,7 +1,9 @@
 """Biquadratic quads of a triangulation: each triangle becomes three quads, so that the outline stays what was measured.
 
-In: points (n, 2), mm, anticlockwise triangles (m, 3), and edges of their outline by name. Out: a `Mesh` of 3 m quads with straight edges, whose
+In: points (n, 2), mm, anticlockwise triangles (m, 3), and edges of their outline by name. Out: a `Mesh` of 3 m quads, whose
 first n nodes are the points; and for every node the points and shares that place it, so that what is known at the points is carried to the nodes.
+Edges are straight, or parabolas through a given middle: a node that the linear triangle has at barycentric coordinates a, b, c is moved by 4 a b
+times the bulge of the edge ab, as a triangle of six nodes has it.
 """
 
 from __future__ import annotations
@@ -24,6 +26,14 @@ PLACES = np.array([(24, 0, 0), (12, 12, 0), (8, 8, 8), (12, 0, 12),  # corners o
 
 
 @dataclass(frozen=True, eq=False)
+class CurvedEdges:
+    """edges (k, 2) of the outline; bulges (k, 2), mm: from the middle of the chord to that of the edge."""
+
+    edges: Indices
+    bulges: Array
+
+
+@dataclass(frozen=True, eq=False)
 class SplitMesh:
     """mesh: the quads. interpolation (nodes, n): linear within each triangle, from points to nodes."""
 
@@ -31,8 +41,11 @@ class SplitMesh:
     interpolation: sp.csr_array
 
 
-def split(points: Array, triangles: Indices, edges: Mapping[str, Indices], finer: int = 0) -> SplitMesh:
+def split(
+    points: Array, triangles: Indices, edges: Mapping[str, Indices], finer: int = 0, curved: CurvedEdges | None = None
+) -> SplitMesh:
     """Quads of a triangulation. edges: boundary name to edges (e, 2) of the outline. finer: how often each triangle is divided in four before.
+    curved: edges that are not straight.
 
     Raises `MeshDataError` where points, triangles and edges do not fit together.
     """
@@ -42,7 +55,11 @@ def split(points: Array, triangles: Indices, edges: Mapping[str, Indices], finer
         carried = step @ carried
     cells, step = _quads(triangles, carried.shape[0])
     carried = sp.csr_array(step @ carried)
-    return SplitMesh(Mesh(carried @ points, cells, "quad", _boundaries(cells, carried, edges)), carried)
+    places = carried @ points
+    if curved is not None:
+        shares = sp.csc_array(carried)
+        places = places + 4 * (shares[:, curved.edges[:, 0]] * shares[:, curved.edges[:, 1]]) @ curved.bulges
+    return SplitMesh(Mesh(places, cells, "quad", _boundaries(cells, carried, edges)), carried)
 
 
 def _quads(triangles: Indices, n: int) -> tuple[Indices, sp.csr_array]:

@@ -22,6 +22,7 @@ from calibrate.diagnosis.problem import Mask, Problem
 from calibrate.diagnosis.selection.loop import close_loop
 from calibrate.diagnosis.selection.rounds import Discovery, Verdict
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
+from calibrate.diagnosis.twin import Replay, with_twins
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
 from calibrate.equations.equilibrium import Equilibrium
@@ -44,11 +45,12 @@ def discover(
     thresholds: Thresholds = DEFAULT,
     priors: Priors | None = None,
     fitted: bool = True,
+    replay: Replay | None = None,
 ) -> Discovery:
     """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
 
-    hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`. Others: see
-    `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
+    hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`. replay: solves a
+    test by finite elements, so that its discretisation error is known (`twin`); None: it is allowed for. Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
     `calibrate.equations.equilibrium.equilibrium`.
     """
     say = progress or (lambda text: None)
@@ -58,8 +60,12 @@ def discover(
     say("base model")
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
     problem, state = prepare([e for e, _ in checked], train, spacing, base=base)
+    without_twin: tuple[str, ...] = ()
+    if replay is not None:
+        say("replay of the base model")
+        problem, state, without_twin = with_twins(problem, state, replay)
     found = diagnose(problem, state, effects, whole_table, seed, say, thresholds, priors, fitted)
-    return replace(found, noise=tuple(check for _, check in checked))
+    return replace(found, noise=tuple(check for _, check in checked), without_twin=without_twin)
 
 
 def diagnose(

@@ -30,14 +30,17 @@ def weighted_part(
     held: Mask,
     with_discrepancy: bool,
     additions: Additions = (),
+    twin: Array | None = None,
 ) -> Part:
-    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both."""
-    common = discretisation_error.sources(chain.system, basis, c) if with_discrepancy else None
+    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both. twin: see `Part`."""
+    common = None
+    if with_discrepancy:
+        given = chain.system, basis, c
+        common = discretisation_error.sources(*given) if twin is None else discretisation_error.remainder(*given, twin)
     noise = _covariances(chain, assembled, c, additions if train.any() else ())
     shift = chain.noise_shift(c, assembled.noise_factor, assembled.variances)
-    return Part(
-        chain, assembled, *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
-    )
+    weights = *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
+    return Part(chain, assembled, *weights, twin)
 
 
 def amplified(problem: Problem, additions: Additions) -> Problem:
@@ -110,7 +113,7 @@ def reweighted(problem: Problem, c: Array, additions: Additions) -> Problem:
     known = amplifying(problem, additions)
     parts = [
         weighted_part(
-            p.chain, p.assembled, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy, known
+            p.chain, p.assembled, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy, known, p.twin
         )
         for p in problem.parts
     ]

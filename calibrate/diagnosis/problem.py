@@ -31,8 +31,8 @@ Rows = Callable[[Equilibrium], Mask]
 class Part:
     """One Experiment in a diagnosis: its chain, weights, and the equations (t, 2 v) used for fitting and held out.
 
-    shift (t, 2 v), N: see `Chain.noise_shift`. common: see `discretisation_error.sources`. together: weights of both, where what is held out
-    has noise in common with what is fitted; None: it is independent.
+    shift (t, 2 v), N: see `Chain.noise_shift`. common: see `discretisation_error`. together: weights of both, where what is held out
+    has noise in common with what is fitted; None: it is independent. twin (t, 2 v), N: the discretisation error in the residual; None: unknown.
     """
 
     chain: Chain
@@ -42,20 +42,25 @@ class Part:
     shift: Array = field(repr=False)
     common: Array | None = field(repr=False)
     together: Weights | None = field(default=None, repr=False)
+    twin: Array | None = field(default=None, repr=False)
+
+    @property
+    def known(self) -> Array:
+        """What is no misfit in the residual of the chain (t, 2 v), N: the mean that noise brings into it, and the discretisation error."""
+        return self.shift if self.twin is None else self.shift + self.twin
 
     def residual(self, c: Array, additions: Additions = ()) -> Array:
-        """Residual (t, 2 v), N, without the mean that noise brings into it."""
-        return self.chain.residual(c, additions) - self.shift
+        """Residual (t, 2 v), N, without what is known of it."""
+        return self.chain.residual(c, additions) - self.known
 
     def own_residual(self, c: Array, additions: Additions = ()) -> Array:
-        """Residual (t, 2 v), N, without the mean that noise brings into it in the base c (n,) itself.
+        """Residual (t, 2 v), N, without the mean that noise brings into it in the base c (n,) itself, and without the discretisation error.
 
-        What a model file predicts (`ExtendedModel.predict`), and what every stated error is of. In a fit the mean is held at that of
-        the weights.
+        What every stated error is of, and what a model file predicts (`ExtendedModel.predict`), which does not know the discretisation
+        error. In a fit the mean is held at that of the weights.
         """
-        return self.chain.residual(c, additions) - self.chain.noise_shift(
-            c, self.assembled.noise_factor, self.assembled.variances
-        )
+        shift = self.chain.noise_shift(c, self.assembled.noise_factor, self.assembled.variances)
+        return self.chain.residual(c, additions) - shift - (0.0 if self.twin is None else self.twin)
 
     def valid(self, additions: Additions) -> Additions:
         """Those that hold for this experiment: of the material, and all where it took part in the fit."""
@@ -131,7 +136,7 @@ def loss(problem: Problem, c: Array, additions: Additions) -> float:
 
 def loads(problem: Problem, additions: Additions = ()) -> Array:
     """Whitened right-hand side (N,)."""
-    return problem.whiten([part.chain.external(additions) + part.shift for part in problem.trained])
+    return problem.whiten([part.chain.external(additions) + part.known for part in problem.trained])
 
 
 def stiffness_factor(problem: Problem, c: Array, additions: Additions) -> float:

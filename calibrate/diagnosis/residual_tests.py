@@ -15,6 +15,7 @@ from scipy import stats
 
 from calibrate.diagnosis.problem import Part, Problem
 from calibrate.effects.chain import Additions
+from calibrate.equations.discretisation_error import REMAINDER
 from calibrate.equations.weights import Weights
 from calibrate.fitting.least_squares import residual_outside
 
@@ -48,13 +49,16 @@ class Misfits(NamedTuple):
 
 
 def kinematic_error(problem: Problem, c: Array) -> Array:
-    """Whitened change (N,) of the residual when the triangles are taken for linear again.
+    """Whitened change (N,) of the residual when the triangles are taken for linear again, or what a twin may be wrong by.
 
     A standard deviation of what the recovered kinematics still miss. Its effect on an amplitude is added to that of
     noise, because errors of neighbouring edges are less independent than the weights assume.
     """
     changes = []
     for part in problem.trained:
+        if part.twin is not None:
+            changes.append(REMAINDER * part.twin)
+            continue
         work = [
             np.array([system.matrix(problem.basis, F) @ c for F in system.deformation_gradients])
             for system in (part.linear, part.system)

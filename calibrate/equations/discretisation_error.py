@@ -1,13 +1,16 @@
 """What recovered kinematics may still miss, as sources that act alike in every increment.
 
 In: the equations of an Experiment and a material. Out: sources (t, 2 v, s), N: change of the residual when one correction
-that `recovery` makes, of an edge or a curved segment, is wrong by its own size.
+that `recovery` makes, of an edge or a curved segment, is wrong by its own size; and what a twin leaves of them.
 
 A discretisation error is no noise: it grows with the load and keeps its pattern, so that it would pass for an effect.
 Its standard deviation is taken to be the correction itself, which is of lower order and so on the safe side, three times:
 independent between edges, common to neighbours within a spacing of the virtual fields, and common to all. The covariance
 is sources . sources^T. On clean data the residual of the true material is well below it, so that the score of an effect
 that is not there stays low however small the noise.
+
+Where a finite-element replay of the test tells the error itself (`calibrate.diagnosis.twin`), it is subtracted, and only a remainder is allowed
+for: a share `REMAINDER` of that error as a whole, and of each source.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
 
 Array = NDArray[np.float64]
 KEPT = 0.99  # share of the squared corrections; the smallest are left out
+REMAINDER = 0.2  # of a discretisation error, that a twin misses: docs/discover_method.md, "Weights"
 
 
 def edge_operators(system: Equilibrium) -> tuple[sp.csr_array, sp.csr_array]:
@@ -81,6 +85,11 @@ def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
     groups = np.unique(np.column_stack([kind, cell]), axis=0, return_inverse=True)[1].ravel()
     together = [single @ np.eye(groups.max() + 1)[groups], single @ np.eye(2)[kind]]
     return np.concatenate([single, *together], axis=-1)
+
+
+def remainder(system: Equilibrium, basis: Basis, c: Array, twin: Array) -> Array:
+    """Sources (t, 2 v, s), N, of what is left once the residual of a twin (t, 2 v), N, is subtracted."""
+    return REMAINDER * np.concatenate([sources(system, basis, c), twin[..., None]], axis=-1)
 
 
 def edge_middles(system: Equilibrium) -> Array:

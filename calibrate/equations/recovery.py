@@ -15,6 +15,8 @@ and systematic, so that they outgrow the noise of a good measurement. Here
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -99,12 +101,34 @@ def _least_squares(columns: Array) -> Array:
     return rows
 
 
+@dataclass(frozen=True)
+class Segments:
+    """Between free edges (k, 2), the specimen on their left, and the circle through their neighbours: owners (k,), triangles; areas (k,), mm^2,
+    negative where the edge bends inwards."""
+
+    edges: Indices
+    owners: Indices
+    areas: Array
+
+    def bulges(self, points: Array) -> Array:
+        """By how far the middle of each edge is from its chord (k, 2), mm."""
+        chord = points[self.edges[:, 1]] - points[self.edges[:, 0]]
+        outwards = np.stack([chord[:, 1], -chord[:, 0]], axis=1)
+        return 1.5 * (self.areas / (chord**2).sum(axis=1))[:, None] * outwards  # a parabola
+
+
 def areas(points: Array, triangles: Indices, free_nodes: Indices) -> Array:
     """Areas (m,), mm^2, of triangles whose free edges (both nodes free) follow the circle through their neighbours."""
-    plain = shape_gradients(points, triangles)[1]
+    found = segments(points, triangles, free_nodes)
+    return shape_gradients(points, triangles)[1] + np.bincount(found.owners, found.areas, len(triangles))
+
+
+def segments(points: Array, triangles: Indices, free_nodes: Indices) -> Segments:
+    """Of all free edges of triangles."""
     edges, owner = boundary_edges(triangles)
     free = np.isin(edges, free_nodes).all(axis=1)
-    (start, end), owner = edges[free].T, owner[free]
+    edges, owner = edges[free], owner[free]
+    (start, end), plain = edges.T, shape_gradients(points, triangles)[1]
     edge = points[end] - points[start]
     # the edge after each one; none where edges of two holes meet in a node
     follower = np.full(len(points), -1)
@@ -122,5 +146,4 @@ def areas(points: Array, triangles: Indices, free_nodes: Indices) -> Array:
     known = np.isfinite(at_ends)
     mean = np.where(known, at_ends, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     limit = SEGMENT * plain[owner]
-    segment = np.clip(mean * np.linalg.norm(edge, axis=1) ** 3 / 12, -limit, limit)
-    return plain + np.bincount(owner, segment, len(triangles))
+    return Segments(edges, owner, np.clip(mean * np.linalg.norm(edge, axis=1) ** 3 / 12, -limit, limit))

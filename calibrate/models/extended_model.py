@@ -149,8 +149,9 @@ class ExtendedModel:
     def predict(self, experiment: Experiment, spacing: float | None = None) -> Prediction:
         """Forces and residuals of an Experiment from its measured displacements.
 
-        The one definition of the forces of such a model, which the report of a diagnosis shows too: internal virtual work minus
-        the mean that noise brings into the base, with the effects that hold for the test. spacing, errors: see `applied_to`.
+        The one definition of the forces of such a model: internal virtual work minus the mean that noise brings into the base, with the
+        effects that hold for the test. The report of a diagnosis shows them too, less the discretisation error where a replay told it.
+        spacing, errors: see `applied_to`.
         """
         applied = self.applied_to(experiment, spacing)
         chain, system, additions = applied.chain, applied.chain.system, applied.model.additions

@@ -43,22 +43,23 @@ class SplineEnergy(Material):
 
     @property
     def parameters(self) -> tuple[float, ...]:
-        return tuple(float(c) for piece in self.pieces for c in piece)
+        """top, then the pieces: all are constants of compiled code, which then serves every spline of as many pieces."""
+        return (self.top, *(float(c) for piece in self.pieces for c in piece))
 
     @property
     def shear_modulus(self) -> float:
         return 2 * self.pieces[0][0]
 
     def energy(self, I1: Any, I2: Any, parameters: Sequence[Any] | None = None) -> Any:
-        c = self.parameters if parameters is None else parameters
-        place = ((I1 - 3) / self.top + NEXT_TO_REST) ** 0.5
+        top, *c = self.parameters if parameters is None else parameters
+        place = ((I1 - 3) / top + NEXT_TO_REST) ** 0.5
         s, m = place - _ramp(place - 1), len(self.pieces)
         inside = sum(c[p] * m**p * s ** (p + 2) / (p + 2) for p in range(4))
         for i in range(1, m):
             beyond = _ramp(s - i / m)
             jump = (c[4 * i + 3] - c[4 * i - 1]) * m**3
             inside = inside + jump * beyond**4 * (beyond / 5 + i / (4 * m))
-        return 2 * self.top * inside + sum(c[4 * m - 4 + p] for p in range(4)) * _ramp(I1 - 3 - self.top)
+        return 2 * top * inside + sum(c[4 * m - 4 + p] for p in range(4)) * _ramp(I1 - 3 - top)
 
 
 def _ramp(x: Any) -> Any:

@@ -40,6 +40,7 @@ from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder, released_if_refused
 from studies.output.findings import Finding
+from studies.replay.twin_replay import twin_replay
 from studies.reports.alert_table import alert_lines
 from studies.reports.discovery.discovery_findings import no_time
 from studies.reports.discovery.discovery_findings import remarks as all_remarks
@@ -125,7 +126,7 @@ def discover(
     with released_if_refused(folder), Stages() as say:
         found = discovery.discover(
             trained, rule, held, effects, diagnosis.spacing, diagnosis.base, not quick, diagnosis.seed, say,
-            priors=priors, fitted=not quick,
+            priors=priors, fitted=not quick, replay=twin_replay,
         )  # fmt: skip
         view = View(found, held_out_words(rule, trained, held), remarks, quick)
         say("network of the base")

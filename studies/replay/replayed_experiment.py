@@ -3,8 +3,9 @@
 In: an Experiment and a `Law`. Out: `Replay`, predicted fields and forces beside the measured ones.
 
 Loaded edges move as measured, in the components that their grips hold, and so do the rims where the measurement ends: their traction is
-unknown. Free edges are free. Each triangle of the camera becomes three biquadratic quads. How much the mesh matters is told by the last
-increment alone, solved on this mesh and on one with four times as many triangles, without what depends on time.
+unknown. Free edges are free, and follow the circle through their neighbours, as in `recovery`. Each triangle of the camera becomes three
+biquadratic quads. How much the mesh matters is told by the last increment alone, solved on this mesh and on one with four times as many
+triangles, without what depends on time.
 """
 
 from __future__ import annotations
@@ -19,12 +20,13 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.data.outline import Outline
+from calibrate.equations import recovery
 from calibrate.fitting.calibration import relative_force_error
 from forward.loading import MeasuredMotion
 from forward.sheet.inelastic import solve_history
 from forward.solution import SurfaceSolution
 from meshes import Mesh
-from meshes.triangle_quads import split
+from meshes.triangle_quads import CurvedEdges, split
 from studies.replay.model_law import Law
 
 Array = NDArray[np.float64]
@@ -160,7 +162,9 @@ class BoundaryValues:
     def of(cls, experiment: Experiment, finer: int = 0) -> BoundaryValues:
         """Quads of the camera's triangles, each divided in four `finer` times before; the first nodes are the camera's points."""
         edges = named_edges(experiment)
-        quads = split(experiment.points, experiment.triangles, edges, finer)
+        free = recovery.segments(experiment.points, experiment.triangles, experiment.free_nodes)
+        curved = CurvedEdges(free.edges, free.bulges(experiment.points))
+        quads = split(experiment.points, experiment.triangles, edges, finer, curved)
         held = np.zeros((len(quads.mesh.points), 2), bool)
         held[np.unique(quads.mesh.boundaries[RIM])] = True
         for boundary in experiment.loaded:

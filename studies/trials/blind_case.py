@@ -20,6 +20,7 @@ from calibrate.diagnosis.selection.rounds import Round
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from studies.output.writing import write_json
+from studies.replay.twin_replay import twin_replay
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.trials.blind_data import draw, write
 from studies.trials.blind_trial import Trial
@@ -91,7 +92,7 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
 
     start = time.process_time()
     experiment = Experiment.load(path)
-    found = discovery.discover([experiment], whole_table=False)
+    found = discovery.discover([experiment], whole_table=False, replay=twin_replay)
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         assert found.start is not None

@@ -9,7 +9,7 @@ from meshes import SquareSheet, triangles
 from meshes.errors import MeshDataError
 from meshes.known_specimens import SPECIMENS
 from meshes.mesh import boundary_edges
-from meshes.triangle_quads import split
+from meshes.triangle_quads import CurvedEdges, split
 
 
 @pytest.fixture(scope="module")
@@ -51,3 +51,17 @@ def test_an_edge_inside_is_no_outline():
     inside = next(e for e in sheet.cells[:, :2].tolist() if tuple(sorted(e)) not in outline)
     with pytest.raises(MeshDataError, match="'grip'.*outline"):
         split(sheet.points, sheet.cells, {"grip": np.array([inside])})
+
+
+@pytest.mark.parametrize("finer", [0, 1])
+def test_curved_edges_are_parabolas(finer):
+    """Of a square whose right side bulges by h: the area grows by 2/3 h, nodes of the side lie on the parabola, those of other sides stay."""
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    cells, h = np.array([[0, 1, 2], [0, 2, 3]]), 0.1
+    curved = CurvedEdges(np.array([[1, 2]]), np.array([[h, 0.0]]))
+    found = split(points, cells, {"right": np.array([[1, 2]]), "left": np.array([[3, 0]])}, finer, curved).mesh
+    assert found.area() == pytest.approx(1 + 2 * h / 3, rel=1e-9)
+    assert found.quality.min() > 0
+    x, y = found.points[np.unique(found.boundaries["right"])].T
+    np.testing.assert_allclose(x, 1 + 4 * h * y * (1 - y), atol=1e-12)
+    np.testing.assert_allclose(found.points[np.unique(found.boundaries["left"]), 0], 0.0, atol=1e-12)

@@ -163,7 +163,7 @@ class Discovery:
     that these data cannot tell from it. confirmation: of the final model against the base, where it has effects. noise: of every
     experiment, stated and found; empty where it was not looked at. start: with the weights of the base. weighing: of all
     explanations. replaced: effects that the rounds had found before a more probable explanation took their place. everything: the fit of all
-    effects at once, where no few of them explain the test; without_everything: why it could not be made.
+    effects at once, where no few of them explain the test; without_everything: why it could not be made. without_twin: why tests were not replayed.
     """
 
     problem: Problem = field(repr=False)
@@ -180,6 +180,7 @@ class Discovery:
     replaced: tuple[str, ...] | None = None
     everything: Everything | None = field(default=None, repr=False)
     without_everything: str = ""
+    without_twin: tuple[str, ...] = ()
 
     @property
     def base(self) -> Fit:

@@ -32,6 +32,7 @@ class DiscoveryCode(Macro):
     NOISE_UNKNOWN = "unknown_noise"
     NOISE_FOUND = "noise_found"
     NOISE_OVERSTATED = "overstated_noise"
+    NO_TWIN = "no_twin"
     NOTHING_HELD_OUT = "nothing_held_out"
     HELD_OUT = "held_out"
     ROUND = "round_remark"
@@ -56,7 +57,7 @@ OF_THE_MODEL = {Reason.FORCES_MISSED, Reason.FORCES_NOT_PREDICTED}
 def remarks(view: View) -> list[Finding]:
     """The reasons of the headline first, then what the numbers rest on."""
     found = discovery_headline(view)
-    result = [*found.reasons, *view.remarks, *_of_noise(view), _of_hold_out(view)]
+    result = [*found.reasons, *view.remarks, *_of_noise(view), *_of_twins(view), _of_hold_out(view)]
     if found.verdict is not Use.NOT:
         result += _of_effects(view)
     if all(one.code in OF_THE_MODEL for one in found.against):
@@ -90,6 +91,11 @@ def noise_found(name: str, check: NoiseCheck) -> Finding:
     return _finding(
         DiscoveryCode.NOISE_FOUND, name=name, stated=stated, found=check.found, factor=check.factor, used=used
     )
+
+
+def _of_twins(view: View) -> Iterator[Finding]:
+    for reason in view.discovery.without_twin:
+        yield _finding(DiscoveryCode.NO_TWIN, reason=reason)
 
 
 def _of_hold_out(view: View) -> Finding:

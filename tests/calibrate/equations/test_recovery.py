@@ -199,6 +199,16 @@ def test_areas_between_curved_edges_gain_two_orders(squeeze):
     assert errors[0][0] < 0.01 * errors[0][1]
 
 
+def test_bulges_lie_on_the_circle():
+    """The middle of a chord is moved to the circle, outwards on the rim, inwards into the specimen at the hole, but for the fourth order."""
+    for n in (24, 96):
+        points, triangles, _ = annulus(n)
+        found = recovery.segments(points, triangles, boundary_nodes(triangles))
+        middle = points[found.edges].mean(axis=1) + found.bulges(points)
+        radius = np.linalg.norm(points[found.edges[:, 0]], axis=1)
+        np.testing.assert_allclose(np.linalg.norm(middle, axis=1), radius, atol=2 * (2 * np.pi / n) ** 4 / 100)
+
+
 def test_a_hole_takes_area_away_and_a_rim_adds_it():
     points, triangles, _ = annulus(24)
     radius = np.linalg.norm(points, axis=1)

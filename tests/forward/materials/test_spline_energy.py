@@ -37,3 +37,10 @@ def test_rest_and_dictionary():
 def test_what_is_refused(top, pieces, says):
     with pytest.raises(MaterialError, match=says):
         SplineEnergy(top, pieces)
+
+
+def test_all_that_tells_two_splines_apart_is_a_parameter():
+    """So that compiled code serves both."""
+    other = SplineEnergy(3.0, tuple(map(tuple, pieces_of(C[::-1]).tolist())))
+    I1 = 3 + np.linspace(0.01, 9.0, 50)
+    np.testing.assert_array_equal(LAW.energy(I1, 3.0, other.parameters), other.energy(I1, 3.0))

@@ -17,6 +17,7 @@ from calibrate.models.extended_model import ExtendedModel
 from studies.cli import main
 from studies.commands import discover as discovery
 from studies.errors import OptionError
+from studies.replay.twin_replay import twin_replay
 from studies.reports.discovery import report as discovery_report
 
 
@@ -28,7 +29,7 @@ def asked(monkeypatch):
     def discover(trained, rule, held, effects, spacing, base, whole, seed, say, **also):
         say("round 1: testing effects")
         calls.append({"trained": trained, "rule": rule, "held": held, "effects": effects, "spacing": spacing,
-                      "base": base, "whole": whole, "seed": seed})  # fmt: skip
+                      "base": base, "whole": whole, "seed": seed, "replay": also["replay"]})  # fmt: skip
         return explained()
 
     monkeypatch.setattr("calibrate.diagnosis.discovery.discover", discover)
@@ -66,6 +67,7 @@ def test_everything_is_written_and_the_verdict_is_said(run, asked):
     assert str(folder / "report.html") in said
     assert asked[0]["rule"] is None
     assert asked[0]["effects"] == CATALOGUE
+    assert asked[0]["replay"] is twin_replay
     assert (asked[0]["base"], asked[0]["whole"], asked[0]["seed"]) == ("positive", True, 0)
     model = ExtendedModel.load(folder / "model.json")
     assert model.verdict == "explained"

@@ -247,6 +247,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.unknown_noise": lambda: of_problem(noise_is_known=False),
     "discovery.noise_found": lambda: of_nothing(noise=(NoiseCheck(STATED, 0.015, STATED.scaled(1.5)),)),
     "discovery.overstated_noise": quiet,
+    "discovery.no_twin": lambda: of_nothing(without_twin=("plate: a replay needs thin sheets",)),
     "discovery.nothing_held_out": lambda: of_first_round(held=None),
     "discovery.held_out": of_nothing,
     "discovery.round_remark": lambda: of_first_round(refusals=(Refusal("upturn", RefusalReason.HELD_OUT_NOT_BETTER),)),

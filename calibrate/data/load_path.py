@@ -1,0 +1,50 @@
+"""Increments between which a test goes in straight lines, so that what is smooth in the load is known from them.
+
+In: displacements (t, n, 2), mm. Out: increments, and the shares of these in every one.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+STEP, BEND = 0.25, 0.02  # of the largest displacement: the length of a line, and how far an increment may be off it
+
+
+def turning_points(displacements: Array) -> tuple[NDArray[np.int64], Array]:
+    """Ends (k,) of straight lines from rest through displacements (t, n, 2), mm, counted from 0; and where every increment lies between two
+    of them, shares (t, k) of both: what is nothing at rest and has the values (k, ...) at the ends is about shares @ values."""
+    u = np.concatenate([np.zeros((1, displacements[0].size)), displacements.reshape(len(displacements), -1)])
+    largest = float(np.linalg.norm(u, axis=1).max())
+    ends = [0]
+    while ends[-1] < len(displacements):
+        ends.append(_end_of_line(u, ends[-1], largest))
+    shares = np.zeros((len(displacements), len(ends) - 1))
+    for j, (start, end) in enumerate(pairwise(ends)):
+        places = _along(u[start : end + 1])[0]
+        shares[start:end, j] = places
+        if j:
+            shares[start:end, j - 1] = 1 - places
+    return np.array(ends[1:]) - 1, shares
+
+
+def _end_of_line(u: Array, start: int, largest: float) -> int:
+    """Of the longest line from a row of u (t + 1, m)."""
+    end = start + 1
+    while end + 1 < len(u):
+        length, off = np.linalg.norm(u[end + 1] - u[start]), _along(u[start : end + 2])[1]
+        if length > (1 + 1e-9) * STEP * largest or off > BEND * largest:
+            break
+        end += 1
+    return end
+
+
+def _along(u: Array) -> tuple[Array, float]:
+    """Places (k - 1,), 0 to 1, of all rows of u (k, m) but the first on the line from the first to the last, and how far the worst is off."""
+    line, moved = u[-1] - u[0], u[1:] - u[0]
+    places = np.clip(moved @ line / max(float(line @ line), 1e-300), 0.0, 1.0)
+    places[-1] = 1.0
+    return places, float(np.linalg.norm(moved - places[:, None] * line, axis=1).max())

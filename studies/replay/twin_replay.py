@@ -1,0 +1,34 @@
+"""The replay that tells a diagnosis the discretisation error of a test, see `calibrate.diagnosis.twin`.
+
+In: an Experiment and the model of its base. Out: the same Experiment with the displacements and forces of its replay.
+
+The grips move as measured, noise included, and the mesh is the coarsest of a replay: both change the residual of the twin by much less than
+noise (docs/discover_method.md, "Weights").
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from calibrate.data.experiment import Experiment
+from calibrate.errors import EquigapError, NoTwinError
+from calibrate.models.extended_model import ExtendedModel
+from forward.errors import ForwardError
+from meshes.errors import MeshError
+from studies.errors import StudyError
+from studies.replay.model_law import law_of
+from studies.replay.replayed_experiment import Replay, replay
+
+
+def twin_replay(experiment: Experiment, model: ExtendedModel) -> Experiment:
+    """Raises `NoTwinError` with the reason where the test cannot be replayed."""
+    try:
+        return replayed_test(experiment, replay(experiment, law_of(model, experiment), check_mesh=False))
+    except (ForwardError, MeshError, StudyError, EquigapError) as error:
+        raise NoTwinError(f"{experiment.name}: {str(error).removeprefix(f'{experiment.name}: ')}") from error
+
+
+def replayed_test(experiment: Experiment, found: Replay) -> Experiment:
+    """The test with displacements and forces of its replay."""
+    loaded = tuple(replace(b, force=found.forces[b.name]) for b in experiment.loaded)
+    return replace(experiment, displacements=found.displacements, loaded=loaded)

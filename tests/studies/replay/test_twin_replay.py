@@ -1,0 +1,160 @@
+"""The twin of a test: its residual is that of the discretisation, of another mesh as of its own, and what cannot be replayed is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import synthetic
+
+from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.load_path import turning_points
+from calibrate.diagnosis import base_fit, twin
+from calibrate.diagnosis.discovery import discover
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.problem import Part, all_rows
+from calibrate.effects import CATALOGUE
+from calibrate.equations import noise_covariance
+from calibrate.equations.discretisation_error import REMAINDER
+from calibrate.errors import NoTwinError
+from calibrate.models.extended_model import ExtendedModel
+from forward.loading import Loading
+from forward.materials import ArrudaBoyce
+from forward.sheet.plane_stress import solve
+from meshes import PlateWithHole, quads, triangles
+from studies.replay.twin_replay import twin_replay
+from studies.synthetic import camera
+
+PLATE = PlateWithHole(half_length=30, half_width=15, far_size=1.5, hole_radius=5, hole_size=0.8)
+EXACT = Noise(1e-3, 2.0, 1e-4)  # mm: little beside the discretisation error
+SPACING = 6.0  # mm
+
+
+@cache
+def solution():
+    return solve(quads(PLATE, quarter=True), ArrudaBoyce(), Loading.clamped(PLATE.loaded, 12.0), 2).mirrored()
+
+
+def in_steps():
+    """The same in eight increments, on a coarser mesh."""
+    return solve(
+        quads(PLATE, quarter=True, size_factor=2.0), ArrudaBoyce(), Loading.clamped(PLATE.loaded, 12.0), 8
+    ).mirrored()
+
+
+@cache
+def test_of(nodes: int) -> Experiment:
+    """Biquadratic quads that share no node with the camera."""
+    return replace(camera.observe(solution(), triangles(PLATE, n_nodes=nodes), name="plate"), noise=EXACT)
+
+
+test_of.__test__ = False
+
+
+@cache
+def fitted(nodes: int):
+    return base_fit.prepare([test_of(nodes)], [all_rows], SPACING)
+
+
+@cache
+def with_twin(nodes: int):
+    problem, fit = fitted(nodes)
+    return *twin.with_twins(problem, fit, twin_replay), fit
+
+
+def size(values) -> float:
+    return float(np.linalg.norm(values))
+
+
+def part_and_twin(nodes: int) -> tuple[Part, np.ndarray]:
+    part = with_twin(nodes)[0].parts[0]
+    return part, part.twin
+
+
+def test_the_residual_of_a_twin_falls_with_the_distance_of_the_points():
+    """By more than the second order, that of the recovered gradients; it is less than four, as stresses are singular at the ends of the grips."""
+    coarse, fine = (size(part_and_twin(n)[1]) for n in (200, 800))
+    assert 2 < np.log2(coarse / fine) < 4
+
+
+@pytest.mark.parametrize("nodes", [200, 800])
+def test_a_test_of_another_mesh_has_the_residual_of_its_twin(nodes):
+    """What is left is within two standard deviations of what is allowed for."""
+    problem, base = fitted(nodes)
+    part, found = part_and_twin(nodes)
+    r = problem.parts[0].residual(base.c)
+    whiten = base_fit.prepare([test_of(nodes)], [all_rows], SPACING, with_discrepancy=False)[0].parts[0].train
+    assert size(whiten(r)) ** 2 > whiten.size
+    assert size(whiten(r - found)) < 2 * REMAINDER * size(whiten(r))
+    assert size(part.train(r - found)) ** 2 < part.train.size
+
+
+def test_noise_of_the_grips_hardly_changes_the_residual_of_a_twin():
+    """Replayed as measured: less than a fiftieth of what the noise does to the equations themselves."""
+    e = replace(test_of(200), noise=Noise(0.02, 2.0, 1e-4))
+    problem, fit = base_fit.prepare([e], [all_rows], SPACING, with_discrepancy=False)
+    part = problem.parts[0]
+    noise = noise_covariance.sample(part.assembled.noise_factor, np.random.default_rng(0), e.n_increments)
+    model = ExtendedModel(problem.basis, fit.c, (), (), "MPa")
+    exact, moved = (
+        twin.residual(part, fit.c, twin_replay(replace(e, displacements=e.displacements + u), model))
+        for u in (0.0, noise)
+    )
+    assert 0 < size(part.train(moved - exact)) ** 2 < 0.02 * part.train.size
+
+
+def test_between_replayed_increments_the_residual_is_interpolated():
+    """In the steps of a quarter that are replayed, and between: to a twentieth of the largest."""
+    e = replace(camera.observe(in_steps(), triangles(PLATE, n_nodes=200), name="plate"), noise=EXACT)
+    problem, fit = base_fit.prepare([e], [all_rows], SPACING)
+    part = problem.parts[0]
+    assert len(turning_points(e.displacements)[0]) < e.n_increments
+    found = twin.with_twins(problem, fit, twin_replay)[0].parts[0].twin
+    every = twin.residual(part, fit.c, twin_replay(e, ExtendedModel(problem.basis, fit.c, (), (), "MPa")))
+    assert size(found - every) < 0.05 * size(every)
+
+
+def test_what_a_twin_tells_is_subtracted_and_no_misfit():
+    """A replay that is the test itself: nothing is left but the mean that noise brings."""
+    e = replace(synthetic.plate_experiment(n_increments=2), noise=Noise(0.01, 3.0, 1e-4))
+    problem, fit = base_fit.prepare([e], [all_rows])
+    found, refitted, reasons = twin.with_twins(problem, fit, lambda experiment, model: experiment)
+    (part,) = found.parts
+    np.testing.assert_allclose(part.twin, problem.parts[0].chain.residual(fit.c), atol=1e-12)
+    np.testing.assert_allclose(part.residual(fit.c), -part.shift, atol=1e-12)
+    np.testing.assert_allclose(found.parts[0].own_residual(fit.c), problem.parts[0].own_residual(fit.c) - part.twin)
+    assert reasons == ()
+    assert refitted.additions == ()
+
+
+def test_the_weights_allow_for_less_where_there_is_a_twin():
+    problem, _ = fitted(200)
+    part, _ = part_and_twin(200)
+    assert part.train.log_determinant < problem.parts[0].train.log_determinant
+    assert part.common.shape[-1] == problem.parts[0].common.shape[-1] + 1
+
+
+def test_a_test_that_cannot_be_replayed_keeps_its_weights_and_says_why():
+    e = replace(synthetic.plate_experiment(n_increments=3), noise=Noise(0.01, 3.0, 1e-4))
+    effects = [one for one in CATALOGUE if one.name == "force offset"]
+
+    def fails(experiment, model):
+        raise NoTwinError(f"{experiment.name}: no equilibrium")
+
+    given = [e], HoldOut("none", None), (), effects, 12.0
+    plain, found = (discover(*given, whole_table=False, fitted=False, replay=one) for one in (None, fails))
+    assert found.without_twin == ("plate: no equilibrium",) and plain.without_twin == ()
+    assert found.problem.parts[0].twin is None
+    np.testing.assert_array_equal(found.base.residual, plain.base.residual)
+
+
+def test_why_a_test_has_no_twin():
+    e = test_of(200)
+    problem, fit = fitted(200)
+    model = ExtendedModel(problem.basis, fit.c, (), (), "MPa")
+    with pytest.raises(NoTwinError, match="^plate: a replay solves thin sheets in plane stress, not plane strain$"):
+        twin_replay(replace(e, plane="strain"), model)
+    with pytest.raises(NoTwinError, match="^plate: .*shear modulus"):
+        twin_replay(e, replace(model, c=-fit.c))
