@@ -45,7 +45,7 @@ SHOWN = 3  # candidates in the record of a test
 
 
 @dataclass(frozen=True)
-class Test:
+class NullTest:
     """One test to be made."""
 
     condition: Condition
@@ -66,12 +66,12 @@ class Test:
         return self.seed // BLOCK, trial.specimen, len(trial.factors)
 
 
-def make(test: Test, folder: Path) -> None:
+def make(test: NullTest, folder: Path) -> None:
     """Diagnose a test and write its file."""
     write_json(folder / f"{test.name}.json", record(test))
 
 
-def record(test: Test) -> dict[str, Any]:
+def record(test: NullTest) -> dict[str, Any]:
     """What the diagnosis says of a test; an error of the data or the fit is a result, too."""
     condition = test.condition
     known = {
@@ -208,7 +208,7 @@ def main() -> None:
     settings = {"command": "false alarms", "first": options.first}
     folder = open_output_folder(options.output, options.overwrite, settings)
     chosen = [c for c in CONDITIONS if not options.only or c.name in options.only]
-    todo = [Test(c, seed) for c, seed in product(chosen, range(options.first, options.first + options.seeds))]
+    todo = [NullTest(c, seed) for c, seed in product(chosen, range(options.first, options.first + options.seeds))]
     todo.sort(key=lambda test: test.size)
 
     found = records(make, folder / "tests", todo, options.jobs, "tests without an effect")

@@ -59,6 +59,11 @@ class NoiseCheck:
         return self.found / self.stated.total_std if self.stated else float("nan")
 
     @property
+    def common_found(self) -> bool:
+        """Whether increments have noise in common that is not stated."""
+        return bool(self.used and self.used.is_common and not (self.stated and self.stated.is_common))
+
+    @property
     def corrected(self) -> bool:
         """Whether what is stated is not what is used."""
         return self.used != self.stated
