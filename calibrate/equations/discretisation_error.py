@@ -44,6 +44,25 @@ def edge_operators(system: Equilibrium) -> tuple[sp.csr_array, sp.csr_array]:
     return sp.csr_array(middle), sp.csr_array((values, (rows, columns)), shape=(2 * m, len(edges)))
 
 
+def correction_variances(system: Equilibrium, basis: Basis, c: Array, increment: int) -> Array:
+    """Variance (2 v,), N^2, of the residuals of one increment where the correction of every edge is wrong by its own size, independently."""
+    middle, to_gradient = edge_operators(system)
+    correction = middle @ system.experiment.displacements[increment]
+    tensor = tangent_modulus(basis, system.deformation_gradients[increment], c)
+    work = [[system.virtual_gradients @ _modulus(tensor, i, k) @ to_gradient for k in range(2)] for i in range(2)]
+    return np.concatenate(
+        [sum(sp.csr_array(row[k]).power(2) @ correction[:, k] ** 2 for k in range(2)) for row in work]
+    )
+
+
+def _modulus(tensor: Array, i: int, k: int) -> sp.csr_array:
+    """Block-diagonal (2 m, 2 m) of a tangent (m, 2, 2, 2, 2): stress of component i by gradients of displacements k."""
+    m = len(tensor)
+    rows = np.repeat(np.arange(2 * m), 2)
+    columns = np.tile(np.arange(2 * m).reshape(m, 1, 2), (1, 2, 1)).ravel()
+    return sp.csr_array((tensor[:, i, :, k, :].ravel(), (rows, columns)), shape=(2 * m, 2 * m))
+
+
 def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
     """Sources (t, 2 v, s), N, at the material with coefficients c (n,)."""
     experiment, m = system.experiment, len(system.areas)
@@ -55,8 +74,6 @@ def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
     plain = kinematics.shape_gradients(experiment.points, experiment.triangles)[1]
     share = (system.areas - plain) / system.areas
     curved = np.flatnonzero(share)
-    rows = np.repeat(np.arange(2 * m), 2)
-    columns = np.tile(np.arange(2 * m).reshape(m, 1, 2), (1, 2, 1)).ravel()
     pick = (2 * curved[:, None] + np.arange(2)).ravel(), np.repeat(np.arange(len(curved)), 2)
     result = []
     for F, u in zip(system.deformation_gradients, experiment.displacements, strict=True):
@@ -67,8 +84,8 @@ def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
         for i in range(2):
             parts = []
             for k in range(2):
-                modulus = sp.csr_array((tensor[:, i, :, k, :].ravel(), (rows, columns)), shape=(2 * m, 2 * m))
-                parts.append((system.virtual_gradients @ modulus @ to_gradient).toarray() * correction[:, k])
+                work = system.virtual_gradients @ _modulus(tensor, i, k) @ to_gradient
+                parts.append(work.toarray() * correction[:, k])
             segment = sp.csr_array((stress[:, i].ravel(), pick), shape=(2 * m, len(curved)))
             blocks.append(np.hstack([*parts, (system.virtual_gradients @ segment).toarray()]))
         result.append(np.concatenate(blocks))

@@ -20,11 +20,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibrate.data.experiment import Experiment, Noise
-from calibrate.equations import noise_covariance
+from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import Basis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium
 from calibrate.equations.reduction import assemble
@@ -35,6 +36,7 @@ Array = NDArray[np.float64]
 FINE, COARSER = 1.4, (2.0, 2.8, 4.0)  # distances of virtual fields over that of the points
 LENGTHS = (0.0, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)  # correlation lengths that are tried, over the distance of the points
 AGREES = 1.1  # factor by which a stated standard deviation may differ from what the equations see
+INPUTS = "I1I2"
 PASSES = 2  # of the weights of the fit
 MOST_INCREMENTS, FEW_INCREMENTS = 4, 2  # looked at; for the correlation length
 FEWEST = 200  # values of y
@@ -57,6 +59,11 @@ class NoiseCheck:
         return self.found / self.stated.total_std if self.stated else float("nan")
 
     @property
+    def common_found(self) -> bool:
+        """Whether increments have noise in common that is not stated."""
+        return bool(self.used and self.used.is_common and not (self.stated and self.stated.is_common))
+
+    @property
     def corrected(self) -> bool:
         """Whether what is stated is not what is used."""
         return self.used != self.stated
@@ -74,16 +81,29 @@ def check_noise(experiment: Experiment) -> NoiseCheck:
     unseen = NoiseCheck(stated, float("nan"), stated)
     if experiment.plane == "strain":
         return unseen
-    basis, c = _material(experiment, "I1I2" if stated is None else "I1")
+    basis, c = _material(experiment)
     fine = _Fine.of(experiment, FINE, basis, c)
     if fine is None:
         return unseen
-    if stated is not None:
-        variances = np.diag(stated.between_increments(fine.shares))
-        factor = fine.std(stated.correlation_length, variances) / stated.displacement_std
-        used = stated if 1 / AGREES <= factor <= AGREES else stated.scaled(factor)
-        return NoiseCheck(stated, factor * stated.total_std, used)
-    return _of_unstated(experiment, fine, basis, c)
+    return _of_unstated(experiment, fine, basis, c) if stated is None else _of_stated(stated, fine)
+
+
+def _of_stated(stated: Noise, fine: _Fine) -> NoiseCheck:
+    """With what increments have in common, where none of it is stated but some is there."""
+    length = stated.correlation_length
+    ratios = CommonRatios() if stated.is_common else fine.common_ratios(length)
+    if any(ratios):
+        used = _with_common(replace(stated, displacement_std=fine.std(length, ratios.variances(fine.shares))), ratios)
+        return NoiseCheck(stated, used.total_std, used)
+    factor = fine.std(length, np.diag(stated.between_increments(fine.shares))) / stated.displacement_std
+    used = stated if 1 / AGREES <= factor <= AGREES else stated.scaled(factor)
+    return NoiseCheck(stated, factor * stated.total_std, used)
+
+
+def _with_common(noise: Noise, ratios: CommonRatios) -> Noise:
+    """With variances over that of what is new in each increment."""
+    pattern, reference = (float(noise.displacement_std * ratio**0.5) for ratio in ratios)
+    return replace(noise, pattern_std=pattern, reference_std=reference)
 
 
 def _of_unstated(experiment: Experiment, fine: _Fine, basis: Basis, c: Array) -> NoiseCheck:
@@ -93,30 +113,31 @@ def _of_unstated(experiment: Experiment, fine: _Fine, basis: Basis, c: Array) ->
     if not std > 0:
         return NoiseCheck(None, std, None)
     largest = max(float(np.nanmax(np.abs(b.force), initial=0.0)) for b in experiment.loaded)
-    used = Noise(std, length, FORCE_STD[0], FORCE_STD[1] * largest, *(std * np.sqrt(ratios)).tolist())
+    used = _with_common(Noise(std, length, FORCE_STD[0], FORCE_STD[1] * largest), ratios)
     return NoiseCheck(None, used.total_std, used)
 
 
-def _material(experiment: Experiment, inputs: str) -> tuple[Basis, Array]:
-    """A convex spline of these inputs and its coefficients, as a calibration begins."""
+def _material(experiment: Experiment) -> tuple[Basis, Array]:
+    """A convex spline of both invariants and its coefficients, as a calibration begins."""
     system = equilibrium(experiment)
-    basis = basis_for(inputs, system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
+    basis = basis_for(INPUTS, system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
     assembled = assemble(system, basis)
     c = assembled.first_guess()
     for _ in range(PASSES):
-        c = convex_spline(assembled.quadratic(c), inputs)
+        c = convex_spline(assembled.quadratic(c), INPUTS)
     return basis, c
 
 
 @dataclass(frozen=True, eq=False)
 class _Fine:
-    """Equations of fine virtual fields away from loaded edges, of some increments: residuals r (k, rows), N, at coefficients c."""
+    """Equations of fine virtual fields away from loaded edges, of some increments: residuals r (k, rows), N, at coefficients c. rows (r,): those
+    used, see the head of this module."""
 
     system: Equilibrium
     basis: Basis
     c: Array
     increments: Array
-    inside: NDArray[np.bool_]
+    rows: NDArray[np.int64]
     residuals: Array
 
     @classmethod
@@ -125,14 +146,14 @@ class _Fine:
     ) -> _Fine | None:
         """distance: of the fields over that of the points. None where too few fields are inside."""
         system = equilibrium(experiment, distance * _pitch(experiment))
-        inside = np.tile(system.fields.boundary < 0, 2)
         n = experiment.n_increments
         some = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
-        if inside.sum() * len(some) < FEWEST:
+        rows = _quiet(system, basis, c, int(some[-1]))
+        if len(rows) * len(some) < FEWEST:
             return None
         F = system.deformation_gradients
-        residuals = np.array([system.matrix(basis, F[i])[inside] @ c for i in some])
-        return cls(system, basis, c, some, inside, residuals)
+        residuals = np.array([system.matrix(basis, F[i])[rows] @ c for i in some])
+        return cls(system, basis, c, some, rows, residuals)
 
     @property
     def shares(self) -> Array:
@@ -159,7 +180,16 @@ class _Fine:
         """What unit noise does to the residuals (rows, s) of each increment, N / mm."""
         factor = noise_covariance.noise_factor(self.system.experiment.points, Noise(1.0, length))
         for F in self.system.deformation_gradients[self.increments]:
-            yield noise_covariance.spread(self.system, self.basis, self.c, F, factor)[self.inside]
+            yield noise_covariance.spread(self.system, self.basis, self.c, F, factor)[self.rows]
+
+
+def _quiet(system: Equilibrium, basis: Basis, c: Array, increment: int) -> NDArray[np.int64]:
+    """Half of the rows away from loaded edges, (r,): those of the smallest error of the kinematics over noise of points each for itself."""
+    inside = np.flatnonzero(np.tile(system.fields.boundary < 0, 2))
+    wrong = discretisation_error.correction_variances(system, basis, c, increment)[inside]
+    tangent = system.tangent(basis, system.deformation_gradients[increment], c)
+    noise = np.concatenate([sum(sp.csr_array(block).power(2).sum(axis=1) for block in row) for row in tangent])[inside]
+    return np.sort(inside[np.argsort(wrong / noise)[: len(inside) // 2]])
 
 
 def _pitch(experiment: Experiment) -> float:

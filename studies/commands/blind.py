@@ -17,10 +17,10 @@ from studies.commandline.option_types import Count, Names, NonNegative, OutputFo
 from studies.commandline.outcome import Outcome
 from studies.errors import StudyError
 from studies.output.folder import open_output_folder
-from studies.trials.blind_case import Plan
-from studies.trials.blind_plans import QUICK, Numbers, plans, read_known
+from studies.trials.blind_case import Plan, run
+from studies.trials.blind_plans import QUICK, Numbers, in_order_of_size, plans, read_known
 from studies.trials.blind_report import write_report
-from studies.trials.blind_workers import diagnose_missing
+from studies.trials.blind_workers import make_missing
 
 MOST_FAILURES = 0.1  # share of the trials
 
@@ -106,11 +106,12 @@ def blind(
     earlier = read_known(known, todo)
 
     def missing() -> list[Plan]:
-        return [p for p in todo if p.name not in earlier and not (home / p.name / "diagnosis.json").exists()]
+        left = [p for p in todo if p.name not in earlier and not (home / p.name / "diagnosis.json").exists()]
+        return in_order_of_size(left)
 
     if report and len(missing()) == len(todo):
         raise StudyError(f"{folder}: no trial is there yet; run the same command without --report first")
-    failures = {} if report else diagnose_missing(home, jobs, len(todo), missing)
+    failures = {} if report else make_missing(run, home, jobs, len(todo), missing, "blind trials")
     homes = [home / plan.name for plan in todo if plan.name not in failures]
     answer = write_report(folder, homes, failures, earlier)
     return BlindTrials(len(todo), len(todo) - len(missing()), answer, failures)

@@ -1,4 +1,4 @@
-"""Blind trials side by side, each in a process of its own that ends with the command that started it."""
+"""Trials side by side, each in a process of its own that ends with the command that started it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,20 @@ from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from itertools import batched
 from pathlib import Path
+from typing import Protocol
 
 from studies.errors import StudyError
 from studies.output.progress import Progress
-from studies.trials.blind_case import Plan, run
-from studies.trials.blind_plans import in_order_of_size
 
 RENEWED = 12  # trials a worker after which all are renewed, with the memory that compiled code takes
 BREAKDOWNS = 3  # of the pool of workers, after which the run is given up
+
+
+class Named(Protocol):
+    """What is to be made, by its name."""
+
+    @property
+    def name(self) -> str: ...
 
 
 def watch_parent(parent: int) -> None:
@@ -33,26 +39,28 @@ def watch_parent(parent: int) -> None:
 
 
 @dataclass
-class Workers:
-    """Processes that make trials side by side. trials: a folder. failures: {trial: error}, filled as they happen."""
+class Workers[T: Named]:
+    """Processes that make trials side by side. make: a trial in a folder, whole or not at all. failures: {trial: error}, filled as they
+    happen."""
 
-    trials: Path
+    make: Callable[[T, Path], object]
+    folder: Path
     jobs: int
     progress: Progress
     failures: dict[str, str] = field(default_factory=dict)
 
-    def diagnose(self, plans: Sequence[Plan]) -> None:
-        """Make trials; errors go to `failures`. Raises `BrokenExecutor` when a worker dies.
+    def run(self, plans: Sequence[T]) -> None:
+        """Make trials in this order; errors go to `failures`. Raises `BrokenExecutor` when a worker dies.
 
         Workers are renewed all at once: `max_tasks_per_child` stops for good in some versions of Python (gh-115634).
         """
         spawn = multiprocessing.get_context("spawn")
-        for batch in batched(in_order_of_size(plans), self.jobs * RENEWED):
+        for batch in batched(plans, self.jobs * RENEWED):
             with ProcessPoolExecutor(self.jobs, spawn, watch_parent, (os.getpid(),)) as pool:
                 self._collect(pool, batch)
 
-    def _collect(self, pool: ProcessPoolExecutor, batch: Sequence[Plan]) -> None:
-        tasks = {pool.submit(run, plan, self.trials): plan for plan in batch}
+    def _collect(self, pool: ProcessPoolExecutor, batch: Sequence[T]) -> None:
+        tasks = {pool.submit(self.make, plan, self.folder): plan for plan in batch}
         try:
             for task in as_completed(tasks):
                 error = task.exception()
@@ -66,17 +74,24 @@ class Workers:
             raise
 
 
-def diagnose_missing(trials: Path, jobs: int, total: int, missing: Callable[[], list[Plan]]) -> dict[str, str]:
+def make_missing[T: Named](
+    make: Callable[[T, Path], object],
+    folder: Path,
+    jobs: int,
+    total: int,
+    missing: Callable[[], Sequence[T]],
+    title: str,
+) -> dict[str, str]:
     """Make every trial that is `missing` of `total`, again where workers die; returns the errors by trial.
 
-    Raises `StudyError` when workers die again and again.
+    make: importable, since every worker starts anew. Raises `StudyError` when workers die again and again.
     """
-    workers = Workers(trials, jobs, Progress("blind trials", total, "trial"))
+    workers = Workers(make, folder, jobs, Progress(title, total, "trial"))
     for _ in range(BREAKDOWNS):
         todo = missing()
         workers.progress.to(total - len(todo))
         try:
-            workers.diagnose([plan for plan in todo if plan.name not in workers.failures])
+            workers.run([plan for plan in todo if plan.name not in workers.failures])
         except BrokenExecutor:  # a worker was killed: for memory, or by hand
             continue
         workers.progress.close()

@@ -89,7 +89,13 @@ def noise_found(name: str, check: NoiseCheck) -> Finding:
     used = None if check.used is None else {**asdict(check.used), "is_common": check.used.is_common}
     stated = None if check.stated is None else check.stated.total_std
     return _finding(
-        DiscoveryCode.NOISE_FOUND, name=name, stated=stated, found=check.found, factor=check.factor, used=used
+        DiscoveryCode.NOISE_FOUND,
+        name=name,
+        stated=stated,
+        found=check.found,
+        factor=check.factor,
+        used=used,
+        common_found=check.common_found,
     )
 
 

@@ -210,6 +210,18 @@ def test_sources_are_the_derivative_of_the_correction():
     assert np.abs(segment).max() > 0
 
 
+def test_variance_of_the_corrections_is_that_of_independent_sources(monkeypatch):
+    monkeypatch.setattr(discretisation_error, "KEPT", 1.0)
+    e = sheet()
+    system = equilibrium(e)
+    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = neo_hooke(basis, 0.3)
+    edges = len(discretisation_error.edge_middles(system))
+    every = discretisation_error.sources(system, basis, c)[-1, :, : 2 * edges]
+    found = discretisation_error.correction_variances(system, basis, c, e.n_increments - 1)
+    np.testing.assert_allclose(found, (every**2).sum(axis=1), rtol=1e-9)
+
+
 def test_forces_are_pulled_back_by_the_transposed_tangent():
     """Adjoint identity with the derivative of the residual along a displacement, by finite differences."""
     system = equilibrium(sheet())

@@ -534,6 +534,14 @@ def test_the_table_of_a_report_leads_to_what_a_code_means() -> None:
     assert "Alerts" not in add_alerts(Report("A report"), []).html()
 
 
+def test_noise_that_pictures_have_in_common_is_told_with_its_parts():
+    used = Noise(0.006, 3.0, pattern_std=0.008)
+    told = discovery_findings.noise_found("sheet", NoiseCheck(STATED, used.total_std, used)).text
+    assert "in common" in told and "8 um of it stay with the pattern" in told and "6 um new in every picture" in told
+    kept = discovery_findings.noise_found("sheet", NoiseCheck(used, 2 * used.total_std, used.scaled(2.0))).text
+    assert "2 times as much" in kept and "in common" not in kept
+
+
 @pytest.mark.parametrize(("reason", "told"), [(Reason.FORCES_NOT_PREDICTED, True), (Reason.WEAK_STRAIN, False)])
 def test_all_effects_are_told_where_only_the_final_model_fails(
     reason: Reason, told: bool, monkeypatch: pytest.MonkeyPatch
