@@ -159,7 +159,7 @@ def _weighted(
     for test in tests:
         weights = weights_of(list(test.assembled.noise_covariances(c)), test.mask)
         columns.append(weights(np.moveaxis(np.array(test.assembled.matrices), -1, 0)).T)
-        shift = test.chain.noise_shift(c, test.assembled.noise_factor, test.assembled.variances)
+        shift = test.chain.noise_shift(c, test.assembled.noise_axes, test.assembled.variances)
         loads.append(weights(np.nan_to_num(test.system.loads) + shift))
     A, d = np.concatenate(columns), np.concatenate(loads)
     return Quadratic(basis, A.T @ A, A.T @ d, float(d @ d), len(d)), A, d

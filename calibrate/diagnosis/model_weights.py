@@ -38,7 +38,7 @@ def weighted_part(
         given = chain.system, basis, c
         common = discretisation_error.sources(*given) if twin is None else discretisation_error.remainder(*given, twin)
     noise = _covariances(chain, assembled, c, additions if train.any() else ())
-    shift = chain.noise_shift(c, assembled.noise_factor, assembled.variances)
+    shift = chain.noise_shift(c, assembled.noise_axes, assembled.variances)
     weights = *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
     return Part(chain, assembled, *weights, twin)
 

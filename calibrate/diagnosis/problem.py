@@ -59,7 +59,7 @@ class Part:
         What every stated error is of, and what a model file predicts (`ExtendedModel.predict`), which does not know the discretisation
         error. In a fit the mean is held at that of the weights.
         """
-        shift = self.chain.noise_shift(c, self.assembled.noise_factor, self.assembled.variances)
+        shift = self.chain.noise_shift(c, self.assembled.noise_axes, self.assembled.variances)
         return self.chain.residual(c, additions) - shift - (0.0 if self.twin is None else self.twin)
 
     def valid(self, additions: Additions) -> Additions:

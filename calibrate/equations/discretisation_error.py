@@ -15,16 +15,20 @@ for: a share `REMAINDER` of that error as a whole, and of each source.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from calibrate.data.load_path import turning_points
 from calibrate.data.triangulation import unique_edges
 from calibrate.equations import kinematics, recovery
 from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
 
 Array = NDArray[np.float64]
+NEGLIGIBLE = 1e-9  # variance of a source over that of the largest
 KEPT = 0.99  # share of the squared corrections; the smallest are left out
 REMAINDER = 0.2  # of a discretisation error, that a twin misses: docs/discover_method.md, "Weights"
 
@@ -63,45 +67,81 @@ def _modulus(tensor: Array, i: int, k: int) -> sp.csr_array:
     return sp.csr_array((tensor[:, i, :, k, :].ravel(), (rows, columns)), shape=(2 * m, 2 * m))
 
 
-def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
-    """Sources (t, 2 v, s), N, at the material with coefficients c (n,)."""
-    experiment, m = system.experiment, len(system.areas)
-    middle, to_gradient = edge_operators(system)
-    size = np.sum([((middle @ u) ** 2).sum(axis=1) for u in experiment.displacements], axis=0)
-    order = np.argsort(size)[::-1]
-    kept = np.sort(order[: np.searchsorted(np.cumsum(size[order]), KEPT * size.sum()) + 1])
-    middle, to_gradient = sp.csr_array(middle[kept]), sp.csr_array(sp.csc_array(to_gradient)[:, kept])
-    plain = kinematics.shape_gradients(experiment.points, experiment.triangles)[1]
-    share = (system.areas - plain) / system.areas
-    curved = np.flatnonzero(share)
-    pick = (2 * curved[:, None] + np.arange(2)).ravel(), np.repeat(np.arange(len(curved)), 2)
-    result = []
-    for F, u in zip(system.deformation_gradients, experiment.displacements, strict=True):
-        tensor, correction = tangent_modulus(basis, F, c), middle @ u
+@dataclass(frozen=True, eq=False)
+class Corrections:
+    """Corrections of the recovery, the smallest of them left out: middle (e, n), to_gradient (2 m, e) as of `edge_operators`; curved (q,):
+    triangles with a curved edge, and segments (q,): share of the segment in their area."""
+
+    system: Equilibrium
+    middle: sp.csr_array
+    to_gradient: sp.csr_array
+    edges: Array
+    curved: NDArray[np.int64]
+    segments: Array
+
+    @classmethod
+    def of(cls, system: Equilibrium) -> Corrections:
+        """Of an Experiment."""
+        experiment = system.experiment
+        middle, to_gradient = edge_operators(system)
+        size = np.sum([((middle @ u) ** 2).sum(axis=1) for u in experiment.displacements], axis=0)
+        order = np.argsort(size)[::-1]
+        kept = np.sort(order[: np.searchsorted(np.cumsum(size[order]), KEPT * size.sum()) + 1])
+        plain = kinematics.shape_gradients(experiment.points, experiment.triangles)[1]
+        share = (system.areas - plain) / system.areas
+        curved = np.flatnonzero(share)
+        own = sp.csr_array(sp.csc_array(to_gradient)[:, kept])
+        return cls(system, sp.csr_array(middle[kept]), own, edge_middles(system)[kept], curved, share[curved])
+
+    @property
+    def kinds(self) -> NDArray[np.int64]:
+        """(s,) of each source: 0 an edge, of displacements along x, then along y, 1 a curved segment."""
+        return np.repeat([0, 1], [2 * len(self.edges), len(self.curved)])
+
+    @property
+    def groups(self) -> NDArray[np.int64]:
+        """(s,): number of the place, a spacing of the virtual fields wide, and kind of each source."""
+        points, triangles = self.system.experiment.points, self.system.experiment.triangles
+        places = np.concatenate([self.edges, self.edges, points[triangles[self.curved]].mean(axis=1)])
+        cell = np.floor(places / self.system.fields.spacing).astype(np.int64)
+        return np.unique(np.column_stack([self.kinds, cell]), axis=0, return_inverse=True)[1].ravel()
+
+    def sources(self, basis: Basis, c: Array, increment: int) -> sp.csr_array:
+        """(2 v, s), N: change of the residual of an increment when one of them is wrong by its own size."""
+        system, m = self.system, len(self.system.areas)
+        F = system.deformation_gradients[increment]
+        tensor, correction = tangent_modulus(basis, F, c), self.middle @ system.experiment.displacements[increment]
         P, local = basis.local(F)
-        stress = np.einsum("mqij,mq->mij", P, c[local])[curved] * share[curved][:, None, None]
-        blocks = []
+        stress = np.einsum("mqij,mq->mij", P, c[local])[self.curved] * self.segments[:, None, None]
+        q = len(self.curved)
+        pick = (2 * self.curved[:, None] + np.arange(2)).ravel(), np.repeat(np.arange(q), 2)
+        rows = []
         for i in range(2):
-            parts = []
-            for k in range(2):
-                work = system.virtual_gradients @ _modulus(tensor, i, k) @ to_gradient
-                parts.append(work.toarray() * correction[:, k])
-            segment = sp.csr_array((stress[:, i].ravel(), pick), shape=(2 * m, len(curved)))
-            blocks.append(np.hstack([*parts, (system.virtual_gradients @ segment).toarray()]))
-        result.append(np.concatenate(blocks))
-    single = np.array(result)
-    places = np.concatenate(
-        [
-            edge_middles(system)[kept],
-            edge_middles(system)[kept],
-            experiment.points[experiment.triangles[curved]].mean(axis=1),
-        ]
-    )
-    cell = np.floor(places / system.fields.spacing).astype(np.int64)
-    kind = np.repeat([0, 0, 1], [middle.shape[0], middle.shape[0], len(curved)])
-    groups = np.unique(np.column_stack([kind, cell]), axis=0, return_inverse=True)[1].ravel()
-    together = [single @ np.eye(groups.max() + 1)[groups], single @ np.eye(2)[kind]]
-    return np.concatenate([single, *together], axis=-1)
+            blocks = [
+                system.virtual_gradients @ _modulus(tensor, i, k) @ self.to_gradient @ sp.diags_array(correction[:, k])
+                for k in range(2)
+            ]
+            segment = sp.csr_array((stress[:, i].ravel(), pick), shape=(2 * m, q))
+            rows.append(sp.hstack([*blocks, system.virtual_gradients @ segment]))
+        return sp.csr_array(sp.vstack(rows))
+
+
+def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
+    """Sources (t, 2 v, s), N, at the material with coefficients c (n,): a few that have the covariance of all.
+
+    They are smooth in the load, so that they are taken at turning points and interpolated between (`turning_points`).
+    """
+    corrections = Corrections.of(system)
+    chosen, shares = turning_points(system.experiment.displacements)
+    single = sp.csr_array(sp.vstack([corrections.sources(basis, c, int(i)) for i in chosen]))
+    covariance = (single @ single.T).toarray()
+    for group in (corrections.groups, corrections.kinds):
+        together = single @ np.eye(group.max(initial=0) + 1)[group]
+        covariance += together @ together.T
+    values, vectors = np.linalg.eigh(covariance)
+    keep = values > NEGLIGIBLE * max(values.max(initial=0.0), 1e-300)
+    columns = vectors[:, keep] * np.sqrt(values[keep])
+    return np.tensordot(shares, columns.reshape(len(chosen), -1, columns.shape[1]), 1)
 
 
 def remainder(system: Equilibrium, basis: Basis, c: Array, twin: Array) -> Array:

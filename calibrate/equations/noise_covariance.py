@@ -13,6 +13,7 @@ between increments over it, the covariance of their residuals is M_ij K_i B B^T 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -53,6 +54,20 @@ def noise_factor(points: Array, noise: Noise) -> sp.csr_array:
     factor = factor[:, np.asarray(factor.sum(axis=0)).ravel() > 0]
     scale = std / np.sqrt(np.asarray((factor**2).sum(axis=1)).ravel())
     return sp.csr_array(sp.diags_array(scale) @ factor)
+
+
+def gradient_axes(gradient: sp.csr_array, factor: Any) -> Array:
+    """Axes (m, 2, 2), in columns, of the covariance of a displacement component's gradient in each triangle.
+
+    gradient (2 m, n): operator; factor (n, s): see `noise_factor`.
+    """
+    spread = sp.csr_array(gradient @ factor)
+    x, y = spread[0::2], spread[1::2]
+    xy = np.asarray((x * y).sum(axis=1)).ravel()
+    square = [np.asarray((part * part).sum(axis=1)).ravel() for part in (x, y)]
+    covariance = np.stack([np.stack([square[0], xy], axis=1), np.stack([xy, square[1]], axis=1)], axis=1)
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
 
 
 def sample(factor: sp.csr_array, rng: np.random.Generator, n_increments: int) -> Array:

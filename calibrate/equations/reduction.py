@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -112,6 +113,11 @@ class Assembled:
     def variances(self) -> Array:
         """Variance (t,) of the noise of a displacement in each increment, over that of what is new in it."""
         return np.diag(self.between)
+
+    @cached_property
+    def noise_axes(self) -> Array:
+        """Of the noise of gradients (m, 2, 2), see `noise_covariance.gradient_axes`."""
+        return noise_covariance.gradient_axes(self.system.gradient, self.noise_factor)
 
     def quadratic(self, c: Array) -> Quadratic:
         """The noise-weighted loss, weights taken at coefficients c (n_functions,)."""

@@ -17,7 +17,6 @@ from calibrate.equations.noise_covariance import cholesky_factor
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-KEPT = 0.995  # share of the variance of the sources that is kept
 SMALL = 0.02  # variance of a discrepancy over that of noise, below which it is left out
 
 
@@ -98,9 +97,6 @@ def weights_of(noise: list[Array], rows: Mask, sources: Array | None = None) -> 
     if sources is None or n == 0:
         return plain
     V = plain(np.moveaxis(sources, -1, 0)).T
-    size = (V**2).sum(axis=0)
-    order = np.argsort(size)[::-1]
-    V = V[:, order[: np.searchsorted(np.cumsum(size[order]), KEPT * size.sum()) + 1]]
     if V.shape[1] > n:
         values, U = np.linalg.eigh(V @ V.T)
     else:

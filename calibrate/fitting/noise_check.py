@@ -16,8 +16,8 @@ the pattern does, so that the fit is then one of both invariants.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import Basis, basis_for
-from calibrate.equations.equilibrium import Equilibrium, equilibrium
+from calibrate.equations.equilibrium import Equilibrium, equilibrium, tangent_modulus
 from calibrate.equations.reduction import assemble
 from calibrate.fitting.common_noise import NORMAL, CommonRatios, common_ratios
 from calibrate.fitting.network_fit import convex_spline
@@ -162,7 +162,8 @@ class _Fine:
 
     def std(self, length: float, variances: Array | float = 1.0) -> float:
         """Standard deviation, mm, of noise with a correlation length, mm; of increments with variances (k,) that of a variance of 1."""
-        sizes = np.array([np.linalg.norm(spread, axis=1) for spread in self._spreads(length)])
+        factor = self._factor(length)
+        sizes = np.sqrt([sum((K @ factor).power(2).sum(axis=1) for K in both) for both in self.tangents])
         y = self.residuals / sizes / np.sqrt(np.reshape(variances, (-1, 1)))
         return float(np.median(np.abs(y))) / NORMAL
 
@@ -170,17 +171,23 @@ class _Fine:
         """What increments have in common of noise with a correlation length, mm."""
         n = self.residuals.shape[1]
         rows = np.unique(np.linspace(0, n - 1, min(n, MOST_ROWS)).round().astype(int))
-        spreads = np.array([spread[rows] for spread in self._spreads(length)])
+        factor = self._factor(length)
+        spreads = np.array([np.hstack([(K[rows] @ factor).toarray() for K in both]) for both in self.tangents])
         sizes = np.linalg.norm(spreads, axis=2)
         unit = np.moveaxis(spreads / sizes[:, :, None], 0, 1)
         repeated = float(((unit[:, -1] @ unit[:, -1].T) ** 2).sum() / len(rows))
         return common_ratios((self.residuals[:, rows] / sizes).T, unit @ unit.transpose(0, 2, 1), self.shares, repeated)
 
-    def _spreads(self, length: float) -> Iterator[Array]:
-        """What unit noise does to the residuals (rows, s) of each increment, N / mm."""
-        factor = noise_covariance.noise_factor(self.system.experiment.points, Noise(1.0, length))
-        for F in self.system.deformation_gradients[self.increments]:
-            yield noise_covariance.spread(self.system, self.basis, self.c, F, factor)[self.rows]
+    @cached_property
+    def tangents(self) -> list[list[sp.csr_array]]:
+        """d residual / d displacement (rows, n), N / mm, of each increment, along x and along y."""
+        tensors = (tangent_modulus(self.basis, self.system.deformation_gradients[i], self.c) for i in self.increments)
+        blocks = map(self.system.stiffness, tensors)
+        return [[sp.csr_array(sp.vstack([row[k] for row in both]))[self.rows] for k in range(2)] for both in blocks]
+
+    def _factor(self, length: float) -> sp.csr_array:
+        """Of noise of 1 mm with a correlation length, mm."""
+        return noise_covariance.noise_factor(self.system.experiment.points, Noise(1.0, length))
 
 
 def _quiet(system: Equilibrium, basis: Basis, c: Array, increment: int) -> NDArray[np.int64]:

@@ -143,7 +143,8 @@ class ExtendedModel:
         if noise is None or not noise.displacement_std > 0:
             noise = noise_covariance.default_noise(experiment, system.fields.spacing)
         variances = np.diag(noise_covariance.between_increments(experiment, noise))
-        shift = chain.noise_shift(self.c, noise_covariance.noise_factor(experiment.points, noise), variances)
+        factor = noise_covariance.noise_factor(experiment.points, noise)
+        shift = chain.noise_shift(self.c, noise_covariance.gradient_axes(system.gradient, factor), variances)
         return Applied(self.only(additions), chain, shift)
 
     def predict(self, experiment: Experiment, spacing: float | None = None) -> Prediction:

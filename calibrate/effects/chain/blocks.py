@@ -25,16 +25,17 @@ OF_TRIANGLES = ("triangles", "stencil", "slopes", "areas", "centroids", "edges",
 @dataclass(frozen=True, eq=False)
 class Block:
     """Some triangles. used: how many of them are its own; the last one is repeated behind, without virtual work, so that all blocks are of
-    one size. places (b,): which they are; virtual (v, 2 b): thickness x area x gradient of each virtual field, mm^2."""
+    one size. places (b,): which they are; own: what an Experiment knows of them (`Data`); virtual (v, 2 b): thickness x area x gradient of each
+    virtual field, mm^2."""
 
     places: NDArray[np.int64]
     used: int
+    own: dict[str, Any]
     virtual: sp.csr_array
 
     def of(self, data: Data) -> Data:
         """The Experiment with these triangles alone."""
-        own: dict[str, Any] = {name: jnp.asarray(getattr(data, name))[self.places] for name in OF_TRIANGLES}
-        return replace(data, **own)
+        return replace(data, **self.own)
 
     def work(self, stress: Array) -> Array:
         """Virtual work (..., t, 2 v), N, of stresses (..., t, b, 2, 2)."""
@@ -55,20 +56,22 @@ def virtual_work(virtual: sp.csr_array, stress: Array) -> Array:
     return found.reshape(*P.shape[:-3], -1)
 
 
-def blocks(virtual: sp.csr_array, n_increments: int, most: float = BYTES) -> tuple[Block, ...]:
+def blocks(data: Data, virtual: sp.csr_array, most: float = BYTES) -> tuple[Block, ...]:
     """All triangles of virtual fields (v, 2 m), in as few blocks as `most` bytes a tensor allow."""
     m = virtual.shape[1] // 2
-    count = max(1, int(np.ceil(m * n_increments * 32 / most)))
+    count = max(1, int(np.ceil(m * len(data.u) * 32 / most)))
     size = int(np.ceil(m / count))
     columns = sp.csc_array(virtual)
-    return tuple(_block(columns, np.arange(first, first + size), m) for first in range(0, m, size))
+    return tuple(_block(data, columns, np.arange(first, first + size)) for first in range(0, m, size))
 
 
-def _block(virtual: sp.csc_array, places: NDArray[np.int64], m: int) -> Block:
-    used = int((places < m).sum())
-    own = virtual[:, 2 * places[0] : 2 * (places[0] + used)]
+def _block(data: Data, virtual: sp.csc_array, places: NDArray[np.int64]) -> Block:
+    m = virtual.shape[1] // 2
+    used, repeated = int((places < m).sum()), np.minimum(places, m - 1)
+    inside = virtual[:, 2 * places[0] : 2 * (places[0] + used)]
     padding = sp.csc_array((virtual.shape[0], 2 * (len(places) - used)))
-    return Block(np.minimum(places, m - 1), used, sp.csr_array(sp.hstack([own, padding])))
+    own = {name: jnp.asarray(np.asarray(getattr(data, name))[repeated]) for name in OF_TRIANGLES}
+    return Block(repeated, used, own, sp.csr_array(sp.hstack([inside, padding])))
 
 
 def joined(parts: Sequence[Array], some: Sequence[Block], axis: int) -> Array:

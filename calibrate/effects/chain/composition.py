@@ -70,12 +70,12 @@ class Chain:
         """The triangles."""
         if self.divided is not None:
             return self.divided
-        return blocks(self.system.virtual_gradients, self.system.experiment.n_increments)
+        return blocks(self.data, self.system.virtual_gradients)
 
     @cached_property
     def whole(self) -> tuple[Block, ...]:
         """All triangles in one block, for what is no matter of each for itself."""
-        return self.blocks if len(self.blocks) == 1 else blocks(self.system.virtual_gradients, 1, np.inf)
+        return self.blocks if len(self.blocks) == 1 else blocks(self.data, self.system.virtual_gradients, np.inf)
 
     @property
     def energy(self) -> SingleBasis:
@@ -138,13 +138,11 @@ class Chain:
         """d residual / d amplitudes and shapes of all additions, (k, t, 2 v): of each its amplitudes, then its shapes."""
         return self._changes(c, additions, additions, with_shape=True)
 
-    def noise_shift(self, c: Any, factor: Any, variances: Any = 1.0) -> Array:
+    def noise_shift(self, c: Any, axes: Array, variances: Any = 1.0) -> Array:
         """Mean change (t, 2 v), N, that displacement noise brings into the residual: second order in the noise.
 
-        factor (n, s): noise as a map of independent normal numbers, see `noise_covariance.noise_factor`; variances (t,): of each increment,
-        over that of the factor.
+        axes (m, 2, 2): of the noise of gradients, see `noise_covariance.gradient_axes`; variances (t,): of each increment, over that of the axes.
         """
-        axes = noise_spread.gradient_axes(self.system.gradient, factor)
         shift = sum(
             block.work(noise_spread.stress_shift(self.base, self.constants(c, block), axes[block.places]))
             for block in self.blocks

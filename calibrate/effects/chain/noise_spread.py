@@ -13,7 +13,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.effects.chain.linearisation import Constants, Linearisation
@@ -23,20 +22,6 @@ from calibrate.effects.support.nodal_derivatives import gradients
 from calibrate.equations import isochoric
 
 Array = NDArray[np.float64]
-
-
-def gradient_axes(gradient: sp.csr_array, factor: Any) -> Array:
-    """Axes (m, 2, 2), in columns, of the covariance of a displacement component's gradient in each triangle.
-
-    gradient (2 m, n): operator; factor (n, s): noise as a map of independent normal numbers.
-    """
-    spread = sp.csr_array(gradient @ factor)
-    x, y = spread[0::2], spread[1::2]
-    xy = np.asarray((x * y).sum(axis=1)).ravel()
-    square = [np.asarray((part * part).sum(axis=1)).ravel() for part in (x, y)]
-    covariance = np.stack([np.stack([square[0], xy], axis=1), np.stack([xy, square[1]], axis=1)], axis=1)
-    values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
 
 
 @partial(jax.jit, static_argnums=0)

@@ -181,7 +181,7 @@ def test_mean_shift_is_that_of_many_draws():
         noise = noise_covariance.sample(factor, rng, e.n_increments)
         mean += 0.5 * (chain.disturbed(noise).residual(c) + chain.disturbed(-noise).residual(c)) - base
     mean /= draws
-    shift = chain.noise_shift(c, factor)
+    shift = chain.noise_shift(c, noise_covariance.gradient_axes(system.gradient, factor))
     slope = (mean * shift).sum() / (shift**2).sum()
     assert slope == pytest.approx(1, abs=0.1)
 
@@ -192,7 +192,9 @@ def test_sources_are_the_derivative_of_the_correction():
     system = equilibrium(e)
     basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
     c = neo_hooke(basis, 0.3)
-    bend, segment = np.moveaxis(discretisation_error.sources(system, basis, c)[..., -2:], -1, 0)
+    corrections = discretisation_error.Corrections.of(system)
+    single = [corrections.sources(basis, c, i) for i in range(e.n_increments)]
+    bend, segment = (np.array([one @ (corrections.kinds == kind) for one in single]) for kind in (0, 1))
     middle, to_gradient = discretisation_error.edge_operators(system)
     correction = to_gradient @ middle
     step = 1e-4
@@ -216,10 +218,27 @@ def test_variance_of_the_corrections_is_that_of_independent_sources(monkeypatch)
     system = equilibrium(e)
     basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
     c = neo_hooke(basis, 0.3)
-    edges = len(discretisation_error.edge_middles(system))
-    every = discretisation_error.sources(system, basis, c)[-1, :, : 2 * edges]
+    corrections = discretisation_error.Corrections.of(system)
+    of_edges = corrections.sources(basis, c, e.n_increments - 1)[:, corrections.kinds == 0]
     found = discretisation_error.correction_variances(system, basis, c, e.n_increments - 1)
-    np.testing.assert_allclose(found, (every**2).sum(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(found, (of_edges.toarray() ** 2).sum(axis=1), rtol=1e-9)
+
+
+def test_few_sources_have_the_covariance_of_all():
+    """At every pair of increments: corrections by themselves, common to neighbours, and common to all."""
+    e = sheet()
+    system = equilibrium(e)
+    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = neo_hooke(basis, 0.3)
+    corrections = discretisation_error.Corrections.of(system)
+    single = np.concatenate([corrections.sources(basis, c, i).toarray() for i in range(e.n_increments)])
+    expected = np.zeros((len(single), len(single)))
+    for group in (np.arange(single.shape[1]), corrections.groups, corrections.kinds):
+        same = group[:, None] == group
+        expected += single @ same @ single.T
+    few = discretisation_error.sources(system, basis, c)
+    few = few.reshape(-1, few.shape[-1])
+    np.testing.assert_allclose(few @ few.T, expected, atol=1e-3 * expected.max())
 
 
 def test_forces_are_pulled_back_by_the_transposed_tangent():
