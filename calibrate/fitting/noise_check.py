@@ -29,6 +29,7 @@ from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import Basis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium, tangent_modulus
 from calibrate.equations.reduction import assemble
+from calibrate.equations.virtual_fields import virtual_fields
 from calibrate.fitting.common_noise import NORMAL, CommonRatios, common_ratios
 from calibrate.fitting.network_fit import convex_spline
 
@@ -38,6 +39,7 @@ LENGTHS = (0.0, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)  # correlation lengths that are tr
 AGREES = 1.1  # factor by which a stated standard deviation may differ from what the equations see
 INPUTS = "I1I2"
 PASSES = 2  # of the weights of the fit
+MATERIAL_INCREMENTS = 12  # of the fit, at most
 MOST_INCREMENTS, FEW_INCREMENTS = 4, 2  # looked at; for the correlation length
 FEWEST = 200  # values of y
 MOST_ROWS = 800  # looked at for what increments have in common
@@ -119,7 +121,7 @@ def _of_unstated(experiment: Experiment, fine: _Fine, basis: Basis, c: Array) ->
 
 def _material(experiment: Experiment) -> tuple[Basis, Array]:
     """A convex spline of both invariants and its coefficients, as a calibration begins."""
-    system = equilibrium(experiment)
+    system = equilibrium(experiment.select(_evenly(experiment, MATERIAL_INCREMENTS)))
     basis = basis_for(INPUTS, system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
     assembled = assemble(system, basis)
     c = assembled.first_guess()
@@ -130,13 +132,13 @@ def _material(experiment: Experiment) -> tuple[Basis, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _Fine:
-    """Equations of fine virtual fields away from loaded edges, of some increments: residuals r (k, rows), N, at coefficients c. rows (r,): those
-    used, see the head of this module."""
+    """Equations of fine virtual fields away from loaded edges, of some increments: residuals r (k, rows), N, at coefficients c. shares (k,): of the
+    deformation, see `Experiment.deformation_shares`; rows (r,): those used, see the head of this module."""
 
     system: Equilibrium
     basis: Basis
     c: Array
-    increments: Array
+    shares: Array
     rows: NDArray[np.int64]
     residuals: Array
 
@@ -145,20 +147,14 @@ class _Fine:
         cls, experiment: Experiment, distance: float, basis: Basis, c: Array, most: int = MOST_INCREMENTS
     ) -> _Fine | None:
         """distance: of the fields over that of the points. None where too few fields are inside."""
-        system = equilibrium(experiment, distance * _pitch(experiment))
-        n = experiment.n_increments
-        some = np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
-        rows = _quiet(system, basis, c, int(some[-1]))
+        some = _evenly(experiment, most)
+        few = experiment.select(some)
+        system = Equilibrium(few, virtual_fields(few, distance * _pitch(experiment)))
+        rows = _quiet(system, basis, c, len(some) - 1)
         if len(rows) * len(some) < FEWEST:
             return None
-        F = system.deformation_gradients
-        residuals = np.array([system.matrix(basis, F[i])[rows] @ c for i in some])
-        return cls(system, basis, c, some, rows, residuals)
-
-    @property
-    def shares(self) -> Array:
-        """Of the deformation (k,), see `Experiment.deformation_shares`."""
-        return self.system.experiment.deformation_shares[self.increments]
+        residuals = np.array([system.matrix(basis, F)[rows] @ c for F in system.deformation_gradients])
+        return cls(system, basis, c, experiment.deformation_shares[some], rows, residuals)
 
     def std(self, length: float, variances: Array | float = 1.0) -> float:
         """Standard deviation, mm, of noise with a correlation length, mm; of increments with variances (k,) that of a variance of 1."""
@@ -181,7 +177,7 @@ class _Fine:
     @cached_property
     def tangents(self) -> list[list[sp.csr_array]]:
         """d residual / d displacement (rows, n), N / mm, of each increment, along x and along y."""
-        tensors = (tangent_modulus(self.basis, self.system.deformation_gradients[i], self.c) for i in self.increments)
+        tensors = (tangent_modulus(self.basis, F, self.c) for F in self.system.deformation_gradients)
         blocks = map(self.system.stiffness, tensors)
         return [[sp.csr_array(sp.vstack([row[k] for row in both]))[self.rows] for k in range(2)] for both in blocks]
 
@@ -197,6 +193,12 @@ def _quiet(system: Equilibrium, basis: Basis, c: Array, increment: int) -> NDArr
     tangent = system.tangent(basis, system.deformation_gradients[increment], c)
     noise = np.concatenate([sum(sp.csr_array(block).power(2).sum(axis=1) for block in row) for row in tangent])[inside]
     return np.sort(inside[np.argsort(wrong / noise)[: len(inside) // 2]])
+
+
+def _evenly(experiment: Experiment, most: int) -> NDArray[np.int64]:
+    """Increments at even distances, the first and the last among them."""
+    n = experiment.n_increments
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
 
 
 def _pitch(experiment: Experiment) -> float:
