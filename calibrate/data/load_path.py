@@ -1,6 +1,7 @@
 """Increments between which a test goes in straight lines, so that what is smooth in the load is known from them.
 
-In: displacements (t, n, 2), mm. Out: increments, and the shares of these in every one.
+In: displacements (t, n, 2), mm. Out: increments, and the shares of these in every one. `turning_points` are for what is nothing at rest, `samples`
+for what is not, such as a tangent.
 """
 
 from __future__ import annotations
@@ -12,31 +13,40 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 STEP, BEND = 0.25, 0.02  # of the largest displacement: the length of a line, and how far an increment may be off it
+SAMPLE = 0.1  # the same length between samples
 
 
-def turning_points(displacements: Array) -> tuple[NDArray[np.int64], Array]:
+def samples(displacements: Array) -> tuple[NDArray[np.int64], Array]:
+    """Ends (k,) of straight lines through displacements (t, n, 2), mm, the first increment among them; shares (t, k) as in `turning_points`."""
+    ends, shares = turning_points(displacements[1:] - displacements[0], SAMPLE)
+    first = np.concatenate([[1.0], 1 - shares.sum(axis=1)])
+    return np.concatenate([[0], ends + 1]), np.column_stack([first, np.concatenate([np.zeros((1, len(ends))), shares])])
+
+
+def turning_points(displacements: Array, step: float = STEP) -> tuple[NDArray[np.int64], Array]:
     """Ends (k,) of straight lines from rest through displacements (t, n, 2), mm, counted from 0; and where every increment lies between two
     of them, shares (t, k) of both: what is nothing at rest and has the values (k, ...) at the ends is about shares @ values."""
-    u = np.concatenate([np.zeros((1, displacements[0].size)), displacements.reshape(len(displacements), -1)])
+    flat = displacements.reshape(len(displacements), int(np.prod(displacements.shape[1:])))
+    u = np.concatenate([np.zeros((1, flat.shape[1])), flat])
     largest = float(np.linalg.norm(u, axis=1).max())
     ends = [0]
     while ends[-1] < len(displacements):
-        ends.append(_end_of_line(u, ends[-1], largest))
+        ends.append(_end_of_line(u, ends[-1], step * largest, BEND * largest))
     shares = np.zeros((len(displacements), len(ends) - 1))
     for j, (start, end) in enumerate(pairwise(ends)):
         places = _along(u[start : end + 1])[0]
         shares[start:end, j] = places
         if j:
             shares[start:end, j - 1] = 1 - places
-    return np.array(ends[1:]) - 1, shares
+    return np.array(ends[1:], np.int64) - 1, shares
 
 
-def _end_of_line(u: Array, start: int, largest: float) -> int:
+def _end_of_line(u: Array, start: int, longest: float, bend: float) -> int:
     """Of the longest line from a row of u (t + 1, m)."""
     end = start + 1
     while end + 1 < len(u):
         length, off = np.linalg.norm(u[end + 1] - u[start]), _along(u[start : end + 2])[1]
-        if length > (1 + 1e-9) * STEP * largest or off > BEND * largest:
+        if length > (1 + 1e-9) * longest or off > bend:
             break
         end += 1
     return end

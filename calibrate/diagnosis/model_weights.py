@@ -81,8 +81,10 @@ def _covariances(chain: Chain, assembled: Assembled, c: Array, additions: Additi
     if not additions:
         return list(assembled.noise_covariances(c))
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
-    spreads = chain.spread_of_noise(c, additions, assembled.noise_factor)
-    return list(noise_covariance.grouped_covariances(chain.system, spreads, assembled.between, assembled.noise))
+    increments, shares = assembled.samples
+    spreads = list(chain.spread_of_noise(c, additions, assembled.noise_factor, increments))
+    given = noise_covariance.products(spreads, spreads), shares, assembled.between, assembled.noise
+    return list(noise_covariance.grouped_covariances(chain.system, *given))
 
 
 def _stiffening(chain: Chain, c: Array, additions: Additions) -> float:

@@ -12,7 +12,7 @@ between increments over it, the covariance of their residuals is M_ij K_i B B^T 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -111,23 +111,31 @@ def groups(between: Array) -> list[slice]:
     return [slice(i, i + 1) for i in range(len(between))] if independent else [slice(0, len(between))]
 
 
-def correlated_products(one: list[Array], other: list[Array], between: Array) -> Array:
-    """Covariance (k r, k r) of what the same noise does by spreads of k increments (r, s) each; between (k, k)."""
-    size = len(one[0])
-    product = np.concatenate(one) @ np.concatenate(other).T
-    product.reshape(len(one), size, len(other), size)[:] *= between[:, None, :, None]
-    return product
+def products(one: Sequence[Array], other: Sequence[Array]) -> Array:
+    """Covariance (k, r, k, r) of what the same noise does by spreads of k samples, (r, s) each."""
+    k, r = len(one), len(one[0])
+    return np.asarray(np.concatenate(one) @ np.concatenate(other).T).reshape(k, r, k, r)
 
 
-def grouped_covariances(system: Equilibrium, spreads: Iterable[Array], between: Array, noise: Noise) -> Iterator[Array]:
+def correlated_products(of_samples: Array, shares: Array, between: Array) -> Array:
+    """Covariance (g r, g r) of g increments, of that of k samples (k, r, k, r), shares (g, k) of these in each, and between (g, g)."""
+    used = np.flatnonzero(shares.any(axis=0))
+    some, shares = of_samples[used][:, :, used], shares[:, used]
+    found = np.tensordot(np.tensordot(shares, some, (1, 0)), shares, (2, 1)).transpose(0, 1, 3, 2)
+    found = np.ascontiguousarray(found) * between[:, None, :, None]
+    return found.reshape(found.shape[0] * found.shape[1], -1)
+
+
+def grouped_covariances(
+    system: Equilibrium, of_samples: Array, shares: Array, between: Array, noise: Noise
+) -> Iterator[Array]:
     """Covariance, N^2, of the residuals of each of `groups`: (2 v, 2 v) of one increment, or (t 2 v, t 2 v) of all.
 
-    spreads: K B (2 v, s) of each increment, N; between (t, t): see `between_increments`.
+    What noise does is smooth in the load, so that it is known from samples (`load_path.samples`): of_samples (k, 2 v, k, 2 v), see `products`;
+    shares (t, k) of these in every increment. between (t, t): see `between_increments`.
     """
-    rest = iter(spreads)
     for group in groups(between):
-        some = [next(rest) for _ in system.loads[group]]
-        covariance = correlated_products(some, some, between[group, group])
+        covariance = correlated_products(of_samples, shares[group], between[group, group])
         variance = [_force_variance(system, load, noise) for load in system.loads[group]]
         covariance[np.diag_indices(len(covariance))] += np.concatenate(variance)
         yield covariance

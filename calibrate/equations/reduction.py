@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data.experiment import Noise
+from calibrate.data.load_path import samples
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import Basis, PlaneStrainBasis
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke
@@ -133,16 +134,29 @@ class Assembled:
     def noise_covariances(self, c: Array) -> Iterator[Array]:
         """Noise covariance (2 v, 2 v), N^2, of every increment's residuals at coefficients c (n_functions,), or one (t 2 v, t 2 v) of all
         where increments have noise in common."""
-        return noise_covariance.grouped_covariances(self.system, self._spreads(c), self.between, self.noise)
+        return self._grouped(self.of_samples(c), self.between)
 
     def own_covariances(self, c: Array) -> Iterator[Array]:
         """Noise covariance (2 v, 2 v), N^2, of every increment's residuals, whatever others have in common with it."""
         alone = np.diag(self.variances)
-        return noise_covariance.grouped_covariances(self.system, self._spreads(c), alone, self.noise)
+        return self._grouped(self.of_samples(c), alone)
 
-    def _spreads(self, c: Array) -> Iterator[Array]:
-        for F in self.system.deformation_gradients:
-            yield noise_covariance.spread(self.system, self.basis, c, F, self.noise_factor)
+    @cached_property
+    def samples(self) -> tuple[NDArray[np.int64], Array]:
+        """Increments (k,) from which what noise does is known in all, and their shares (t, k), see `load_path.samples`."""
+        return samples(self.system.experiment.displacements)
+
+    def of_samples(self, c: Array) -> Array:
+        """Covariance (k, 2 v, k, 2 v), N^2, of what one field of noise does to the residuals of `samples` at coefficients c (n_functions,)."""
+        spreads = self._spreads(c)
+        return noise_covariance.products(spreads, spreads)
+
+    def _spreads(self, c: Array) -> list[Array]:
+        some = self.system.deformation_gradients[self.samples[0]]
+        return [noise_covariance.spread(self.system, self.basis, c, F, self.noise_factor) for F in some]
+
+    def _grouped(self, of_samples: Array, between: Array) -> Iterator[Array]:
+        return noise_covariance.grouped_covariances(self.system, of_samples, self.samples[1], between, self.noise)
 
     def weighted_equations(self, c: Array) -> Iterator[tuple[Array, Array]]:
         """G (r, n_functions) and load (r,) of each increment, or of all that have noise in common, with residuals of unit covariance;
@@ -160,16 +174,16 @@ class Assembled:
         weighted G c in plane strain; weights at coefficients c (n_functions,), as in `quadratic`. rows (t, 2 v): those used."""
         parts, result = _parts(c).T, np.zeros((2, 2))
         known = np.isfinite(self.system.loads) if rows is None else rows
-        alone = [list(self._spreads(part)) for part in parts]
-        whole = (one + other for one, other in zip(*alone, strict=True))
-        covariances = noise_covariance.grouped_covariances(self.system, whole, self.between, self.noise)
+        alone, shares = [self._spreads(part) for part in parts], self.samples[1]
+        each = {(i, j): noise_covariance.products(alone[i], alone[j]) for i, j in np.ndindex(2, 2)}
+        covariances = self._grouped(np.sum(list(each.values()), axis=0), self.between)
         for group, covariance in zip(noise_covariance.groups(self.between), covariances, strict=True):
-            used, between = np.flatnonzero(known[group]), self.between[group, group]
+            used = np.flatnonzero(known[group])
             if not used.size:
                 continue
             lower = noise_covariance.cholesky_factor(covariance[np.ix_(used, used)])
             for i, j in np.ndindex(2, 2):
-                noise = noise_covariance.correlated_products(alone[i][group], alone[j][group], between)
+                noise = noise_covariance.correlated_products(each[i, j], shares[group], self.between[group, group])
                 result[i, j] += np.trace(scipy.linalg.cho_solve((lower, True), noise[np.ix_(used, used)]))
         return result
 

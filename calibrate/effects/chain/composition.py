@@ -39,6 +39,7 @@ from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basi
 from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,17 +158,19 @@ class Chain:
             total = total + gradients.pull(stress.pull({STRESS: jnp.asarray(block.dual(forces))[None]}))[DISPLACEMENTS]
         return _by_measured(correction.pull({DISPLACEMENTS: total}))[0]
 
-    def spread_of_noise(self, c: Array, additions: Additions, factor: sp.csr_array) -> Iterator[Array]:
-        """K B (2 v, 2 s), N, of one increment after the other, with B the factor (n, s) of the noise and K as in `pulled_back`.
+    def spread_of_noise(
+        self, c: Array, additions: Additions, factor: sp.csr_array, increments: Indices
+    ) -> Iterator[Array]:
+        """K B (2 v, 2 s), N, of one of some increments (k,) after the other, with B the factor (n, s) of the noise and K as in `pulled_back`.
 
         What an increment has of the noise of others is taken for more of its own.
         """
         correction = self._run(displacement_stages(additions), (), self._start)
-        for i, modulus in enumerate(self._moduli(correction, c, additions)):
+        for i, modulus in zip(increments, self._moduli(correction, c, additions, increments), strict=True):
             blocks = self.system.stiffness(modulus)
             rows = np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks])
             if correction.steps:
-                rows = self._by_seen(rows, i, additions)
+                rows = self._by_seen(rows, int(i), additions)
             yield np.hstack([rows[..., k] @ factor for k in range(2)])
 
     @property
@@ -200,21 +203,25 @@ class Chain:
             gradients = Linearisation.run((gradients_stage(name),), constants, correction.quantities)
             yield block, gradients, Linearisation.run(stages, constants, gradients.quantities)
 
-    def _moduli(self, correction: Linearisation, c: Array, additions: Additions) -> Iterator[Array]:
-        """dP/dF (m, 2, 2, 2, 2), MPa, of one increment after the other, larger by what an increment has of the noise of others."""
+    def _moduli(
+        self, correction: Linearisation, c: Array, additions: Additions, increments: Indices
+    ) -> Iterator[Array]:
+        """dP/dF (m, 2, 2, 2, 2), MPa, of one of some increments (k,) after the other, larger by what it has of the noise of others."""
         local = [a for a in additions if a.effect.in_material]
         if not local:
-            F = kinematics.deformation_gradients(self.system.gradient, np.asarray(correction.quantities[DISPLACEMENTS]))
-            yield from (tangent_modulus(self.basis, one, c) for one in F)
+            u = np.asarray(correction.quantities[DISPLACEMENTS])[increments]
+            for F in kinematics.deformation_gradients(self.system.gradient, u):
+                yield tangent_modulus(self.basis, F, c)
             return
         remembers = any(one.effect.remembers for one in local)
         parts = [
-            noise_spread.tangent_moduli(run, self.base, block.places, block.used, self.system.areas, remembers)
+            noise_spread.tangent_moduli(
+                run, self.base, block.places, block.used, self.system.areas, increments, remembers
+            )
             for block, _, run in self._local_runs(correction, c, additions)
         ]
         own, others = (sum(getattr(part, name) for part in parts) for name in ("own", "others"))
-        larger = np.sqrt(1 + others / own)
-        for i, factor in enumerate(larger):
+        for i, factor in enumerate(np.sqrt(1 + others / own)):
             yield np.concatenate([part.moduli[i] for part in parts]) * factor
 
     def _by_seen(self, rows: Array, increment: int, additions: Additions) -> Array:

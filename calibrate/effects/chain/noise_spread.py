@@ -22,6 +22,7 @@ from calibrate.effects.support.nodal_derivatives import gradients
 from calibrate.equations import isochoric
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 @partial(jax.jit, static_argnums=0)
@@ -47,8 +48,8 @@ def stress_shift(base: Base, constants: Constants, axes: Any) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Moduli:
-    """dP/dF of a block: moduli (t, b, 2, 2, 2, 2), MPa, by F of the same increment; own, others (t,): their squares, and those of dP/dF by other
-    increments, times the areas."""
+    """dP/dF of a block in some increments (k,): moduli (k, b, 2, 2, 2, 2), MPa, by F of the same increment; own, others (k,): their squares, and
+    those of dP/dF by other increments, times the areas."""
 
     moduli: Array
     own: Array
@@ -56,23 +57,26 @@ class Moduli:
 
 
 def tangent_moduli(
-    run: Linearisation, base: Base, places: NDArray[np.int64], used: int, areas: Array, remembers: bool
+    run: Linearisation, base: Base, places: Indices, used: int, areas: Array, increments: Indices, remembers: bool
 ) -> Moduli:
     """Of a run from F to P, of base and effects in the material, in the first `used` of the triangles `places` (b,); areas (m,), mm^2, of all;
-    remembers: whether stress depends on earlier increments."""
+    remembers: whether stress depends on earlier increments. Of all earlier increments the chosen ones stand for those near them."""
     name = deformation_name(base)
     t, b = run.start[name].shape[:2]
+    k = len(increments)
     weights = areas[places][:used, None, None]
-    own, others, squares = np.zeros((t, used, 2, 2, 2, 2)), np.zeros(t), np.zeros(t)
+    own, others, squares = np.zeros((k, used, 2, 2, 2, 2)), np.zeros(k), np.zeros(k)
+    stands_for = np.bincount(np.abs(np.arange(t)[:, None] - increments).argmin(axis=1), minlength=k)
     units = jnp.broadcast_to(jnp.eye(4).reshape(4, 1, 1, 2, 2), (4, t, b, 2, 2))
     inner, outer = run.split_at(STRESS)
     changes = inner.push({name: units})
-    for some in [[j] for j in range(t)] if remembers else [list(range(t))]:
-        only = jnp.zeros((t, 1, 1, 1)).at[np.array(some)].set(1.0)
-        dP = np.asarray(outer.push({key: only * change for key, change in changes.items()})[STRESS])[:, :, :used]
+    for some in [[j] for j in range(k)] if remembers else [list(range(k))]:
+        only = jnp.zeros((t, 1, 1, 1)).at[increments[some]].set(1.0)
+        dP = np.asarray(outer.push({key: only * change for key, change in changes.items()})[STRESS])
+        dP = dP[:, increments, :used]
         own[some] = np.moveaxis(dP[:, some].reshape(2, 2, len(some), used, 2, 2), (0, 1), (4, 5))
         sizes = (weights * dP**2).sum(axis=(0, 2, 3, 4))
         squares[some] = sizes[some]
         sizes[some] = 0.0
-        others += sizes
+        others += sizes * (stands_for[some[0]] if remembers else 1)
     return Moduli(own, squares, others)

@@ -19,6 +19,7 @@ from calibrate.equations.recovery import SMOOTH
 Array = NDArray[np.float64]
 CELLS = 16  # along the side of a subset
 FACED = 0.9
+AT_ONCE = 1000  # points
 OTHER = 0.7  # cosine of normals below which the second line belongs to another edge
 
 
@@ -40,20 +41,39 @@ def nearest_lines(points: Array, triangles: NDArray[np.int64]) -> Array:
     at_start = np.zeros(len(start))
     at_start[after] = at_end
     curvature = 0.5 * (at_start + at_end)
-    offset = points[:, None] - points[start]
+    parts = [_nearest(some, points, start, tangent, normal, length, curvature) for some in _in_parts(points)]
+    return np.concatenate(parts)
+
+
+def _in_parts(points: Array) -> list[Array]:
+    """Points (n, 2), so few at a time that their distances to all edges need little memory."""
+    return np.array_split(points, int(np.ceil(len(points) / AT_ONCE)))
+
+
+def _nearest(
+    some: Array,
+    points: Array,
+    start: NDArray[np.int64],
+    tangent: Array,
+    normal: Array,
+    length: Array,
+    curvature: Array,
+) -> Array:
+    """(k, 2, 4) of some points (k, 2), mm: see `nearest_lines`; edges (e,) with their tangents and normals (e, 2), lengths and curvatures (e,)."""
+    offset = some[:, None] - points[start]
     place = np.clip((offset * tangent).sum(axis=2), 0, length)
     far = np.linalg.norm(offset - place[..., None] * tangent, axis=2)
-    height = (points[start] * normal).sum(axis=1) - points @ normal.T
+    height = (points[start] * normal).sum(axis=1) - some @ normal.T
     faced = height >= FACED * far  # the foot is on the edge, and the node on its inner side
-    nodes, nearest = np.arange(len(points)), far.argmin(axis=1)
+    nodes, nearest = np.arange(len(some)), far.argmin(axis=1)
     apart = np.where((normal @ normal.T)[nearest] < OTHER, far, np.inf)
     other = np.where(faced, apart, np.inf).argmin(axis=1)
-    result = np.zeros((len(points), 2, 4))
+    result = np.zeros((len(some), 2, 4))
     for k, edge in enumerate((nearest, other)):
         result[:, k, 0] = far[nodes, edge]
         result[:, k, 1:3] = normal[edge]
         result[:, k, 3] = curvature[edge]
-    gap = points[start[nearest]] + place[nodes, nearest][:, None] * tangent[nearest] - points
+    gap = points[start[nearest]] + place[nodes, nearest][:, None] * tangent[nearest] - some
     off = result[:, 0, 0] > 1e-6 * length[nearest]  # beside a curved edge the foot tells the direction, not the chord
     result[off, 0, 1:3] = gap[off] / result[off, 0, :1]
     result[~np.isfinite(np.where(faced, apart, np.inf).min(axis=1)), 1] = 1e6, 1.0, 0.0, 0.0

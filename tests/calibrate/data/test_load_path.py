@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibrate.data.load_path import BEND, STEP, turning_points
+from calibrate.data.load_path import BEND, SAMPLE, STEP, samples, turning_points
 
 SHAPE = np.random.default_rng(0).standard_normal((2, 30, 2))
 
@@ -41,5 +41,24 @@ def test_a_pull_in_another_direction_is_no_straight_line():
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_few_increments_are_all_chosen(count):
     chosen, shares = turning_points(proportional(np.arange(1, count + 1) / count))
+    assert chosen.tolist() == list(range(count))
+    np.testing.assert_array_equal(shares, np.eye(count))
+
+
+def test_samples_interpolate_what_is_not_nothing_at_rest():
+    """A tangent that falls with the load: exact at the samples, of second order in their distance between."""
+    factors = np.arange(1, 42) / 41
+    chosen, shares = samples(proportional(factors))
+    assert chosen[0] == 0 and chosen[-1] == 40 and len(chosen) == 1 + 1 / SAMPLE
+    np.testing.assert_allclose(shares.sum(axis=1), 1, atol=1e-12)
+    np.testing.assert_array_equal(shares[chosen], np.eye(len(chosen)))
+    tangent = 1 + 3 / (1 + factors) ** 4
+    curvature = 60 / (1 + factors[0]) ** 6
+    assert np.abs(shares @ tangent[chosen] - tangent).max() <= curvature * SAMPLE**2 / 8
+
+
+@pytest.mark.parametrize("count", [1, 2, 11])
+def test_of_few_increments_all_are_samples(count):
+    chosen, shares = samples(proportional(np.arange(1, count + 1) / count))
     assert chosen.tolist() == list(range(count))
     np.testing.assert_array_equal(shares, np.eye(count))

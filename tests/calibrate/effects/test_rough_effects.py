@@ -68,7 +68,7 @@ def test_spread_of_noise_is_the_derivative_of_the_residual():
     u = np.broadcast_to(1e-4 * (factor @ white), chain.data.u.shape)
     ends = [chain.disturbed(sign * u).residual(c, (addition(),)) for sign in (1, -1)]
     slope = (ends[0] - ends[1]) / 2e-4
-    spread = chain.spread_of_noise(c, (addition(),), factor)
+    spread = list(chain.spread_of_noise(c, (addition(),), factor, np.arange(chain.system.experiment.n_increments)))
     for i, K in enumerate(spread):
         np.testing.assert_allclose(K @ white.T.ravel(), slope[i], atol=1e-5 * np.abs(slope[i]).max())
     forces = rng.standard_normal(slope.shape)
@@ -103,7 +103,7 @@ def test_noise_that_a_material_amplifies(name, plane):
         return (ends[0] - ends[1]) / 2e-5
 
     each = np.array([slope(np.eye(n)[j][:, None, None] * field) for j in range(n)])  # (j, t, 2 v)
-    for i, K in enumerate(chain.spread_of_noise(c, additions, factor)):
+    for i, K in enumerate(chain.spread_of_noise(c, additions, factor, np.arange(n))):
         found, own = K @ white.T.ravel(), each[i, i]
         larger = float(found @ own / (own @ own))
         np.testing.assert_allclose(found, larger * own, atol=1e-5 * np.abs(found).max())

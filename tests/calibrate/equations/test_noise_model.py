@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from synthetic import ArrudaBoyce, derivatives, plate_experiment, with_noise
 
+from calibrate.data import load_path
 from calibrate.data.experiment import Noise
 from calibrate.equations import basis as bases
 from calibrate.equations import equilibrium as equations
@@ -151,3 +152,22 @@ def test_loss_of_the_true_model_is_a_chi_square(common):
         ratios.append(quadratic.loss(true_coefficients(basis)) / quadratic.n_rows)
     standard_error = np.sqrt(2 / quadratic.n_rows / len(ratios))
     assert abs(np.mean(ratios) - 1) < 5 * standard_error
+
+
+def test_covariance_of_many_increments_is_known_from_samples(monkeypatch):
+    """Of 30 increments, from half of them: within 2 % of the standard deviations of that from all."""
+    noise = Noise(5e-5, 2.5, pattern_std=2e-4)
+    clean = plate_experiment(n_increments=30, n_theta=24, n_radial=4)
+    system = equations.equilibrium(replace(clean, noise=noise), SPACING)
+    basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = true_coefficients(basis)
+    some = reduction.assemble(system, basis)
+    (found,) = some.noise_covariances(c)
+    monkeypatch.setattr(load_path, "SAMPLE", 0.0)
+    every = reduction.assemble(system, basis)
+    (expected,) = every.noise_covariances(c)
+    assert len(some.samples[0]) < 17 and len(every.samples[0]) == 30
+    deviation = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        found / np.outer(deviation, deviation), expected / np.outer(deviation, deviation), atol=0.02
+    )
