@@ -145,15 +145,19 @@ class Equilibrium:
 
     def stiffness(self, tensor: Array) -> list[list[sp.csr_array]]:
         """The same of dP/dF (m, 2, 2, 2, 2), MPa."""
-        m = len(tensor)
-        rows = np.repeat(np.arange(2 * m), 2)
-        columns = np.tile(np.arange(2 * m).reshape(m, 1, 2), (1, 2, 1)).ravel()
+        work, gradient = self._virtual_blocks, self.gradient
         blocks: list[list[sp.csr_array]] = [[], []]
         for i in (0, 1):
             for k in (0, 1):
-                modulus = sp.csr_array((tensor[:, i, :, k, :].ravel(), (rows, columns)), shape=(2 * m, 2 * m))
-                blocks[i].append(self.virtual_gradients @ modulus @ self.gradient)
+                values = np.einsum("zJ,zJL->zL", work.data[:, 0], tensor[work.indices, i, :, k])
+                stress = sp.bsr_array((values[:, None], work.indices, work.indptr), shape=work.shape)
+                blocks[i].append(sp.csr_array(stress) @ gradient)
         return blocks
+
+    @cached_property
+    def _virtual_blocks(self) -> sp.bsr_array:
+        """`virtual_gradients` with both directions of a triangle side by side."""
+        return sp.bsr_array(self.virtual_gradients, blocksize=(1, 2))
 
     def internal_forces(self, P: Array) -> Array:
         """Internal virtual work (..., 2 n_fields), N, of first Piola-Kirchhoff stresses (..., m, 2, 2), MPa."""
