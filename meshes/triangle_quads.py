@@ -1,7 +1,9 @@
 """Biquadratic quads of a triangulation: each triangle becomes three quads, so that the outline stays what was measured.
 
-In: points (n, 2), mm, anticlockwise triangles (m, 3), and edges of their outline by name. Out: a `Mesh` of 3 m quads with straight edges, whose
-first n nodes are the points; and for every node the points and shares that place it, so that what is known at the points is carried to the nodes.
+In: points (n, 2), mm, anticlockwise triangles (m, 3), edges of their outline by name, and arcs: edges that are no chords but parabolas. Out: a
+`Mesh` of 3 m quads, whose first n nodes are the points; and for every node the points and shares that place it, so that what is known at the points
+is carried to the nodes. A triangle with an arc is the quadratic one: its nodes at the barycentric coordinates a, b of the edge's ends move by
+4 a b times the rise of the arc.
 """
 
 from __future__ import annotations
@@ -31,8 +33,15 @@ class SplitMesh:
     interpolation: sp.csr_array
 
 
-def split(points: Array, triangles: Indices, edges: Mapping[str, Indices], finer: int = 0) -> SplitMesh:
+def split(
+    points: Array,
+    triangles: Indices,
+    edges: Mapping[str, Indices],
+    finer: int = 0,
+    arcs: tuple[Indices, Array] | None = None,
+) -> SplitMesh:
     """Quads of a triangulation. edges: boundary name to edges (e, 2) of the outline. finer: how often each triangle is divided in four before.
+    arcs: edges (k, 2) of the outline and the rise (k, 2), mm, of the parabola above the middle of each.
 
     Raises `MeshDataError` where points, triangles and edges do not fit together.
     """
@@ -42,7 +51,15 @@ def split(points: Array, triangles: Indices, edges: Mapping[str, Indices], finer
         carried = step @ carried
     cells, step = _quads(triangles, carried.shape[0])
     carried = sp.csr_array(step @ carried)
-    return SplitMesh(Mesh(carried @ points, cells, "quad", _boundaries(cells, carried, edges)), carried)
+    places = carried @ points if arcs is None else carried @ points + _raised(carried, *arcs)
+    return SplitMesh(Mesh(places, cells, "quad", _boundaries(cells, carried, edges)), carried)
+
+
+def _raised(carried: sp.csr_array, edges: Indices, rise: Array) -> Array:
+    """How far each node (nodes, 2), mm, moves with arcs of a rise (k, 2) over edges (k, 2)."""
+    columns = sp.csc_array(carried)
+    both = 4 * sp.csc_array(columns[:, edges[:, 0]].multiply(columns[:, edges[:, 1]]))
+    return np.asarray(both @ rise)
 
 
 def _quads(triangles: Indices, n: int) -> tuple[Indices, sp.csr_array]:
