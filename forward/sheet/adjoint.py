@@ -17,6 +17,7 @@ v = 0 on what is held for displacements, 1 on the side for its force. f: free, h
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -87,7 +88,8 @@ class AdjointSheet(PlaneStressProblem):
     def _solved(self, right: Array) -> Array:
         """K^-1 of right-hand sides (r, 2 n), all at once."""
         size, count = right.shape[1], len(right)
-        given = PETSc.Mat().createDense((size, count), array=np.asfortranarray(right.T), comm=self.comm)
+        columns: Any = np.asfortranarray(right.T)
+        given = PETSc.Mat().createDense((size, count), array=columns, comm=self.comm)
         found = PETSc.Mat().createDense((size, count), comm=self.comm)
         found.setUp()
         self.problem.solver.getKSP().getPC().getFactorMatrix().matSolve(given, found)

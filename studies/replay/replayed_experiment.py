@@ -3,7 +3,8 @@
 In: an Experiment and a `Law`. Out: `Replay`, predicted fields and forces beside the measured ones.
 
 Loaded edges move as measured, in the components that their grips hold, and so do the rims where the measurement ends: their traction is
-unknown. Free edges are free. Each triangle of the camera becomes three biquadratic quads. How much the mesh matters is told by the last
+unknown. Free edges are free, and curved where their points lie on a curve (`meshes.curved_outline`). Each triangle of the camera becomes
+three biquadratic quads. How much the mesh matters is told by the last
 increment alone, solved on this mesh and on one with four times as many triangles, without what depends on time.
 """
 
@@ -19,16 +20,19 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.data.outline import Outline
+from calibrate.data.triangulation import signed_areas
 from calibrate.fitting.calibration import relative_force_error
 from forward.loading import MeasuredMotion
 from forward.sheet.inelastic import solve_history
 from forward.solution import SurfaceSolution
 from meshes import Mesh
+from meshes.curved_outline import rises
 from meshes.triangle_quads import split
 from studies.replay.model_law import Law
 
 Array = NDArray[np.float64]
 SUBSTEPS = 3  # of an increment, where the law has a history
+HIGHEST = 1 / 6  # rise of a curved edge over the height of its triangle, which a quarter would fold
 SMALL = 1e-3  # of the largest displacement, which the mesh may matter where the noise is unknown
 
 
@@ -160,7 +164,7 @@ class BoundaryValues:
     def of(cls, experiment: Experiment, finer: int = 0) -> BoundaryValues:
         """Quads of the camera's triangles, each divided in four `finer` times before; the first nodes are the camera's points."""
         edges = named_edges(experiment)
-        quads = split(experiment.points, experiment.triangles, edges, finer)
+        quads = split(experiment.points, experiment.triangles, edges, finer, free_arcs(experiment))
         held = np.zeros((len(quads.mesh.points), 2), bool)
         held[np.unique(quads.mesh.boundaries[RIM])] = True
         for boundary in experiment.loaded:
@@ -170,6 +174,15 @@ class BoundaryValues:
     def motion(self, displacements: Array) -> MeasuredMotion:
         """The held nodes as measured: displacements (t, n, 2), mm, of the camera's points."""
         return MeasuredMotion(self.sides, self.held, np.stack([self.carried @ u for u in displacements]))
+
+
+def free_arcs(experiment: Experiment) -> tuple[NDArray[np.int64], Array]:
+    """Free edges (k, 2) and the rise (k, 2), mm, of the curve above each, at most the share `HIGHEST` of its triangle's height."""
+    outline = Outline.of(experiment)
+    edges, owners = outline.edges[outline.free], outline.owners[outline.free]
+    length = np.linalg.norm(experiment.points[edges[:, 1]] - experiment.points[edges[:, 0]], axis=1)
+    height = 2 * signed_areas(experiment.points, experiment.triangles[owners]) / length
+    return edges, rises(experiment.points, edges, HIGHEST * height)
 
 
 def named_edges(experiment: Experiment) -> dict[str, NDArray[np.int64]]:
