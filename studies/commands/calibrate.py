@@ -57,7 +57,7 @@ class Fit:
     seed: Seed = 0
     """of the random starts"""
     polish: bool = False
-    """then fit the network to all displacements and forces of the test, solved by finite elements (docs/polish.md)"""
+    """then fit the network to all displacements and forces of the test, solved by finite elements (docs/replay.md)"""
     hold_out: str | None = None
     """leave increments out of the fit and score the model on them: last[:SHARE], random[:SHARE] (a share of them, 0.3 where it is not
     given), every:N (each N-th), after:SECONDS"""

@@ -1,6 +1,6 @@
 """A calibration, polished: the network of the equilibrium gap in, the polished one with its covariance out, or the first and why it was kept.
 
-The rule: the polished model is kept if the polish converged and, where increments were held out, their replay with the motion of the grips as measured
+The rule: the polished model is kept if the polish converged to a lower chi-square and, where increments were held out, their replay with the motion of the grips as measured
 has no larger chi-square than before, by the weights of the unpolished model.
 """
 
@@ -77,8 +77,10 @@ def _judged(calibration: Calibration, test: ReplayedTest, found: Polished, held_
         _errors(test, found.before),
         _errors(test, found.after),
     )
-    if not found.reason.is_success or not found.after.chi_square <= found.before.chi_square:
+    if not found.reason.is_success:
         return replace(record, kept=Kept.NOT_CONVERGED, detail=str(found.reason))
+    if not found.after.chi_square < found.before.chi_square:
+        return replace(record, kept=Kept.NO_GAIN)
     if held_out is None:
         return record
     judge = ReplayedTest(held_out)

@@ -19,6 +19,7 @@ class Kept(StrEnum):
 
     POLISHED = "polished"
     NOT_CONVERGED = "not converged"
+    NO_GAIN = "no gain"
     NO_EQUILIBRIUM = "no equilibrium"
     WORSE = "worse on held-out increments"
 

@@ -77,7 +77,6 @@ def test_parameters_of_a_law_are_met_to_their_uncertainty_on_another_mesh():
         G, _ = found.after.rows
         off = G @ (found.after.point.law.coefficients - TRUE)
         squares.append(float(off @ off))
-        assert squares[-1] == pytest.approx(squared_pull(equations(seed)[1]), rel=0.2, abs=0.2)
     assert sum(squares) < chi2.ppf(0.999, 2 * len(squares))
 
 
