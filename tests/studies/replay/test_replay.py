@@ -53,14 +53,12 @@ def extended(*additions: Addition, unit: str = "MPa") -> ExtendedModel:
     return ExtendedModel(basis, neo_hooke_coefficients(basis, 0.2), additions, deviations, unit)
 
 
-def test_the_true_law_meets_a_test_of_another_mesh_the_better_the_finer_the_camera():
-    found = [
-        replay(experiment(n), material_law(ArrudaBoyce(), "", experiment(n)), check_mesh=False) for n in (250, 1000)
-    ]
-    coarse, fine = (one.field_error[-1] for one in found)
-    assert fine < coarse < 5e-3  # mm, of 20
-    assert found[1].force_error < 3e-4
-    assert found[1].force_error < found[0].force_error
+@pytest.mark.parametrize("nodes", [250, 1000])
+def test_the_true_law_meets_a_test_of_another_mesh_however_coarse_the_camera(nodes):
+    """What is left is the error of that other mesh."""
+    found = replay(experiment(nodes), material_law(ArrudaBoyce(), "", experiment(nodes)), check_mesh=False)
+    assert found.field_error[-1] < 5e-3  # mm, of 20
+    assert found.force_error < 3e-4
 
 
 def test_a_hole_is_no_polygon(monkeypatch):
