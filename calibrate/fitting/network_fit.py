@@ -212,6 +212,32 @@ def _fit_network(
     return pann.Architecture(inputs, tuple(layers), problem.scales, problem.level), result
 
 
+def refitted(quadratic: Quadratic, architecture: pann.Architecture, start: Array, effort: Effort = Effort()) -> Array:
+    """Parameters (n_parameters,) of a network on a reduced loss, from `start` (n_parameters,); its scales and its level stay.
+
+    With the prior of `fit_network`. Raises `FitError` where the loss is not finite.
+    """
+    R, d = quadratic.factor()
+    magnitude = float(np.linalg.norm(d))
+    floor = max(quadratic.constant - magnitude**2, 0.0) / magnitude**2
+    missing = quadratic.basis.n_functions - len(d)
+    R, d = np.pad(R, ((0, missing), (0, 0))) @ quadratic.basis.interpolation, np.pad(d, (0, missing))
+    sites, scales = np.nan_to_num(quadratic.basis.site_inputs), np.asarray(architecture.scales)
+    none = np.zeros_like(sites)
+    data = tuple(
+        map(jnp.asarray, (sites, none, none, R * architecture.energy_scale / magnitude, d / magnitude, scales))
+    )
+    unit = pann.Architecture(architecture.inputs, tuple(architecture.layers))
+    lower = jnp.where(jnp.asarray(unit.nonnegative), 0.0, -jnp.inf)
+    decay = floor / max(quadratic.n_rows, 1) / PRIOR_STD**2 + 1e-14
+    found = levenberg_marquardt(
+        NetworkResidual(unit, False), data, jnp.asarray(start)[None], lower, effort.iterations, decay, floor, effort.tolerance
+    )  # fmt: skip
+    if not np.isfinite(found.objectives).all():
+        raise errors.FitError("the loss of the network is not finite; check the data for extreme deformations")
+    return found.parameters[0]
+
+
 @dataclass(frozen=True)
 class _ScaledProblem:
     """What a network of unit size is fitted to. data: arguments of `NetworkResidual`; scales: 1 / range of (J1, J2); level:

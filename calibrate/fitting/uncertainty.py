@@ -41,7 +41,7 @@ def parameter_uncertainty(
     """
     quadratic = quadratic.of_energy()
     R, d = quadratic.factor()
-    c, slopes = _coefficients_and_slopes(architecture, quadratic.basis, parameters)
+    c, slopes = coefficients_and_slopes(architecture, quadratic.basis, parameters)
     residual, J, prior = R @ c - d, R @ slopes, prior_precision(quadratic, d)
     information = np.linalg.svd(J, compute_uv=False) ** 2
     effective = float((information / (information + prior)).sum())
@@ -61,7 +61,7 @@ def bulk_modulus_deviation(
     """Standard deviation, MPa (or N/mm), of the bulk modulus that belongs to a network in plane strain; arguments as
     above."""
     energy = quadratic.of_energy().basis
-    slopes = _coefficients_and_slopes(architecture, energy, parameters)[1]
+    slopes = coefficients_and_slopes(architecture, energy, parameters)[1]
     own, shared = quadratic.Q[-1, -1], quadratic.Q[:-1, -1] @ slopes @ found.factor
     return float(np.sqrt(found.scale / own + (shared**2).sum() / own**2))
 
@@ -73,7 +73,7 @@ def prior_precision(quadratic: Quadratic, d: Array) -> float:
     return floor / max(quadratic.n_rows, 1) / network_fit.PRIOR_STD**2 + 1e-14 * explained
 
 
-def _coefficients_and_slopes(architecture: pann.Architecture, basis: Basis, parameters: Array) -> tuple[Array, Array]:
+def coefficients_and_slopes(architecture: pann.Architecture, basis: Basis, parameters: Array) -> tuple[Array, Array]:
     """Spline coefficients (n_functions,) of a network and their derivative (n_functions, n_parameters)."""
     inputs = np.nan_to_num(basis.site_inputs) + REFERENCE
     invariants = np.stack([inputs[:, 0], inputs[:, 1] ** (2 / 3)], axis=1)

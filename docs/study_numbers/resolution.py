@@ -24,6 +24,11 @@ def extremes(rows: Sequence[Row], digits: int) -> str:
     return f"{round(low, digits) + 0.0:.{digits}f} to {percent(high, digits, sign=True)}"
 
 
+def spread(row: Row) -> str:
+    """'-0.36 % [-0.52, -0.11]': median and range over seeds."""
+    return f"{percent(row.bias.median, 2)} [{row.bias.low:.2f}, {row.bias.high:.2f}]"
+
+
 def resolution(results: Results) -> dict[str, Any]:
     """Numbers and table."""
     rows = rows_of(results)
@@ -57,10 +62,18 @@ def resolution(results: Results) -> dict[str, Any]:
         "outside_high": percent(max(r.bias.high for r in outside), sign=True),
     }
     clean = [at(Loss.WEIGHTED, level, False) for level in levels]
-    table = [["nodes", "clean data", "with noise: median [range over seeds]", "lowest median r2 with noise"]]
+    table = [
+        [
+            "nodes",
+            "clean data",
+            "with noise: median [range over seeds]",
+            "lowest median r2 with noise",
+            "polished, with noise",
+        ]
+    ]
     for level, a, b, r2 in zip(levels, clean, noisy, lowest, strict=True):
-        spread = f"{percent(b.bias.median, 2)} [{b.bias.low:.2f}, {b.bias.high:.2f}]"
-        table.append([f"{b.nodes} ({level} %)", percent(a.bias.median, 2), spread, f"{r2:.5f}"])
+        polished = spread(at(Loss.POLISHED, level, True)) if level in results.settings.polished else ""
+        table.append([f"{b.nodes} ({level} %)", percent(a.bias.median, 2), spread(b), f"{r2:.5f}", polished])
     return {"numbers": numbers, "tables": {"bias": table}}
 
 

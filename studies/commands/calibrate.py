@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.errors import ConfigError
-from calibrate.fitting.calibration import Options
+from calibrate.fitting.calibration import Calibration, Options
 from calibrate.fitting.calibration import calibrate as fit_network
 from calibrate.fitting.classical_fit import compare
 from studies.commandline.option_types import Count, Integers, OutputFolder, Overwrite, Positive, Seed, default_folder
@@ -28,6 +28,7 @@ from studies.importers import homogeneous_curves
 from studies.importers.curve_file import read_curves
 from studies.output import Manifest, callback, open_output_folder, released_if_refused
 from studies.reports.calibration.fit_review import Review, review
+from studies.reports.calibration.polish_record import PolishRecord
 from studies.reports.calibration.report import summary_lines, write
 from studies.reports.supervised import curve_calibration
 from studies.reports.supervised.curve_calibration import CurveCalibration
@@ -55,6 +56,8 @@ class Fit:
     """random starts"""
     seed: Seed = 0
     """of the random starts"""
+    polish: bool = False
+    """then fit the network to all displacements and forces of the test, solved by finite elements (docs/replay.md)"""
     hold_out: str | None = None
     """leave increments out of the fit and score the model on them: last[:SHARE], random[:SHARE] (a share of them, 0.3 where it is not
     given), every:N (each N-th), after:SECONDS"""
@@ -141,17 +144,32 @@ def calibrate(
     part = everything if fitted.all() else everything.select(fitted.nonzero()[0])
     with released_if_refused(folder):
         calibration = fit_network(part, options, callback("assembling"))
+        laws, record = compare(calibration), None
+        if fit.polish:
+            held = None if fitted.all() else everything.select((~fitted).nonzero()[0])
+            calibration, record = _polished(calibration, held)
     view = review(calibration, everything, fitted, callback("judging residuals"))
-    view = replace(view, classical=compare(calibration))
+    view = replace(view, classical=laws, polish=record)
     write(folder, view, manifest)
     return Calibrated(folder, view)
+
+
+def _polished(calibration: Calibration, held: Experiment | None) -> tuple[Calibration, PolishRecord]:
+    """Needs the finite-element package, which a calibration does not."""
+    from studies.polish.polished_calibration import polished
+
+    return polished(calibration, held)
 
 
 def _of_curves(
     source: Path, fit: Fit, options: Options, manifest: Manifest, output: Path, overwrite: bool
 ) -> CalibratedCurves:
     """Raises `ConfigError` for options of a full field."""
-    wrong = [name for name in ("loss", "scaling", "spacing", "hold_out") if getattr(fit, name) != getattr(Fit(), name)]
+    wrong = [
+        name
+        for name in ("loss", "scaling", "spacing", "polish", "hold_out")
+        if getattr(fit, name) != getattr(Fit(), name)
+    ]
     if wrong:
         raise ConfigError(f"--{wrong[0].replace('_', '-')}: not for curves of homogeneous tests; leave it out")
     named = str(source) in homogeneous_curves.COLLECTIONS

@@ -26,9 +26,11 @@ EXTENT = {name: kind.displacement for name, kind in SPECIMENS.items() if kind.di
 
 
 class Loss(StrEnum):
-    """How a case is calibrated. CORRECTED: the default loss on displacements of the mean over the thickness."""
+    """How a case is calibrated. POLISHED: the default loss, then a polish; CORRECTED: the default loss on displacements of the mean over the
+    thickness."""
 
     WEIGHTED = "weighted"
+    POLISHED = "polished"
     CORRECTED = "thickness-corrected"
     FROZEN = "paper-frozen"
     DEPENDENT = "paper-dependent"
@@ -71,7 +73,7 @@ class Settings:
     """What fixes the results of a study. study: its name.
 
     nodes: of the camera at 100 %. losses: fitted to every case; the dependent scaling only to clean data and the first
-    `dependent_seeds` seeds, the correction only to what is thick. inputs, layers, starts: of the network. displacement: of
+    `dependent_seeds` seeds, the correction only to what is thick, the polish only at the resolutions `polished`. inputs, layers, starts: of the network. displacement: of
     each arm of the cross, mm; other specimens in proportion (`EXTENT`). forward_size: of the elements relative to the
     default; extra_layers: of hexes in half the thickness. normalisation: of the random field. batch: seeds a job fits.
 
@@ -89,6 +91,7 @@ class Settings:
     nodes: int = 5000
     losses: tuple[Loss, ...] = (Loss.WEIGHTED,)
     dependent_seeds: int = 0
+    polished: tuple[str, ...] = ()
     inputs: str = "I1"
     layers: tuple[int, ...] = (4, 4)
     starts: int = 20
@@ -138,6 +141,8 @@ class Settings:
         """Losses that a case is fitted with."""
         few = [CLEAN, *map(str, self.seeds[: self.dependent_seeds])]
         left_out = {Loss.CORRECTED} if case.thickness == PLANE else set()
+        if case.resolution not in self.polished:
+            left_out.add(Loss.POLISHED)
         if case.seed not in few:
             left_out.add(Loss.DEPENDENT)
         return tuple(loss for loss in self.losses if loss not in left_out)

@@ -21,7 +21,7 @@ from calibrate.equations.deformation_modes import MODES, largest_stretch, nomina
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.virtual_fields import virtual_fields
 from calibrate.fitting.calibrated_range import calibrated_range
-from calibrate.fitting.calibration import Options, calibrate
+from calibrate.fitting.calibration import Calibration, Options, calibrate
 from studies.accuracy import metrics
 from studies.accuracy.metrics import Agreement
 from studies.accuracy.stress_error import Reference, StateErrors
@@ -122,18 +122,29 @@ def fit(
     experiment: Experiment, settings: Settings, loss: Loss, limit: float, reference: Reference | None = None
 ) -> Fit:
     """Calibrate with a loss and judge the model. limit: calibrated I1. reference: states at which it is judged as well."""
+    polish = loss is Loss.POLISHED
     if loss is Loss.CORRECTED:
-        experiment, loss = of_the_mean(experiment), Loss.WEIGHTED
+        experiment = of_the_mean(experiment)
+    if loss in (Loss.CORRECTED, Loss.POLISHED):
+        loss = Loss.WEIGHTED
     scaling = "dependent" if loss is Loss.DEPENDENT else "frozen"
     starts = 1 if loss is Loss.DEPENDENT else settings.starts
     options = Options(settings.inputs, settings.layers, "weighted" if loss is Loss.WEIGHTED else "paper", scaling, starts=starts)  # fmt: skip
     begin = time.perf_counter()
-    result = calibrate(experiment, options)
+    result, more = _polished(calibrate(experiment, options)) if polish else (calibrate(experiment, options), {})
     seconds = time.perf_counter() - begin
     model = result.model
     states = None if reference is None else StateErrors.of(model, reference)
-    found = judged(model, limit, seconds, result.summary(), states)
+    found = judged(model, limit, seconds, {**result.summary(), **more}, states)
     return found if settings.keep_all else _shortened(found, model)
+
+
+def _polished(result: Calibration) -> tuple[Calibration, dict[str, Any]]:
+    """With what the polish did. Needs the finite-element package, which a study without it does not."""
+    from studies.polish.polished_calibration import polished
+
+    found, record = polished(result)
+    return found, {"polish": record.to_dict()}
 
 
 def judged(model: Any, limit: float, seconds: float, summary: dict[str, Any], states: StateErrors | None = None) -> Fit:

@@ -33,7 +33,7 @@ STUDIES = [
     {"output", "commandline"},
     {"importers", "synthetic", "accuracy"},
     {"reports"},
-    {"grid", "trials", "sheets", "design", "replay", "transfer", "decide"},
+    {"grid", "trials", "sheets", "design", "replay", "polish", "transfer", "decide"},
 ]
 FOUNDATIONS = {"meshes", "forward", "calibrate"}
 for level, names in enumerate(STUDIES):

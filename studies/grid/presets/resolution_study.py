@@ -217,11 +217,11 @@ def page(results: Results) -> Page:
 
 def losses_with(dependent_seeds: int) -> tuple[Loss, ...]:
     """Losses of the study; the dependent scaling only where some seed is fitted with it."""
-    return (Loss.WEIGHTED, Loss.FROZEN, *([Loss.DEPENDENT] if dependent_seeds else []))
+    return (Loss.WEIGHTED, Loss.POLISHED, Loss.FROZEN, *([Loss.DEPENDENT] if dependent_seeds else []))
 
 
 DEFAULT = Settings("resolution", resolutions=("100", "50", "25", "12.5"), nodes=9500, losses=losses_with(2),
-                   dependent_seeds=2, forward_size=0.5)  # fmt: skip
+                   dependent_seeds=2, polished=("12.5",), forward_size=0.5)  # fmt: skip
 QUICK = replace(DEFAULT, nodes=2500, resolutions=("100", "25"), seeds=(0, 1), losses=losses_with(0), dependent_seeds=0,
-                starts=8, forward_size=1.0)  # fmt: skip
+                polished=(), starts=8, forward_size=1.0)  # fmt: skip
 RESOLUTION = Preset(DEFAULT, QUICK, page)

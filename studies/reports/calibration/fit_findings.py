@@ -12,6 +12,7 @@ from calibrate.fitting.classical_fit import Verdict as Enough
 from calibrate.models.parameter_covariance import MISFIT
 from studies.output.findings import Finding, Macro
 from studies.reports.calibration.fit_review import Review, section_shares
+from studies.reports.calibration.polish_record import Kept, PolishRecord
 from studies.reports.experiments.experiment_findings import experiment_findings
 from studies.reports.prediction.predicted_curves import band_finding
 
@@ -31,6 +32,8 @@ class FitCode(Macro):
     CLASSICAL = "classical_laws"
     CLASSICAL_NOT_FITTED = "classical_not_fitted"
     CLASSICAL_NOT_COMPARED = "classical_not_compared"
+    POLISHED = "polished"
+    NOT_POLISHED = "not_polished"
     NOTHING_HELD_OUT = "nothing_held_out"
     THICKNESS_UNKNOWN = "thickness_unknown"
     PLANE_STRAIN = "plane_strain"
@@ -62,6 +65,8 @@ LIMITS = Thresholds()
 def findings(view: Review) -> list[Finding]:
     """What a reader of the numbers should know, the most important first."""
     found = [residuals(view), starts(view), forces(view), held_out(view), classical(view)]
+    if view.polish is not None:
+        found.insert(0, polish(view.polish))
     if view.model.uncertainty is not None:
         found.append(band_finding(view.model))
     if view.experiment.thickness is None:
@@ -70,6 +75,15 @@ def findings(view: Review) -> list[Finding]:
     if view.experiment.plane == "strain":
         found.append(_finding(FitCode.PLANE_STRAIN))
     return found
+
+
+def polish(record: PolishRecord) -> Finding:
+    """What the polish did, or why its model was not kept."""
+    data = {"iterations": record.iterations, "before": record.before, "after": record.after}
+    if record.kept is Kept.POLISHED:
+        return _finding(FitCode.POLISHED, held_before=record.held_before, held_after=record.held_after, **data)
+    return _finding(FitCode.NOT_POLISHED, kept=str(record.kept), detail=record.detail,
+                    held_before=record.held_before, held_after=record.held_after, **data)  # fmt: skip
 
 
 def classical(view: Review) -> Finding:

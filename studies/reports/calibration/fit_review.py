@@ -26,6 +26,7 @@ from calibrate.fitting.classical_fit import Comparison
 from calibrate.models.json_file import MEASURED, NOMINAL
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
+from studies.reports.calibration.polish_record import PolishRecord
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -50,6 +51,7 @@ class Review:
     predicted from the measured displacements. residuals, deviations (n_increments, rows): internal minus external
     virtual work and its standard deviation from the noise, N; chi_square (n_increments,): per equation, 1 where
     noise is all there is. The last two are None where the noise is unknown. classical: classical laws beside the network, where they were fitted.
+    polish: what it did, where it was asked for.
     """
 
     calibration: Calibration
@@ -62,6 +64,7 @@ class Review:
     chi_square: Array | None
     neo_hooke_error: float
     classical: Comparison | None = None
+    polish: PolishRecord | None = None
 
     @property
     def model(self) -> Model:

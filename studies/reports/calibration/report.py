@@ -16,6 +16,7 @@ from studies.reports.calibration.classical_table import classical_record, classi
 from studies.reports.calibration.figures import FIGURES
 from studies.reports.calibration.fit_findings import findings
 from studies.reports.calibration.fit_review import Review
+from studies.reports.calibration.polish_record import COLUMNS
 from studies.reports.calibration.tables import curve_table, force_table, summary_table
 from studies.reports.headline import headline
 
@@ -34,6 +35,8 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     if not view.model.level_is_nominal:
         report.table(*force_table(view), WORDS.force_table())
     report.table(*curve_table(view), WORDS.curve_table())
+    if view.polish is not None:
+        report.table(COLUMNS, view.polish.rows(), WORDS.polish_table())
     if view.classical is not None:
         report.table(*classical_table(view, view.classical), WORDS.classical_table(scale=view.classical.scale))
     report.heading("Evidence")
@@ -52,6 +55,7 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     outputs = folder / "report.html", model, folder / "forces.csv"
     manifest.beside(
         *outputs, headline=first.to_dict(), **view.summary(), classical_laws=classical_record(view),
+        polish=None if view.polish is None else view.polish.to_dict(),
         alerts=alert_records(found),
     )  # fmt: skip
 

@@ -19,7 +19,7 @@ from calibrate.equations.reduction import Quadratic
 from calibrate.fitting.bounded_normal import bounded_factor, cut_off
 from calibrate.fitting.calibration import Options, calibrate
 from calibrate.fitting.uncertainty import (
-    _coefficients_and_slopes,
+    coefficients_and_slopes,
     parameter_uncertainty,
     prior_precision,
 )
@@ -149,7 +149,7 @@ def test_coefficient_slopes_of_both_inputs_reproduce_the_stress():
     basis = TensorBasis(1.2)
     F = stretches_to_gradient("pure_shear", np.array([1.3, 1.7]))
     P, columns = basis.local(F)
-    c, slopes = _coefficients_and_slopes(architecture, basis, theta)
+    c, slopes = coefficients_and_slopes(architecture, basis, theta)
     found = np.einsum("mq,mqp->mp", P[:, :, 0, 0], slopes[columns])
     values, first = map(np.asarray, kinematics.invariants_and_derivatives(F))
     psi, psi_slopes = values_and_slopes(architecture, theta, values)

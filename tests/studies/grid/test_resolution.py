@@ -70,6 +70,12 @@ def test_agreement_of_a_model_that_is_five_percent_too_stiff():
     assert all(s.r2 == pytest.approx(1, abs=1e-14) for s in metrics.agreement(neo_hooke(1.0), truth, 6.0))
 
 
+def test_the_coarsest_camera_alone_is_polished():
+    settings = RESOLUTION.default
+    fitted = {case.resolution for case in settings.cases if Loss.POLISHED in settings.losses_of(case)}
+    assert fitted == {min(settings.resolutions, key=float)}
+
+
 def test_dependent_scaling_is_fitted_for_clean_data_and_the_first_seeds_only():
     settings = replace(RESOLUTION.default, seeds=(0, 1, 2), dependent_seeds=1)
     fitted = {case.seed: Loss.DEPENDENT in settings.losses_of(case) for case in settings.cases}

@@ -41,6 +41,7 @@ from studies.output.writing import plain
 from studies.replay import report as replay_report
 from studies.reports.alert_table import COLUMNS, add_alerts, alert_lines, alert_records, in_order
 from studies.reports.calibration import fit_findings
+from studies.reports.calibration.polish_record import Kept, PolishRecord, ReplayErrors
 from studies.reports.discovery import discovery_findings
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.headline import LIMITS, Quality, Reason, headline
@@ -106,6 +107,7 @@ def review(chi_square: float | None = 1.0, **changes: Any) -> Any:
         "neo_hooke_error": 0.05,
         "held_out": None,
         "classical": None,
+        "polish": None,
         "model": neo_hooke(),
         "measured": {"right": np.array([[0.0, 0.0]] * 4 + [[2.0, 0.0]])},
         "forces": {"right": np.array([[0.0, 0.0]] * 4 + [[1.5, 0.0]])},
@@ -123,6 +125,8 @@ def laws(*found: Any) -> Any:
     return Comparison(100, 1.0, found[0], found)
 
 
+ERRORS = ReplayErrors(100.0, 90, 0.01, 0.1)
+POLISHED = PolishRecord(Kept.POLISHED, neo_hooke(), neo_hooke(), 2, ERRORS, ERRORS, ERRORS, ERRORS)
 HELD = SimpleNamespace(increments=3, relative_force_error=0.02, chi_square_per_equation=1.1)
 OF_CALIBRATION: dict[str, Callable[[], Findings]] = {
     "experiment.forces_do_not_balance": lambda: fit_findings.findings(review()),
@@ -136,6 +140,8 @@ OF_CALIBRATION: dict[str, Callable[[], Findings]] = {
     "calibration.forces": lambda: fit_findings.findings(review()),
     "calibration.nominal_level": lambda: fit_findings.findings(review(experiment=poor_test(level_is_nominal=True))),
     "calibration.held_out": lambda: fit_findings.findings(review(held_out=HELD)),
+    "calibration.polished": lambda: fit_findings.findings(review(polish=POLISHED)),
+    "calibration.not_polished": lambda: fit_findings.findings(review(polish=replace(POLISHED, kept=Kept.WORSE))),
     "calibration.nothing_held_out": lambda: fit_findings.findings(review()),
     "calibration.classical_laws": lambda: fit_findings.findings(review(classical=laws(law("Yeoh", 2.0)))),
     "calibration.classical_not_fitted": lambda: fit_findings.findings(review(classical=laws(law("Yeoh", 2.0, False)))),

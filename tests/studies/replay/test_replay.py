@@ -13,6 +13,7 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.effects import KNOWN
 from calibrate.effects.chain import Addition
+from calibrate.equations import recovery
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
 from calibrate.models.extended_model import ExtendedModel
@@ -63,6 +64,18 @@ def test_the_true_law_meets_a_test_of_another_mesh_the_better_the_finer_the_came
     assert fine < 1e-3  # mm, of 20
     assert found[1].force_error < 1e-4
     assert found[1].force_error < found[0].force_error
+
+
+def test_a_hole_is_no_polygon(monkeypatch):
+    """A sheet whose holes are polygons is too stiff, by an error of second order in the distance of the points."""
+    plate = experiment(250)
+    law = material_law(ArrudaBoyce(), "", plate)
+    curved = replay(plate, law, check_mesh=False)
+    monkeypatch.setattr(recovery, "SEGMENT", 0.0)
+    straight = replay(plate, law, check_mesh=False)
+    assert curved.field_error[-1] < 0.3 * straight.field_error[-1]
+    assert curved.force_error < 0.3 * straight.force_error
+    assert np.linalg.norm(straight.forces["right"]) > np.linalg.norm(straight.measured["right"])
 
 
 def test_another_law_leaves_a_residual():
