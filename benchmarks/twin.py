@@ -3,7 +3,7 @@
 In: nothing; the coarse cross of `equigap simulate --quick` and the specimens of the blind trials, solved on meshes of their own. Out:
 `docs/results/twin.json`. The chi-square of the true material on noiseless displacements, with the weights of the noise alone: as it is; minus the
 residual of a twin, whose law is the true one, the base that a diagnosis fits to noisy data, or neo-Hooke, and whose grips move as measured,
-noise included (median of three seeds); the remainder is the root of the share that the fitted base leaves. Also of straight triangles, of three points a triangle instead of one, and of a
+noise included; the remainder is the root of the share that the fitted base leaves. Also of straight triangles, of three points a triangle instead of one, and of a
 finer mesh of the twin. Two tests hide an effect that the base of the twin lacks.
 """
 
@@ -46,7 +46,7 @@ from studies.trials.blind_trial import SPECIMENS
 
 Array = NDArray[np.float64]
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "twin.json"
-INCREMENTS, SEEDS, FINER = 4, (0, 1, 2), 1000  # points of a test, below which its twin is made on a finer mesh, too
+INCREMENTS, SEED, FINER = 4, 0, 1000  # points of a test, below which its twin is made on a finer mesh, too
 RUBBER = Sheet(ArrudaBoyce())
 CORNERS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6  # three points that are exact for squares
 BY_NAME = {effect.name: effect for effect in CATALOGUE}
@@ -89,7 +89,6 @@ class Case:
 
 CASES = (
     Case("cross", Cross(), 900, 1.6, 5e-4),
-    Case("cross", Cross(), 2000, 1.6, 5e-4),
     Case("cross, second invariant", Cross(), 900, 1.6, 5e-4, Sheet(ArrudaBoyce(), 1.0, (laws.MooneyPart(0.06),)),
          (Addition(BY_NAME["second invariant"], (0.06,)),)),
     Case("cross, relaxation", Cross(), 900, 1.6, 5e-4, Sheet(ArrudaBoyce(), 1.0, prony=Prony(0.5, 2.0)),
@@ -137,8 +136,8 @@ def noisy(e: Experiment, seed: int) -> Experiment:
 def fitted_twin(e: Experiment, base: str) -> Array:
     """Residual (t, 2 v), N, of the twin of a base that was fitted to a noisy test."""
     problem, fit = base_fit.prepare([e], [all_rows], base=base)
-    model = ExtendedModel(problem.basis, fit.c, (), (), e.stress_unit)
-    return twin.residual(problem.parts[0], fit.c, twin_replay(e, model))
+    c = twin.stiffening_base(problem, fit)
+    return twin.residual(problem.parts[0], c, twin_replay(e, ExtendedModel(problem.basis, c, (), (), e.stress_unit)))
 
 
 def row(case: Case) -> dict[str, Any]:
@@ -160,7 +159,7 @@ def row(case: Case) -> dict[str, Any]:
         found |= {"straight": chi(work - loads), "three": chi(three_points(part.system, basis, c) - loads)}
         found |= _true_twins(part, basis, c, r)
     for base in ("positive", "neo-Hooke"):
-        found[base] = float(np.median([chi(r - fitted_twin(noisy(e, seed), base)) for seed in SEEDS]))
+        found[base] = chi(r - fitted_twin(noisy(e, SEED), base))
     found["remainder"] = float(np.sqrt(found["positive"] / found["recovered"]))
     return found
 

@@ -19,11 +19,14 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.data.load_path import turning_points
+from calibrate.diagnosis import base_functions
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.model_weights import weighted_part
-from calibrate.diagnosis.problem import Part, Problem
+from calibrate.diagnosis.problem import Part, Problem, base_columns
 from calibrate.effects.chain import Chain
+from calibrate.equations.basis import energy_basis
 from calibrate.errors import NoTwinError
+from calibrate.fitting.least_squares import bounded
 from calibrate.models.extended_model import ExtendedModel
 
 Array = NDArray[np.float64]
@@ -33,12 +36,12 @@ Replay = Callable[[Experiment, ExtendedModel], Experiment]
 
 def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit, tuple[str, ...]]:
     """The problem with a twin of every test that can be replayed with the base of the fit, and the base fitted again; why others have none."""
-    parts, reasons = [], []
+    parts, reasons, c = [], [], stiffening_base(problem, fit)
     for part in problem.parts:
-        model = ExtendedModel(problem.basis, fit.c, (), (), part.experiment.stress_unit)
+        model = ExtendedModel(problem.basis, c, (), (), part.experiment.stress_unit)
         try:
             chosen, shares = turning_points(part.experiment.displacements)
-            twin = shares @ residual(part, fit.c, replay(part.experiment.select(chosen), model))
+            twin = shares @ residual(part, c, replay(part.experiment.select(chosen), model))
         except NoTwinError as error:
             parts.append(part)
             reasons.append(str(error))
@@ -48,6 +51,20 @@ def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit
         return problem, fit, tuple(reasons)
     problem = replace(problem, parts=tuple(parts))
     return problem, refit(problem, fit.c, ()), tuple(reasons)
+
+
+def stiffening_base(problem: Problem, fit: Fit) -> Array:
+    """Coefficients (n,) of a base that does not soften with I1, nearest to the data of a fit: its energy is convex, so that there is an
+    equilibrium. A base that makes up for a missing effect may have none."""
+    if problem.parametric:
+        return fit.c
+    top = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
+    cone = base_functions.base_cone(problem.basis, "convex", top)
+    bulk = problem.basis.n_functions - energy_basis(problem.basis).n_functions
+    n = cone.shape[1]
+    prior = float(np.abs(problem.prior).max()) * base_functions.smoothness("convex", n - bulk, bulk)
+    G = base_columns(problem, fit.chains)
+    return cone @ bounded(G @ cone, G @ fit.c - fit.residual, np.zeros(n), np.full(n, np.inf), prior)
 
 
 def residual(part: Part, c: Array, replayed: Experiment) -> Array:

@@ -57,7 +57,9 @@ def test_the_true_law_meets_a_test_of_another_mesh_the_better_the_finer_the_came
         replay(experiment(n), material_law(ArrudaBoyce(), "", experiment(n)), check_mesh=False) for n in (120, 1000)
     ]
     coarse, fine = (one.field_error[-1] for one in found)
-    assert fine < 0.4 * coarse  # the hole is a circle, but for the fourth order; stresses are singular at the ends of the grips
+    assert (
+        fine < 0.4 * coarse
+    )  # the hole is a circle, but for the fourth order; stresses are singular at the ends of the grips
     assert fine < 1e-3  # mm, of 20
     assert found[1].force_error < 1e-4
     assert found[1].force_error < found[0].force_error
