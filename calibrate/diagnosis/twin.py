@@ -46,7 +46,7 @@ def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit
             parts.append(part)
             reasons.append(str(error))
         else:
-            parts.append(_with_twin(problem, part, twin))
+            parts.append(_with_twin(problem, part, np.where(part.system.level_equation, 0.0, twin)))  # nominal as it is
     if all(part.twin is None for part in parts):
         return problem, fit, tuple(reasons)
     problem = replace(problem, parts=tuple(parts))

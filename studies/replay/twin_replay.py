@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from calibrate.data.experiment import Experiment
 from calibrate.errors import EquigapError, NoTwinError
 from calibrate.models.extended_model import ExtendedModel
@@ -21,7 +23,10 @@ from studies.replay.replayed_experiment import Replay, replay
 
 
 def twin_replay(experiment: Experiment, model: ExtendedModel) -> Experiment:
-    """Raises `NoTwinError` with the reason where the test cannot be replayed."""
+    """Raises `NoTwinError` with the reason where the test cannot be replayed, or its replay does not tell the force of each side."""
+    nodes = np.concatenate([boundary.nodes for boundary in experiment.loaded])
+    if len(np.unique(nodes)) < len(nodes) and not experiment.level_is_nominal:
+        raise NoTwinError(f"{experiment.name}: loaded boundaries share points, so that it is open which carries their force")
     try:
         return replayed_test(experiment, replay(experiment, law_of(model, experiment), check_mesh=False))
     except (ForwardError, MeshError, StudyError, EquigapError) as error:

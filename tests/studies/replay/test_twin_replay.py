@@ -176,5 +176,8 @@ def test_why_a_test_has_no_twin():
     model = ExtendedModel(problem.basis, fit.c, (), (), "MPa")
     with pytest.raises(NoTwinError, match="^plate: a replay solves thin sheets in plane stress, not plane strain$"):
         twin_replay(replace(e, plane="strain"), model)
+    left, right = e.loaded
+    with pytest.raises(NoTwinError, match="^plate: loaded boundaries share points"):
+        twin_replay(replace(e, loaded=(left, replace(right, nodes=np.append(right.nodes, left.nodes[:1])))), model)
     with pytest.raises(NoTwinError, match="^plate: .*shear modulus"):
         twin_replay(e, replace(model, c=-fit.c))
