@@ -17,6 +17,7 @@ from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import Part, all_rows
 from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
 from calibrate.equations import noise_covariance
 from calibrate.equations.discretisation_error import REMAINDER
 from calibrate.errors import NoTwinError
@@ -118,6 +119,25 @@ def test_between_replayed_increments_the_residual_is_interpolated():
     assert size(found - every) < 0.05 * size(every)
 
 
+def test_a_model_with_an_effect_of_the_material_has_a_twin_of_its_own():
+    """An effect of the camera is not replayed; with one of the material the replay gets the whole model, and its residual is that of the chain with it."""
+    asked = []
+
+    def replay(experiment, model):
+        asked.append(model)
+        return experiment
+
+    e = replace(synthetic.plate_experiment(n_increments=2), noise=Noise(0.01, 3.0, 1e-4))
+    problem, fit, _ = twin.with_twins(*base_fit.prepare([e], [all_rows]), replay)
+    camera_effect, mooney = (Addition(next(o for o in CATALOGUE if o.name == name), (value,))
+                             for name, value in (("image rotation", 0.001), ("second invariant", 0.02)))  # fmt: skip
+    assert twin.with_own_twins(problem, replace(fit, additions=(camera_effect,)))[0] is problem
+    found, _ = twin.with_own_twins(problem, replace(fit, additions=(camera_effect, mooney)))
+    assert [one.additions for one in asked] == [(), (mooney,)]
+    expected = problem.parts[0].chain.residual(fit.c, (mooney,))
+    np.testing.assert_allclose(found.parts[0].twin, expected, atol=1e-12)
+
+
 def test_what_a_twin_tells_is_subtracted_and_no_misfit():
     """A replay that is the test itself: nothing is left but the mean that noise brings."""
     e = replace(synthetic.plate_experiment(n_increments=2), noise=Noise(0.01, 3.0, 1e-4))
@@ -176,8 +196,5 @@ def test_why_a_test_has_no_twin():
     model = ExtendedModel(problem.basis, fit.c, (), (), "MPa")
     with pytest.raises(NoTwinError, match="^plate: a replay solves thin sheets in plane stress, not plane strain$"):
         twin_replay(replace(e, plane="strain"), model)
-    left, right = e.loaded
-    with pytest.raises(NoTwinError, match="^plate: loaded boundaries share points"):
-        twin_replay(replace(e, loaded=(left, replace(right, nodes=np.append(right.nodes, left.nodes[:1])))), model)
     with pytest.raises(NoTwinError, match="^plate: .*shear modulus"):
         twin_replay(e, replace(model, c=-fit.c))
