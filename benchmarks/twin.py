@@ -199,7 +199,7 @@ def refined(e: Experiment, model: ExtendedModel) -> Experiment:
 def table(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
     """As the page shows it."""
     keys = ("straight", "recovered", "three", "true law", "neo-Hooke", "base", "whole model")
-    body = [[one["test"], str(one["points"]), *(f"{one[key]:.3g}" if key in one else "" for key in keys),
+    body = [[one["test"], str(one["points"]), *(f"{one[key]:.{0 if one[key] > 100 else 1}f}" if key in one else "" for key in keys),
              f"{one['remainder']:.2f}", str(one["rows"])] for one in rows]  # fmt: skip
     return [HEAD, *body]
 
