@@ -90,7 +90,7 @@ class Problem:
     changes of psi_1, without which the last splines absorb whatever is wrong and ruin the extrapolation. parametric: effects
     are tested and fitted beside the functions of the cone alone (a neo-Hookean base, for one), not beside all splines. An
     effect that any energy of I1 could imitate is found only so, and only if the base is right. c (n,), amplifying: the base
-    and the effects that the weights belong to, see `amplified`.
+    and the effects that the weights belong to, see `amplified`. replay: see `twin.Replay`; None: no part has a twin.
     """
 
     parts: tuple[Part, ...]
@@ -102,6 +102,7 @@ class Problem:
     c: Array = field(repr=False)
     parametric: bool = False
     amplifying: Additions = ()
+    replay: Callable[..., Experiment] | None = field(default=None, repr=False)
 
     @property
     def trained(self) -> tuple[Part, ...]:

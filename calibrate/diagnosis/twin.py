@@ -4,9 +4,10 @@ In: a `Problem`, its base fit, and a `Replay` that solves a test with a model. O
 weights that allow only for what a twin may miss; the base fitted to it; and why a test has no twin.
 
 The replayed fields are in equilibrium with the replayed forces. Seen by the triangles of the camera, through the chain of the measured ones, they
-leave a residual that the measured ones have, too. One replay of the base is enough, as the error is of second order: it depends little on
-the law and on the noise of the grips that the replay moves by (docs/discover_method.md, "Weights"). It is smooth in the load, so that not every
-increment is replayed: between two, the residual is interpolated as the measured displacements are.
+leave a residual that the measured ones have, too. It depends little on the base and on the noise of the grips that the replay moves by, so that
+one replay of the base is enough; but an effect of the material that is as strong as the base changes it, so that a model has its own twin once an effect
+was added (docs/discover_method.md, "Weights"). It is smooth in the load, so that not every increment is replayed: between two, the residual is
+interpolated as the measured displacements are.
 """
 
 from __future__ import annotations
@@ -19,11 +20,14 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.data.load_path import turning_points
+from calibrate.diagnosis import base_functions, model_weights, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.model_weights import weighted_part
-from calibrate.diagnosis.problem import Part, Problem
-from calibrate.effects.chain import Chain
+from calibrate.diagnosis.problem import Part, Problem, base_columns
+from calibrate.effects.chain import Additions, Chain
+from calibrate.equations.basis import energy_basis
 from calibrate.errors import NoTwinError
+from calibrate.fitting.least_squares import bounded
 from calibrate.models.extended_model import ExtendedModel
 
 Array = NDArray[np.float64]
@@ -33,12 +37,10 @@ Replay = Callable[[Experiment, ExtendedModel], Experiment]
 
 def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit, tuple[str, ...]]:
     """The problem with a twin of every test that can be replayed with the base of the fit, and the base fitted again; why others have none."""
-    parts, reasons = [], []
+    parts, reasons, c = [], [], stiffening_base(problem, fit)
     for part in problem.parts:
-        model = ExtendedModel(problem.basis, fit.c, (), (), part.experiment.stress_unit)
         try:
-            chosen, shares = turning_points(part.experiment.displacements)
-            twin = shares @ residual(part, fit.c, replay(part.experiment.select(chosen), model))
+            twin = _twin(part, c, (), replay)
         except NoTwinError as error:
             parts.append(part)
             reasons.append(str(error))
@@ -46,15 +48,56 @@ def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit
             parts.append(_with_twin(problem, part, twin))
     if all(part.twin is None for part in parts):
         return problem, fit, tuple(reasons)
-    problem = replace(problem, parts=tuple(parts))
+    problem = replace(problem, parts=tuple(parts), replay=replay)
     return problem, refit(problem, fit.c, ()), tuple(reasons)
 
 
-def residual(part: Part, c: Array, replayed: Experiment) -> Array:
-    """Residual (t, 2 v), N, of a replay with the base c (n,), as the equations of a part see it."""
+def with_own_twins(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """The same with twins of the effects in the material, too, and everything fitted again; where that model cannot be replayed, with those that it had."""
+    additions = tuple(a for a in fit.additions if a.effect.of_material)
+    if problem.replay is None or not additions:
+        return problem, fit
+    parts = []
+    for part in problem.parts:
+        try:
+            parts.append(replace(part, twin=_twin(part, fit.c, additions, problem.replay)))
+        except NoTwinError:
+            parts.append(part)
+    problem = model_weights.reweighted(replace(problem, parts=tuple(parts)), fit.c, fit.additions)
+    return weighted_fit.fit_with_weights(problem, fit.c, fit.additions)
+
+
+def stiffening_base(problem: Problem, fit: Fit) -> Array:
+    """Coefficients (n,) of a base that does not soften with I1, nearest to the data of a fit: its energy is convex, so that there is an
+    equilibrium. A base that makes up for a missing effect may have none."""
+    if problem.parametric:
+        return fit.c
+    top = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
+    cone = base_functions.base_cone(problem.basis, "convex", top)
+    bulk = problem.basis.n_functions - energy_basis(problem.basis).n_functions
+    n = cone.shape[1]
+    prior = float(np.abs(problem.prior).max()) * base_functions.smoothness("convex", n - bulk, bulk)
+    G = base_columns(problem, fit.chains)
+    return cone @ bounded(G @ cone, G @ fit.c - fit.residual, np.zeros(n), np.full(n, np.inf), prior)
+
+
+def residual(part: Part, c: Array, replayed: Experiment, additions: Additions = ()) -> Array:
+    """Residual (t, 2 v), N, of a replay with the base c (n,) and effects of the material, as the equations of a part see it."""
     system = replace(part.system, experiment=replayed)
     chain = Chain(system, part.chain.basis)
-    return chain.work(chain.stress(c)) - np.nan_to_num(system.recorded)
+    return chain.work(chain.stress(c, additions)) - np.nan_to_num(system.recorded)
+
+
+def _twin(part: Part, c: Array, additions: Additions, replay: Replay) -> Array:
+    """Residual (t, 2 v), N, of all increments; of the equation of a nominal level none. A history is replayed whole. Raises `NoTwinError`."""
+    experiment = part.experiment
+    chosen, shares = turning_points(experiment.displacements)
+    if any(a.effect.remembers for a in additions):
+        chosen, shares = np.arange(experiment.n_increments), np.eye(experiment.n_increments)
+    deviations = tuple((0.0,) * len(a.amplitudes) for a in additions)
+    model = ExtendedModel(part.chain.basis, c, additions, deviations, experiment.stress_unit)
+    found = shares @ residual(part, c, replay(experiment.select(chosen), model), additions)
+    return np.where(part.system.level_equation, 0.0, found)
 
 
 def _with_twin(problem: Problem, part: Part, twin: Array) -> Part:

@@ -24,6 +24,7 @@ from calibrate.equations import recovery
 from calibrate.fitting.calibration import relative_force_error
 from forward.loading import MeasuredMotion
 from forward.sheet.inelastic import solve_history
+from forward.sheet.sheet_run import Options
 from forward.solution import SurfaceSolution
 from meshes import Mesh
 from meshes.triangle_quads import CurvedEdges, split
@@ -87,9 +88,14 @@ class Replay:
 
 
 def replay(
-    experiment: Experiment, law: Law, checkpoint: Path | None = None, check_mesh: bool = True, progress: bool = False
+    experiment: Experiment,
+    law: Law,
+    checkpoint: Path | None = None,
+    check_mesh: bool = True,
+    progress: bool = False,
+    options: Options = Options(),
 ) -> Replay:
-    """Solve the test. `checkpoint`: as of `solve_history`, from which a killed run goes on.
+    """Solve the test. `checkpoint`: as of `solve_history`, from which a killed run goes on; options: of the solution.
 
     Where the mesh matters more than the noise (or `SMALL` of the largest displacement), the whole test is solved on the finer one.
     Raises `LoadingError` where too little of the boundary is held, `MaterialError`, and `ConvergenceError`.
@@ -104,7 +110,8 @@ def replay(
     factors = np.arange(1, experiment.n_increments + 1) / experiment.n_increments
     history = law.sheet.prony is not None or law.sheet.softens
     solution = solve_history(problem.mesh, law.sheet, problem.motion(experiment.displacements), factors, times,
-                             substeps=SUBSTEPS if history else 1, checkpoint=checkpoint, progress=progress)  # fmt: skip
+                             substeps=SUBSTEPS if history else 1, options=options, checkpoint=checkpoint,
+                             progress=progress)  # fmt: skip
     n = len(experiment.points)
     return Replay(
         experiment,

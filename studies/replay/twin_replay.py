@@ -14,16 +14,20 @@ from calibrate.data.experiment import Experiment
 from calibrate.errors import EquigapError, NoTwinError
 from calibrate.models.extended_model import ExtendedModel
 from forward.errors import ForwardError
+from forward.sheet.sheet_run import Options
 from meshes.errors import MeshError
 from studies.errors import StudyError
 from studies.replay.model_law import law_of
 from studies.replay.replayed_experiment import Replay, replay
 
+OPTIONS = Options(max_bisections=3)  # a model that fails is not worth more
+
 
 def twin_replay(experiment: Experiment, model: ExtendedModel) -> Experiment:
     """Raises `NoTwinError` with the reason where the test cannot be replayed."""
     try:
-        return replayed_test(experiment, replay(experiment, law_of(model, experiment), check_mesh=False))
+        found = replay(experiment, law_of(model, experiment), check_mesh=False, options=OPTIONS)
+        return replayed_test(experiment, found)
     except (ForwardError, MeshError, StudyError, EquigapError) as error:
         raise NoTwinError(f"{experiment.name}: {str(error).removeprefix(f'{experiment.name}: ')}") from error
 

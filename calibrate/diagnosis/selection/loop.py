@@ -27,6 +27,7 @@ from calibrate.diagnosis.selection.exchange import review
 from calibrate.diagnosis.selection.rounds import Candidate, Discovery, Refusal, RefusalReason, Review, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.diagnosis.selection.verdict import conclude, is_small
+from calibrate.diagnosis.twin import with_own_twins
 from calibrate.effects import CATALOGUE, Effect
 
 Array = NDArray[np.float64]
@@ -47,7 +48,7 @@ def close_loop(
     model to go on from."""
     base = Model(problem, state)
     rounds: list[Round] = [begun[0]] if begun else []
-    model = begun[1] if begun else base
+    model = _with_own_twins(begun[1]) if begun else base
     reviews: dict[frozenset[str], Review] = {}  # of models with more than one effect, by their names
     while True:
         say(f"round {len(rounds) + 1}: testing effects")
@@ -63,7 +64,7 @@ def close_loop(
             confirmation = confirm(base, model, thresholds) if names else None
             found = conclude(model.problem, tuple(rounds), reviews.get(names, Review()), thresholds, confirmation)
             return replace(found, start=problem)
-        model = _without_superfluous(added)
+        model = _with_own_twins(_without_superfluous(added))
 
 
 def scored_round(
@@ -141,6 +142,11 @@ def _with_best(
     equal = [c.name for c in confirmed if c is not best and penalised_misfit(c) < limit]
     group = dict.fromkeys((best.name, *candidate_fit.alike(best, significant, thresholds), *equal))
     return replace(now, added=best.name, group=tuple(group)), candidate_fit.model(best)
+
+
+def _with_own_twins(model: Model) -> Model:
+    """The fit less the discretisation error of its own replay."""
+    return Model(*with_own_twins(model.problem, model.fit))
 
 
 def _without_superfluous(model: Model) -> Model:

@@ -12,10 +12,12 @@ import synthetic
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.load_path import turning_points
 from calibrate.diagnosis import base_fit, twin
+from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import Part, all_rows
 from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
 from calibrate.equations import noise_covariance
 from calibrate.equations.discretisation_error import REMAINDER
 from calibrate.errors import NoTwinError
@@ -112,8 +114,28 @@ def test_between_replayed_increments_the_residual_is_interpolated():
     part = problem.parts[0]
     assert len(turning_points(e.displacements)[0]) < e.n_increments
     found = twin.with_twins(problem, fit, twin_replay)[0].parts[0].twin
-    every = twin.residual(part, fit.c, twin_replay(e, ExtendedModel(problem.basis, fit.c, (), (), "MPa")))
+    c = twin.stiffening_base(problem, fit)
+    every = twin.residual(part, c, twin_replay(e, ExtendedModel(problem.basis, c, (), (), "MPa")))
     assert size(found - every) < 0.05 * size(every)
+
+
+def test_a_model_with_an_effect_of_the_material_has_a_twin_of_its_own():
+    """An effect of the camera is not replayed; with one of the material the replay gets the whole model, and its residual is that of the chain with it."""
+    asked = []
+
+    def replay(experiment, model):
+        asked.append(model)
+        return experiment
+
+    e = replace(synthetic.plate_experiment(n_increments=2), noise=Noise(0.01, 3.0, 1e-4))
+    problem, fit, _ = twin.with_twins(*base_fit.prepare([e], [all_rows]), replay)
+    camera_effect, mooney = (Addition(next(o for o in CATALOGUE if o.name == name), (value,))
+                             for name, value in (("image rotation", 0.001), ("second invariant", 0.02)))  # fmt: skip
+    assert twin.with_own_twins(problem, replace(fit, additions=(camera_effect,)))[0] is problem
+    found, _ = twin.with_own_twins(problem, replace(fit, additions=(camera_effect, mooney)))
+    assert [one.additions for one in asked] == [(), (mooney,)]
+    expected = problem.parts[0].chain.residual(fit.c, (mooney,))
+    np.testing.assert_allclose(found.parts[0].twin, expected, atol=1e-12)
 
 
 def test_what_a_twin_tells_is_subtracted_and_no_misfit():
@@ -122,11 +144,29 @@ def test_what_a_twin_tells_is_subtracted_and_no_misfit():
     problem, fit = base_fit.prepare([e], [all_rows])
     found, refitted, reasons = twin.with_twins(problem, fit, lambda experiment, model: experiment)
     (part,) = found.parts
-    np.testing.assert_allclose(part.twin, problem.parts[0].chain.residual(fit.c), atol=1e-12)
-    np.testing.assert_allclose(part.residual(fit.c), -part.shift, atol=1e-12)
+    c = twin.stiffening_base(problem, fit)
+    np.testing.assert_allclose(part.twin, problem.parts[0].chain.residual(c), atol=1e-12)
+    np.testing.assert_allclose(part.residual(c), -part.shift, atol=1e-12)
     np.testing.assert_allclose(found.parts[0].own_residual(fit.c), problem.parts[0].own_residual(fit.c) - part.twin)
     assert reasons == ()
     assert refitted.additions == ()
+
+
+def test_the_base_that_is_replayed_does_not_soften():
+    """And is that of the fit where that stiffens; of one that softens it is the nearest, so that it meets the loads."""
+    problem, fit = fitted(200)
+    splines = problem.basis.spline.matrix(np.linspace(0, 1, 200))
+    softening = replace(fit, c=fit.c * np.linspace(1.3, 0.7, len(fit.c)))
+    for one in (fit, replace(softening, residual=effect_residual(problem, softening.c))):
+        c = twin.stiffening_base(problem, one)
+        psi_1 = splines @ c
+        assert (np.maximum.accumulate(psi_1) - psi_1).max() < 1e-3 * psi_1.max()  # the basis interpolates
+        work, loads = effect_residual(problem, c) + equations.loads(problem), equations.loads(problem)
+        assert size(work - loads) < 0.05 * size(loads)
+
+
+def effect_residual(problem, c):
+    return equations.residual(problem, c, ())
 
 
 def test_the_weights_allow_for_less_where_there_is_a_twin():
