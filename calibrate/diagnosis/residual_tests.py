@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from calibrate.diagnosis.problem import Part, Problem
-from calibrate.effects.chain import Additions
+from calibrate.effects.chain import Additions, Chain
 from calibrate.equations.weights import Weights
 from calibrate.fitting.least_squares import residual_outside
 
@@ -47,20 +47,18 @@ class Misfits(NamedTuple):
     smooth: ChiSquare
 
 
-def kinematic_error(problem: Problem, c: Array) -> Array:
-    """Whitened change (N,) of the residual when the triangles are taken for linear again.
+def kinematic_errors(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[Array]:
+    """Whitened changes (N,) of the residual when the triangles are taken for linear again: of the base, and of what effects change.
 
-    A standard deviation of what the recovered kinematics still miss. Its effect on an amplitude is added to that of
-    noise, because errors of neighbouring edges are less independent than the weights assume.
+    Each is a standard deviation of what the recovered kinematics still miss. Its effect on an amplitude is added to that of
+    noise, because errors of neighbouring edges are less independent than the weights assume, and those of the effect's own
+    change are not among them.
     """
-    changes = []
-    for part in problem.trained:
-        work = [
-            np.array([system.matrix(problem.basis, F) @ c for F in system.deformation_gradients])
-            for system in (part.linear, part.system)
-        ]
-        changes.append(work[0] - work[1])
-    return problem.whiten(changes)
+    base, whole = (
+        problem.whiten([chain.linear.residual(c, some) - chain.residual(c, some) for chain in chains])
+        for some in ((), additions)
+    )
+    return [base, whole - base]
 
 
 def smooth_disturbances(problem: Problem) -> Array:

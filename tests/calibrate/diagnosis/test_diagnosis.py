@@ -30,6 +30,7 @@ from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason, Review
 from calibrate.diagnosis.selection.verdict import conclude, worth_a_name
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Chain
+from calibrate.effects.support.nodal_derivatives import gradient
 from calibrate.equations import discretisation_error, kinematics, noise_covariance
 from calibrate.equations.basis import SingleBasis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
@@ -208,6 +209,20 @@ def test_sources_are_the_derivative_of_the_correction():
     slope = (residuals[0] - residuals[1]) / (2 * step)
     assert np.linalg.norm(bend - slope) < 0.15 * np.linalg.norm(slope)  # the smallest corrections are left out
     assert np.abs(segment).max() > 0
+
+
+def test_a_chain_of_linear_triangles_has_the_residual_of_the_linear_equations():
+    """Two ways to the same work; and gradients at the nodes are exact where the displacements are linear."""
+    e = sheet()
+    system = equilibrium(e)
+    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = neo_hooke(basis, 0.3)
+    chain, linear = Chain(system, basis).linear, replace(system, linear=True)
+    expected = np.array([linear.matrix(basis, F) @ c for F in linear.deformation_gradients]) - chain.external()
+    np.testing.assert_allclose(chain.residual(c), expected, atol=1e-9 * np.abs(expected).max())
+    H = np.array([[0.1, -0.2], [0.3, 0.05]])
+    at_nodes = gradient(chain.data, (e.points @ H.T)[None])
+    np.testing.assert_allclose(at_nodes[0], np.broadcast_to(H, at_nodes[0].shape), atol=1e-12)
 
 
 def test_variance_of_the_corrections_is_that_of_independent_sources(monkeypatch):
