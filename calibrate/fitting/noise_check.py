@@ -162,7 +162,7 @@ class _Fine:
 
     def std(self, length: float, variances: Array | float = 1.0) -> float:
         """Standard deviation, mm, of noise with a correlation length, mm; of increments with variances (k,) that of a variance of 1."""
-        sizes = np.array([np.linalg.norm(spread, axis=1) for spread in self._spreads(length)])
+        sizes = np.sqrt([spread.power(2).sum(axis=1) for spread in self._spreads(length, np.arange(len(self.rows)))])
         y = self.residuals / sizes / np.sqrt(np.reshape(variances, (-1, 1)))
         return float(np.median(np.abs(y))) / NORMAL
 
@@ -170,17 +170,19 @@ class _Fine:
         """What increments have in common of noise with a correlation length, mm."""
         n = self.residuals.shape[1]
         rows = np.unique(np.linspace(0, n - 1, min(n, MOST_ROWS)).round().astype(int))
-        spreads = np.array([spread[rows] for spread in self._spreads(length)])
+        spreads = np.array([spread.toarray() for spread in self._spreads(length, rows)])
         sizes = np.linalg.norm(spreads, axis=2)
         unit = np.moveaxis(spreads / sizes[:, :, None], 0, 1)
         repeated = float(((unit[:, -1] @ unit[:, -1].T) ** 2).sum() / len(rows))
         return common_ratios((self.residuals[:, rows] / sizes).T, unit @ unit.transpose(0, 2, 1), self.shares, repeated)
 
-    def _spreads(self, length: float) -> Iterator[Array]:
-        """What unit noise does to the residuals (rows, s) of each increment, N / mm."""
+    def _spreads(self, length: float, some: NDArray[np.int64]) -> Iterator[sp.csr_array]:
+        """What unit noise does to some of the residuals (k, s) of each increment, N / mm."""
         factor = noise_covariance.noise_factor(self.system.experiment.points, Noise(1.0, length))
         for F in self.system.deformation_gradients[self.increments]:
-            yield noise_covariance.spread(self.system, self.basis, self.c, F, factor)[self.rows]
+            blocks = zip(*self.system.tangent(self.basis, F, self.c), strict=True)
+            tangents = (sp.csr_array(sp.vstack(column))[self.rows[some]] for column in blocks)
+            yield sp.csr_array(sp.hstack([tangent @ factor for tangent in tangents]))
 
 
 def _quiet(system: Equilibrium, basis: Basis, c: Array, increment: int) -> NDArray[np.int64]:
