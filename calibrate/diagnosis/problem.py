@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,11 @@ class Part:
     def system(self) -> Equilibrium:
         """The virtual-work equations of the chain."""
         return self.chain.system
+
+    @cached_property
+    def linear(self) -> Equilibrium:
+        """The same equations with linear triangles."""
+        return replace(self.system, linear=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,17 +48,22 @@ class Misfits(NamedTuple):
 
 
 def kinematic_errors(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[Array]:
-    """Whitened changes (N,) of the residual when the triangles are taken for linear again: of the base, and of what effects change.
+    """Whitened changes (N,) of the residual: of the base when the triangles are taken for linear again, and of effects when gradients at the
+    nodes, which they continue to an edge or differentiate again, are means of those around.
 
     Each is a standard deviation of what the recovered kinematics still miss. Its effect on an amplitude is added to that of
     noise, because errors of neighbouring edges are less independent than the weights assume, and those of the effect's own
-    change are not among them.
+    gradients are not among them.
     """
-    base, whole = (
-        problem.whiten([chain.linear.residual(c, some) - chain.residual(c, some) for chain in chains])
-        for some in ((), additions)
-    )
-    return [base, whole - base]
+    of_base = []
+    for part in problem.trained:
+        work = [
+            np.array([system.matrix(problem.basis, F) @ c for F in system.deformation_gradients])
+            for system in (part.linear, part.system)
+        ]
+        of_base.append(work[0] - work[1])
+    of_effects = [chain.with_mean_gradients().residual(c, additions) - chain.residual(c, additions) for chain in chains]
+    return [problem.whiten(of_base), problem.whiten(of_effects)]
 
 
 def smooth_disturbances(problem: Problem) -> Array:

@@ -86,10 +86,9 @@ class Chain:
         """The same chain with noise (t, n, 2), mm, on the displacements."""
         return Chain(self.system, self.basis, replace(self.data, u=self.data.u + noise))
 
-    @property
-    def linear(self) -> Chain:
-        """The same chain with displacements that are linear in the triangles."""
-        return Chain(replace(self.system, linear=True), self.basis, self.data.linear())
+    def with_mean_gradients(self) -> Chain:
+        """The same chain, in which effects take means of the gradients around for those at the nodes."""
+        return Chain(self.system, self.basis, self.data.with_mean_gradients())
 
     def work(self, stress: Any) -> Array:
         """Virtual work (..., t, 2 v), N, of stresses (..., t, m, 2, 2)."""

@@ -90,24 +90,16 @@ class Data:
             experiment.is_synchronised,
         )
 
-    def linear(self) -> Data:
-        """The same at displacements that are linear in the triangles; gradients at the nodes are means of those around, by area."""
+    def with_mean_gradients(self) -> Data:
+        """The same with gradients at the nodes that are means of those in the triangles around, by area."""
         points, triangles = np.asarray(self.points), np.asarray(self.triangles)
         areas = kinematics.shape_gradients(points, triangles)[1]
-        gradient = kinematics.gradient_operator(points, triangles)
         around = sp.csr_array((np.repeat(areas, 3), (triangles.ravel(), np.repeat(np.arange(len(areas)), 3))))
         mean = sp.kron(sp.csr_array(sp.diags_array(1 / around.sum(axis=1)) @ around), sp.eye_array(2))
-        stencil, slopes = padded(gradient, self.stencil.shape[1])
-        rings, ring_slopes = padded(sp.csr_array(mean @ gradient), self.rings.shape[1])
-        return replace(
-            self,
-            stencil=jnp.asarray(stencil),
-            slopes=jnp.asarray(slopes),
-            areas=jnp.asarray(areas),
-            edges=self.edges * self.areas / areas,
-            rings=jnp.asarray(rings),
-            ring_slopes=jnp.asarray(ring_slopes),
+        rings, ring_slopes = padded(
+            sp.csr_array(mean @ kinematics.gradient_operator(points, triangles)), self.rings.shape[1]
         )
+        return replace(self, rings=jnp.asarray(rings), ring_slopes=jnp.asarray(ring_slopes))
 
     @property
     def centre(self) -> Any:
