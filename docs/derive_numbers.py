@@ -75,7 +75,7 @@ def rates(n: dict[str, Any]) -> list[list[str]]:
 
 def effects(trials: list[JudgedTrial]) -> list[list[str]]:
     """A line for each effect: how the strong ones ended, intervals, and what happens without it in the catalogue."""
-    head = ["hidden", "strong", "right", "wrong name beside", "only its group", "missed", "wrong", "amplitude within",
+    head = ["hidden", "strong", "right", "wrong name beside", "only its group", "missed", "wrong", "amplitude within", "rms pull",
             "removed: explained (strong)", "removed: wrong name (all)"]  # fmt: skip
     rows = []
     for one in summary(trials).effects:
@@ -83,7 +83,8 @@ def effects(trials: list[JudgedTrial]) -> list[list[str]]:
         counts = list(map(str, asdict(one.endings).values()))
         explained = f"{one.removed.explained} of {one.removed.trials}"
         wrong = f"{one.absent_wrong} of {one.absent}"
-        rows.append([one.effect, str(one.endings.strong), *counts, inside, explained, wrong])
+        rms = "" if one.rms_pull is None else f"{one.rms_pull:.1f}"
+        rows.append([one.effect, str(one.endings.strong), *counts, inside, rms, explained, wrong])
     return [head, *rows]
 
 

@@ -275,10 +275,13 @@ def _errors(problem: Problem, linear: _Linearised, fit: Fit) -> tuple[tuple[floa
     inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
     spread = np.linalg.norm(outside @ inverse, axis=0) * scale
     spread = spread * np.sqrt(max(1.0, fit.free_loss / max(fit.degrees, 1)))
-    wrong = residual_tests.kinematic_error(problem, fit.c)
     free = np.full(len(scale), np.inf)
-    shift = bounded(outside, wrong - base @ (base.T @ wrong), -free, free)
-    parts = np.split(np.hypot(spread, shift * scale), np.cumsum(sizes)[:-1])
+    shifts = [
+        bounded(outside, wrong - base @ (base.T @ wrong), -free, free) * scale
+        for wrong in residual_tests.kinematic_errors(problem, linear.chains, fit.c, fit.additions)
+    ]
+    deviations = np.linalg.norm([spread, *shifts], axis=0)
+    parts = np.split(deviations, np.cumsum(sizes)[:-1])
     return tuple(tuple(map(float, part[: len(a.amplitudes)])) for a, part in zip(fit.additions, parts, strict=True))
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from calibrate.diagnosis.problem import Part, Problem
-from calibrate.effects.chain import Additions
+from calibrate.effects.chain import Additions, Chain
 from calibrate.equations.discretisation_error import REMAINDER
 from calibrate.equations.weights import Weights
 from calibrate.fitting.least_squares import residual_outside
@@ -48,23 +48,26 @@ class Misfits(NamedTuple):
     smooth: ChiSquare
 
 
-def kinematic_error(problem: Problem, c: Array) -> Array:
-    """Whitened change (N,) of the residual when the triangles are taken for linear again, or what a twin may be wrong by.
+def kinematic_errors(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[Array]:
+    """Whitened changes (N,) of the residual: of the base when the triangles are taken for linear again, or what a twin may be wrong by; and of
+    effects when gradients at the nodes, which they continue to an edge or differentiate again, are means of those around.
 
-    A standard deviation of what the recovered kinematics still miss. Its effect on an amplitude is added to that of
-    noise, because errors of neighbouring edges are less independent than the weights assume.
+    Each is a standard deviation of what the recovered kinematics still miss. Its effect on an amplitude is added to that of
+    noise, because errors of neighbouring edges are less independent than the weights assume, and those of the effect's own
+    gradients are not among them.
     """
-    changes = []
+    of_base = []
     for part in problem.trained:
         if part.twin is not None:
-            changes.append(REMAINDER * part.twin)
+            of_base.append(REMAINDER * part.twin)
             continue
         work = [
             np.array([system.matrix(problem.basis, F) @ c for F in system.deformation_gradients])
             for system in (part.linear, part.system)
         ]
-        changes.append(work[0] - work[1])
-    return problem.whiten(changes)
+        of_base.append(work[0] - work[1])
+    of_effects = [chain.with_mean_gradients().residual(c, additions) - chain.residual(c, additions) for chain in chains]
+    return [problem.whiten(of_base), problem.whiten(of_effects)]
 
 
 def smooth_disturbances(problem: Problem) -> Array:

@@ -244,9 +244,10 @@ class ReplayedTest:
         size = np.abs(np.nan_to_num(self.measured_forces))
         deviation = np.zeros((len(spreads), len(spreads[0])))
         deviation[:, -size.shape[1] :] = self.noise.force_std_relative * size + self.noise.force_std
+        each = np.eye(len(spreads))
         for group in noise_covariance.groups(self._between):
-            some, between = spreads[group], self._between[group, group]
-            covariance = noise_covariance.correlated_products(some, some, between)
+            some = noise_covariance.products(spreads[group], spreads[group])
+            covariance = noise_covariance.correlated_products(some, each[group, group], self._between[group, group])
             covariance[np.diag_indices(len(covariance))] += deviation[group].ravel() ** 2
             yield covariance
 

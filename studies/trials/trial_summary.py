@@ -92,7 +92,8 @@ class Removed:
 
 @dataclass(frozen=True)
 class EffectSummary:
-    """Trials with one effect. absent, absent_wrong: diagnosed without it in the catalogue, strong or not, and given a wrong name."""
+    """Trials with one effect. rms_pull: root mean square of the errors of its amplitudes over their stated deviations, where it is named; None
+    where it never is. absent, absent_wrong: diagnosed without it in the catalogue, strong or not, and given a wrong name."""
 
     effect: str
     trials: int
@@ -101,6 +102,7 @@ class EffectSummary:
     unnamed: int
     amplitudes: int
     amplitudes_within: int
+    rms_pull: float | None
     removed: Removed
     absent: int
     absent_wrong: int
@@ -110,10 +112,12 @@ class EffectSummary:
         """Of all judged trials with this effect alone."""
         strong = [one for one in own if one.strong]
         found = [p for one in own for p in pulls(one)]
+        every = _field_pulls(own) if effect == FIELD else found
+        rms = float(np.sqrt(np.mean(np.square(every)))) if every else None
         absent = [one.absent for one in own if one.absent is not None]
         return cls(
             effect, len(own), Endings.of(strong), sum(bool(one.named) and not one.hit[0] for one in own),
-            sum(not one.named for one in own), len(found), sum(abs(p) < 1.96 for p in found), Removed.of(strong),
+            sum(not one.named for one in own), len(found), sum(abs(p) < 1.96 for p in found), rms, Removed.of(strong),
             len(absent), sum(bool(a.wrong) for a in absent),
         )  # fmt: skip
 
@@ -122,14 +126,14 @@ class EffectSummary:
         e = self.endings
         return [
             self.effect, self.trials, e.strong, e.right, e.beside, e.group, e.missed, e.wrong, self.wrong, self.unnamed,
-            self.amplitudes, self.amplitudes_within, self.removed.trials, self.removed.explained, self.absent,
+            self.amplitudes, self.amplitudes_within, self.rms_pull, self.removed.trials, self.removed.explained, self.absent,
             self.absent_wrong,
         ]  # fmt: skip
 
 
 EFFECT_COLUMNS = [
     "effect", "trials", "strong", "named right (strong)", "with a wrong name beside", "only its group", "missed", "wrong only",
-    "wrong (all)", "not named (all)", "amplitudes", "within 95 %", "removed: strong", "removed: explained (strong)",
+    "wrong (all)", "not named (all)", "amplitudes", "within 95 %", "rms pull", "removed: strong", "removed: explained (strong)",
     "removed: trials", "removed: wrong name",
 ]  # fmt: skip
 

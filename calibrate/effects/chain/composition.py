@@ -99,6 +99,10 @@ class Chain:
         """The same chain with noise (t, n, 2), mm, on the displacements."""
         return Chain(self.system, self.basis, replace(self.data, u=self.data.u + noise), self.blocks)
 
+    def with_mean_gradients(self) -> Chain:
+        """The same chain, in which effects take means of the gradients around for those at the nodes."""
+        return Chain(self.system, self.basis, self.data.with_mean_gradients())
+
     def work(self, stress: Any) -> Array:
         """Virtual work (..., t, 2 v), N, of stresses (..., t, m, 2, 2)."""
         return virtual_work(self.system.virtual_gradients, stress)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -16,7 +16,7 @@ from calibrate.data.outline import Outline
 from calibrate.effects.support.borders import nearest_lines
 from calibrate.effects.support.branches import motion
 from calibrate.effects.support.membrane import Membrane
-from calibrate.equations import recovery
+from calibrate.equations import kinematics, recovery
 
 Array = NDArray[np.float64]
 
@@ -90,6 +90,17 @@ class Data:
             experiment.is_synchronised,
         )
 
+    def with_mean_gradients(self) -> Data:
+        """The same with gradients at the nodes that are means of those in the triangles around, by area."""
+        points, triangles = np.asarray(self.points), np.asarray(self.triangles)
+        areas = kinematics.shape_gradients(points, triangles)[1]
+        around = sp.csr_array((np.repeat(areas, 3), (triangles.ravel(), np.repeat(np.arange(len(areas)), 3))))
+        mean = sp.kron(sp.csr_array(sp.diags_array(1 / around.sum(axis=1)) @ around), sp.eye_array(2))
+        rings, ring_slopes = padded(
+            sp.csr_array(mean @ kinematics.gradient_operator(points, triangles)), self.rings.shape[1]
+        )
+        return replace(self, rings=jnp.asarray(rings), ring_slopes=jnp.asarray(ring_slopes))
+
     @property
     def centre(self) -> Any:
         """Middle (2,) of the specimen's extent, mm."""
@@ -99,13 +110,13 @@ class Data:
 STENCIL = 8  # stencils are padded to a multiple of it, so that meshes of one size share compiled code
 
 
-def padded(operator: sp.csr_array) -> tuple[NDArray[np.int64], Array]:
-    """Nodes (m, k) and weights (m, k, 2) of a gradient operator (2 m, n)."""
+def padded(operator: sp.csr_array, least: int = 0) -> tuple[NDArray[np.int64], Array]:
+    """Nodes (m, k) and weights (m, k, 2) of a gradient operator (2 m, n); k at least `least`."""
     x, y = sp.csr_array(operator[0::2]), sp.csr_array(operator[1::2])
     pattern = sp.csr_array(abs(x) + abs(y))
     pattern.sort_indices()
     counts = np.diff(pattern.indptr)
-    width = STENCIL * int(np.ceil(counts.max() / STENCIL))
+    width = max(STENCIL * int(np.ceil(counts.max() / STENCIL)), least)
     row = np.repeat(np.arange(len(counts)), counts)
     place = np.arange(pattern.nnz) - np.repeat(pattern.indptr[:-1], counts)
     nodes, weights = np.zeros((len(counts), width), np.int64), np.zeros((len(counts), width, 2))

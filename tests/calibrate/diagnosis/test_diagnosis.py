@@ -30,6 +30,7 @@ from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason, Review
 from calibrate.diagnosis.selection.verdict import conclude, worth_a_name
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Chain
+from calibrate.effects.support.nodal_derivatives import gradient
 from calibrate.equations import discretisation_error, kinematics, noise_covariance
 from calibrate.equations.basis import SingleBasis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
@@ -210,6 +211,19 @@ def test_sources_are_the_derivative_of_the_correction():
     slope = (residuals[0] - residuals[1]) / (2 * step)
     assert np.linalg.norm(bend - slope) < 0.15 * np.linalg.norm(slope)  # the smallest corrections are left out
     assert np.abs(segment).max() > 0
+
+
+def test_mean_gradients_at_the_nodes_are_exact_where_displacements_are_linear_and_leave_the_base_as_it_is():
+    e = sheet()
+    system = equilibrium(e)
+    basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    c = neo_hooke(basis, 0.3)
+    chain = Chain(system, basis)
+    other = chain.with_mean_gradients()
+    np.testing.assert_array_equal(other.residual(c), chain.residual(c))
+    H = np.array([[0.1, -0.2], [0.3, 0.05]])
+    at_nodes = gradient(other.data, (e.points @ H.T)[None])
+    np.testing.assert_allclose(at_nodes[0], np.broadcast_to(H, at_nodes[0].shape), atol=1e-12)
 
 
 def test_variance_of_the_corrections_is_that_of_independent_sources(monkeypatch):

@@ -87,4 +87,4 @@ def test_a_chi_square_knows_that_the_noise_is_known_to_a_few_percent_only():
 def test_over_seeds_the_error_is_a_few_percent():
     found = np.array([check_noise(sheet(seed, n_radial=12)).found for seed in range(12)]) / NOISE.displacement_std
     assert abs(found.mean() - 1) < 0.03
-    assert found.std() < 0.04
+    assert found.std() < SCALE_ERROR  # as the chi-squares take it
