@@ -101,7 +101,7 @@ class Chain:
 
     def with_mean_gradients(self) -> Chain:
         """The same chain, in which effects take means of the gradients around for those at the nodes."""
-        return Chain(self.system, self.basis, self.data.with_mean_gradients())
+        return Chain(self.system, self.basis, self.data.with_mean_gradients(), self.blocks)
 
     def work(self, stress: Any) -> Array:
         """Virtual work (..., t, 2 v), N, of stresses (..., t, m, 2, 2)."""
