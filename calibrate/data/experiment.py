@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from calibrate.data.deformation_shares import deformation_shares
 from calibrate.data.experiment_checks import PLANES, check
 from calibrate.data.experiment_file import read_fields, write_fields
+from calibrate.data.load_record import LoadRecord
 from calibrate.data.measurement import LoadedBoundary, Noise
 from calibrate.data.strain_signal import StrainSignal, strain_signal
 from calibrate.data.triangulation import boundary_nodes
 
-__all__ = ["PLANES", "Experiment", "LoadedBoundary", "Noise"]
+__all__ = ["PLANES", "Experiment", "LoadRecord", "LoadedBoundary", "Noise"]
 Array = NDArray[np.float64]
 
 
@@ -38,6 +39,7 @@ class Experiment:
     plane: 'stress' of an incompressible sheet with free faces, or 'strain' of a compressible body held at its faces.
     heights (n_increments + 1, n_nodes), mm: of stereo data, distance from the plane fitted to the reference, the reference first;
     None: pictures of one camera.
+    record: of the testing machine over the whole test, whichever pictures are kept; None = unknown.
 
     Raises `ExperimentError` or a subclass of it when a check fails, `ConfigError` for another plane.
     """
@@ -54,6 +56,7 @@ class Experiment:
     provenance: dict[str, Any] = field(default_factory=dict)
     plane: str = "stress"
     heights: Array | None = None
+    record: LoadRecord | None = None
 
     def __post_init__(self) -> None:
         for key in ("points", "displacements"):
@@ -127,7 +130,7 @@ class Experiment:
         return (float(np.linalg.norm(forces.sum(axis=0))) / size, spread / size) if size > 0 else None
 
     def select(self, increments: NDArray[np.int64] | list[int], name: str | None = None) -> Experiment:
-        """The same experiment with only the given increments (k,), counted from 0."""
+        """The same experiment with only the given increments (k,), counted from 0; the machine record stays whole."""
         index = np.asarray(increments)
         noise = self.noise
         if noise is not None and noise.pattern_std > 0:  # stated at the largest deformation of those that are left
@@ -141,6 +144,10 @@ class Experiment:
             noise=noise,
             loaded=tuple(replace(b, force=b.force[index]) for b in self.loaded),
         )
+
+    def without_time(self) -> Experiment:
+        """The same experiment without times, and so without a machine record."""
+        return replace(self, time=None, record=None)
 
     @property
     def fingerprint(self) -> str:

@@ -184,7 +184,7 @@ def read(
     if 0 < len(timeless) < len(loaded):
         if rule is not None and rule.kind == "after":
             raise ConfigError(f"{timeless[0]}: has no time, which --hold-out after:SECONDS needs; use every:N")
-        experiments = [replace(experiment, time=None) for experiment in experiments]
+        experiments = [experiment.without_time() for experiment in experiments]
         remarks.append(no_time(timeless[0]))
     return experiments[: len(paths)], experiments[len(paths) :], tuple(remarks)
 
