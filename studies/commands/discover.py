@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from cyclopts import Parameter
 
+from calibrate.data.chosen_pictures import Wanted, chosen
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import discovery, distillation
 from calibrate.diagnosis.distillation import bulk_modulus
@@ -30,6 +31,7 @@ from calibrate.models.extended_model import ExtendedModel
 from studies.commandline.option_types import (
     OutputFolder,
     Overwrite,
+    Pictures,
     Positive,
     Repeated,
     Seed,
@@ -93,6 +95,7 @@ class Discovered(Outcome):
 def discover(
     *experiments: Path,
     diagnosis: Diagnosis = Diagnosis(),
+    pictures: Pictures = None,
     quick: bool = False,
     output: OutputFolder = None,
     overwrite: Overwrite = False,
@@ -116,8 +119,13 @@ def discover(
         raise OptionError("EXPERIMENT.npz: give at least one test; see `equigap discover --help`")
     rule, files = hold_outs(diagnosis.hold_out, diagnosis.seed)
     effects, priors = candidates(diagnosis.without), read_priors(diagnosis.priors)
-    trained, held, remarks = read(experiments, files, rule)
-    settings = {**asdict(diagnosis), "quick": quick, "hold_out": list(diagnosis.hold_out) or ["(default)"]}
+    trained, held, remarks = read(experiments, files, rule, pictures)
+    settings = {
+        **asdict(diagnosis),
+        "pictures": pictures,
+        "quick": quick,
+        "hold_out": list(diagnosis.hold_out) or ["(default)"],
+    }
     settings["priors"] = "(default)" if diagnosis.priors is None else str(diagnosis.priors)
     manifest = Manifest(diagnosis.seed, settings, [*experiments, *files, *filter(None, [diagnosis.priors])], started)
     key = {"command": "discover", **settings, "experiments": manifest.to_dict()["inputs"]}
@@ -156,9 +164,9 @@ def candidates(without: Sequence[str]) -> tuple[Effect, ...]:
 
 
 def read(
-    paths: Sequence[Path], held_paths: Sequence[Path], rule: HoldOut | None
+    paths: Sequence[Path], held_paths: Sequence[Path], rule: HoldOut | None, pictures: Wanted = None
 ) -> tuple[list[Experiment], list[Experiment], tuple[Finding, ...]]:
-    """Experiments to be fitted, to be held out, and remarks. Raises `ConfigError` where they do not go together.
+    """Experiments to be fitted, to be held out, and remarks; of each the pictures wanted. Raises `ConfigError` where they do not go together.
 
     Where one has no time, all do without: an effect of time cannot be carried over.
     """
@@ -179,7 +187,7 @@ def read(
             "import them with a thickness each, or without"
         )
     remarks: list[Finding] = []
-    experiments = [experiment for _, experiment in loaded]
+    experiments = [chosen(experiment, pictures) for _, experiment in loaded]
     timeless = [str(path) for path, experiment in loaded if experiment.time is None]
     if 0 < len(timeless) < len(loaded):
         if rule is not None and rule.kind == "after":
