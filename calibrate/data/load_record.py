@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from calibrate import errors
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-9  # s
 BACKWARDS = 0.05  # of the way between two pictures, that noise of the crosshead may go back
 STANDS = 1e-3  # of the range of the crosshead between two pictures, below which it stands
 
@@ -74,7 +75,7 @@ class LoadRecord:
             )
         if time is None:
             raise errors.TimeError("machine record: the pictures have no time; give it, or leave the record out")
-        if time[0] < self.time[0] or time[-1] > self.time[-1]:
+        if time[0] < self.time[0] - ROUNDING or time[-1] > self.time[-1] + ROUNDING:
             raise errors.TimeError(
                 f"machine record: runs from {self.time[0]:g} to {self.time[-1]:g} s, the pictures from {time[0]:g} to {time[-1]:g} s; "
                 "check the clocks (offset), or leave out the pictures beyond it"

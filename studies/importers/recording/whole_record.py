@@ -16,6 +16,7 @@ from studies.output.words import Words
 WORDS = Words("experiment")
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+ROUNDING = 1e-9  # s
 MOST = 20_000  # readings, above which every second, third, ... is kept
 
 
@@ -30,7 +31,7 @@ def whole_record(series: Series, tare: float, broke: float | None = None) -> tup
     cells = [grip.record or machine for grip in series.grips]
     start, end = max(cell.time[0] for cell in cells), min(cell.time[-1] for cell in cells)
     end = end if broke is None else min(end, broke)
-    inside = np.flatnonzero((machine.time >= start) & (machine.time <= end))
+    inside = np.flatnonzero((machine.time >= start - ROUNDING) & (machine.time <= end + ROUNDING))
     if len(inside) < 2:
         return None, []
     notes: list[str] = []
