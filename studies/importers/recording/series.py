@@ -54,20 +54,11 @@ def to_experiment(
     the checks of an Experiment find.
     """
     broke = failure(series)
-    frames, notes = choose_frames(series.time, series.record, selection, broke, failed_frames(series))
-    if selection.frames is None and selection.count is None:
-        frames, left_out = bridged_frames(series, frames)
-        notes += left_out
+    frames, notes = _frames(series, selection, broke)
     tare = at_rest(series, series.record) if selection.tare is None else selection.tare
     force = forces_at(series.record, series.time[frames]) - tare
-    across = moves_across(series, frames)
-    if across is None:
-        _check_sign(series, frames, force)
-    else:
-        notes.append(WORDS.note_moves_across(along=across[0], across=across[1]))
     loaded = tuple(_loaded(series, grip, frames, force) for grip in series.grips)
-    notes += unseen_peak(elongation(series), frames)
-    notes += [WORDS.note_incremental()] if looks_incremental(series) else []
+    notes += _motion_notes(series, frames, force)
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
         notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))
@@ -106,6 +97,26 @@ def to_experiment(
     signal = experiment.strain_signal
     more = {"strain_signal": signal.to_dict(), "notes": [*provenance["notes"], *strain_notes(experiment)]}
     return replace(experiment, provenance={**provenance, **more})
+
+
+def _frames(series: Series, selection: Selection, broke: float | None) -> tuple[Index, list[str]]:
+    """Frames that become increments, and notes on what was left out."""
+    frames, notes = choose_frames(series.time, series.record, selection, broke, failed_frames(series))
+    if selection.frames is not None or selection.count is not None:
+        return frames, notes
+    frames, left_out = bridged_frames(series, frames)
+    return frames, notes + left_out
+
+
+def _motion_notes(series: Series, frames: Index, force: Array) -> list[str]:
+    """Of grips that move across the pull, of a peak between the frames, and of increments from frame to frame. Raises `ForceSignError`."""
+    across, notes = moves_across(series, frames), list[str]()
+    if across is None:
+        _check_sign(series, frames, force)
+    else:
+        notes.append(WORDS.note_moves_across(along=across[0], across=across[1]))
+    notes += unseen_peak(elongation(series), frames)
+    return notes + ([WORDS.note_incremental()] if looks_incremental(series) else [])
 
 
 def failed_frames(series: Series) -> Index:
