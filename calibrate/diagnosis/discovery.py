@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibrate.data.experiment import Experiment
+from calibrate.data.readings_between import with_readings
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.decision import decided
@@ -44,11 +45,12 @@ def discover(
     thresholds: Thresholds = DEFAULT,
     priors: Priors | None = None,
     fitted: bool = True,
+    readings: int = 0,
 ) -> Discovery:
     """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
 
-    hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`. Others: see
-    `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
+    hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`. readings: parts of each
+    interval between pictures at whose ends the force of the machine record is used, see `readings_between`. Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
     `calibrate.equations.equilibrium.equilibrium`.
     """
     say = progress or (lambda text: None)
@@ -57,7 +59,8 @@ def discover(
     checked = [with_checked_noise(e) for e in (*experiments, *held)]
     say("base model")
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
-    problem, state = prepare([e for e, _ in checked], train, spacing, base=base)
+    tests = [with_readings(e, readings, 0) if readings else e for e, _ in checked]
+    problem, state = prepare(tests, train, spacing, base=base)
     found = diagnose(problem, state, effects, whole_table, seed, say, thresholds, priors, fitted)
     return replace(found, noise=tuple(check for _, check in checked))
 

@@ -84,10 +84,12 @@ def _force_variance(system: Equilibrium, load: Array, noise: Noise) -> Array:
 
 
 def between_increments(experiment: Experiment, noise: Noise) -> Array:
-    """M (t, t): covariance of the noise of a point's displacements in two increments, over displacement_std^2."""
-    return noise.between_increments(
-        experiment.deformation_shares if noise.is_common else np.ones(experiment.n_increments)
-    )
+    """M (t, t): covariance of the noise of a point's displacements in two increments, over displacement_std^2. Increments between pictures have
+    that of the pictures, by the weights with which these are in them."""
+    seen = experiment.pictures
+    found = noise.between_increments(experiment.deformation_shares[seen] if noise.is_common else np.ones(len(seen)))
+    W = experiment.interpolated
+    return found if W is None else np.asarray(W @ found @ W.T)
 
 
 def groups(between: Array) -> list[slice]:

@@ -29,6 +29,7 @@ from calibrate.effects.chain import Additions
 from calibrate.errors import ConfigError
 from calibrate.models.extended_model import ExtendedModel
 from studies.commandline.option_types import (
+    NonNegative,
     OutputFolder,
     Overwrite,
     Pictures,
@@ -71,6 +72,8 @@ class Diagnosis:
     """leave a candidate out (may be repeated)"""
     priors: Path | None = None
     """standard deviations of amplitudes before the test, TOML (default: those of docs/discover.md)"""
+    readings: NonNegative = 0
+    """use the machine record: parts of each interval between pictures at whose ends the force of the grips is fitted, too (0: pictures alone)"""
     seed: Seed = 0
     """of the simulated search"""
 
@@ -133,7 +136,7 @@ def discover(
     with released_if_refused(folder), Stages() as say:
         found = discovery.discover(
             trained, rule, held, effects, diagnosis.spacing, diagnosis.base, not quick, diagnosis.seed, say,
-            priors=priors, fitted=not quick,
+            priors=priors, fitted=not quick, readings=diagnosis.readings,
         )  # fmt: skip
         view = View(found, held_out_words(rule, trained, held), remarks, quick)
         say("network of the base")
