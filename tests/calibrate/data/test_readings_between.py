@@ -12,7 +12,7 @@ from calibrate.data.experiment import Experiment, LoadRecord, Noise
 from calibrate.data.readings_between import picture_weights, with_readings
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.equations.equilibrium import equilibrium
-from calibrate.equations.noise_covariance import between_increments
+from calibrate.equations.noise_covariance import between_increments, common_sample, noise_factor
 
 TIME = np.linspace(0, 3, 301)
 PICTURES = np.array([0.5, 1.0, 1.5, 2.0, 2.5, 3.0])
@@ -106,3 +106,12 @@ def test_without_a_record_or_noise_there_are_none():
     assert with_readings(replace(sheet_pulled(), record=None), 2, 0).interpolated is None
     unknown = sheet_pulled(noise=None)
     assert with_readings(unknown, 2, 0) is unknown
+
+
+def test_samples_of_noise_are_the_same_sums_of_pictures():
+    found = with_readings(sheet_pulled(), 3, 0)
+    M = between_increments(found, found.noise)
+    fields = common_sample(noise_factor(found.points, Noise(1e-3)), np.random.default_rng(0), M)
+    summed = np.einsum("tk,kni->tni", found.interpolated, fields[found.pictures])
+    np.testing.assert_allclose(fields, summed, atol=1e-6 * np.abs(fields).max())
+    assert fields.std() == pytest.approx(1e-3 * np.sqrt(np.trace(M) / len(M)), rel=0.4)
