@@ -27,7 +27,8 @@ class Solution(Protocol):
 
     time (n_inc,): s, or load factor where time plays no part; energy (n_inc,), N mm; iterations (n_inc,); reactions:
     side to (n_inc, d), the force of the grip on the specimen, N; description: of the problem; unknowns: fields
-    (n_inc, ...); history: state variables after the last increment, by name; save: writes a file.
+    (n_inc, ...); history: state variables after the last increment, by name; readings: side to (r, d), N, on the way to
+    the increments; save: writes a file.
     """
 
     @property
@@ -44,6 +45,8 @@ class Solution(Protocol):
     def unknowns(self) -> Unknowns: ...
     @property
     def history(self) -> History: ...
+    @property
+    def readings(self) -> dict[str, np.ndarray]: ...
     def save(self, path: str | Path) -> None: ...
 
 
@@ -63,6 +66,7 @@ class Record:
     path: moments at which the increments end; problem: all that fixes the result but the mesh, as plain data;
     supports: which components are held, and how they move; rest: unknowns at rest; whole: what the forces of the
     modelled part are multiplied with, one number or one for each component; build: makes the solution of this record.
+    between: moments on the way at which forces are read.
     """
 
     mesh: Any
@@ -74,9 +78,11 @@ class Record:
     build: Callable[[Record], Any]
     supports: tuple[np.ndarray, np.ndarray]
     whole: Any = 1.0
+    between: Sequence[Moment] = ()
     states: list[State] = field(init=False)
     energies: list[float] = field(init=False, default_factory=list)
     forces: dict[str, list[np.ndarray]] = field(init=False)
+    read: dict[str, list[np.ndarray]] = field(init=False)
     history: History = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -87,6 +93,7 @@ class Record:
         self.description = {**self.problem, "digest": digest.hexdigest(), **self.versions}
         self.states = [State(REST, self.rest)]
         self.forces = {name: [] for name in self.loading.sides}
+        self.read = {name: [] for name in self.loading.sides}
 
     @property
     def reached(self) -> int:
@@ -113,6 +120,18 @@ class Record:
         """Side to the force of its grip on the specimen, (n_inc, d), N."""
         return {side: np.array(force).reshape(-1, self.mesh.points.shape[1]) for side, force in self.forces.items()}
 
+    @property
+    def readings(self) -> dict[str, np.ndarray]:
+        """The same on the way to the increments reached, (r, d), N; empty where none were asked for."""
+        if not self.between:
+            return {}
+        return {side: np.array(force).reshape(-1, self.mesh.points.shape[1]) for side, force in self.read.items()}
+
+    @property
+    def reading_times(self) -> np.ndarray:
+        """Of the readings, (r,), s."""
+        return np.array([moment.time for moment in self.between[: len(next(iter(self.read.values()), []))]])
+
     def unknowns(self, which: int) -> np.ndarray:
         """One field of the increments reached, (n_inc, ...)."""
         return np.array([s.unknowns[which] for s in self.states[1:]]).reshape(-1, *self.rest[which].shape)
@@ -120,7 +139,9 @@ class Record:
     def add(self, increment: Increment) -> None:
         """Keep an equilibrium, with the forces of the grips."""
         for side, kept in self.forces.items():
-            kept.append(self.whole * increment.forces[self.mesh.boundary_nodes(side)].sum(axis=0))
+            nodes = self.mesh.boundary_nodes(side)
+            kept.append(self.whole * increment.forces[nodes].sum(axis=0))
+            self.read[side] += [self.whole * one.forces[nodes].sum(axis=0) for one in increment.readings]
         self.energies.append(increment.energy)
         self.states.append(increment.state)
         self.history = increment.history
@@ -137,6 +158,7 @@ class Record:
             self.states.append(State(moment, fields, int(solution.iterations[i])))
         self.energies = [float(e) for e in solution.energy]
         self.forces = {side: list(solution.reactions[side]) for side in self.forces}
+        self.read = {side: list(solution.readings.get(side, [])) for side in self.read}
         self.history = solution.history
 
 
@@ -157,7 +179,7 @@ def run(
     _resume(record, load, control)
     problem = make_problem()
     problem.history = record.history
-    increments = steps(problem, record.path[record.reached :], record.states, max_bisections, substeps)
+    increments = steps(problem, record.path[record.reached :], record.states, max_bisections, substeps, record.between)
     try:
         _follow(record, increments, label, control)
     except LinearSolverError as error:

@@ -32,7 +32,8 @@ class SurfaceSolution:
     mesh: biquadratic quads; displacements (n_inc, n, 2) at its nodes, mm; reactions: side to (n_inc, 2), the force of
     the grip on the specimen, N; time (n_inc,): load factor, 1 at the end, or s of a history; energy (n_inc,): stored, N
     mm; iterations (n_inc,) of the solver; thickness, mm; description: material, loading, program versions; history:
-    state variables (m, 9, ...) at the Gauss points after the last increment, by name, of a sheet that has some.
+    state variables (m, 9, ...) at the Gauss points after the last increment, by name, of a sheet that has some; readings: side to
+    (r, 2), N, of a load cell on the way to the increments, at reading_times (r,), s, where some were asked for.
     """
 
     mesh: Mesh
@@ -44,6 +45,8 @@ class SurfaceSolution:
     thickness: float
     description: dict[str, Any] = field(default_factory=dict)
     history: dict[str, Array] = field(default_factory=dict)
+    readings: dict[str, Array] = field(default_factory=dict)
+    reading_times: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def unknowns(self) -> tuple[Array, ...]:
@@ -107,11 +110,18 @@ class SurfaceSolution:
 
     def save(self, path: str | Path) -> None:
         """Write a .npz atomically. Raises `MeshDataError` where it cannot be written."""
-        history = {f"history_{name}": values for name, values in self.history.items()}
-        write_solution(path, FORMAT, self, self.mesh, thickness=self.thickness, **history)
+        more = {f"history_{name}": values for name, values in self.history.items()}
+        more |= {f"reading_{name}": values for name, values in self.readings.items()}
+        if self.readings:
+            more["reading_times"] = self.reading_times
+        write_solution(path, FORMAT, self, self.mesh, thickness=self.thickness, **more)
 
     @classmethod
     def load(cls, path: str | Path) -> SurfaceSolution:
         """Read what `save` wrote. Raises `SolutionError`."""
         arguments, content = read_solution(path, FORMAT, ("thickness",), lambda plane, _: plane)
-        return cls(**arguments, thickness=float(content["thickness"]), history=with_prefix(content, "history_"))
+        times = content.pop("reading_times", np.zeros(0))
+        return cls(
+            **arguments, thickness=float(content["thickness"]), history=with_prefix(content, "history_"),
+            readings=with_prefix(content, "reading_"), reading_times=times,
+        )  # fmt: skip

@@ -1,14 +1,14 @@
 """Load stepping: a problem and a path of loading in, equilibria out, with prediction and bisection.
 
 A path is load factors at times, joined by straight lines; it may turn. An increment ends at a moment of the path. It is
-solved in `substeps` equal parts, which are halved where no equilibrium is found. A problem with a history (viscosity,
-softening) has its state variables committed after each part.
+solved in `substeps` equal parts, which are halved where no equilibrium is found; or in the parts that the readings of a load cell, moments
+on the way, divide it into. A problem with a history (viscosity, softening) has its state variables committed after each part.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -111,13 +111,23 @@ class State:
 
 
 @dataclass(frozen=True)
+class Reading:
+    """Nodal forces (n, d), N, at a moment on the way to an increment."""
+
+    moment: Moment
+    forces: Array
+
+
+@dataclass(frozen=True)
 class Increment:
-    """A reported state with its nodal forces (n, d), N, stored energy, N mm, and the committed state variables."""
+    """A reported state with its nodal forces (n, d), N, stored energy, N mm, the committed state variables, and the readings on the way
+    to it."""
 
     state: State
     forces: Array
     energy: float
     history: History = field(default_factory=dict)
+    readings: tuple[Reading, ...] = ()
 
 
 def proportional(n_increments: int) -> list[Moment]:
@@ -126,24 +136,46 @@ def proportional(n_increments: int) -> list[Moment]:
 
 
 def steps(
-    problem: Problem, path: Sequence[Moment], states: Sequence[State], max_bisections: int, substeps: int = 1
+    problem: Problem,
+    path: Sequence[Moment],
+    states: Sequence[State],
+    max_bisections: int,
+    substeps: int = 1,
+    readings: Sequence[Moment] = (),
 ) -> Iterator[Increment]:
     """Equilibria at the moments of `path`, one by one, from the reported `states`, the first of which is at rest.
 
-    A failed step is rolled back and halved, up to `max_bisections` times. An increment starts from reported states
-    alone, so that a resumed run repeats what an uninterrupted one does. Raises `ConvergenceError`.
+    readings: moments on the way at which forces are read; straight lines join them. A failed step is rolled back and halved, up to `max_bisections`
+    times. An increment starts from reported states alone, so that a resumed run repeats what an uninterrupted one does. Raises `ConvergenceError`.
     """
     reported: list[State] = []
     for state in states:
         reported = _distinct([*reported, state])
     for target in path:
-        increment = _increment(problem, target, reported, max_bisections, substeps)
+        between = [moment for moment in readings if reported[-1].moment.time < moment.time < target.time]
+        increment = _increment(problem, [*between, target], reported, max_bisections, substeps)
         reported = _distinct([*reported, increment.state])
         yield increment
 
 
-def _increment(problem: Problem, target: Moment, known: list[State], max_bisections: int, substeps: int) -> Increment:
-    """The equilibrium at `target`, the last known state being the one before it."""
+def _increment(
+    problem: Problem, moments: Sequence[Moment], known: list[State], max_bisections: int, substeps: int
+) -> Increment:
+    """The equilibrium at the last of `moments`, with readings at those before; the last known state is the increment before."""
+    parts = -(-substeps // len(moments))
+    read: list[Reading] = []
+    iterations = 0
+    for moment in moments[:-1]:
+        known = _part(problem, moment, known, max_bisections, parts)
+        iterations += known[-1].iterations
+        read.append(Reading(moment, problem.nodal_forces()))  # before it is committed: forces depend on the past
+        problem.commit()
+    last = _part(problem, moments[-1], known, max_bisections, parts)[-1]
+    return _committed(problem, replace(last, iterations=iterations + last.iterations), tuple(read))
+
+
+def _part(problem: Problem, target: Moment, known: list[State], max_bisections: int, substeps: int) -> list[State]:
+    """Known states, the last of them the equilibrium at `target`, which is not committed yet."""
     start, known = known[-1].moment, list(known)
     share, smallest = 1 / substeps, 0.5**max_bisections / substeps
     done, iterations = 0.0, 0
@@ -155,10 +187,11 @@ def _increment(problem: Problem, target: Moment, known: list[State], max_bisecti
         iterations += outcome.iterations
         if outcome.converged:
             state = State(trial, problem.unknowns, iterations)
+            known = _distinct([*known, state])
             if end == 1.0:
-                return _committed(problem, state)
+                return known
             problem.commit()
-            known, done = _distinct([*known, state]), end
+            done = end
             continue
         problem.unknowns = known[-1].unknowns
         share /= 2
@@ -167,11 +200,11 @@ def _increment(problem: Problem, target: Moment, known: list[State], max_bisecti
             raise ConvergenceError(_failure(known[-1].moment, outcome, step))
 
 
-def _committed(problem: Problem, state: State) -> Increment:
+def _committed(problem: Problem, state: State, readings: tuple[Reading, ...]) -> Increment:
     """Report the state; its forces are read first, as they depend on the past."""
     forces, energy = problem.nodal_forces(), problem.energy()
     problem.commit()
-    return Increment(state, forces, energy, problem.history)
+    return Increment(state, forces, energy, problem.history, readings)
 
 
 def _failure(last: Moment, outcome: Outcome, step: float) -> str:

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from calibrate.data.deformation_shares import deformation_shares
 from calibrate.data.experiment_checks import PLANES, check
 from calibrate.data.experiment_file import read_fields, write_fields
+from calibrate.data.load_record import LoadRecord
 from calibrate.data.measurement import LoadedBoundary, Noise
 from calibrate.data.strain_signal import StrainSignal, strain_signal
 from calibrate.data.triangulation import boundary_nodes
 
-__all__ = ["PLANES", "Experiment", "LoadedBoundary", "Noise"]
+__all__ = ["PLANES", "Experiment", "LoadRecord", "LoadedBoundary", "Noise"]
 Array = NDArray[np.float64]
 
 
@@ -38,6 +39,9 @@ class Experiment:
     plane: 'stress' of an incompressible sheet with free faces, or 'strain' of a compressible body held at its faces.
     heights (n_increments + 1, n_nodes), mm: of stereo data, distance from the plane fitted to the reference, the reference first;
     None: pictures of one camera.
+    record: of the testing machine over the whole test, whichever pictures are kept; None = unknown.
+    interpolated (n_increments, k): weights of k pictures in the displacements of the increments, where some are between pictures
+    (`calibrate.data.readings_between`); None: each is a picture. No file keeps it.
 
     Raises `ExperimentError` or a subclass of it when a check fails, `ConfigError` for another plane.
     """
@@ -54,6 +58,8 @@ class Experiment:
     provenance: dict[str, Any] = field(default_factory=dict)
     plane: str = "stress"
     heights: Array | None = None
+    record: LoadRecord | None = None
+    interpolated: Array | None = None
 
     def __post_init__(self) -> None:
         for key in ("points", "displacements"):
@@ -84,6 +90,14 @@ class Experiment:
     def deformation_shares(self) -> Array:
         """How much of the largest deformation each increment has (n_increments,), see `calibrate.data.deformation_shares`."""
         return deformation_shares(self.points, self.triangles, self.displacements)
+
+    @cached_property
+    def pictures(self) -> NDArray[np.int64]:
+        """Which increments (k,) are pictures: of those with its displacements the last, when it was taken."""
+        if self.interpolated is None:
+            return np.arange(self.n_increments)
+        n = self.n_increments
+        return np.asarray(n - 1 - (self.interpolated[::-1] == 1.0).argmax(axis=0))
 
     @property
     def has_rim(self) -> bool:
@@ -127,7 +141,7 @@ class Experiment:
         return (float(np.linalg.norm(forces.sum(axis=0))) / size, spread / size) if size > 0 else None
 
     def select(self, increments: NDArray[np.int64] | list[int], name: str | None = None) -> Experiment:
-        """The same experiment with only the given increments (k,), counted from 0."""
+        """The same experiment with only the given increments (k,), counted from 0, as pictures; the machine record stays whole."""
         index = np.asarray(increments)
         noise = self.noise
         if noise is not None and noise.pattern_std > 0:  # stated at the largest deformation of those that are left
@@ -140,13 +154,19 @@ class Experiment:
             heights=None if self.heights is None else self.heights[np.concatenate([[0], index + 1])],
             noise=noise,
             loaded=tuple(replace(b, force=b.force[index]) for b in self.loaded),
+            interpolated=None,
         )
+
+    def without_time(self) -> Experiment:
+        """The same experiment without times, and so without a machine record."""
+        return replace(self, time=None, record=None)
 
     @property
     def fingerprint(self) -> str:
         """Hash of what was measured, by which a test is recognised whatever its file is called."""
         digest = hashlib.sha256()
-        for array in (self.points, self.displacements, *(b.force for b in self.loaded)):
+        seen = self.pictures
+        for array in (self.points, self.displacements[seen], *(b.force[seen] for b in self.loaded)):
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()[:16]
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
+from calibrate.data.load_record import LoadRecord
 from calibrate.data.measurement import LoadedBoundary
 from calibrate.data.triangulation import boundary_nodes, signed_areas
 
@@ -40,6 +41,8 @@ class Record(Protocol):
     def plane(self) -> str: ...
     @property
     def heights(self) -> Array | None: ...
+    @property
+    def record(self) -> LoadRecord | None: ...
 
 
 def check(record: Record) -> None:
@@ -49,6 +52,8 @@ def check(record: Record) -> None:
     _check_times(record)
     _check_mesh(record)
     _check_loads(record)
+    if record.record is not None:
+        record.record.check(record.time, len(record.loaded))
     _check_units(record)
     _check_deformation(record)
 

@@ -6,6 +6,7 @@ Its arrays: ``format`` = "equigap-experiment", ``version`` = 1, ``name``, ``poin
 std, force std N; absent = unknown); ``provenance`` (JSON text). In plane strain ``plane`` = "strain", and ``version`` = 2,
 which older programs refuse. Of stereo data, ``heights``. Where an edge slides, ``loaded_i_held`` (2,) says which components it holds, and ``version`` = 3.
 Where part of the noise is common to the increments, ``noise`` has 6 numbers (pattern std mm, reference std mm), and ``version`` = 4.
+Of a machine record ``record_time`` (r,), ``record_force`` (b, r, 2) and, where it was recorded, ``record_crosshead`` (r,); older programs pass over it.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ import io
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import astuple
+from dataclasses import fields as field_names
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from calibrate import errors
+from calibrate.data.load_record import LoadRecord
 from calibrate.data.measurement import LoadedBoundary, Noise
 from meshes.files import write_atomically
 
@@ -47,6 +50,9 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
     if fields["noise"] is not None:
         numbers = astuple(fields["noise"])
         arrays["noise"] = np.array(numbers if fields["noise"].is_common else numbers[:4])
+    if fields["record"] is not None:
+        parts = {f"record_{item.name}": getattr(fields["record"], item.name) for item in field_names(LoadRecord)}
+        arrays |= {name: values for name, values in parts.items() if values is not None}
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
     write_atomically(path, buffer.getvalue())
@@ -119,7 +125,15 @@ def _fields(content: Mapping[str, Any]) -> dict[str, Any]:
         "noise": Noise(*map(float, content["noise"])) if "noise" in content else None,
         "provenance": json.loads(str(content["provenance"])),
         "plane": str(content.get("plane", "stress")),
+        "record": _record(content),
     }
+
+
+def _record(content: Mapping[str, Any]) -> LoadRecord | None:
+    """Raises KeyError for a record without its forces."""
+    if "record_time" not in content:
+        return None
+    return LoadRecord(content["record_time"], content["record_force"], content.get("record_crosshead"))
 
 
 def _held(content: Mapping[str, Any], i: int) -> tuple[bool, bool]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibrate.data.experiment import Experiment
+from calibrate.data.readings_between import with_readings
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.decision import decided
@@ -46,11 +47,13 @@ def discover(
     priors: Priors | None = None,
     fitted: bool = True,
     replay: Replay | None = None,
+    readings: int = 0,
 ) -> Discovery:
     """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
 
     hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`. replay: solves a
-    test by finite elements, so that its discretisation error is known (`twin`); None: it is allowed for. Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
+    test by finite elements, so that its discretisation error is known (`twin`); None: it is allowed for. readings: parts of each interval between
+    pictures at whose ends the force of the machine record is used, see `readings_between`. Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
     `calibrate.equations.equilibrium.equilibrium`.
     """
     say = progress or (lambda text: None)
@@ -59,7 +62,8 @@ def discover(
     checked = [with_checked_noise(e) for e in (*experiments, *held)]
     say("base model")
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
-    problem, state = prepare([e for e, _ in checked], train, spacing, base=base)
+    tests = [with_readings(e, readings, 0) if readings else e for e, _ in checked]
+    problem, state = prepare(tests, train, spacing, base=base)
     without_twin: tuple[str, ...] = ()
     if replay is not None:
         say("replay of the base model")

@@ -86,7 +86,10 @@ class HoldOut:
         return fitted
 
     def fitted(self, experiment: Experiment) -> Mask:
-        """The same where none or all may be. Raises `ConfigError` without the time that the rule needs."""
+        """The same where none or all may be; between pictures those whose pictures are. Raises `ConfigError` without the time that the rule needs."""
+        if experiment.interpolated is not None:
+            of_pictures = self.fitted(experiment.select(experiment.pictures))
+            return np.asarray(((experiment.interpolated > 0) <= of_pictures).all(axis=1))
         n = experiment.n_increments
         fitted = np.ones(n, bool)
         match self.kind:

@@ -109,10 +109,13 @@ class Equilibrium:
     @cached_property
     def loads(self) -> Array:
         """Right-hand side of each equation (n_increments, 2 n_fields), N; NaN where there is none: of a force that was not measured, or that
-        the section does not carry."""
-        if not self.experiment.level_is_nominal:
-            return self.recorded
-        return np.where(np.tile(self.fields.boundary >= 0, 2) & ~self.level_equation, np.nan, self.recorded)
+        the section does not carry, and inside the specimen between pictures."""
+        loaded = np.tile(self.fields.boundary >= 0, 2)
+        known = np.ones(self.recorded.shape, bool)
+        if self.experiment.level_is_nominal:
+            known &= ~loaded | self.level_equation
+        known[np.setdiff1d(np.arange(len(known)), self.experiment.pictures)] &= loaded
+        return np.where(known, self.recorded, np.nan)
 
     @cached_property
     def deformation_gradients(self) -> Array:

@@ -26,6 +26,7 @@ from calibrate.equations.equilibrium import Equilibrium
 from calibrate.errors import FitError
 
 Array = NDArray[np.float64]
+SINGULAR = 1e-10  # smallest over largest variance of a sum of increments
 
 
 def default_noise(experiment: Experiment, spacing: float) -> Noise:
@@ -78,7 +79,15 @@ def sample(factor: sp.csr_array, rng: np.random.Generator, n_increments: int) ->
 
 def common_sample(factor: sp.csr_array, rng: np.random.Generator, between: Array) -> Array:
     """Noise fields (t, n_nodes, 2), mm, with a covariance `between_increments` (t, t), independent per component."""
-    return np.asarray(np.einsum("ij,jnk->ink", np.linalg.cholesky(between), sample(factor, rng, len(between))))
+    return np.asarray(np.einsum("ij,jnk->ink", _root(between), sample(factor, rng, len(between))))
+
+
+def _root(between: Array) -> Array:
+    """R (t, t) with R R^T = between (t, t), which is singular where increments are between pictures."""
+    values, vectors = np.linalg.eigh(between)
+    if values[0] > SINGULAR * values[-1]:
+        return np.linalg.cholesky(between)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr_array) -> Array:
@@ -99,10 +108,12 @@ def _force_variance(system: Equilibrium, load: Array, noise: Noise) -> Array:
 
 
 def between_increments(experiment: Experiment, noise: Noise) -> Array:
-    """M (t, t): covariance of the noise of a point's displacements in two increments, over displacement_std^2."""
-    return noise.between_increments(
-        experiment.deformation_shares if noise.is_common else np.ones(experiment.n_increments)
-    )
+    """M (t, t): covariance of the noise of a point's displacements in two increments, over displacement_std^2. Increments between pictures have
+    that of the pictures, by the weights with which these are in them."""
+    seen = experiment.pictures
+    found = noise.between_increments(experiment.deformation_shares[seen] if noise.is_common else np.ones(len(seen)))
+    W = experiment.interpolated
+    return found if W is None else np.asarray(W @ found @ W.T)
 
 
 def groups(between: Array) -> list[slice]:

@@ -47,8 +47,10 @@ def run_sheet(
     max_bisections: int,
     control: Control,
     substeps: int = 1,
+    between: Sequence[Moment] = (),
 ) -> SurfaceSolution:
-    """Follow the path of load factors of `loading`. described: all else that fixes the result, with its `thickness`."""
+    """Follow the path of load factors of `loading`. described: all else that fixes the result, with its `thickness`; between: moments on the
+    way at which forces are read."""
     mesh = control.comm.bcast(mesh)
     loading = loading.on(mesh)
     supports = loading.prescribed(mesh)
@@ -61,6 +63,7 @@ def run_sheet(
         rest=(np.zeros_like(mesh.points),),
         build=_solution,
         supports=supports,
+        between=between,
     )
 
     def make() -> Problem:
@@ -83,4 +86,6 @@ def _solution(record: Record) -> SurfaceSolution:
         thickness=record.problem["thickness"],
         description=description,
         history=record.history,
+        readings=record.readings,
+        reading_times=record.reading_times,
     )

@@ -60,6 +60,11 @@ class SolidSolution:
         """No state variables: the solid is elastic."""
         return {}
 
+    @property
+    def readings(self) -> dict[str, Array]:
+        """None on the way to the increments."""
+        return {}
+
     def surface(self) -> SurfaceSolution:
         """What a camera above sees: the in-plane displacements of the upper surface, with the grips' forces."""
         n = len(self.mesh.plane.points)

@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter, Token
 
@@ -59,14 +59,16 @@ def _listed(read: Callable[[str], Any], form: str) -> Callable[[type, Sequence[T
     return convert
 
 
-def _count_or_list(_: type, tokens: Sequence[Token]) -> int | tuple[int, ...]:
+def _count_or_list(_: type, tokens: Sequence[Token]) -> Literal["all"] | int | tuple[int, ...]:
     text = ",".join(token.value for token in tokens)
+    if text == "all":
+        return "all"
     try:
         numbers = tuple(int(word) for word in text.split(",") if word.strip())
     except ValueError:
         numbers = ()
     if not numbers:
-        raise ValueError(f"'{text}': write a number, or numbers with commas between")
+        raise ValueError(f"'{text}': write all, a number, or numbers with commas between")
     return numbers if "," in text else numbers[0]
 
 
@@ -79,7 +81,16 @@ def _list_parameter(read: Callable[[str], Any], form: str) -> Parameter:
     return Parameter(converter=_listed(read, form), n_tokens=1, consume_multiple=False)
 
 
-CountOrList = Annotated[int | tuple[int, ...], Parameter(converter=_count_or_list, n_tokens=1, consume_multiple=False)]
+CountOrList = Annotated[
+    Literal["all"] | int | tuple[int, ...], Parameter(converter=_count_or_list, n_tokens=1, consume_multiple=False)
+]
+Pictures = Annotated[
+    Literal["all"] | int | tuple[int, ...] | None,
+    Parameter(
+        converter=_count_or_list, n_tokens=1, consume_multiple=False,
+        help="of the Experiment that are used: all, how many, evenly spread, or numbers with commas between (default: as many as are affordable)",
+    ),
+]  # fmt: skip
 Count = Annotated[int, Parameter(converter=_whole, validator=within("a whole number of at least 1", lambda n: n >= 1))]
 NonNegative = Annotated[
     int, Parameter(converter=_whole, validator=within("a whole number of at least 0", lambda n: n >= 0))

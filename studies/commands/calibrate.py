@@ -16,13 +16,23 @@ import numpy as np
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
+from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.errors import ConfigError
 from calibrate.fitting.calibration import Calibration, Options
 from calibrate.fitting.calibration import calibrate as fit_network
 from calibrate.fitting.classical_fit import compare
-from studies.commandline.option_types import Count, Integers, OutputFolder, Overwrite, Positive, Seed, default_folder
+from studies.commandline.option_types import (
+    Count,
+    Integers,
+    OutputFolder,
+    Overwrite,
+    Pictures,
+    Positive,
+    Seed,
+    default_folder,
+)
 from studies.commandline.outcome import Outcome
 from studies.importers import homogeneous_curves
 from studies.importers.curve_file import read_curves
@@ -33,7 +43,7 @@ from studies.reports.calibration.report import summary_lines, write
 from studies.reports.supervised import curve_calibration
 from studies.reports.supervised.curve_calibration import CurveCalibration
 
-QUICK_STARTS, QUICK_INCREMENTS = 4, 6
+QUICK_STARTS, QUICK_PICTURES = 4, 6
 TABLES = (".csv", ".txt", ".tsv", ".dat")
 
 
@@ -101,6 +111,7 @@ def calibrate(
     /,
     *,
     fit: Fit = Fit(),
+    pictures: Pictures = None,
     quick: bool = False,
     output: OutputFolder = None,
     overwrite: Overwrite = False,
@@ -111,7 +122,7 @@ def calibrate(
 
     Args:
         experiment: what was measured or simulated; a table of curves (.csv); or a published one (treloar-a, treloar-b, kawabata, meunier)
-        quick: 4 starts, at most 6 increments: shows the path
+        quick: 4 starts, at most 6 pictures: shows the path
 
     Raises:
         EquigapError: an Experiment or options that cannot be.
@@ -120,6 +131,8 @@ def calibrate(
     started = time.time()
     options = fit.options(quick)
     if str(experiment) in homogeneous_curves.COLLECTIONS or experiment.suffix.lower() in TABLES:
+        if pictures is not None:
+            raise ConfigError("--pictures: not for curves of homogeneous tests; leave it out")
         return _of_curves(
             experiment,
             fit,
@@ -133,11 +146,9 @@ def calibrate(
             output or default_folder("calibrate", quick),
             overwrite,
         )
-    everything = Experiment.load(experiment)
-    if quick:
-        everything = everything.select(_spread(everything.n_increments, QUICK_INCREMENTS))
+    everything = chosen(Experiment.load(experiment), QUICK_PICTURES if quick and pictures is None else pictures)
     fitted = held_in(everything, fit.hold_out, fit.seed)
-    settings = {"command": "calibrate", "quick": quick, **asdict(fit)}
+    settings = {"command": "calibrate", "quick": quick, "pictures": pictures, **asdict(fit)}
     manifest = Manifest(fit.seed, settings, [experiment], started)
     key = {"command": "calibrate", **settings, "experiment": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output or default_folder("calibrate", quick), overwrite, key)
@@ -199,9 +210,3 @@ def held_in(experiment: Experiment, hold_out: str | None, seed: int) -> NDArray[
             f"--hold-out {hold_out}: a calibration holds out increments; give last, random:0.3, every:3 or after:SECONDS"
         )
     return rule.increments(experiment)
-
-
-def _spread(n: int, most: int) -> NDArray[np.int64]:
-    """At most `most` of n increments, evenly spread, the last among them."""
-    size = min(n, most)
-    return np.unique(np.round(np.linspace(n / size - 1, n - 1, size)).astype(np.int64))

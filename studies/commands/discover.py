@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from cyclopts import Parameter
 
+from calibrate.data.chosen_pictures import Wanted, chosen
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import discovery, distillation
 from calibrate.diagnosis.distillation import bulk_modulus
@@ -28,8 +29,10 @@ from calibrate.effects.chain import Additions
 from calibrate.errors import ConfigError
 from calibrate.models.extended_model import ExtendedModel
 from studies.commandline.option_types import (
+    NonNegative,
     OutputFolder,
     Overwrite,
+    Pictures,
     Positive,
     Repeated,
     Seed,
@@ -70,6 +73,8 @@ class Diagnosis:
     """leave a candidate out (may be repeated)"""
     priors: Path | None = None
     """standard deviations of amplitudes before the test, TOML (default: those of docs/discover.md)"""
+    readings: NonNegative = 0
+    """use the machine record: parts of each interval between pictures at whose ends the force of the grips is fitted, too (0: pictures alone)"""
     seed: Seed = 0
     """of the simulated search"""
 
@@ -94,6 +99,7 @@ class Discovered(Outcome):
 def discover(
     *experiments: Path,
     diagnosis: Diagnosis = Diagnosis(),
+    pictures: Pictures = None,
     quick: bool = False,
     output: OutputFolder = None,
     overwrite: Overwrite = False,
@@ -117,8 +123,13 @@ def discover(
         raise OptionError("EXPERIMENT.npz: give at least one test; see `equigap discover --help`")
     rule, files = hold_outs(diagnosis.hold_out, diagnosis.seed)
     effects, priors = candidates(diagnosis.without), read_priors(diagnosis.priors)
-    trained, held, remarks = read(experiments, files, rule)
-    settings = {**asdict(diagnosis), "quick": quick, "hold_out": list(diagnosis.hold_out) or ["(default)"]}
+    trained, held, remarks = read(experiments, files, rule, pictures)
+    settings = {
+        **asdict(diagnosis),
+        "pictures": pictures,
+        "quick": quick,
+        "hold_out": list(diagnosis.hold_out) or ["(default)"],
+    }
     settings["priors"] = "(default)" if diagnosis.priors is None else str(diagnosis.priors)
     manifest = Manifest(diagnosis.seed, settings, [*experiments, *files, *filter(None, [diagnosis.priors])], started)
     key = {"command": "discover", **settings, "experiments": manifest.to_dict()["inputs"]}
@@ -126,7 +137,7 @@ def discover(
     with released_if_refused(folder), Stages() as say:
         found = discovery.discover(
             trained, rule, held, effects, diagnosis.spacing, diagnosis.base, not quick, diagnosis.seed, say,
-            priors=priors, fitted=not quick, replay=twin_replay,
+            priors=priors, fitted=not quick, replay=twin_replay, readings=diagnosis.readings,
         )  # fmt: skip
         view = View(found, held_out_words(rule, trained, held), remarks, quick)
         say("network of the base")
@@ -157,9 +168,9 @@ def candidates(without: Sequence[str]) -> tuple[Effect, ...]:
 
 
 def read(
-    paths: Sequence[Path], held_paths: Sequence[Path], rule: HoldOut | None
+    paths: Sequence[Path], held_paths: Sequence[Path], rule: HoldOut | None, pictures: Wanted = None
 ) -> tuple[list[Experiment], list[Experiment], tuple[Finding, ...]]:
-    """Experiments to be fitted, to be held out, and remarks. Raises `ConfigError` where they do not go together.
+    """Experiments to be fitted, to be held out, and remarks; of each the pictures wanted. Raises `ConfigError` where they do not go together.
 
     Where one has no time, all do without: an effect of time cannot be carried over.
     """
@@ -180,12 +191,12 @@ def read(
             "import them with a thickness each, or without"
         )
     remarks: list[Finding] = []
-    experiments = [experiment for _, experiment in loaded]
+    experiments = [chosen(experiment, pictures) for _, experiment in loaded]
     timeless = [str(path) for path, experiment in loaded if experiment.time is None]
     if 0 < len(timeless) < len(loaded):
         if rule is not None and rule.kind == "after":
             raise ConfigError(f"{timeless[0]}: has no time, which --hold-out after:SECONDS needs; use every:N")
-        experiments = [replace(experiment, time=None) for experiment in experiments]
+        experiments = [experiment.without_time() for experiment in experiments]
         remarks.append(no_time(timeless[0]))
     return experiments[: len(paths)], experiments[len(paths) :], tuple(remarks)
 

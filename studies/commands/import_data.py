@@ -40,8 +40,8 @@ SOURCE = ", ".join(importer.source for importer in importers())
 class Frames:
     """Which frames become increments."""
 
-    frames: CountOrList = 12
-    """how many, spread evenly over the loading, or frame numbers with commas between"""
+    frames: CountOrList = "all"
+    """all under load, how many, spread evenly over the loading, or frame numbers with commas between"""
     until: float | None = None
     """last time used, s on the clock of the machine"""
     tare: float | None = None
@@ -50,9 +50,9 @@ class Frames:
     @property
     def selection(self) -> Selection:
         """The same as the importers take it. Raises `ConfigError`."""
-        if isinstance(self.frames, int):
-            return Selection(count=self.frames, until=self.until, tare=self.tare)
-        return Selection(frames=tuple(self.frames), until=self.until, tare=self.tare)
+        if isinstance(self.frames, tuple):
+            return Selection(frames=self.frames, until=self.until, tare=self.tare)
+        return Selection(count=None if self.frames == "all" else self.frames, until=self.until, tare=self.tare)
 
 
 @Parameter(name="*", group=f"Noise, default: estimated from all frames ({SHEETS_ONLY})")

@@ -172,7 +172,7 @@ class Steps:
 def neighbouring_pictures(name: str, count: int) -> Experiment:
     """A published sheet as groups of frames, with the noise from picture to picture."""
     temporal = NoiseChoice("temporal")
-    everything = import_experiment(name, frames=Frames(1000000), noise=temporal)  # every frame under load
+    everything = import_experiment(name, noise=temporal)
     frames = np.array(everything.provenance["frames"])
     assert everything.time is not None
     chosen = tuple(int(frames[i]) for i in measured_control.groups(everything.time, count))

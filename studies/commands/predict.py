@@ -13,10 +13,19 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from calibrate.data.chosen_pictures import Wanted, chosen
 from calibrate.data.experiment import Experiment
 from calibrate.models.network_model import Model
 from studies.accuracy.metrics import MaterialDerivatives
-from studies.commandline.option_types import Assignments, Count, OutputFolder, Overwrite, default_folder, within
+from studies.commandline.option_types import (
+    Assignments,
+    Count,
+    OutputFolder,
+    Overwrite,
+    Pictures,
+    default_folder,
+    within,
+)
 from studies.commandline.outcome import Outcome
 from studies.commands.simulate import read_material
 from studies.errors import OptionError
@@ -85,6 +94,7 @@ def predict(
     /,
     *,
     test: Path | None = None,
+    pictures: Pictures = None,
     curves: CurveOptions = CurveOptions(),
     output: OutputFolder = None,
     overwrite: Overwrite = False,
@@ -108,10 +118,12 @@ def predict(
     if curves.parameter and not curves.against:
         raise OptionError("--parameter belongs to --against MATERIAL; name the material")
     if test is None:
+        if pictures is not None:
+            raise OptionError("--pictures belongs to --test; leave it out")
         return _curves(model, curves, output, overwrite)
     if curves.against or curves.stretch:
         raise OptionError("--against and --stretch belong to curves; leave them out where --test is given")
-    return _forces(model, test, curves, output, overwrite)
+    return _forces(model, test, curves, pictures, output, overwrite)
 
 
 def _curves(file: Path, options: CurveOptions, output: Path | None, overwrite: bool) -> PredictedCurves:
@@ -126,9 +138,11 @@ def _curves(file: Path, options: CurveOptions, output: Path | None, overwrite: b
     return PredictedCurves(tuple(curves), tuple(findings(model, curves)), folder / "curves.csv", report)
 
 
-def _forces(file: Path, test: Path, options: CurveOptions, output: Path | None, overwrite: bool) -> PredictedForces:
-    found = forecast(file, Experiment.load(test))
-    settings = {"command": "predict", **asdict(options)}
+def _forces(
+    file: Path, test: Path, options: CurveOptions, pictures: Wanted, output: Path | None, overwrite: bool
+) -> PredictedForces:
+    found = forecast(file, chosen(Experiment.load(test), pictures))
+    settings = {"command": "predict", "pictures": pictures, **asdict(options)}
     manifest = Manifest(settings=settings, inputs=[file, test])
     key = {"command": "predict", **settings, "inputs": list(manifest.to_dict()["inputs"].values())}
     folder = open_output_folder(output or default_folder("predict"), overwrite, key)

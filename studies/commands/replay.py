@@ -11,9 +11,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment
 from calibrate.models.model_file import load_model
-from studies.commandline.option_types import Assignments, OutputFolder, Overwrite, default_folder
+from studies.commandline.option_types import Assignments, OutputFolder, Overwrite, Pictures, default_folder
 from studies.commandline.outcome import Outcome
 from studies.commands.simulate import read_material
 from studies.errors import OptionError
@@ -45,12 +46,14 @@ def replay(
     *,
     parameter: Assignments = (),
     skip_mesh_check: bool = False,
+    pictures: Pictures = None,
     output: OutputFolder = None,
     overwrite: Overwrite = False,
 ) -> Replayed:
     """Solve a measured test by finite elements with a model, and compare fields and forces.
 
-    The outline is that of the camera's points. Loaded edges and unmeasured rims move as measured; free edges are free. Lengths in mm, forces in N.
+    The outline is that of the camera's points. Loaded edges and unmeasured rims move as measured; free edges are free. Forces are compared at the
+    pictures, and over the whole machine record where the test has one. Lengths in mm, forces in N.
 
     Args:
         model: model file of `equigap calibrate` or `discover`, or a material of `equigap simulate`
@@ -62,10 +65,15 @@ def replay(
         OptionError: an effect that the forward model has no law for.
         LoadingError, ConvergenceError: no equilibrium; the checkpoint in the folder is gone on from.
     """
-    test = Experiment.load(experiment)
+    test = chosen(Experiment.load(experiment), pictures)
     law = read_law(model, dict(parameter), test)
     is_file = Path(model).suffix == ".json"
-    settings = {"command": "replay", "parameter": dict(parameter), "skip_mesh_check": skip_mesh_check}
+    settings = {
+        "command": "replay",
+        "parameter": dict(parameter),
+        "skip_mesh_check": skip_mesh_check,
+        "pictures": pictures,
+    }
     manifest = Manifest(settings=settings, inputs=[experiment, *([Path(model)] if is_file else [])])
     key = {**settings, "model": None if is_file else model, "inputs": list(manifest.to_dict()["inputs"].values())}
     folder = open_output_folder(output or default_folder("replay"), overwrite, key)

@@ -220,7 +220,7 @@ def solve(test: TensionTest, law: Material | Sheet, history: History | None, che
         assert history is not None
         return solve_history(
             quads(specimen, size_factor=test.size_factor), law, loading, history.factors, history.times,
-            history.substeps, progress=progress, checkpoint=checkpoint,
+            history.substeps, progress=progress, checkpoint=checkpoint, readings=history.readings,
         )  # fmt: skip
     return solve_plane_stress(
         quads(specimen, quarter=True, size_factor=test.size_factor), law, loading, test.increments, test.thickness,

@@ -9,10 +9,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.models.extended_model import ExtendedModel
-from studies.commandline.option_types import OutputFolder, Overwrite, Positive, default_folder
+from studies.commandline.option_types import OutputFolder, Overwrite, Pictures, Positive, default_folder
 from studies.commandline.outcome import Outcome
 from studies.output import Manifest, open_output_folder
 from studies.reports.alert_table import alert_lines
@@ -43,6 +44,7 @@ def transfer(
     *,
     hold_out: str = "every:3",
     spacing: Positive | None = None,
+    pictures: Pictures = None,
     output: OutputFolder = None,
     overwrite: Overwrite = False,
 ) -> TransferOutcome:
@@ -64,8 +66,8 @@ def transfer(
         OutputFolderError: the folder holds another run.
     """
     rule = HoldOut.parse(hold_out)
-    law, e = ExtendedModel.load(model), Experiment.load(test)
-    settings = {"command": "transfer", "hold_out": hold_out, "spacing": spacing}
+    law, e = ExtendedModel.load(model), chosen(Experiment.load(test), pictures)
+    settings = {"command": "transfer", "hold_out": hold_out, "spacing": spacing, "pictures": pictures}
     manifest = Manifest(settings=settings, inputs=[model, test])
     key = {**settings, "inputs": list(manifest.to_dict()["inputs"].values())}
     found = transferred(e, law, rule, spacing)

@@ -103,7 +103,7 @@ class FramesTable(Table):
     rate_hz: Positive | None = None
     times_s: tuple[float, ...] | None = Field(default=None, strict=False)
     offset_s: float = 0.0
-    count: PositiveNumber = 12
+    count: PositiveNumber | None = None
     list: tuple[int, ...] | None = Field(default=None, strict=False)
     until_s: float | None = None
     onset: Annotated[float, Field(ge=0, lt=1)] = 0.01

@@ -52,5 +52,8 @@ def growth(found: Replay) -> Figure:
 
 
 def forces(found: Replay) -> Figure:
-    """Forces of the grips, measured and replayed, and their differences."""
-    return force_record.draw(found.measured, found.forces, found.experiment.time, "replayed")
+    """Forces of the grips, measured and replayed, and their differences; over the whole machine record, where there is one."""
+    record = found.record
+    if record is None:
+        return force_record.draw(found.measured, found.forces, found.experiment.time, "replayed")
+    return force_record.draw(record.measured, record.replayed, record.time, "replayed", "-")

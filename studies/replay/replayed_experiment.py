@@ -6,6 +6,9 @@ Loaded edges move as measured, in the components that their grips hold, and so d
 unknown. Free edges are free, and follow the circle through their neighbours, as in `recovery`. Each triangle of the camera becomes three
 biquadratic quads. How much the mesh matters is told by the last increment alone, solved on this mesh and on one with four times as many
 triangles, without what depends on time.
+
+Where the Experiment has a machine record, forces are predicted between the pictures, too: displacements go straight from one picture to the next, as
+fast as the crosshead does (`calibrate.data.load_record`).
 """
 
 from __future__ import annotations
@@ -29,9 +32,15 @@ from forward.solution import SurfaceSolution
 from meshes import Mesh
 from meshes.triangle_quads import CurvedEdges, split
 from studies.replay.model_law import Law
+from studies.replay.replayed_record import ReplayedRecord, between_pictures
 
 Array = NDArray[np.float64]
 SUBSTEPS = 3  # of an increment, where the law has a history
+PARTS, READINGS, MORE = (
+    2,
+    24,
+    60,
+)  # of an increment without one; over the record, at least; where the force bends, at most
 SMALL = 1e-3  # of the largest displacement, which the mesh may matter where the noise is unknown
 
 
@@ -48,7 +57,7 @@ class Replay:
     """displacements (t, n, 2), mm, at the points of the Experiment; forces: {boundary: (t, 2)} N, of the grips on the specimen.
 
     judged (n,): points that were not prescribed; mesh_effect: None where it was not asked for; refined: how often the
-    triangles were divided.
+    triangles were divided; record: forces between the pictures, None where the Experiment has no machine record.
     """
 
     experiment: Experiment
@@ -59,6 +68,7 @@ class Replay:
     solution: SurfaceSolution
     mesh_effect: MeshEffect | None = None
     refined: int = 0
+    record: ReplayedRecord | None = None
 
     @property
     def measured(self) -> dict[str, Array]:
@@ -110,8 +120,8 @@ def replay(
     factors = np.arange(1, experiment.n_increments + 1) / experiment.n_increments
     history = law.sheet.prony is not None or law.sheet.softens
     solution = solve_history(problem.mesh, law.sheet, problem.motion(experiment.displacements), factors, times,
-                             substeps=SUBSTEPS if history else 1, options=options, checkpoint=checkpoint,
-                             progress=progress)  # fmt: skip
+                             substeps=SUBSTEPS if history else 1, options=options, checkpoint=checkpoint, progress=progress,
+                             readings=between_pictures(experiment, SUBSTEPS if history else 1))  # fmt: skip
     n = len(experiment.points)
     return Replay(
         experiment,
@@ -122,6 +132,7 @@ def replay(
         solution,
         effect,
         level,
+        None if experiment.record is None else ReplayedRecord.of(experiment, solution),
     )
 
 

@@ -16,6 +16,7 @@ from studies.replay import figures
 from studies.replay.replayed_experiment import Replay
 from studies.reports import force_record
 from studies.reports.alert_table import add_alerts, alert_records
+from studies.reports.experiments.experiment_findings import pictures
 
 WORDS = Words("replay")
 COLUMNS = ("increment", "time, s", "residual, rms, mm", "residual, largest, mm", "largest displacement, mm")
@@ -26,6 +27,7 @@ class Remark(Macro):
 
     FORCE = "force_error"
     FIELD = "field_error"
+    RECORD = "record_error"
     MESH = "mesh_effect"
     LEFT_OUT = "left_out"
     PRESCRIBED = "few_free"
@@ -38,13 +40,21 @@ def findings(found: Replay) -> list[Finding]:
         (Remark.FORCE, {"error": found.force_error}),
         (Remark.FIELD, {"last": float(found.field_error[-1]), "noise": found.noise, "largest": largest}),
     ]
+    record = found.record
+    if record is not None:
+        size, time = record.largest
+        kind = found.experiment.record
+        told.append((Remark.RECORD, {
+            "error": record.error, "readings": len(record.time), "largest": size, "time": time,
+            "by_crosshead": kind is not None and kind.crosshead is not None,
+        }))  # fmt: skip
     if found.mesh_effect is not None:
         effect = found.mesh_effect
         told.append((Remark.MESH, {"field": effect.field, "force": effect.force, "refined": found.refined}))
     if found.law.left_out:
         told.append((Remark.LEFT_OUT, {"effects": list(found.law.left_out)}))
     told.append((Remark.PRESCRIBED, {"share": float((~found.judged).mean())}))
-    return [*found.law.remarks, *(Finding("replay", code, data) for code, data in told)]
+    return [*found.law.remarks, *pictures(found.experiment), *(Finding("replay", code, data) for code, data in told)]
 
 
 def write_report(folder: Path, found: Replay, manifest: Manifest) -> Path:
@@ -58,6 +68,10 @@ def write_report(folder: Path, found: Replay, manifest: Manifest) -> Path:
     write_viewer_file(experiment, folder / "replay.vtu", {"replayed": found.displacements, "residual": found.residual})
     columns, rows = force_record.rows(found.measured, found.forces, experiment.time)
     write_csv(folder / "forces.csv", columns, rows, ["N, of the grips on the specimen; predicted: replayed"])
+    if found.record is not None:
+        whole = force_record.rows(found.record.measured, found.record.replayed, found.record.time)
+        write_csv(folder / "record.csv", *whole, ["N, of every reading of the machine; predicted: replayed"])
+        manifest.beside(folder / "record.csv", **results, record_error=found.record.error)
     fields = field_rows(found)
     write_csv(folder / "fields.csv", COLUMNS, fields)
     report = Report(f"Replay of {experiment.name}", f"{WORDS.question()} Model: {found.law.title}.")

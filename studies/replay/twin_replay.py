@@ -21,12 +21,19 @@ from studies.replay.model_law import law_of
 from studies.replay.replayed_experiment import Replay, replay
 
 OPTIONS = Options(max_bisections=3)  # a model that fails is not worth more
+MOST_TRIANGLES = 12_000
 
 
 def twin_replay(experiment: Experiment, model: ExtendedModel) -> Experiment:
-    """Raises `NoTwinError` with the reason where the test cannot be replayed."""
+    """Raises `NoTwinError` with the reason where the test cannot be replayed, or is seen so finely that this takes longer than the diagnosis."""
+    if len(experiment.triangles) > MOST_TRIANGLES:
+        raise NoTwinError(
+            f"{experiment.name}: {len(experiment.triangles)} triangles are more than the {MOST_TRIANGLES} of which a replay is affordable; "
+            "of so fine a camera the discretisation error is small"
+        )
+    pictures = experiment if experiment.record is None else replace(experiment, record=None)
     try:
-        found = replay(experiment, law_of(model, experiment), check_mesh=False, options=OPTIONS)
+        found = replay(pictures, law_of(model, experiment), check_mesh=False, options=OPTIONS)
         return replayed_test(experiment, found)
     except (ForwardError, MeshError, StudyError, EquigapError) as error:
         raise NoTwinError(f"{experiment.name}: {str(error).removeprefix(f'{experiment.name}: ')}") from error

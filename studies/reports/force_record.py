@@ -43,16 +43,21 @@ def worth_drawing(measured: Mapping[str, Array]) -> list[tuple[str, int]]:
     return [pair for pair, size in sizes.items() if size >= NEGLIGIBLE * max(sizes.values())] or [next(iter(sizes))]
 
 
-def draw(measured: Mapping[str, Array], found: Mapping[str, Array], time: Array | None, label: str) -> Figure:
-    """Forces over time, s, or increments, differences below; components that carry next to nothing are left out. label: of `found`."""
+def draw(
+    measured: Mapping[str, Array], found: Mapping[str, Array], time: Array | None, label: str, marks: str = "o"
+) -> Figure:
+    """Forces over time, s, or increments, differences below; components that carry next to nothing are left out. label: of `found`; marks: of what was
+    measured, a line where there are many."""
     panels = worth_drawing(measured)
     x, over = style.over(time, len(next(iter(found.values()))))
     with style.figure(max(4.8, 3.0 * len(panels)), 4.4) as figure:
         axes = figure.subplots(2, len(panels), squeeze=False, sharex=True, height_ratios=(2, 1.2))
         for (top, bottom), (name, k) in zip(axes.T, panels, strict=True):
-            top.plot(x, measured[name][:, k], "o", color="black", mfc="none", label="measured")
+            top.plot(x, measured[name][:, k], marks, color="black", mfc="none", label="measured")
             top.plot(x, found[name][:, k], color=style.COLOURS["blue"], label=label)
-            bottom.plot(x, found[name][:, k] - measured[name][:, k], ".-", color=style.COLOURS["blue"])
+            bottom.plot(
+                x, found[name][:, k] - measured[name][:, k], "-" if marks == "-" else ".-", color=style.COLOURS["blue"]
+            )
             bottom.axhline(0, color="0.4", lw=0.6)
             top.set_title(f"{name} edge, {COMPONENTS[k]}")
             bottom.set_xlabel(over)

@@ -13,7 +13,8 @@ nodes. Every node gets noise, those on the boundary as well.
 Two more such fields may be common to all increments (`Noise`): errors that stay with the speckle pattern, times the share of the deformation of each
 increment, and errors of the reference picture.
 
-Forces: each increment's force times a factor from U[1 - 1e-4, 1 + 1e-4], the same for opposite sides.
+Forces: each reading times a factor from U[1 - 1e-4, 1 + 1e-4], the same for opposite sides; where the solution has readings between its
+increments, they and the increments are the machine record.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
 from calibrate.errors import ConfigError, MeshMismatchError
 from meshes import Mesh
+from studies.synthetic.simulated_record import as_read, simulated_record
 
 Array = NDArray[np.float64]
 NORMALISATIONS = ("unit-variance", "unit-maximum")
@@ -180,10 +182,10 @@ class Camera:
                 result += factors[:, None, None] * field
         return result
 
-    def force_factors(self, names: Sequence[str], n_increments: int, seed: int) -> dict[str, Array]:
-        """Factors {boundary: (n_increments,)}: one for left and right, one for bottom and top, one for each other."""
+    def force_factors(self, names: Sequence[str], count: int, seed: int, key: int = FORCES) -> dict[str, Array]:
+        """Factors {boundary: (count,)} of readings: one for left and right, one for bottom and top, one for each other."""
         groups = ["x", "y", *sorted({name for name in names if name not in AXIS})]
-        draws = np.array([stream(seed, FORCES, k).uniform(-1, 1, len(groups)) for k in range(n_increments)])
+        draws = np.array([stream(seed, key, k).uniform(-1, 1, len(groups)) for k in range(count)])
         factors = 1 + self.force_noise * draws
         return {name: factors[:, groups.index(AXIS.get(name, name))] for name in names}
 
@@ -217,6 +219,9 @@ def record(experiment: Experiment, camera: Camera, seed: int) -> Experiment:
     noise = camera.displacement_noise(experiment.points, experiment.n_increments, seed)
     factors = camera.force_factors([b.name for b in experiment.loaded], experiment.n_increments, seed)
     loaded = [replace(b, force=b.force * factors[b.name][:, None]) for b in experiment.loaded]
+    read = experiment.record
+    if read is not None and experiment.time is not None:
+        read = as_read(read, experiment.time, [b.name for b in experiment.loaded], camera, seed)
     common = camera.common_noise(experiment.points, experiment.deformation_shares, seed)
     unit_maximum = camera.field.normalisation == "unit-maximum"
     return replace(
@@ -224,6 +229,7 @@ def record(experiment: Experiment, camera: Camera, seed: int) -> Experiment:
         name=f"{experiment.name}, noise seed {seed}",
         displacements=experiment.displacements + noise + common,
         loaded=tuple(loaded),
+        record=read,
         noise=camera.noise(float(noise.std()) if unit_maximum else None),
         provenance={**experiment.provenance, "camera": camera.to_dict(), "noise_seed": seed},
     )
@@ -270,5 +276,6 @@ def observe(
         time=solution.time,
         provenance=provenance or {},
         plane=str(solution.description.get("plane", "stress")),
+        record=simulated_record(solution),
     )
     return clean if seed is None else record(clean, camera or Camera(), seed)

@@ -12,6 +12,7 @@ from dataclasses import Field as DataField
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from forward.errors import MaterialError
@@ -41,7 +42,8 @@ ADDITIONS: dict[str, type[laws.Addition]] = {
 
 
 class History(BaseModel):
-    """factors: of the displacement, at `times`, straight lines between, one picture at each. substeps: steps between pictures. addition:
+    """factors: of the displacement, at `times`, straight lines between, one picture at each. substeps: steps between pictures, at which the load cell
+    is read, too. addition:
     tables with a `law` of `ADDITIONS` and its values. branch, viscosity, permanent_set, bulk_modulus: as of a `Sheet`."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -54,6 +56,14 @@ class History(BaseModel):
     viscosity: dict[str, Any] | None = None
     permanent_set: dict[str, Any] | None = None
     bulk_modulus: float | None = None
+
+    @property
+    def readings(self) -> list[tuple[float, float]]:
+        """Times, s, and factors of the steps between the pictures."""
+        knots, values = np.array([0.0, *self.times]), np.array([0.0, *self.factors])
+        places = np.arange(1, self.substeps) / self.substeps + np.arange(len(self.times))[:, None]
+        at = np.arange(len(knots))
+        return [(float(np.interp(p, at, knots)), float(np.interp(p, at, values))) for p in places.ravel()]
 
     def sheet(self, material: Material, thickness: float) -> Sheet:
         """The sheet of a material, thickness in mm. Raises `OptionError`, `MaterialError`."""

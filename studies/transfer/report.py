@@ -13,6 +13,7 @@ from studies.output.findings import Finding, Macro
 from studies.output.report import Report
 from studies.output.words import Words, digits_if_any, percent
 from studies.reports.alert_table import add_alerts, alert_records
+from studies.reports.experiments.experiment_findings import pictures
 from studies.transfer.transferred import AS_IT_IS, MAP, NEO_HOOKE, Row, Transferred
 
 WORDS = Words("transfer")
@@ -55,7 +56,7 @@ def findings(found: Transferred) -> list[Finding]:
         lines.append((TransferCode.NO_MAP, share))
     if found.left_out:
         lines.append((TransferCode.LEFT_OUT, {"effects": list(found.left_out)}))
-    return [Finding("transfer", code, data) for code, data in lines]
+    return [*pictures(found.experiment), *(Finding("transfer", code, data) for code, data in lines)]
 
 
 def table(found: Transferred) -> tuple[list[str], list[list[Any]]]:
@@ -90,7 +91,7 @@ def write(folder: Path, found: Transferred, manifest: Manifest) -> Path:
     write_figure(folder / "forces.png", draw_forces(found))
     write_figure(folder / "stiffness.png", draw_map(found))
     report = Report(f"Transfer to {e.name}", WORDS.subtitle(hold_out=found.hold_out))
-    report.paragraph(".\n".join(one.text for one in told) + ".")
+    report.paragraph(".\n".join(one.text.removesuffix(".") for one in told) + ".")
     report.heading("Errors").table(*table(found), WORDS.table())
     report.figure(folder / "forces.png", WORDS.figure_forces()).figure(
         folder / "stiffness.png", WORDS.figure_stiffness()

@@ -26,12 +26,13 @@ from studies.importers.recording.grip_motion import (
     unseen_peak,
 )
 from studies.importers.recording.masks import Masked
-from studies.importers.recording.notes import mask_notes, noise_notes, record_notes, strain_notes
+from studies.importers.recording.notes import mask_notes, noise_notes, numbers, record_notes, strain_notes
 from studies.importers.recording.outliers import outliers
 from studies.importers.recording.recorded_series import Grip, Series
 from studies.importers.recording.series_noise import noise_of
 from studies.importers.recording.stated_noise import StatedNoise
-from studies.importers.recording.synchronise import DEFAULT_SELECTION, ForceRecord, Selection, choose_frames, forces_at
+from studies.importers.recording.synchronise import DEFAULT_SELECTION, Selection, choose_frames, forces_at
+from studies.importers.recording.whole_record import at_rest, whole_record
 from studies.output.words import Words
 
 __all__ = ["Grip", "Series", "to_experiment"]
@@ -52,21 +53,18 @@ def to_experiment(
     `MissingForceError`, `ForceSignError`, `TimeError`, `ExperimentError` where noise cannot be estimated, and whatever
     the checks of an Experiment find.
     """
-    frames, notes = choose_frames(series.time, series.record, selection, failure(series), failed_frames(series))
-    tare = _at_rest(series, series.record) if selection.tare is None else selection.tare
+    broke = failure(series)
+    frames, notes = _frames(series, selection, broke)
+    tare = at_rest(series, series.record) if selection.tare is None else selection.tare
     force = forces_at(series.record, series.time[frames]) - tare
-    across = moves_across(series, frames)
-    if across is None:
-        _check_sign(series, frames, force)
-    else:
-        notes.append(WORDS.note_moves_across(along=across[0], across=across[1]))
     loaded = tuple(_loaded(series, grip, frames, force) for grip in series.grips)
-    notes += unseen_peak(elongation(series), frames)
-    notes += [WORDS.note_incremental()] if looks_incremental(series) else []
+    notes += _motion_notes(series, frames, force)
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
         notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))
     found, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
+    record, thinned = whole_record(series, tare, broke)
+    notes += thinned
     compared = clocks(series)
     notes += clock_notes(compared)
     notes += record_notes(series.record) + noise_notes(report) + _spurious_notes(series, kept)
@@ -94,16 +92,51 @@ def to_experiment(
         provenance=provenance,
         plane=series.plane,
         heights=None if series.heights is None else series.heights[np.concatenate([[0], frames])][:, kept.indices],
+        record=record,
     )
     signal = experiment.strain_signal
     more = {"strain_signal": signal.to_dict(), "notes": [*provenance["notes"], *strain_notes(experiment)]}
     return replace(experiment, provenance={**provenance, **more})
 
 
+def _frames(series: Series, selection: Selection, broke: float | None) -> tuple[Index, list[str]]:
+    """Frames that become increments, and notes on what was left out."""
+    frames, notes = choose_frames(series.time, series.record, selection, broke, failed_frames(series))
+    if selection.frames is not None or selection.count is not None:
+        return frames, notes
+    frames, left_out = bridged_frames(series, frames)
+    return frames, notes + left_out
+
+
+def _motion_notes(series: Series, frames: Index, force: Array) -> list[str]:
+    """Of grips that move across the pull, of a peak between the frames, and of increments from frame to frame. Raises `ForceSignError`."""
+    across, notes = moves_across(series, frames), list[str]()
+    if across is None:
+        _check_sign(series, frames, force)
+    else:
+        notes.append(WORDS.note_moves_across(along=across[0], across=across[1]))
+    notes += unseen_peak(elongation(series), frames)
+    return notes + ([WORDS.note_incremental()] if looks_incremental(series) else [])
+
+
 def failed_frames(series: Series) -> Index:
     """Frames with more failed points than can be bridged."""
     lost = 1 - np.isfinite(series.displacements).all(axis=2).mean(axis=1)
     return np.flatnonzero(lost > points.MAX_LOST)
+
+
+def bridged_frames(series: Series, frames: Index) -> tuple[Index, list[str]]:
+    """Of the frames (t,) those whose failed points can be left out of all of them, and a note on the others: a few in which a point of a grip
+    failed; then those with most failed points, until what fails in any of the rest can be bridged."""
+    failed = ~np.isfinite(series.displacements[frames]).all(axis=2)
+    held = failed[:, np.unique(np.concatenate([grip.nodes for grip in series.grips]))].any(axis=1)
+    kept = ~held if held.mean() <= points.MAX_LOST else np.ones(len(frames), bool)
+    order = np.flatnonzero(kept)[np.argsort(failed[kept].sum(axis=1), kind="stable")]
+    lost = np.maximum.accumulate(failed[order], axis=0).mean(axis=1)
+    kept[order[lost > points.MAX_LOST]] = False
+    if kept.all():
+        return frames, []
+    return frames[kept], [WORDS.note_unbridged_frames(frames=numbers(frames[~kept].tolist()), kept=int(kept.sum()))]
 
 
 def _noise_of(
@@ -124,16 +157,10 @@ def _spurious_notes(series: Series, kept: points.Kept) -> list[str]:
     return mask_notes(kept.points, Masked(none, spurious, False), np.zeros((0, 2)))
 
 
-def _at_rest(series: Series, record: ForceRecord) -> float:
-    """Force of a record at frame 0, N."""
-    rest = float(np.clip(series.time[0], record.time[0], record.time[-1]))
-    return float(forces_at(record, np.array([rest]))[0])
-
-
 def _loaded(series: Series, grip: Grip, frames: Index, force: Array) -> LoadedBoundary:
     """A grip with the force (t,), N, of the machine, or of its own load cell, whose zero is that of frame 0."""
     if grip.record is not None:
-        force = forces_at(grip.record, series.time[frames]) - _at_rest(series, grip.record)
+        force = forces_at(grip.record, series.time[frames]) - at_rest(series, grip.record)
     return LoadedBoundary(grip.name, grip.nodes, grip.force(force), grip.held)
 
 

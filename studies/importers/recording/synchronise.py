@@ -56,18 +56,18 @@ class ForceRecord:
 
 @dataclass(frozen=True)
 class Selection:
-    """Which frames become increments: `count` spread evenly over the time from the onset of loading to `until` (s;
-    None: the last frame with a force), all where there are no more, or an explicit list. onset: fraction of the largest force.
+    """Which frames become increments: all from the onset of loading to `until` (s; None: the last frame with a force), `count` spread evenly over
+    that time, all where there are no more, or an explicit list. onset: fraction of the largest force.
     tare: force in N taken as zero; None: the force at frame 0, since displacements count from there."""
 
-    count: int = 12
+    count: int | None = None
     frames: tuple[int, ...] | None = None
     until: float | None = None
     onset: float = 0.01
     tare: float | None = None
 
     def __post_init__(self) -> None:
-        if self.count < 1:
+        if self.count is not None and self.count < 1:
             raise errors.ConfigError(f"number of frames {self.count}: at least 1 is needed")
         if not 0 <= self.onset < 1:
             raise errors.ConfigError(f"onset {self.onset} is a fraction of the largest force, from 0 to below 1")
@@ -133,7 +133,7 @@ def choose_frames(
     if loaded.size == 0:
         raise errors.MissingForceError("the force does not change over the frames; check the synchronisation")
     later = usable[usable >= loaded[0]]
-    if later.size <= selection.count:
+    if selection.count is None or later.size <= selection.count:
         return later, notes
     targets = np.linspace(time[loaded[0]], time[usable[-1]], selection.count + 1)[1:]
     return np.unique([usable[np.argmin(np.abs(time[usable] - t))] for t in targets]), notes

@@ -1,4 +1,5 @@
-"""What a reader of any report should know of an Experiment: forces that do not balance, a bulk modulus that noise may lower."""
+"""What a reader of any report should know of an Experiment: pictures that were not used, forces that do not balance, a bulk modulus that noise may
+lower."""
 
 from __future__ import annotations
 
@@ -13,15 +14,22 @@ class ExperimentCode(Macro):
 
     IMBALANCE = "forces_do_not_balance"
     BULK_MODULUS = "bulk_modulus_with_unknown_noise"
+    PICTURES = "pictures_used"
 
 
 def experiment_findings(experiment: Experiment, noise_is_known: bool) -> list[Finding]:
-    """Forces that do not balance; a bulk modulus that unknown noise may have lowered."""
+    """Pictures that were not used; forces that do not balance; a bulk modulus that unknown noise may have lowered."""
     unbalanced = imbalance(experiment)
-    found = [] if unbalanced is None else [unbalanced]
+    found = pictures(experiment) + ([] if unbalanced is None else [unbalanced])
     if experiment.plane == "strain" and not noise_is_known:
         found.append(Finding("experiment", ExperimentCode.BULK_MODULUS))
     return found
+
+
+def pictures(experiment: Experiment) -> list[Finding]:
+    """How many of all pictures were used, where it was not all."""
+    told = experiment.provenance.get("pictures")
+    return [] if told is None else [Finding("experiment", ExperimentCode.PICTURES, {"name": experiment.name, **told})]
 
 
 def imbalance(experiment: Experiment) -> Finding | None:

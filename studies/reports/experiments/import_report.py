@@ -29,6 +29,7 @@ def summary(experiment: Experiment) -> dict[str, Any]:
         "points": len(experiment.points),
         "triangles": len(experiment.triangles),
         "increments": experiment.n_increments,
+        "machine_readings": 0 if experiment.record is None else len(experiment.record.time),
         "size_mm": np.ptp(experiment.points, axis=0).tolist(),
         "largest_force_N": {b.name: float(np.nanmax(np.abs(b.force))) for b in experiment.loaded},
         "largest_displacement_mm": float(np.abs(experiment.displacements).max()),
@@ -47,6 +48,8 @@ def report_lines(experiment: Experiment, target: Path) -> Iterator[str]:
         yield f"  {WORDS.imported_boundary(boundary=b, force=np.nanmax(np.abs(b.force)))}"
     yield f"  {WORDS.imported_noise(noise=noise, found=experiment.provenance['noise'])}"
     yield f"  {WORDS.imported_strain(signal=experiment.strain_signal)}"
+    if experiment.record is not None:
+        yield f"  {WORDS.imported_record(record=experiment.record)}"
     if experiment.is_synchronised:
         yield f"  {WORDS.imported_clocks(clocks=experiment.provenance['clocks'])}"
     if experiment.thickness is None:
@@ -102,6 +105,7 @@ def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Pa
         ["points", numbers["points"], ""],
         ["triangles", numbers["triangles"], ""],
         ["increments", numbers["increments"], ""],
+        ["readings of the machine record", numbers["machine_readings"], ""],
         ["width", width, "mm"],
         ["height", height, "mm"],
         *([f"largest force, {name}", force, "N"] for name, force in numbers["largest_force_N"].items()),

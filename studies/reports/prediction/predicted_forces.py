@@ -21,6 +21,7 @@ from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.model_file import load_model
 from calibrate.models.network_model import Model
 from studies.output.findings import Finding, Macro
+from studies.reports.experiments.experiment_findings import pictures
 from studies.reports.model_remarks import model_remarks
 
 Array = NDArray[np.float64]
@@ -80,7 +81,7 @@ class Forecast:
             found.append((Remark.BULK_MODULUS, {"bulk_modulus": self.unused_bulk_modulus, "unit": e.stress_unit}))
         if self.left_out:
             found.append((Remark.LEFT_OUT, {"effects": list(self.left_out)}))
-        return [*self.remarks, *(Finding("prediction", code, data) for code, data in found)]
+        return [*self.remarks, *pictures(e), *(Finding("prediction", code, data) for code, data in found)]
 
 
 def forecast(path: Path, experiment: Experiment) -> Forecast:

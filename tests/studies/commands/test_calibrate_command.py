@@ -98,16 +98,8 @@ def test_quick_takes_fewer_increments_and_starts_and_without_thickness_the_unit_
     assert code == 0
     results = json.loads((folder / "report.json").read_text())["results"]
     assert results["options"]["starts"] == 3
-    assert f"{calibration.QUICK_INCREMENTS} increments" in said
+    assert f"{calibration.QUICK_PICTURES} increments" in said
     assert Model.load(folder / "model.json").unit == "N/mm" and "N/mm" in said
-
-
-@pytest.mark.parametrize(("n", "most"), [(1, 6), (6, 6), (7, 6), (100, 6)])
-def test_spread_ends_with_the_last_increment(n, most):
-    chosen = calibration._spread(n, most)
-    assert chosen[-1] == n - 1
-    assert len(chosen) == min(n, most)
-    assert (np.diff(chosen) > 0).all()
 
 
 # --- held-out increments --------------------------------------------------------------------------------------

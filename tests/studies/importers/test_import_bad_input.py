@@ -181,7 +181,9 @@ def test_unloading_and_relaxation_are_no_failure():
     assert synchronise.find_break(fast) is not None
     stretch = np.interp(np.arange(0, 10.5, 0.5), [0, 9.5, 10], [1.0, 1.19, 1.0])
     frames = printed_sheets.Frames(pixels(), np.stack([motion(s) for s in stretch]), 2.0)
-    e = to_experiment(printed_sheets.sheet_series(frames, fast, printed_sheets.SheetOptions(scale=SCALE)), noise=NOISE)
+    series = printed_sheets.sheet_series(frames, fast, printed_sheets.SheetOptions(scale=SCALE))
+    e = to_experiment(series, Selection(count=12), NOISE)
     (note,) = e.provenance["notes"]
     assert "longest in frame 19" in note
     assert e.time.max() == 10.0
+    assert not to_experiment(series, noise=NOISE).provenance["notes"]  # every frame, the longest among them

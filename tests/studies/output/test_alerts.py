@@ -18,6 +18,7 @@ from discoveries import explained, nothing, sheet
 from discoveries import view as seen
 from skip_network import neo_hooke
 
+from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.strain_signal import StrainSignal
 from calibrate.diagnosis.evidence.power import Finding as Power
@@ -44,6 +45,7 @@ from studies.reports.calibration import fit_findings
 from studies.reports.calibration.polish_record import Kept, PolishRecord, ReplayErrors
 from studies.reports.discovery import discovery_findings
 from studies.reports.discovery.discovery_findings import remarks
+from studies.reports.experiments.experiment_findings import experiment_findings
 from studies.reports.headline import LIMITS, Quality, Reason, headline
 from studies.reports.prediction import predicted_curves
 from studies.reports.prediction.predicted_forces import Forecast
@@ -88,7 +90,14 @@ OF_HEADLINE: dict[str, Callable[[], Findings]] = {
 
 def poor_test(**changes: Any) -> Any:
     """An Experiment in plane strain without noise, time, thickness or balance of forces, as far as findings look at it."""
-    known = {"name": "plate", "plane": "strain", "thickness": None, "force_imbalance": (0.2, 0.01), "n_increments": 5}
+    known = {
+        "name": "plate",
+        "plane": "strain",
+        "thickness": None,
+        "force_imbalance": (0.2, 0.01),
+        "n_increments": 5,
+        "provenance": {},
+    }
     return SimpleNamespace(**{**known, "level_is_nominal": False, **changes})
 
 
@@ -130,6 +139,7 @@ POLISHED = PolishRecord(Kept.POLISHED, neo_hooke(), neo_hooke(), 2, ERRORS, ERRO
 HELD = SimpleNamespace(increments=3, relative_force_error=0.02, chi_square_per_equation=1.1)
 OF_CALIBRATION: dict[str, Callable[[], Findings]] = {
     "experiment.forces_do_not_balance": lambda: fit_findings.findings(review()),
+    "experiment.pictures_used": lambda: experiment_findings(chosen(sheet(), (1, 3)), True),
     "experiment.bulk_modulus_with_unknown_noise": lambda: fit_findings.findings(review(None)),
     "calibration.noise_unknown": lambda: fit_findings.findings(review(None)),
     "calibration.residuals_as_noise": lambda: fit_findings.findings(review(1.0)),
@@ -297,7 +307,7 @@ def replayed() -> Findings:
     named = SimpleNamespace(remarks=(), left_out=("force offset",))
     found: Any = SimpleNamespace(
         experiment=sheet(), force_error=0.02, field_error=np.array([0.1]), noise=0.01, mesh_effect=effect, refined=0,
-        law=named, judged=np.array([True, False]),
+        law=named, judged=np.array([True, False]), record=SimpleNamespace(error=0.03, time=np.arange(9.0), largest=(0.1, 4.0)),
     )  # fmt: skip
     return replay_report.findings(found)
 
@@ -351,7 +361,11 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
     "prediction.bulk_modulus_unused": lambda: forecast(unused_bulk_modulus=100.0),
     "prediction.effects_left_out": lambda: forecast(left_out=("force offset",)),
     **dict.fromkeys(
-        (f"replay.{name}" for name in ("force_error", "field_error", "mesh_effect", "left_out", "few_free")), replayed
+        (
+            f"replay.{name}"
+            for name in ("force_error", "field_error", "record_error", "mesh_effect", "left_out", "few_free")
+        ),
+        replayed,
     ),
     **{f"measured.{code}": lambda: list(of_sheets()) for code in SheetCode},
     **{f"transfer.{code}": of_transfer for code in TransferCode},

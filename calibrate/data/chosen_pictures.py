@@ -1,0 +1,81 @@
+"""Which pictures of an Experiment a command uses: the one rule of the project.
+
+In: an Experiment with every picture of the test, and how many are wanted. Out: an Experiment with those, which says in its provenance which they are.
+
+The cost of a fit grows with points times pictures. Where nobody says how many, they are all used as long as that product is affordable, and
+otherwise spread evenly over the pictures that were taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate import errors
+from calibrate.data.experiment import Experiment
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Wanted = Literal["all"] | int | tuple[int, ...] | None
+AFFORDABLE = 60_000  # points times pictures
+FEWEST = 12  # pictures, however many points there are
+UNSEEN = (
+    0.02  # of the largest deformation, by which a specimen may have been deformed more than the chosen pictures show
+)
+
+
+def chosen(experiment: Experiment, wanted: Wanted = None) -> Experiment:
+    """The Experiment with the pictures wanted: all, at most so many, or those of numbers, from 1; None: as many as are affordable.
+
+    Raises `ConfigError` for numbers that do not rise, or of no picture.
+    """
+    n = experiment.n_increments
+    index = _listed(wanted, experiment) if isinstance(wanted, tuple) else spread(experiment, _most(experiment, wanted))
+    if len(index) == n:
+        return experiment
+    found = experiment.select(index)
+    told = {"used": (index + 1).tolist(), "of": n, "asked_for": wanted is not None}
+    return replace(found, provenance={**found.provenance, "pictures": told})
+
+
+def spread(experiment: Experiment, most: int) -> Indices:
+    """At most `most` increments, evenly spread, the last among them; one is exchanged for its neighbour where the specimen would otherwise have been
+    deformed more than they show, which softening and permanent set depend on."""
+    n = experiment.n_increments
+    size = min(n, most)
+    index = np.unique(np.round(np.linspace(n / size - 1, n - 1, size)).astype(np.int64))
+    return index if len(index) == n else _with_peaks(experiment.deformation_shares, index)
+
+
+def _with_peaks(shares: Array, index: Indices) -> Indices:
+    """shares (n,) of the deformation; index (k,), rising."""
+    kept, peaks = index.copy(), set[int]()
+    for _ in range(len(index)):
+        missed = np.maximum.accumulate(shares)[kept] - np.maximum.accumulate(shares[kept])
+        worst = kept[np.argmax(missed)]
+        peak = int(np.argmax(shares[: worst + 1]))
+        others = [i for i in kept[:-1].tolist() if i not in peaks]
+        if missed.max() <= UNSEEN or not others:
+            break
+        gone = min(others, key=lambda i: abs(i - peak))
+        kept = np.unique([peak if i == gone else i for i in kept.tolist()]).astype(np.int64)
+        peaks.add(peak)
+    return kept
+
+
+def _most(experiment: Experiment, wanted: Literal["all"] | int | None) -> int:
+    if wanted == "all":
+        return experiment.n_increments
+    return wanted or max(FEWEST, AFFORDABLE // len(experiment.points))
+
+
+def _listed(numbers: tuple[int, ...], experiment: Experiment) -> Indices:
+    index = np.array(numbers, dtype=np.int64) - 1
+    if index.size == 0 or (np.diff(index) <= 0).any() or index[0] < 0 or index[-1] >= experiment.n_increments:
+        raise errors.ConfigError(
+            f"{experiment.name}: pictures {', '.join(map(str, numbers))}; give rising numbers from 1 to {experiment.n_increments}"
+        )
+    return index
