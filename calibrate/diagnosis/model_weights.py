@@ -82,7 +82,8 @@ def _covariances(chain: Chain, assembled: Assembled, c: Array, additions: Additi
         return list(assembled.noise_covariances(c))
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
-    spreads = list(chain.spread_of_noise(c, additions, assembled.noise_factor, increments))
+    each = chain.spread_of_noise(c, additions, assembled.noise_factor, increments)
+    spreads = noise_covariance.stacked(each, len(increments))
     given = noise_covariance.products(spreads, spreads), shares, assembled.between, assembled.noise
     return list(noise_covariance.grouped_covariances(chain.system, *given))
 

@@ -12,7 +12,7 @@ between increments over it, the covariance of their residuals is M_ij K_i B B^T 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -122,10 +122,20 @@ def groups(between: Array) -> list[slice]:
     return [slice(i, i + 1) for i in range(len(between))] if independent else [slice(0, len(between))]
 
 
-def products(one: Sequence[Array], other: Sequence[Array]) -> Array:
-    """Covariance (k, r, k, r) of what the same noise does by spreads of k samples, (r, s) each."""
-    k, r = len(one), len(one[0])
-    return np.asarray(np.concatenate(one) @ np.concatenate(other).T).reshape(k, r, k, r)
+def stacked(spreads: Iterable[Array], k: int) -> Array:
+    """Spreads (k, r, s) of samples, of k of them (r, s), as they come: they are never held twice."""
+    found: Array | None = None
+    for i, one in enumerate(spreads):
+        found = np.empty((k, *one.shape)) if found is None else found
+        found[i] = one
+    assert found is not None
+    return found
+
+
+def products(one: Array, other: Array) -> Array:
+    """Covariance (k, r, k, r) of what the same noise does by spreads of k samples, (k, r, s) each."""
+    k, r, s = one.shape
+    return np.asarray(one.reshape(k * r, s) @ other.reshape(k * r, s).T).reshape(k, r, k, r)
 
 
 def correlated_products(of_samples: Array, shares: Array, between: Array) -> Array:

@@ -151,9 +151,10 @@ class Assembled:
         spreads = self._spreads(c)
         return noise_covariance.products(spreads, spreads)
 
-    def _spreads(self, c: Array) -> list[Array]:
+    def _spreads(self, c: Array) -> Array:
         some = self.system.deformation_gradients[self.samples[0]]
-        return [noise_covariance.spread(self.system, self.basis, c, F, self.noise_factor) for F in some]
+        each = (noise_covariance.spread(self.system, self.basis, c, F, self.noise_factor) for F in some)
+        return noise_covariance.stacked(each, len(some))
 
     def _grouped(self, of_samples: Array, between: Array) -> Iterator[Array]:
         return noise_covariance.grouped_covariances(self.system, of_samples, self.samples[1], between, self.noise)

@@ -237,10 +237,10 @@ class ReplayedTest:
     def weights(self, held: Array, known: NDArray[np.bool_]) -> Weights:
         """Of the residuals of which these are known (t, r), with (K v)_h at the camera's points (t, r, n, 2): zero as if what is prescribed were exact."""
         assert self.observed is not None
-        spreads = [self._spread(*each) for each in zip(self.observed, held, strict=True)]
+        spreads = np.array([self._spread(*each) for each in zip(self.observed, held, strict=True)])
         return weights_of(list(self._covariances(spreads)), known)
 
-    def _covariances(self, spreads: list[Array]) -> Iterator[Array]:
+    def _covariances(self, spreads: Array) -> Iterator[Array]:
         size = np.abs(np.nan_to_num(self.measured_forces))
         deviation = np.zeros((len(spreads), len(spreads[0])))
         deviation[:, -size.shape[1] :] = self.noise.force_std_relative * size + self.noise.force_std

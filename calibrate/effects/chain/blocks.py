@@ -6,7 +6,6 @@ together. Only rows of virtual work are kept of a block.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -72,8 +71,3 @@ def _block(data: Data, virtual: sp.csc_array, places: NDArray[np.int64]) -> Bloc
     padding = sp.csc_array((virtual.shape[0], 2 * (len(places) - used)))
     own = {name: jnp.asarray(np.asarray(getattr(data, name))[repeated]) for name in OF_TRIANGLES}
     return Block(repeated, used, own, sp.csr_array(sp.hstack([inside, padding])))
-
-
-def joined(parts: Sequence[Array], some: Sequence[Block], axis: int) -> Array:
-    """Values of all triangles, of those of every block along an axis."""
-    return np.concatenate([np.take(p, np.arange(b.used), axis) for p, b in zip(parts, some, strict=True)], axis)

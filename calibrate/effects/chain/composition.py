@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from calibrate.effects.chain import noise_spread
 from calibrate.effects.chain.addition import Addition, Additions, ordered
-from calibrate.effects.chain.blocks import Block, blocks, joined, virtual_work
+from calibrate.effects.chain.block_run import OF_INCREMENTS, BlockRun
+from calibrate.effects.chain.blocks import Block, blocks, virtual_work
 from calibrate.effects.chain.linearisation import Constants, Linearisation, Quantities, Stage
 from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
 from calibrate.effects.chain.stages import (
@@ -116,15 +117,18 @@ class Chain:
 
     def residual(self, c: Any, additions: Additions = ()) -> Array:
         """Residual (t, 2 v), N, of coefficients c (n,) and effects, in whatever order these are given."""
-        work = sum(block.work(run.quantities[STRESS]) for block, run in self._runs(c, additions))
-        return np.asarray(work - self.external(additions))
+        work = -self.external(additions)
+        for run in self._runs(c, additions):
+            work[run.increments] += run.work(run.steps.quantities)
+        return work
 
     def stress(self, c: Any, additions: Additions = ()) -> Array:
         """P (t, m, 2, 2), MPa, of coefficients c (n,) and the effects in the model."""
-        some, parts = zip(
-            *((b, np.asarray(run.quantities[STRESS])) for b, run in self._runs(c, additions)), strict=True
-        )
-        return joined(parts, some, 1)
+        found = np.zeros((*self.system.loads.shape[:1], len(self.system.areas), 2, 2))
+        for run in self._runs(c, additions):
+            own = run.block.places[: run.block.used]
+            found[run.increments, own] = np.asarray(run.steps.quantities[STRESS])[run.first :, : run.block.used]
+        return found
 
     def external(self, additions: Additions = ()) -> Array:
         """Loads (t, 2 v), N, as the effects correct them: minus the residual of a material without stiffness."""
@@ -187,14 +191,22 @@ class Chain:
     def _run(self, links: Sequence[Stage], c: Any, start: Quantities) -> Linearisation:
         return Linearisation.run(links, self.constants(c), start)
 
-    def _runs(
-        self, c: Any, additions: Additions, moved: Linearisation | None = None
-    ) -> Iterator[tuple[Block, Linearisation]]:
-        """From true displacements to P, block by block; moved: the run to these, where it is known."""
+    def _runs(self, c: Any, additions: Additions, moved: Linearisation | None = None) -> Iterator[BlockRun]:
+        """From true displacements to P, part by part; moved: the run to these, where it is known."""
         start = (moved or self._run(motion_stages(additions), (), self._start)).quantities
         stages = material_stages(self.base, additions)
-        for block in self.blocks if are_local(additions) else self.whole:
-            yield block, Linearisation.run(stages, self.constants(c, block), start)
+        if are_local(additions):
+            for block in self.blocks:
+                yield BlockRun(block, Linearisation.run(stages, self.constants(c, block), start))
+            return
+        (block,), constants = self.whole, self.constants(c, self.whole[0])
+        t = len(self.data.u)
+        size = t if any(a.effect.remembers for a in additions) else min(t, int(np.ceil(t / len(self.blocks))))
+        for first in range(0, t, size):
+            some = slice(min(first, t - size), min(first, t - size) + size)
+            of_some = {name: value[some] if name in OF_INCREMENTS else value for name, value in start.items()}
+            there = replace(constants, data=replace(constants.data, u=self.data.u[some]))
+            yield BlockRun(block, Linearisation.run(stages, there, of_some), some, first - some.start)
 
     def _local_runs(
         self, correction: Linearisation, c: Any, additions: Additions
@@ -252,11 +264,11 @@ class Chain:
                 total[-1] -= self.spread(changes[LOADS])
         stages = material_stages(self.base, additions)
         acting = [i for i, place in enumerate(places) if starts[i] or any(place in one.places for one in stages)]
-        for block, run in self._runs(c, additions, moved) if acting else ():
+        for run in self._runs(c, additions, moved) if acting else ():
             for i in acting:
-                changes = run.by_parameters(places[i], with_shape, starts[i])
+                changes = run.steps.by_parameters(places[i], with_shape, run.of_increments(starts[i]))
                 if STRESS in changes:
-                    total[i] += block.work(changes[STRESS])
+                    total[i][:, run.increments] += run.work(changes)
         return np.concatenate(total)
 
 

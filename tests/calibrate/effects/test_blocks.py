@@ -1,0 +1,67 @@
+"""A chain run in many small blocks, of triangles or of increments, gives what it gives in one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up import made_up_chain
+
+from calibrate.data.experiment import Noise
+from calibrate.effects import KNOWN
+from calibrate.effects.chain import Addition
+from calibrate.effects.chain.blocks import blocks
+from calibrate.equations import noise_covariance
+
+EFFECTS = {effect.name: effect for effect in KNOWN}
+CASES = {
+    "of triangles": ("viscoelasticity", "lens distortion"),
+    "of increments": ("3D effect of thickness", "second invariant"),
+    "one block": ("3D effect of thickness", "viscoelasticity"),
+}
+
+
+def added(chain, *names):
+    found = []
+    for effect in map(EFFECTS.get, names):
+        shape = tuple(effect.shape_values(chain.data)[0])
+        found.append(Addition(effect, tuple(p.null + 0.3 * p.typical for p in effect.amplitudes), shape))
+    return tuple(found)
+
+
+@pytest.fixture(scope="module")
+def both():
+    chain = made_up_chain()
+    small = blocks(chain.data, chain.system.virtual_gradients, 32 * len(chain.data.u) * 60)
+    assert len(small) > 3 and small[-1].used < len(small[-1].places)
+    return chain, replace(chain, divided=small)
+
+
+@pytest.mark.parametrize("names", CASES.values(), ids=CASES)
+def test_residual_stress_and_derivatives(both, names):
+    whole, parts = both
+    c = 0.1 + 0.05 * np.linspace(0, 1, whole.basis.n_functions) ** 2
+    additions = added(whole, *names)
+    np.testing.assert_allclose(parts.residual(c, additions), whole.residual(c, additions), atol=1e-11)
+    np.testing.assert_allclose(parts.stress(c, additions), whole.stress(c, additions), atol=1e-12)
+    expected = whole.jacobian(c, additions)
+    np.testing.assert_allclose(parts.jacobian(c, additions), expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_noise_and_forces_pulled_back(both):
+    whole, parts = both
+    c = 0.1 + 0.05 * np.linspace(0, 1, whole.basis.n_functions) ** 2
+    additions = added(whole, "viscoelasticity")
+    factor = noise_covariance.noise_factor(whole.system.experiment.points, Noise(1e-3, 2.0))
+    axes = noise_covariance.gradient_axes(whole.system.gradient, factor)
+    np.testing.assert_allclose(parts.noise_shift(c, axes), whole.noise_shift(c, axes), rtol=1e-9, atol=1e-15)
+    forces = np.random.default_rng(0).standard_normal(whole.system.loads.shape)
+    np.testing.assert_allclose(
+        parts.pulled_back(c, additions, forces), whole.pulled_back(c, additions, forces), atol=1e-10
+    )
+    some = np.arange(whole.system.experiment.n_increments)
+    for found, expected in zip(
+        *(one.spread_of_noise(c, additions, factor, some) for one in (parts, whole)), strict=True
+    ):
+        np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
