@@ -1,93 +1,83 @@
-"""Cost of a diagnosis with the whole catalogue, stage by stage, printed as a table and written beside its manifest.
+"""Cost of `equigap discover` and `equigap calibrate`, and how it grows with points and pictures: `python benchmarks/diagnosis.py`.
 
-In: the cross, solved with biquadratic quads, seen with noise by a camera of `--nodes` nodes. Out, in a folder:
-``diagnosis.csv`` and a manifest. A row for each stage: CPU s of the first run, which compiles, and of the second; the
-signatures once more by central differences, which take no compilation of derivatives but two evaluations for each number.
-Run: ``python benchmarks/diagnosis.py``, with OMP_NUM_THREADS=1 on one core (``taskset -c 0``).
+In: sizes, points x pictures (--sizes; --large adds 20,000 x 100). Each is a cross of Mooney-Rivlin rubber, solved with biquadratic quads and seen with
+noise, so that a diagnosis adds one effect, the second invariant. Out, in a folder: ``cost.csv`` and a manifest: for each size and command CPU s, wall s
+and the peak of memory of the whole command, from start to report, twice: the second run finds compiled code. Run it alone on the machine.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import os
+import subprocess
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+
+from studies.output.folder import open_output_folder
+from studies.output.manifest import Manifest
+from studies.output.writing import write_csv
+
+SIZES = ("550x26", "1100x26", "2223x13", "2223x26", "2223x52", "2223x104", "4450x26")
+LARGE = "20000x100"
+CALIBRATED = "20000x10"
+COLUMNS = ["command", "points", "pictures", "run", "CPU s", "wall s", "peak GB", "found"]
+SEED, DISPLACEMENT = 3, 40.0
 
 
-def arguments(words: list[str] | None = None) -> argparse.Namespace:
+def measured(words: list[str]) -> tuple[float, float, float]:
+    """CPU s, wall s and peak memory, GB, of a command of equigap. Raises `SystemExit` where it fails."""
+    began = time.perf_counter()
+    process = subprocess.Popen([sys.executable, "-m", "studies.cli", *words], stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise SystemExit(f"equigap {' '.join(words)} failed; try it by itself")
+    return usage.ru_utime + usage.ru_stime, time.perf_counter() - began, usage.ru_maxrss / 1e6
+
+
+def simulated(size: str, folder: Path) -> Path:
+    """The Experiment of a size, made if it is not there."""
+    points, pictures = size.split("x")
+    made = folder / "tests" / size
+    if not (made / "experiment.npz").is_file():
+        words = ["--material", "mooney_rivlin", "--displacement", str(DISPLACEMENT), "--seed", str(SEED)]
+        measured(["simulate", *words, "--nodes", points, "--increments", pictures, "-o", str(made), "--overwrite"])
+    return made / "experiment.npz"
+
+
+def rows(command: str, size: str, folder: Path, runs: int) -> list[list[object]]:
+    """A line of the table for each run."""
+    experiment, found = simulated(size, folder), []
+    for run in range(1, runs + 1):
+        out = folder / f"{command}-{size}"
+        cost = measured([command, str(experiment), "--pictures", "all", "-o", str(out), "--overwrite"])
+        verdict = json.loads((out / "discovery.json").read_text())["verdict"] if command == "discover" else ""
+        found.append([command, *map(int, size.split("x")), run, *cost, verdict])
+        print("{} {} x {}, run {}: {:.0f} CPU s, {:.0f} s, {:.2f} GB {}".format(*found[-1]), flush=True)
+    return found
+
+
+def main() -> None:
+    """Measure, and write the table after every size."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("results/benchmark-diagnosis"))
     parser.add_argument("--overwrite", action="store_true", help="empty an earlier folder of this benchmark")
-    parser.add_argument("--nodes", type=int, default=2600, help="of the camera's triangulation (default %(default)s)")
-    parser.add_argument("--increments", type=int, default=10)
-    parser.add_argument("--seed", type=int, default=1)
-    return parser.parse_args(words)
-
-
-def timed(times: dict[str, float], stage: str, function: Callable[[], Any]) -> Any:
-    """Result of `function`; its CPU time is added to a stage."""
-    start = time.process_time()
-    result = function()
-    times[stage] = times.get(stage, 0.0) + time.process_time() - start
-    return result
-
-
-def diagnose(experiment: Any) -> dict[str, float]:
-    """CPU s of each stage of one diagnosis, and of signatures by differences."""
-    import numpy as np
-
-    from calibrate.diagnosis import base_fit, score_tests
-    from calibrate.diagnosis.hold_out import HoldOut
-    from calibrate.effects.chain import Addition
-
-    times: dict[str, float] = {}
-    problem, base = timed(times, "base model", lambda: base_fit.prepare([experiment], [HoldOut().training]))
-    scores = timed(times, "tests of the catalogue", lambda: score_tests.score(problem, base))
-    tested = [s.effect for s in scores if s.is_tested]
-
-    def differences() -> None:
-        for effect in tested:
-            for shape in effect.shape_values(problem.trained[0].chain.data):
-                null = np.array([p.null for p in effect.amplitudes])
-                for i, p in enumerate(effect.amplitudes):
-                    step = 1e-4 * p.typical * np.eye(len(null))[i]
-                    for end in (null + step, null - step):
-                        addition = Addition(effect, tuple(map(float, end)), tuple(shape))
-                        problem.whiten([chain.residual(base.c, (addition,)) for chain in base.chains])
-
-    timed(times, "signatures by central differences", differences)
-    return times
-
-
-def main(words: list[str] | None = None) -> int:
-    args = arguments(words)
-    from studies.accuracy import pulls
-    from studies.output import Manifest, open_output_folder, write_csv
-    from studies.synthetic import camera
-
-    settings = {key: value for key, value in vars(args).items() if key not in ("output", "overwrite")}
-    started = time.time()
+    parser.add_argument("--sizes", nargs="*", default=SIZES, help="points x pictures (default %(default)s)")
+    parser.add_argument("--large", action="store_true", help=f"also {LARGE}, and calibrate {CALIBRATED}")
+    parser.add_argument("--runs", type=int, default=2)
+    args = parser.parse_args()
+    started, settings = time.time(), {"sizes": list(args.sizes), "large": args.large, "runs": args.runs}
     open_output_folder(args.output, args.overwrite, {"benchmark": "diagnosis", **settings})
-    clean = pulls.clean_cross(n_nodes=args.nodes, n_increments=args.increments)
-    clean = replace(clean, time=[float(i + 1) for i in range(clean.n_increments)])
-    experiment = camera.record(clean, camera.Camera(camera.GaussianField(resolution=512)), args.seed)
-    first, second = diagnose(experiment), diagnose(experiment)
-    rows = [[stage, first[stage], second[stage]] for stage in first]
-    whole = [sum(times[s] for s in ("base model", "tests of the catalogue")) for times in (first, second)]
-    rows.insert(2, ["one diagnosis", *whole])
-    columns = ["stage", "with compilation, s", "after compilation, s"]
-    write_csv(args.output / "diagnosis.csv", columns, rows, ["CPU time of a diagnosis"])
-    sizes = {"triangles": len(experiment.triangles), "increments": experiment.n_increments}
-    Manifest(args.seed, settings, started=started).beside(args.output / "diagnosis.csv", **sizes)
-    print(f"{sizes['triangles']} triangles, {sizes['increments']} increments")
-    print(f"{columns[0]:>34} {columns[1]:>20} {columns[2]:>21}")
-    for row in rows:
-        print(f"{row[0]:>34} {row[1]:>20.1f} {row[2]:>21.1f}")
-    return 0
+    cases = [("discover", size) for size in args.sizes]
+    cases += [("calibrate", CALIBRATED), ("discover", LARGE)] if args.large else []
+    table: list[list[object]] = []
+    for command, size in cases:
+        table += rows(command, size, args.output, args.runs)
+        write_csv(args.output / "cost.csv", COLUMNS, table, ["Cost of a diagnosis and of a calibration"])
+        Manifest(SEED, settings, started=started).beside(args.output / "cost.csv")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

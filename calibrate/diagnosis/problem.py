@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,11 +74,6 @@ class Part:
     def system(self) -> Equilibrium:
         """The virtual-work equations of the chain."""
         return self.chain.system
-
-    @cached_property
-    def linear(self) -> Equilibrium:
-        """The same equations with linear triangles."""
-        return replace(self.system, linear=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,16 +56,7 @@ def kinematic_errors(problem: Problem, chains: Sequence[Chain], c: Array, additi
     noise, because errors of neighbouring edges are less independent than the weights assume, and those of the effect's own
     gradients are not among them.
     """
-    of_base = []
-    for part in problem.trained:
-        if part.twin is not None:
-            of_base.append(REMAINDER * part.twin)
-            continue
-        work = [
-            np.array([system.matrix(problem.basis, F) @ c for F in system.deformation_gradients])
-            for system in (part.linear, part.system)
-        ]
-        of_base.append(work[0] - work[1])
+    of_base = [p.assembled.linear_change @ c if p.twin is None else REMAINDER * p.twin for p in problem.trained]
     of_effects = [chain.with_mean_gradients().residual(c, additions) - chain.residual(c, additions) for chain in chains]
     return [problem.whiten(of_base), problem.whiten(of_effects)]
 

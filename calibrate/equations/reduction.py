@@ -13,7 +13,7 @@ square of the stiffness is taken into account afterwards, in closed form (`Quadr
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -119,6 +119,13 @@ class Assembled:
     def noise_axes(self) -> Array:
         """Of the noise of gradients (m, 2, 2), see `noise_covariance.gradient_axes`."""
         return noise_covariance.gradient_axes(self.system.gradient, self.noise_factor)
+
+    @cached_property
+    def linear_change(self) -> Array:
+        """By how much G (t, 2 v, n_functions) changes when the triangles are taken for linear again, see `Equilibrium.linear`."""
+        linear = replace(self.system, linear=True)
+        each = zip(linear.deformation_gradients, self.matrices, strict=True)
+        return np.array([linear.matrix(self.basis, F) - G for F, G in each])
 
     def quadratic(self, c: Array) -> Quadratic:
         """The noise-weighted loss, weights taken at coefficients c (n_functions,)."""

@@ -66,7 +66,9 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, compared: b
     train, held = (misfit(problem, new.c, new.additions, other) for other in (False, True))
     if not all(np.isfinite(one.chi_square) for one in (train, held) if one is not None):
         return candidate
-    return replace(candidate, fit=new, problem=problem if compared else None, train=train, held=held)
+    if compared:
+        return replace(candidate, fit=new, problem=problem, train=train, held=held)
+    return replace(candidate, fit=replace(new, chains=()), train=train, held=held)  # nothing goes on from it
 
 
 def _start(now: Model, found: Score, thresholds: Thresholds) -> Addition:
