@@ -98,13 +98,14 @@ def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr
 
 def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise) -> Array:
     """Covariance (rows, rows), N^2, of the residuals of one increment, K Sigma_u K^T + force noise, from its spread (rows, s), N."""
-    return spread @ spread.T + np.diag(_force_variance(system, load, noise))
+    return spread @ spread.T + _force_covariance(system, load, noise)
 
 
-def _force_variance(system: Equilibrium, load: Array, noise: Noise) -> Array:
-    """Of the noise of the load cell in the residuals (rows,) of one increment, N^2."""
+def _force_covariance(system: Equilibrium, load: Array, noise: Noise) -> Array:
+    """Of the noise of the load cells in the residuals (rows,) of one increment, (rows, rows), N^2."""
     of_size = np.nan_to_num(noise.force_std_relative * np.abs(load))
-    return np.asarray((of_size + noise.force_std * np.tile(system.fields.boundary >= 0, 2)) ** 2)
+    deviation = of_size + noise.force_std * np.tile(system.fields.boundary >= 0, 2)
+    return np.asarray(system.force_correlation * np.outer(deviation, deviation))
 
 
 def between_increments(experiment: Experiment, noise: Noise) -> Array:
@@ -157,8 +158,9 @@ def grouped_covariances(
     """
     for group in groups(between):
         covariance = correlated_products(of_samples, shares[group], between[group, group])
-        variance = [_force_variance(system, load, noise) for load in system.loads[group]]
-        covariance[np.diag_indices(len(covariance))] += np.concatenate(variance)
+        blocks = covariance.reshape(len(shares[group]), system.loads.shape[1], len(shares[group]), -1)
+        for i, load in enumerate(system.loads[group]):
+            blocks[i, :, i] += _force_covariance(system, load, noise)
         yield covariance
 
 

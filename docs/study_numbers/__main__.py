@@ -6,6 +6,8 @@
     python docs/study_numbers design results/design results/cross-pattern
     python docs/study_numbers replay results/replay results/calibrate
     python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
+    python docs/study_numbers noise_grid results/false-alarms
+    python docs/study_numbers diagnosis_cost results/benchmark-diagnosis
     python docs/study_numbers skin FOLDER              in which the commands of docs/ugly_data.md were run
 
 In: output folders of the commands of `docs/results`. Out: a file of `docs/results`; `make numbers` puts it into the pages.
@@ -20,7 +22,9 @@ from datetime import date
 from pathlib import Path
 
 import design
+import diagnosis_cost
 import generalise
+import noise_grid
 import replay
 import resolution
 import sheets
@@ -36,6 +40,8 @@ STUDIES = {
     "replay": replay,
     "sheets": sheets,
     "skin": skin,
+    "noise_grid": noise_grid,
+    "diagnosis_cost": diagnosis_cost,
 }
 
 

@@ -171,3 +171,23 @@ def test_covariance_of_many_increments_is_known_from_samples(monkeypatch):
     np.testing.assert_allclose(
         found / np.outer(deviation, deviation), expected / np.outer(deviation, deviation), atol=0.02
     )
+
+
+def test_opposite_grips_that_one_load_cell_reads_are_wrong_together():
+    """The covariance of their equations is that of one error with both signs; forces that two cells read have an error each."""
+    noise = Noise(0.0, 1.0, force_std_relative=1e-3, force_std=0.01)
+    clean = plate_experiment(n_increments=2, n_theta=24, n_radial=4)
+    one, other = (replace(b, force=sign * clean.loaded[0].force) for b, sign in zip(clean.loaded, (1, -1), strict=True))
+    system = equations.equilibrium(replace(clean, loaded=(one, other)), SPACING)
+    rng = np.random.default_rng(0)
+    for two_cells in (False, True):
+        if two_cells:
+            apart = replace(other, force=other.force * (1 + 1e-4 * rng.standard_normal((2, 1))))
+            system = equations.Equilibrium(replace(clean, loaded=(one, apart)), system.fields)
+        load = system.loads[1]
+        found = noise_covariance.covariance_of(system, np.zeros((len(load), 0)), load, noise)
+        rows = [int(np.flatnonzero(system.fields.boundary == b)[0]) for b in range(2)]
+        deviation = 1e-3 * np.abs(load[rows]) + 0.01
+        correlation = found[np.ix_(rows, rows)] / np.outer(deviation, deviation)
+        expected = np.eye(2) if two_cells else np.array([[1, -1], [-1, 1]])
+        np.testing.assert_allclose(correlation, expected, atol=1e-12)
