@@ -23,9 +23,10 @@ from scipy.spatial import cKDTree
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium
-from calibrate.errors import FitError
+from calibrate.errors import ConfigError, FitError
 
 Array = NDArray[np.float64]
+MOST_ROWS = 15_000  # of one covariance: 1.8 GB
 SINGULAR = 1e-10  # smallest over largest variance of a sum of increments
 
 
@@ -154,8 +155,14 @@ def grouped_covariances(
     """Covariance, N^2, of the residuals of each of `groups`: (2 v, 2 v) of one increment, or (t 2 v, t 2 v) of all.
 
     What noise does is smooth in the load, so that it is known from samples (`load_path.samples`): of_samples (k, 2 v, k, 2 v), see `products`;
-    shares (t, k) of these in every increment. between (t, t): see `between_increments`.
+    shares (t, k) of these in every increment. between (t, t): see `between_increments`. Raises `ConfigError` where one of all is too large.
     """
+    rows, together = system.loads.shape[1], len(system.loads[groups(between)[0]])
+    if together > 1 and together * rows > MOST_ROWS:
+        raise ConfigError(
+            f"{system.experiment.name}: its {together} pictures have noise in common, so that their {together * rows} equations have one "
+            f"covariance ({8e-9 * (together * rows) ** 2:.1f} GB); use fewer: --pictures {MOST_ROWS // rows}"
+        )
     for group in groups(between):
         covariance = correlated_products(of_samples, shares[group], between[group, group])
         blocks = covariance.reshape(len(shares[group]), system.loads.shape[1], len(shares[group]), -1)

@@ -12,6 +12,7 @@ from calibrate.equations import basis as bases
 from calibrate.equations import equilibrium as equations
 from calibrate.equations import noise_covariance, reduction
 from calibrate.equations.inputs import REFERENCE
+from calibrate.errors import ConfigError
 
 NOISE = Noise(displacement_std=0.02, correlation_length=2.5, force_std=0.01)
 SPACING = 12.0
@@ -191,3 +192,16 @@ def test_opposite_grips_that_one_load_cell_reads_are_wrong_together():
         correlation = found[np.ix_(rows, rows)] / np.outer(deviation, deviation)
         expected = np.eye(2) if two_cells else np.array([[1, -1], [-1, 1]])
         np.testing.assert_allclose(correlation, expected, atol=1e-12)
+
+
+def test_too_many_pictures_with_noise_in_common_are_refused(monkeypatch):
+    noise = Noise(5e-5, 2.5, pattern_std=2e-4)
+    clean = plate_experiment(n_increments=4, n_theta=24, n_radial=4)
+    system = equations.equilibrium(replace(clean, noise=noise), SPACING)
+    rows = system.loads.shape[1]
+    monkeypatch.setattr(noise_covariance, "MOST_ROWS", 3 * rows + 1)
+    basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
+    with pytest.raises(ConfigError, match=r"4 pictures have noise in common.*--pictures 3"):
+        list(reduction.assemble(system, basis).noise_covariances(true_coefficients(basis)))
+    alone = equations.Equilibrium(replace(clean, noise=Noise(5e-5, 2.5)), system.fields)
+    assert len(list(reduction.assemble(alone, basis).noise_covariances(true_coefficients(basis)))) == 4
