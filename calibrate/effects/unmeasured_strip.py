@@ -30,8 +30,9 @@ class UnmeasuredStrip(Effect):
         return lacks_plane_stress(data)
 
     def beyond(self, data, mean, F, u, places, a):
-        at_nodes = gradient(data, data.points + u) @ inverse(gradient(data, places[None]))
-        at_edge = at_nodes[:, data.edge_nodes].mean(axis=2)
+        ends = data.edge_nodes.ravel()
+        at_ends = gradient(data, data.points + u, ends) @ inverse(gradient(data, places[None], ends))
+        at_edge = at_ends.reshape(len(u), -1, 2, 2, 2).mean(axis=2)
         steep = (at_edge - F) * (1.0 + 0.75 * a[0] * data.edges)[:, None, None]
         return mean + jnp.where((data.edges > 0)[:, None, None], steep, 0.0)
 

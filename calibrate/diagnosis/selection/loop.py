@@ -9,7 +9,9 @@ for its place.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -75,22 +77,28 @@ def scored_round(
     scores = score_tests.score(problem, state, effects, seed)
     tested = [s for s in scores if s.is_tested]
     like = score_tests.likeness(tested) if tested else np.zeros((0, 0))
-    candidates = []
-    for i, one in enumerate(scores):
-        if not one.is_tested:
-            candidates.append(Candidate(one))
-            continue
+    candidates = [Candidate(one) for one in scores]
+    for i in range(len(tested)):  # which come first
         near = ((tested[j].effect.name, float(like[i, j])) for j in np.argsort(-like[i]) if j != i)
-        candidate = Candidate(one, like=tuple((n, v) for n, v in near if v > thresholds.similar))
-        if whole:
-            say(f"fit with {one.effect.name}")
-            candidate = candidate_fit.fitted(model, candidate, thresholds)
-        candidates.append(candidate)
+        candidates[i] = replace(candidates[i], like=tuple((n, v) for n, v in near if v > thresholds.similar))
+
+    def fitted(candidate: Candidate) -> Candidate:
+        say(f"fit with {candidate.name}")
+        return candidate_fit.fitted(model, candidate, thresholds)
+
+    if whole:
+        with ThreadPoolExecutor(threads()) as side_by_side:
+            candidates[: len(tested)] = side_by_side.map(fitted, candidates[: len(tested)])
     train = misfit(problem, state.c, state.additions, False)
     assert train is not None
     held = misfit(problem, state.c, state.additions, True)
     predicted = residual_tests.prediction_test(problem, state.c, state.additions)
     return Round(state, train, held, tuple(candidates), predicted)
+
+
+def threads() -> int:
+    """How many fits are made side by side: as many as there are cores, two at most, as each needs memory; one where OMP_NUM_THREADS says one."""
+    return 1 if os.environ.get("OMP_NUM_THREADS") == "1" else min(2, os.cpu_count() or 1)
 
 
 def extended(model: Model, now: Round, say: Say, thresholds: Thresholds = DEFAULT) -> tuple[Round, Model | None]:

@@ -58,9 +58,12 @@ def slopes(data, nodal):
     return stencil_sum(data.stencil, data.slopes, flat).reshape(*nodal.shape[:-1], len(data.stencil), 2)
 
 
-def gradient(data, nodal):
-    """Gradient at the nodes (t, n, ..., 2) of nodal values (t, n, ...), from quadratics over two rings of neighbours."""
-    return stencil_sum(data.rings, data.ring_slopes, nodal)
+def gradient(data, nodal, nodes=None):
+    """Gradient at the nodes (t, n, ..., 2) of nodal values (t, n, ...), from quadratics over two rings of neighbours; at some nodes (p,) alone
+    where these are given."""
+    if nodes is None:
+        return stencil_sum(data.rings, data.ring_slopes, nodal)
+    return stencil_sum(data.rings[nodes], data.ring_slopes[nodes], nodal)
 
 
 def second_derivatives(data, u):
