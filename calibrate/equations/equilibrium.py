@@ -32,7 +32,6 @@ from calibrate.equations.basis import Basis, PlaneStrainBasis, SingleBasis, ener
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 
 Array = NDArray[np.float64]
-ONE_CELL = 1e-7  # sum of two forces over their size, below which one load cell read both
 
 
 @dataclass(frozen=True)
@@ -81,22 +80,6 @@ class Equilibrium:
         if self.fields.admissible is not None:
             loads[:, ~self.fields.admissible.ravel()] = np.nan
         return loads
-
-    @cached_property
-    def force_correlation(self) -> Array:
-        """Of the errors of the measured forces, between the rows (2 n_fields, 2 n_fields) of an increment.
-
-        Forces that are opposite in every increment, to more digits than a load cell has, were read by one cell, and are wrong together.
-        """
-        found = np.eye(self.recorded.shape[1])
-        forces, n = np.nan_to_num(self.recorded), self.fields.n_fields
-        loaded = np.flatnonzero(self.fields.boundary >= 0)
-        for component in range(2):
-            rows = loaded + component * n
-            sums = np.abs(forces[:, rows, None] + forces[:, None, rows]).max(axis=0, initial=0.0)
-            one_cell = sums < ONE_CELL * np.abs(forces[:, rows]).max(axis=0, initial=0.0)
-            found[np.ix_(rows, rows)] -= one_cell
-        return found
 
     @cached_property
     def level_equation(self) -> NDArray[np.bool_]:

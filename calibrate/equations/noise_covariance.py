@@ -27,6 +27,7 @@ from calibrate.errors import ConfigError, FitError
 
 Array = NDArray[np.float64]
 MOST_ROWS = 15_000  # of one covariance: 1.8 GB
+ONE_CELL = 1e-7  # sum of two forces over their size, below which one load cell read both
 SINGULAR = 1e-10  # smallest over largest variance of a sum of increments
 
 
@@ -99,14 +100,28 @@ def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr
 
 def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise) -> Array:
     """Covariance (rows, rows), N^2, of the residuals of one increment, K Sigma_u K^T + force noise, from its spread (rows, s), N."""
-    return spread @ spread.T + _force_covariance(system, load, noise)
+    return spread @ spread.T + _force_covariance(system, force_correlation(system), load, noise)
 
 
-def _force_covariance(system: Equilibrium, load: Array, noise: Noise) -> Array:
+def force_correlation(system: Equilibrium) -> Array:
+    """Of the errors of the measured forces, between the rows (2 v, 2 v) of an increment.
+
+    Forces that are opposite in every increment, to more digits than a load cell has, were read by one cell, and are wrong together.
+    """
+    forces, n = np.nan_to_num(system.recorded), system.fields.n_fields
+    found = np.eye(2 * n)
+    loaded = np.flatnonzero(system.fields.boundary >= 0)
+    for rows in (loaded, loaded + n):
+        sums = np.abs(forces[:, rows, None] + forces[:, None, rows]).max(axis=0, initial=0.0)
+        found[np.ix_(rows, rows)] -= sums < ONE_CELL * np.abs(forces[:, rows]).max(axis=0, initial=0.0)
+    return found
+
+
+def _force_covariance(system: Equilibrium, correlation: Array, load: Array, noise: Noise) -> Array:
     """Of the noise of the load cells in the residuals (rows,) of one increment, (rows, rows), N^2."""
     of_size = np.nan_to_num(noise.force_std_relative * np.abs(load))
     deviation = of_size + noise.force_std * np.tile(system.fields.boundary >= 0, 2)
-    return np.asarray(system.force_correlation * np.outer(deviation, deviation))
+    return np.asarray(correlation * np.outer(deviation, deviation))
 
 
 def between_increments(experiment: Experiment, noise: Noise) -> Array:
@@ -163,11 +178,12 @@ def grouped_covariances(
             f"{system.experiment.name}: its {together} pictures have noise in common, so that their {together * rows} equations have one "
             f"covariance ({8e-9 * (together * rows) ** 2:.1f} GB); use fewer: --pictures {MOST_ROWS // rows}"
         )
+    correlation = force_correlation(system)
     for group in groups(between):
         covariance = correlated_products(of_samples, shares[group], between[group, group])
         blocks = covariance.reshape(len(shares[group]), system.loads.shape[1], len(shares[group]), -1)
         for i, load in enumerate(system.loads[group]):
-            blocks[i, :, i] += _force_covariance(system, load, noise)
+            blocks[i, :, i] += _force_covariance(system, correlation, load, noise)
         yield covariance
 
 
