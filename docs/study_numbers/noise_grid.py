@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
 
 COLUMNS = ["condition", "tests", "alarms", "with a name", "95 % interval of the rate", "best candidates of the alarms"]
-COARSE = "942 nodes"
+COARSE, QUIET = "942 nodes", "nothing significant"
 
 
 def take(folder: Path) -> dict[str, Any]:
@@ -16,6 +17,8 @@ def take(folder: Path) -> dict[str, Any]:
     settings = json.loads((folder / "alarms.manifest.json").read_text())["settings"]
     lines = [dict(zip(found["columns"], row, strict=True)) for row in found["rows"]]
     of_trials = [line for line in lines if not line["condition"].startswith(COARSE)]
+    with (folder / "tests.csv").open() as file:
+        drift = [r for r in csv.DictReader(file) if r["condition"].startswith("correlation") and r["course"] == "drift"]
     table = [
         [line["condition"], str(line["tests"]), str(line["alarms"]), str(line["named"]),
          f"{100 * line['low']:.0f} to {100 * line['high']:.0f} %", line["best where alarmed"]]
@@ -25,6 +28,10 @@ def take(folder: Path) -> dict[str, Any]:
         "tests": sum(line["tests"] for line in of_trials),
         "alarms": sum(line["alarms"] for line in of_trials),
         "named": sum(line["named"] for line in lines),
+        "drift": len(drift),
+        "drift_alarms": sum(one["verdict"] != QUIET for one in drift),
+        "others": sum(line["tests"] for line in lines) - len(drift),
+        "others_alarms": sum(line["alarms"] for line in lines) - sum(one["verdict"] != QUIET for one in drift),
         "every": sum(line["tests"] for line in lines),
         "first": settings["first"],
         "seeds": max(line["tests"] + line["errors"] for line in lines),

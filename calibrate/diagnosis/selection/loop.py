@@ -9,9 +9,7 @@ for its place.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -87,18 +85,12 @@ def scored_round(
         return candidate_fit.fitted(model, candidate, thresholds)
 
     if whole:
-        with ThreadPoolExecutor(threads()) as side_by_side:
-            candidates[: len(tested)] = side_by_side.map(fitted, candidates[: len(tested)])
+        candidates[: len(tested)] = map(fitted, candidates[: len(tested)])
     train = misfit(problem, state.c, state.additions, False)
     assert train is not None
     held = misfit(problem, state.c, state.additions, True)
     predicted = residual_tests.prediction_test(problem, state.c, state.additions)
     return Round(state, train, held, tuple(candidates), predicted)
-
-
-def threads() -> int:
-    """How many fits are made side by side: as many as there are cores, two at most, as each needs memory; one where OMP_NUM_THREADS says one."""
-    return 1 if os.environ.get("OMP_NUM_THREADS") == "1" else min(2, os.cpu_count() or 1)
 
 
 def extended(model: Model, now: Round, say: Say, thresholds: Thresholds = DEFAULT) -> tuple[Round, Model | None]:

@@ -529,14 +529,3 @@ def test_a_limit_holds_what_is_hidden():
         (one,) = (p for p in powers if p.effect.name == "second invariant")
         held += one.limit is None or one.limit >= hidden
     assert held >= 4
-
-
-def test_fits_side_by_side_are_those_one_after_the_other(monkeypatch):
-    problem, state = prepared(0.05)
-    tables = []
-    for number in ("1", "2"):
-        monkeypatch.setenv("OMP_NUM_THREADS", number)
-        found = scored_round(Model(problem, state), FEW, True, 0, lambda text: None)
-        tables.append([(one.name, one.fit and one.fit.additions, one.held) for one in found.candidates])
-    assert tables[0] == tables[1]
-    assert sum(fit is not None for _, fit, _ in tables[0]) > 2
