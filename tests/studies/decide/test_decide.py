@@ -70,10 +70,8 @@ def realised(seed: int, hidden: Addition, other: str) -> float:
     moved = np.asarray(hidden.effect.displacements(data, data.u, hidden.amplitudes, hidden.shape))
     u = 2 * e.displacements - moved  # what is seen of the true displacements, to first order
     offset = hidden.amplitudes[0] if hidden.effect.name == OFFSET else 0.0
-    cells = tuple(
-        replace(b, force=b.force * (1 + FORCE * rng.standard_normal(b.force.shape)) + offset * np.sign(b.force))
-        for b in e.loaded
-    )
+    read = 1 + FORCE * rng.standard_normal(e.loaded[0].force.shape)  # by one load cell, as the forces of the plan are
+    cells = tuple(replace(b, force=b.force * read + offset * np.sign(b.force)) for b in e.loaded)
     seen = replace(e, displacements=u + STD * rng.standard_normal(u.shape), loaded=cells)
     weighed, clean = (weigh(one, (hidden.effect.name, other)) for one in (seen, e))
     weighed = replace(weighed, r=weighed.r - clean.r)  # the residual of a coarse mesh is no matter of this test
