@@ -75,17 +75,17 @@ def scored_round(
     scores = score_tests.score(problem, state, effects, seed)
     tested = [s for s in scores if s.is_tested]
     like = score_tests.likeness(tested) if tested else np.zeros((0, 0))
-    candidates = [Candidate(one) for one in scores]
-    for i in range(len(tested)):  # which come first
+    candidates = []
+    for i, one in enumerate(scores):
+        if not one.is_tested:
+            candidates.append(Candidate(one))
+            continue
         near = ((tested[j].effect.name, float(like[i, j])) for j in np.argsort(-like[i]) if j != i)
-        candidates[i] = replace(candidates[i], like=tuple((n, v) for n, v in near if v > thresholds.similar))
-
-    def fitted(candidate: Candidate) -> Candidate:
-        say(f"fit with {candidate.name}")
-        return candidate_fit.fitted(model, candidate, thresholds)
-
-    if whole:
-        candidates[: len(tested)] = map(fitted, candidates[: len(tested)])
+        candidate = Candidate(one, like=tuple((n, v) for n, v in near if v > thresholds.similar))
+        if whole:
+            say(f"fit with {one.effect.name}")
+            candidate = candidate_fit.fitted(model, candidate, thresholds)
+        candidates.append(candidate)
     train = misfit(problem, state.c, state.additions, False)
     assert train is not None
     held = misfit(problem, state.c, state.additions, True)
