@@ -3,7 +3,7 @@
 In: an Experiment and a `Law`. Out: `Replay`, predicted fields and forces beside the measured ones.
 
 Loaded edges move as measured, in the components that their grips hold, and so do the rims where the measurement ends: their traction is
-unknown. Free edges are free, and follow the circle through their neighbours, as in `recovery`. Each triangle of the camera becomes three
+unknown. Free edges are free, and curved where their points lie on a curve (`meshes.curved_outline`). Each triangle of the camera becomes three
 biquadratic quads. How much the mesh matters is told by the last increment alone, solved on this mesh and on one with four times as many
 triangles, without what depends on time.
 
@@ -23,18 +23,20 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.data.outline import Outline
-from calibrate.equations import recovery
+from calibrate.data.triangulation import signed_areas
 from calibrate.fitting.calibration import relative_force_error
 from forward.loading import MeasuredMotion
 from forward.sheet.inelastic import solve_history
 from forward.sheet.sheet_run import Options
 from forward.solution import SurfaceSolution
 from meshes import Mesh
+from meshes.curved_outline import rises
 from meshes.triangle_quads import CurvedEdges, split
 from studies.replay.model_law import Law
 from studies.replay.replayed_record import ReplayedRecord, between_pictures
 
 Array = NDArray[np.float64]
+HIGHEST = 1 / 6  # rise of a curved edge over the height of its triangle, which a quarter would fold
 SUBSTEPS = 3  # of an increment, where the law has a history
 PARTS, READINGS, MORE = (
     2,
@@ -180,9 +182,7 @@ class BoundaryValues:
     def of(cls, experiment: Experiment, finer: int = 0) -> BoundaryValues:
         """Quads of the camera's triangles, each divided in four `finer` times before; the first nodes are the camera's points."""
         edges = named_edges(experiment)
-        free = recovery.segments(experiment.points, experiment.triangles, experiment.free_nodes)
-        curved = CurvedEdges(free.edges, free.bulges(experiment.points))
-        quads = split(experiment.points, experiment.triangles, edges, finer, curved)
+        quads = split(experiment.points, experiment.triangles, edges, finer, free_edges(experiment))
         held = np.zeros((len(quads.mesh.points), 2), bool)
         held[np.unique(quads.mesh.boundaries[RIM])] = True
         for boundary in experiment.loaded:
@@ -192,6 +192,15 @@ class BoundaryValues:
     def motion(self, displacements: Array) -> MeasuredMotion:
         """The held nodes as measured: displacements (t, n, 2), mm, of the camera's points."""
         return MeasuredMotion(self.sides, self.held, np.stack([self.carried @ u for u in displacements]))
+
+
+def free_edges(experiment: Experiment) -> CurvedEdges:
+    """Free edges with the curve through their points, which rises by at most the share `HIGHEST` of the height of a triangle."""
+    outline = Outline.of(experiment)
+    edges, owners = outline.edges[outline.free], outline.owners[outline.free]
+    length = np.linalg.norm(experiment.points[edges[:, 1]] - experiment.points[edges[:, 0]], axis=1)
+    height = 2 * signed_areas(experiment.points, experiment.triangles[owners]) / length
+    return CurvedEdges(edges, rises(experiment.points, edges, HIGHEST * height))
 
 
 def named_edges(experiment: Experiment) -> dict[str, NDArray[np.int64]]:

@@ -13,7 +13,6 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.effects import KNOWN
 from calibrate.effects.chain import Addition
-from calibrate.equations import recovery
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
 from calibrate.models.extended_model import ExtendedModel
@@ -27,6 +26,7 @@ from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
 from studies import cli
 from studies.errors import OptionError
+from studies.replay import replayed_experiment
 from studies.replay.model_law import law_of, material_law
 from studies.replay.replayed_experiment import mesh_effect, named_edges, replay
 from studies.synthetic import camera
@@ -71,7 +71,7 @@ def test_a_hole_is_no_polygon(monkeypatch):
     plate = experiment(250)
     law = material_law(ArrudaBoyce(), "", plate)
     curved = replay(plate, law, check_mesh=False)
-    monkeypatch.setattr(recovery, "SEGMENT", 0.0)
+    monkeypatch.setattr(replayed_experiment, "HIGHEST", 0.0)
     straight = replay(plate, law, check_mesh=False)
     assert curved.field_error[-1] < 0.3 * straight.field_error[-1]
     assert curved.force_error < 0.3 * straight.force_error

@@ -1,0 +1,76 @@
+"""Curves through points of an outline: fourth order on an ellipse, exact on straight lines, corners kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from meshes import PlateWithHole, SquareSheet, quads, triangles
+from meshes.curved_outline import rises
+from meshes.mesh import boundary_edges
+from meshes.triangle_quads import CurvedEdges, split
+
+FAR = np.inf
+
+
+def loop(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """n points of an ellipse twice as long as wide, and its edges."""
+    t = 2 * np.pi * np.arange(n) / n
+    return np.column_stack([2 * np.cos(t), np.sin(t)]), np.column_stack([np.arange(n), (np.arange(n) + 1) % n])
+
+
+def off_ellipse(n: int) -> float:
+    """How far the largest of the raised middles is off the ellipse, first order in the distance."""
+    points, edges = loop(n)
+    middle = points[edges].mean(axis=1) + rises(points, edges, np.full(n, FAR))
+    return float(np.abs(np.hypot(middle[:, 0] / 2, middle[:, 1]) - 1).max())
+
+
+def test_fourth_order_on_an_ellipse():
+    errors = np.array([off_ellipse(n) for n in (16, 32, 64, 128)])
+    assert np.log2(errors[:-1] / errors[1:]).min() > 3.5
+
+
+def test_rises_are_normal_outward_and_bounded():
+    points, edges = loop(24)
+    found = rises(points, edges, np.full(24, 0.01))
+    along = points[edges[:, 1]] - points[edges[:, 0]]
+    np.testing.assert_allclose((found * along).sum(axis=1), 0.0, atol=1e-15)
+    assert (found * points[edges].mean(axis=1)).sum(axis=1).min() > 0  # an anticlockwise rim bulges
+    assert np.linalg.norm(found, axis=1).max() == pytest.approx(0.01)
+
+
+def test_straight_edges_and_their_corners_stay():
+    mesh = triangles(SquareSheet(), n_nodes=150)
+    edges, _ = boundary_edges(mesh.cells, "triangle")
+    np.testing.assert_allclose(rises(mesh.points, edges, np.full(len(edges), FAR)), 0.0, atol=1e-12)
+
+
+def test_where_two_holes_meet_nothing_goes_on():
+    points, edges = loop(12)
+    other = points + [4.0, 0.0]  # touches the first at (2, 0), which is its point 6
+    both = np.concatenate([points, np.delete(other, 6, axis=0)])
+    number = np.where(np.arange(12) < 6, np.arange(12) + 12, np.arange(12) + 11)
+    number[6] = 0
+    joined = rises(both, np.concatenate([edges, number[edges]]), np.full(24, FAR))
+    alone = rises(points, edges, np.full(12, FAR))
+    np.testing.assert_allclose(joined[5], alone[5], rtol=0.1)
+    assert np.isfinite(joined).all()
+
+
+@pytest.mark.parametrize("finer", [0, 1])
+def test_the_area_of_a_round_hole_is_met(finer):
+    plate = PlateWithHole()
+    mesh = triangles(plate, n_nodes=300)
+    exact = quads_area(plate)
+    edges, _ = boundary_edges(mesh.cells, "triangle")
+    arcs = edges, rises(mesh.points, edges, np.full(len(edges), FAR))
+    curved = split(mesh.points, mesh.cells, {}, finer, CurvedEdges(*arcs)).mesh
+    assert curved.quality.min() > 0
+    np.testing.assert_array_equal(curved.points[: len(mesh.points)], mesh.points)
+    assert abs(curved.area() - exact) < 0.02 * abs(mesh.area() - exact)
+
+
+def quads_area(plate: PlateWithHole) -> float:
+    """Of a plate with the parabolas of a fine mesh."""
+    return quads(plate, size_factor=0.5).area()
