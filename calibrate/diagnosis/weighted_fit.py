@@ -20,16 +20,16 @@ TURNS, NEAR = 2, 0.5  # updates of the weights by a fit; standard deviations bet
 
 
 def fit_with_weights(
-    problem: Problem, c: Array, additions: Additions, iterations: int = ITERATIONS
+    problem: Problem, c: Array, additions: Additions, iterations: int = ITERATIONS, turns: int = TURNS
 ) -> tuple[Problem, Fit]:
     """The fit with weights that know the noise of its second derivatives, see `model_weights.amplified`; as `refit` where no
     effect takes any.
 
-    Weights and amplitudes answer each other in turn: the next weights belong to the mean of both.
+    Weights and amplitudes answer each other in some turns at most: the next weights belong to the mean of both.
     """
     problem = model_weights.amplified(problem, additions)
     fit = effect_fit.refit(problem, c, additions, iterations)
-    for _ in range(TURNS):
+    for _ in range(turns):
         if not _is_far(problem.amplifying, fit):
             break
         before = {a.effect.name: a for a in problem.amplifying}

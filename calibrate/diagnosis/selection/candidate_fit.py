@@ -46,7 +46,8 @@ def model(candidate: Candidate) -> Model:
 def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, compared: bool = False) -> Candidate:
     """The candidate with a refit of base and effect and its errors, of few iterations for the table or of more to be compared.
 
-    A fit to be compared has the weights that belong to it: those of a base that makes up for the effect are wrong.
+    A fit to be compared has the weights that belong to it: those of a base that makes up for the effect are wrong. One for the table has
+    those of the amplitudes that the score test estimates.
     Without a fit where none is better than the model without the effect, or where it runs away: it then did not converge.
     """
     problem, state = now.problem, now.fit
@@ -58,7 +59,7 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, compared: b
         elif compared:
             problem, new = weighted_fit.fit_with_own_weights(problem, state.c, additions, iterations)
         else:
-            problem, new = weighted_fit.fit_with_weights(problem, state.c, additions, iterations)
+            problem, new = weighted_fit.fit_with_weights(problem, state.c, additions, iterations, turns=0)
     except errors.FitError:
         return candidate
     if not new.free_loss < thresholds.worse * state.free_loss + len(candidate.score.amplitudes):

@@ -41,6 +41,7 @@ from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+ROWS = 400_000  # points of the rows that are pulled back at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,12 +242,17 @@ class Chain:
             yield np.concatenate([part.moduli[i] for part in parts]) * factor
 
     def _by_seen(self, rows: Array, increment: int, additions: Additions) -> Array:
-        """Rows (r, n, 2) by the displacements that were seen in an increment, of those by corrected ones."""
-        start = self._start
-        start = start | {name: start[name][increment][None] for name in (MEASURED, DISPLACEMENTS)}
-        one = replace(self.constants(()), data=replace(self.data, u=start[MEASURED]))
-        correction = Linearisation.run(displacement_stages(additions), one, start)
-        return _by_measured(correction.pull({DISPLACEMENTS: jnp.asarray(rows)[:, None]}))[:, 0]
+        """Rows (r, n, 2) by the displacements that were seen in an increment, of those by corrected ones: each pulled back through a copy
+        of the increment of its own, some at a time."""
+        start, stages = self._start, displacement_stages(additions)
+        size, found = max(1, min(len(rows), ROWS // rows.shape[1])), np.empty_like(rows)
+        seen = {name: np.repeat(start[name][increment][None], size, axis=0) for name in (MEASURED, DISPLACEMENTS)}
+        copies = replace(self.constants(()), data=replace(self.data, u=seen[MEASURED]))
+        correction = Linearisation.run(stages, copies, start | seen)
+        for first in range(0, len(rows), size):
+            some = slice(min(first, len(rows) - size), min(first + size, len(rows)))
+            found[some] = _by_measured(correction.pull({DISPLACEMENTS: jnp.asarray(rows[some])[None]}))[0]
+        return found
 
     def _changes(self, c: Any, additions: Additions, of: Additions, with_shape: bool) -> Array:
         """d residual / d amplitudes of some additions, and shapes behind those of each, (k, t, 2 v)."""
