@@ -15,6 +15,7 @@ from calibrate.data.readings_between import with_readings
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.decision import decided
+from calibrate.diagnosis.evidence.own_effects import own_effects, with_own_effects
 from calibrate.diagnosis.evidence.priors import Priors, read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
@@ -53,7 +54,8 @@ def discover(
 
     hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`. replay: solves a
     test by finite elements, so that its discretisation error is known (`twin`); None: it is allowed for. readings: parts of each interval between
-    pictures at whose ends the force of the machine record is used, see `readings_between`. Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
+    pictures at whose ends the force of the machine record is used, see `readings_between`. Of several tests each may have a warp, a gradient, ... of its own,
+    which the weights allow for (`own_effects`). Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
     `calibrate.equations.equilibrium.equilibrium`.
     """
     say = progress or (lambda text: None)
@@ -68,8 +70,11 @@ def discover(
     if replay is not None:
         say("replay of the base model")
         problem, state, without_twin = with_twins(problem, state, replay)
+    if len(problem.trained) > 1:
+        problem, state = with_own_effects(problem, distinct(effects), priors or read_priors())
     found = diagnose(problem, state, effects, whole_table, seed, say, thresholds, priors, fitted)
-    return replace(found, noise=tuple(check for _, check in checked), without_twin=without_twin)
+    noise, own = tuple(check for _, check in checked), own_effects(found.problem, found.final)
+    return replace(found, noise=noise, without_twin=without_twin, own=own)
 
 
 def diagnose(

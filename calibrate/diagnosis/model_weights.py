@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.problem import Part, Problem, loads, residual
+from calibrate.diagnosis.problem import OwnSignature, Part, Problem, loads, residual
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
@@ -31,16 +31,20 @@ def weighted_part(
     with_discrepancy: bool,
     additions: Additions = (),
     twin: Array | None = None,
+    own: tuple[OwnSignature, ...] = (),
 ) -> Part:
-    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both. twin: see `Part`."""
-    common = None
+    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both. twin, own: see `Part`."""
+    sources = [one.sources for one in own]
     if with_discrepancy:
         given = chain.system, basis, c
-        common = discretisation_error.sources(*given) if twin is None else discretisation_error.remainder(*given, twin)
+        sources.append(
+            discretisation_error.sources(*given) if twin is None else discretisation_error.remainder(*given, twin)
+        )
+    common = np.concatenate(sources, axis=-1) if sources else None
     noise = _covariances(chain, assembled, c, additions if train.any() else ())
     shift = chain.noise_shift(c, assembled.noise_axes, assembled.variances)
     weights = *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
-    return Part(chain, assembled, *weights, twin)
+    return Part(chain, assembled, *weights, twin, own)
 
 
 def amplified(problem: Problem, additions: Additions) -> Problem:
@@ -116,7 +120,16 @@ def reweighted(problem: Problem, c: Array, additions: Additions) -> Problem:
     known = amplifying(problem, additions)
     parts = [
         weighted_part(
-            p.chain, p.assembled, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy, known, p.twin
+            p.chain,
+            p.assembled,
+            problem.basis,
+            c,
+            p.train.rows,
+            p.held.rows,
+            problem.with_discrepancy,
+            known,
+            p.twin,
+            p.own,
         )
         for p in problem.parts
     ]

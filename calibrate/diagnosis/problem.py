@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
+from calibrate.effects import Effect
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import kinematics
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
@@ -27,11 +28,23 @@ Rows = Callable[[Equilibrium], Mask]
 
 
 @dataclass(frozen=True, eq=False)
+class OwnSignature:
+    """An effect that a test has for itself beside others. null, deviation (p,): values without it, and standard deviations before the test.
+    sources (t, 2 v, s), N: change of the residual by a standard deviation of each amplitude, for every shape, those of a shape side by side."""
+
+    effect: Effect
+    null: tuple[float, ...]
+    deviation: Array
+    sources: Array = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
 class Part:
     """One Experiment in a diagnosis: its chain, weights, and the equations (t, 2 v) used for fitting and held out.
 
     shift (t, 2 v), N: see `Chain.noise_shift`. common: see `discretisation_error`. together: weights of both, where what is held out
     has noise in common with what is fitted; None: it is independent. twin (t, 2 v), N: the discretisation error in the residual; None: unknown.
+    own: effects that the weights allow for, see `evidence.own_effects`.
     """
 
     chain: Chain
@@ -42,6 +55,7 @@ class Part:
     common: Array | None = field(repr=False)
     together: Weights | None = field(default=None, repr=False)
     twin: Array | None = field(default=None, repr=False)
+    own: tuple[OwnSignature, ...] = field(default=(), repr=False)
 
     @property
     def known(self) -> Array:
@@ -102,6 +116,11 @@ class Problem:
     def trained(self) -> tuple[Part, ...]:
         """The parts that have training rows."""
         return tuple(part for part in self.parts if part.train.size)
+
+    @property
+    def of_one_test(self) -> Problem:
+        """The first of several tests alone."""
+        return replace(self, parts=self.trained[:1])
 
     @property
     def level_is_nominal(self) -> bool:

@@ -125,9 +125,14 @@ def untestable(problem: Problem, effect: Effect) -> Score | None:
     missing = {effect.missing(part.chain.data) for part in problem.trained} - {None}
     if problem.level_is_nominal and effect.of_forces:
         missing |= {"forces of the section"}
-    if missing or (len(problem.trained) > 1 and not effect.of_material):
+    if missing or (len(problem.trained) > 1 and belongs_to_one_test(effect)):
         return Score(effect, Status.NOT_TESTABLE, tuple(sorted(map(str, missing))))
     return None
+
+
+def belongs_to_one_test(effect: Effect) -> bool:
+    """Whether it is neither of the material nor of the rig: of several tests each has its own."""
+    return not (effect.of_material or effect.of_rig)
 
 
 def examine(

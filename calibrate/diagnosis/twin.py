@@ -110,4 +110,5 @@ def _with_twin(problem: Problem, part: Part, twin: Array) -> Part:
         part.held.rows,
         problem.with_discrepancy,
         twin=twin,
+        own=part.own,
     )

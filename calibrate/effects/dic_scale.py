@@ -13,6 +13,7 @@ class Scale(Effect):
 
     name = "DIC scale"
     stage = "measurement"
+    of_rig = True
     formula = "x (1 + e)"
     amplitudes = (Parameter("e", "1", typical=0.02),)
     confounded_with = "a common factor of modulus, force, thickness and DIC scale"

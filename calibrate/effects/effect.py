@@ -70,7 +70,7 @@ class Effect:
     amplitudes; shapes; shapes_vary: False where they only choose a
     derivative at the null value and mean nothing once the amplitude is known; confounded_with: what it can never be told
     from, or nothing; decided_by: the experiment that tells it from its likes; measured_by: why it is no candidate where it is `excluded`; of_material: holds for
-    every specimen of a material, not of one test alone; rough: adds second derivatives of the displacements to them, whose
+    every specimen of a material, not of one test alone; of_rig: of a camera and grips that several tests share; rough: adds second derivatives of the displacements to them, whose
     noise the weights of a model with it must know; truncated: its formula is the beginning of a series, so that a small part
     of what it explains is left for others.
 
@@ -88,6 +88,7 @@ class Effect:
     decided_by: ClassVar[str] = ""
     measured_by: ClassVar[str] = "two cameras measured it"
     of_material: ClassVar[bool] = False
+    of_rig: ClassVar[bool] = False
     rough: ClassVar[bool] = False
     truncated: ClassVar[bool] = False
 

@@ -13,6 +13,7 @@ class ForceGain(Effect):
 
     name = "force gain"
     stage = "load"
+    of_rig = True
     formula = "f (1 + g)"
     amplitudes = (Parameter("g", "1", typical=0.02),)
     confounded_with = "a common factor of modulus, force, thickness and DIC scale"

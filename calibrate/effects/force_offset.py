@@ -15,6 +15,7 @@ class ForceOffset(Effect):
 
     name = "force offset"
     stage = "load"
+    of_rig = True
     formula = "f - f0 e, e: direction of the largest force"
     amplitudes = (Parameter("f0", "N", typical=0.1),)
     decided_by = "a record that starts before the loading"

@@ -15,6 +15,7 @@ class Rotation(Effect):
 
     name = "image rotation"
     stage = "measurement"
+    of_rig = True
     formula = "f turned by phi"
     amplitudes = (Parameter("phi", "rad", lower=-0.3, upper=0.3, typical=0.02),)
     decided_by = "a picture of a plumb line"

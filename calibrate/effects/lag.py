@@ -21,6 +21,7 @@ class Lag(Effect):
 
     name = "lag between force and image"
     stage = "clock"
+    of_rig = True
     formula = "u(t + dt)"
     amplitudes = (Parameter("dt", "s", typical=0.2),)
     shapes = (Parameter("branch", "1", lower=-1.0, upper=1.0),)

@@ -20,6 +20,7 @@ class LensDistortion(Effect):
 
     name = "lens distortion"
     stage = "lens"
+    of_rig = True
     formula = "x (1 + k |x|^2 / R^2)"
     source = "Brown 1971"
     amplitudes = (Parameter("k", "1", lower=-0.2, upper=0.2, typical=0.005),)

@@ -15,6 +15,7 @@ class OutOfPlane(Effect):
 
     name = "out-of-plane motion"
     stage = "measurement"
+    of_rig = True
     formula = "x (1 + m s), s: share of the loading"
     source = "Sutton, Yan, Tiwari, Schreier and Orteu 2008"
     amplitudes = (Parameter("m", "1", lower=-0.05, upper=0.05, typical=0.003),)

@@ -22,6 +22,7 @@ class SubsetSmoothing(Effect):
 
     name = "subset smoothing"
     stage = "correlation"
+    of_rig = True
     truncated = True
     formula = "u + s2 M : grad grad u / 2, M: moments of a square cut by edges"
     source = "Schreier and Sutton 2002"

@@ -8,6 +8,7 @@ from typing import Any
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Weighing
+from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.problem import Problem
@@ -163,7 +164,8 @@ class Discovery:
     that these data cannot tell from it. confirmation: of the final model against the base, where it has effects. noise: of every
     experiment, stated and found; empty where it was not looked at. start: with the weights of the base. weighing: of all
     explanations. replaced: effects that the rounds had found before a more probable explanation took their place. everything: the fit of all
-    effects at once, where no few of them explain the test; without_everything: why it could not be made. without_twin: why tests were not replayed.
+    effects at once, where no few of them explain the test; without_everything: why it could not be made. without_twin: why tests were not replayed. own: what
+    every one of several tests has for itself.
     """
 
     problem: Problem = field(repr=False)
@@ -181,6 +183,7 @@ class Discovery:
     everything: Everything | None = field(default=None, repr=False)
     without_everything: str = ""
     without_twin: tuple[str, ...] = ()
+    own: tuple[OwnEffect, ...] = ()
 
     @property
     def base(self) -> Fit:

@@ -16,6 +16,7 @@ from studies.output.words import plus_minus
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
 from studies.reports.discovery.everything_table import everything_data
+from studies.reports.discovery.own_effects_table import alike, seen
 from studies.reports.discovery.view import BAND, View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
 from studies.reports.experiments.experiment_findings import experiment_findings
@@ -44,6 +45,8 @@ class DiscoveryCode(Macro):
     EVERYTHING = "everything"
     PLAUSIBLE = "plausible"
     WITHOUT_EVERYTHING = "without_everything"
+    ALIKE = "alike_in_all"
+    OF_ONE_TEST = "of_one_test"
     THICKNESS_UNKNOWN = "no_thickness"
     ATTENUATED = "attenuated"
     WEAK_STRAIN = "weak_strain"
@@ -59,7 +62,7 @@ def remarks(view: View) -> list[Finding]:
     found = discovery_headline(view)
     result = [*found.reasons, *view.remarks, *_of_noise(view), *_of_twins(view), _of_hold_out(view)]
     if found.verdict is not Use.NOT:
-        result += _of_effects(view)
+        result += [*_of_effects(view), *_of_own_effects(view)]
     if all(one.code in OF_THE_MODEL for one in found.against):
         result += _of_all_effects(view)
     return [*result, *_of_stiffness(view), *_of_tests(view), *_of_plane_strain(view)]
@@ -138,6 +141,14 @@ def _of_all_effects(view: View) -> Iterator[Finding]:
             yield _finding(DiscoveryCode.PLAUSIBLE, not data["predicts"], **{key: data[key] for key in keys})
     if view.discovery.without_everything:
         yield _finding(DiscoveryCode.WITHOUT_EVERYTHING, reason=view.discovery.without_everything)
+
+
+def _of_own_effects(view: View) -> Iterator[Finding]:
+    """Of what several tests have for themselves."""
+    if names := alike(view.discovery.own):
+        yield _finding(DiscoveryCode.ALIKE, names=names)
+    if names := seen(view.discovery.own):
+        yield _finding(DiscoveryCode.OF_ONE_TEST, names=names)
 
 
 def _of_verdict(found: Discovery) -> Iterator[Finding]:

@@ -24,6 +24,7 @@ from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.addition_json import amplitude_unit
 from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
 from studies.reports.discovery.everything_table import everything_record
+from studies.reports.discovery.own_effects_table import own_effects_record
 from studies.reports.discovery.view import BAND, View, held_increments
 from studies.reports.discovery.weighing_tables import weighing_record
 
@@ -265,4 +266,5 @@ def content(view: View) -> dict[str, Any]:
         "modulus": modulus(found.problem),
         "duration_s": _duration(found.problem),
         "all_effects": everything_record(found.everything),
+        "own_effects": own_effects_record(found.own),
     }

@@ -19,6 +19,7 @@ from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.everything_table import errors_table, shares_table
+from studies.reports.discovery.own_effects_table import own_effects_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
 from studies.reports.discovery.statement import reservations, untestable, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
@@ -76,6 +77,9 @@ def _results(report: Report, folder: Path, view: View) -> None:
         report.table(*shares_table(view.discovery.everything, view.unit), WORDS.everything_caption())
         if view.discovery.everything.plausible is not None:
             report.heading("Plausible effects").table(*shares_table(view.discovery.everything.plausible, view.unit))
+    if view.discovery.own:
+        report.heading("What each test has for itself")
+        report.table(*own_effects_table(view.discovery.own, view.unit), WORDS.own_caption())
     report.heading("Residuals in place and time")
     for path, figure, caption in pictures(folder, view):
         write_figure(path, figure, dpi=140)

@@ -22,11 +22,13 @@ from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.strain_signal import StrainSignal
 from calibrate.diagnosis.evidence.power import Finding as Power
+from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.joint.shares import Everything, Share
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.selection.rounds import Doubt, Refusal, RefusalReason
 from calibrate.effects.second_invariant import SecondInvariant
+from calibrate.effects.stiffness_gradient import StiffnessGradient
 from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.fitness import Fitness, Use
@@ -222,6 +224,13 @@ def of_plausible(force: float = 0.05) -> Findings:
     return of_nothing(everything=replace(found, shares=(share,), plausible=found))
 
 
+def of_own(values: tuple[float, ...], errors: tuple[float, ...]) -> Findings:
+    """Two tests with a gradient each."""
+    effect = StiffnessGradient()
+    numbers = values, errors, values, errors
+    return of_nothing(own=(OwnEffect(effect, effect.amplitudes[0], ("a", "b"), 0.1, *numbers, 3.0),))
+
+
 def doubtful() -> Findings:
     """The effect that was found, where it is not needed."""
     confirmation = explained().confirmation
@@ -272,6 +281,8 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.everything": of_everything,
     "discovery.plausible": of_plausible,
     "discovery.without_everything": lambda: of_nothing(without_everything="too long"),
+    "discovery.alike_in_all": lambda: of_own((0.20, 0.18), (0.02, 0.02)),
+    "discovery.of_one_test": lambda: of_own((0.20, 0.01), (0.02, 0.02)),
     "discovery.replaced": lambda: replaced("second invariant"),
     "discovery.no_explanation": doubtful,
     "discovery.tie": lambda: of_explained(groups={"second invariant": ("second invariant", "upturn")}),

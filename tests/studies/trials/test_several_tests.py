@@ -1,0 +1,53 @@
+"""Several tests of one material by the forward model, whose specimens have something of their own or of the rig."""
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+from calibrate.diagnosis.discovery import discover
+from calibrate.diagnosis.selection import Verdict
+from forward.materials import ArrudaBoyce
+from studies.replay.twin_replay import twin_replay
+from studies.trials.blind_data import draw, make
+from studies.trials.blind_effects import Hidden
+
+MATERIAL, C01 = ArrudaBoyce(0.4, 12.0), 0.06
+FIRST = 7  # seed
+
+
+@cache
+def found(*gradients, c01=0.0):
+    """The diagnosis of as many tests, with gradients (gx, gy) of the stiffness, and a second invariant."""
+    tests = []
+    for k, (gx, gy) in enumerate(gradients):
+        hidden = [Hidden("stiffness gradient", {"gx": gx, "gy": gy}, {}, {})] if gx or gy else []
+        hidden += [Hidden("second invariant", {"c01": c01}, {}, {})] if c01 else []
+        trial = replace(draw(FIRST + k, None), material=MATERIAL, thickness=2.0, effects=tuple(hidden))
+        tests.append(replace(make(trial)[0], name=f"test {k}"))
+    return discover(tests, whole_table=False, fitted=False, replay=twin_replay)
+
+
+def own(discovery, name):
+    return next(one for one in discovery.own if one.parameter.name == name)
+
+
+@pytest.mark.slow
+def test_gradients_of_the_specimens_do_not_spoil_what_the_material_has():
+    """In different directions, beside a second invariant, which is found as large as it is."""
+    result = found((0.0, 0.15), (0.0, 0.0), (-0.1, 0.0), c01=C01)
+    assert result.final.names == ("second invariant",)
+    ((value,), (deviation,)) = result.final.additions[0].amplitudes, result.final.errors[0]
+    assert value == pytest.approx(C01, abs=3 * deviation)
+    assert deviation < 0.02 * C01
+    assert not any(own(result, name).is_common for name in ("gx", "gy"))
+
+
+@pytest.mark.slow
+def test_a_gradient_that_all_have_is_of_the_rig():
+    result = found((0.0, 0.15), (0.0, 0.15), (0.0, 0.15))
+    assert result.verdict is Verdict.NOTHING_SIGNIFICANT  # of what the material has
+    one = own(result, "gy")
+    assert one.is_common
+    mean, error = one.mean
+    assert mean == pytest.approx(0.15, abs=3 * error)
