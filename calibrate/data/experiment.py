@@ -100,6 +100,16 @@ class Experiment:
         return np.asarray(n - 1 - (self.interpolated[::-1] == 1.0).argmax(axis=0))
 
     @property
+    def clock(self) -> Array:
+        """Times (n_increments,), s, or numbers of the increments where they are unknown: what `Noise.correlation_time` counts in."""
+        return np.arange(float(self.n_increments)) if self.time is None else self.time
+
+    @property
+    def clock_unit(self) -> str:
+        """Of `clock`."""
+        return "increments" if self.time is None else "s"
+
+    @property
     def has_rim(self) -> bool:
         """Whether part of the boundary is neither loaded nor free: an unknown traction may act there."""
         held = np.concatenate([self.free_nodes, *(b.nodes for b in self.loaded)])
@@ -141,11 +151,16 @@ class Experiment:
         return (float(np.linalg.norm(forces.sum(axis=0))) / size, spread / size) if size > 0 else None
 
     def select(self, increments: NDArray[np.int64] | list[int], name: str | None = None) -> Experiment:
-        """The same experiment with only the given increments (k,), counted from 0, as pictures; the machine record stays whole."""
+        """The same experiment with only the given increments (k,), counted from 0, as pictures; the machine record stays whole.
+
+        Without time the increments that are left are counted anew, and a correlation time with them: exactly where they are evenly spread.
+        """
         index = np.asarray(increments)
         noise = self.noise
         if noise is not None and noise.pattern_std > 0:  # stated at the largest deformation of those that are left
             noise = replace(noise, pattern_std=noise.pattern_std * float(self.deformation_shares[index].max()))
+        if noise is not None and self.time is None:
+            noise = noise.counted_in(index)
         return replace(
             self,
             name=name or self.name,
@@ -158,8 +173,9 @@ class Experiment:
         )
 
     def without_time(self) -> Experiment:
-        """The same experiment without times, and so without a machine record."""
-        return replace(self, time=None, record=None)
+        """The same experiment without times, and so without a machine record; a correlation time of the noise is in mean increments then."""
+        noise = self.noise if self.noise is None or self.time is None else self.noise.counted_in(self.time)
+        return replace(self, time=None, record=None, noise=noise)
 
     @property
     def fingerprint(self) -> str:

@@ -5,7 +5,8 @@ Its arrays: ``format`` = "equigap-experiment", ``version`` = 1, ``name``, ``poin
 ``loaded_i_nodes``, ``loaded_i_force``; ``noise`` (4 numbers: displacement std mm, correlation length mm, relative force
 std, force std N; absent = unknown); ``provenance`` (JSON text). In plane strain ``plane`` = "strain", and ``version`` = 2,
 which older programs refuse. Of stereo data, ``heights``. Where an edge slides, ``loaded_i_held`` (2,) says which components it holds, and ``version`` = 3.
-Where part of the noise is common to the increments, ``noise`` has 6 numbers (pattern std mm, reference std mm), and ``version`` = 4.
+Where part of the noise is common to the increments, ``noise`` has 6 numbers (pattern std mm, reference std mm), and ``version`` = 4; where it drifts, 7
+(correlation time, s, or increments without ``time``), and ``version`` = 5.
 Of a machine record ``record_time`` (r,), ``record_force`` (b, r, 2) and, where it was recorded, ``record_crosshead`` (r,); older programs pass over it.
 """
 
@@ -26,7 +27,8 @@ from calibrate.data.load_record import LoadRecord
 from calibrate.data.measurement import LoadedBoundary, Noise
 from meshes.files import write_atomically
 
-FORMAT, VERSION, WITH_PLANE, WITH_SLIDING, WITH_COMMON_NOISE = "equigap-experiment", 1, 2, 3, 4
+FORMAT, VERSION, WITH_PLANE, WITH_SLIDING = "equigap-experiment", 1, 2, 3
+WITH_COMMON_NOISE, WITH_DRIFT = 4, 5
 SAME = ("name", "points", "triangles", "displacements", "free_nodes")
 
 
@@ -48,8 +50,7 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
     if fields["plane"] != "stress":
         arrays["plane"] = fields["plane"]
     if fields["noise"] is not None:
-        numbers = astuple(fields["noise"])
-        arrays["noise"] = np.array(numbers if fields["noise"].is_common else numbers[:4])
+        arrays["noise"] = np.array(astuple(fields["noise"])[: _numbers(fields["noise"])])
     if fields["record"] is not None:
         parts = {f"record_{item.name}": getattr(fields["record"], item.name) for item in field_names(LoadRecord)}
         arrays |= {name: values for name, values in parts.items() if values is not None}
@@ -58,10 +59,17 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
     write_atomically(path, buffer.getvalue())
 
 
+def _numbers(noise: Noise) -> int:
+    """As many as say all."""
+    if noise.correlation_time > 0:
+        return 7
+    return 6 if noise.is_common else 4
+
+
 def _version(fields: Mapping[str, Any]) -> int:
     """The least version that says all."""
-    if fields["noise"] is not None and fields["noise"].is_common:
-        return WITH_COMMON_NOISE
+    if fields["noise"] is not None and _numbers(fields["noise"]) > 4:
+        return WITH_DRIFT if fields["noise"].correlation_time > 0 else WITH_COMMON_NOISE
     if not all(all(boundary.held) for boundary in fields["loaded"]):
         return WITH_SLIDING
     return VERSION if fields["plane"] == "stress" else WITH_PLANE
@@ -101,9 +109,9 @@ def _read_arrays(path: Path) -> dict[str, Any]:
             f"{path}: an .npz, but not an Experiment (its 'format' is {content.get('format')}); "
             "raw measurements are read with `equigap import`"
         )
-    if str(content.get("version")) not in map(str, range(VERSION, WITH_COMMON_NOISE + 1)):
+    if str(content.get("version")) not in map(str, range(VERSION, WITH_DRIFT + 1)):
         raise errors.FileFormatError(
-            f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} to {WITH_COMMON_NOISE}; "
+            f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} to {WITH_DRIFT}; "
             "update equigap"
         )
     return content

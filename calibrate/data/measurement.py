@@ -16,15 +16,17 @@ Array = NDArray[np.float64]
 class Noise:
     """Standard deviations of the measurement noise.
 
-    displacement_std: per component, new in every increment, mm.
+    displacement_std: per component, of what no other increment shares but by its correlation_time, mm.
     correlation_length: l in covariance std^2 exp(-r^2 / (2 l^2)), mm; 0 = uncorrelated between points.
     force_std_relative: standard deviation of a force relative to its magnitude.
     force_std: standard deviation of a force that does not scale with it, N.
     pattern_std: of an error that stays with the speckle pattern and grows with the deformation, at the largest one, mm.
     reference_std: of an error of the reference picture, which all increments share, mm.
+    correlation_time: tau, in which displacement_std drifts from picture to picture, s, or increments where the Experiment has no time; 0 = new in
+    every increment.
 
-    With s the share of the deformation (`deformation_shares`) the covariance of the displacements of increments i and j is
-    (displacement_std^2 delta_ij + pattern_std^2 s_i s_j + reference_std^2) exp(-r^2 / (2 l^2)).
+    With s the share of the deformation (`deformation_shares`) the covariance of the displacements of increments i and j at times t is
+    (displacement_std^2 exp(-|t_i - t_j| / tau) + pattern_std^2 s_i s_j + reference_std^2) exp(-r^2 / (2 l^2)).
     Raises `ExperimentError` for what is negative or not finite, and where all noise is common to the increments.
     """
 
@@ -34,6 +36,7 @@ class Noise:
     force_std: float = 0.0
     pattern_std: float = 0.0
     reference_std: float = 0.0
+    correlation_time: float = 0.0
 
     def __post_init__(self) -> None:
         for key, value in self.__dict__.items():
@@ -50,6 +53,11 @@ class Noise:
         return self.pattern_std > 0 or self.reference_std > 0
 
     @property
+    def is_correlated(self) -> bool:
+        """Whether part of it is common to all increments, or drifts from each to the next."""
+        return self.is_common or self.correlation_time > 0
+
+    @property
     def total_std(self) -> float:
         """Of the displacements at the largest deformation, all parts together, mm."""
         return float(np.sqrt(self.displacement_std**2 + self.pattern_std**2 + self.reference_std**2))
@@ -59,13 +67,27 @@ class Noise:
         names = ("displacement_std", "pattern_std", "reference_std")
         return replace(self, **{name: factor * getattr(self, name) for name in names})
 
-    def between_increments(self, shares: Array) -> Array:
-        """Covariance (t, t) of the displacements of a point in increments with these shares of the deformation (t,), over
-        displacement_std^2; the identity without common parts."""
+    def counted_in(self, clock: Array | NDArray[np.int64]) -> Noise:
+        """With the correlation time in steps of a clock (t,), their mean; as it is where there is one increment."""
+        steps = len(clock) - 1
+        step = float(np.ptp(clock)) / steps if steps else 1.0
+        return replace(self, correlation_time=self.correlation_time / step)
+
+    def own_between(self, time: Array) -> Array:
+        """Correlation (t, t) of what increments at times (t,), s or increments, have of displacement_std; the identity without a drift."""
+        apart = np.abs(np.subtract.outer(time, time))
+        return np.exp(-apart / self.correlation_time) if self.correlation_time > 0 else np.eye(len(time))
+
+    def common_between(self, shares: Array) -> Array:
+        """Standard deviations (t, 2) of pattern and reference in increments with these shares of the deformation (t,), over displacement_std; (t, 0)
+        where neither is there."""
         if not self.is_common:
-            return np.eye(len(shares))
-        pattern, reference = self.pattern_std / self.displacement_std, self.reference_std / self.displacement_std
-        return np.asarray(np.eye(len(shares)) + pattern**2 * np.outer(shares, shares) + reference**2)
+            return np.zeros((len(shares), 0))
+        return np.stack([self.pattern_std * shares, self.reference_std + 0 * shares], axis=1) / self.displacement_std
+
+    def variances(self, shares: Array) -> Array:
+        """Of all parts (t,) in increments with these shares of the deformation (t,), over displacement_std^2."""
+        return np.asarray(1 + (self.common_between(shares) ** 2).sum(axis=1))
 
 
 @dataclass(frozen=True)

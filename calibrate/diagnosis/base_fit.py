@@ -157,7 +157,7 @@ def _weighted(
     """Loss, whitened columns (N, n) and loads (N,) of the base, with the weights of coefficients c (n,)."""
     columns, loads = [], []
     for test in tests:
-        weights = weights_of(list(test.assembled.noise_covariances(c)), test.mask)
+        weights = weights_of(test.assembled.noise_at(c), test.mask)
         columns.append(weights(np.moveaxis(np.array(test.assembled.matrices), -1, 0)).T)
         shift = test.chain.noise_shift(c, test.assembled.noise_axes, test.assembled.variances)
         loads.append(weights(np.nan_to_num(test.system.loads) + shift))

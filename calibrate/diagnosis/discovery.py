@@ -21,6 +21,7 @@ from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.joint.everything import fit_everything
 from calibrate.diagnosis.problem import Mask, Problem
+from calibrate.diagnosis.replayed.replay_verdict import Check, judged_by_replay
 from calibrate.diagnosis.selection.loop import close_loop
 from calibrate.diagnosis.selection.rounds import Discovery, Verdict
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
@@ -49,6 +50,7 @@ def discover(
     fitted: bool = True,
     replay: Replay | None = None,
     readings: int = 0,
+    check: Check | None = None,
 ) -> Discovery:
     """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
 
@@ -72,7 +74,7 @@ def discover(
         problem, state, without_twin = with_twins(problem, state, replay)
     if len(problem.trained) > 1:
         problem, state = with_own_effects(problem, distinct(effects), priors or read_priors())
-    found = diagnose(problem, state, effects, whole_table, seed, say, thresholds, priors, fitted)
+    found = diagnose(problem, state, effects, whole_table, seed, say, thresholds, priors, fitted, check)
     noise, own = tuple(check for _, check in checked), own_effects(found.problem, found.final)
     return replace(found, noise=noise, without_twin=without_twin, own=own)
 
@@ -87,16 +89,20 @@ def diagnose(
     thresholds: Thresholds = DEFAULT,
     priors: Priors | None = None,
     fitted: bool = True,
+    check: Check | None = None,
 ) -> Discovery:
     """Rounds from a base fit, the verdict in the light of all explanations, and where none explains the test all effects at once.
 
     whole_table: refit with every effect, not only with those that are tried. priors: of amplitudes, None for the default. fitted: whether
-    the best explanations are fitted and change the verdict, and all effects at once.
+    the best explanations are fitted and change the verdict, and all effects at once. check: replays base and final model, which may change the verdict, too.
     """
     effects, priors = distinct(effects), priors or read_priors()
     found = close_loop(problem, base, effects, whole_table, seed, say, thresholds)
     weighing = weigh(found, priors, effects, fitted, say)
     found = decided(found, weighing, priors, effects, seed, say)
+    if check is not None:
+        say("replay of base and final model")
+        found = judged_by_replay(found, check(found))
     return _with_everything(found, effects, priors, say) if fitted else found
 
 

@@ -53,15 +53,20 @@ def quadratic(problem: Problem, fit: Fit) -> Quadratic:
 
 
 def distil(
-    problem: Problem, fit: Fit, layers: tuple[int, ...] = LAYERS, n_starts: int = STARTS, seed: int = 0
+    problem: Problem,
+    fit: Fit,
+    layers: tuple[int, ...] = LAYERS,
+    n_starts: int = STARTS,
+    seed: int = 0,
+    level: float | None = None,
 ) -> Distilled:
-    """Fit PANN_I1^layers to the base of a fit. Raises `FitError`."""
+    """Fit PANN_I1^layers to the base of a fit. level: by which its stiffness is multiplied; None: as a nominal level asks for. Raises `FitError`."""
     loss = quadratic(problem, fit)
     reach = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
     architecture, found = fit_network(loss, "I1", layers, fit.c, n_starts, seed, reach=reach)
     exact = equations.residual(problem, found.coefficients, fit.additions)
     network_loss = float(exact @ exact)
-    factor = equations.level_factor(problem, fit.c, fit.additions)
+    factor = equations.level_factor(problem, fit.c, fit.additions) if level is None else level
     model = Model(
         replace(architecture, energy_scale=factor * architecture.energy_scale),
         np.asarray(found.parameters),

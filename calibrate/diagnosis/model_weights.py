@@ -14,6 +14,7 @@ from calibrate.diagnosis.problem import OwnSignature, Part, Problem, loads, resi
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
+from calibrate.equations.noise_covariance import EquationNoise
 from calibrate.equations.reduction import Assembled
 from calibrate.equations.weights import Weights, weights_of
 
@@ -41,7 +42,7 @@ def weighted_part(
             discretisation_error.sources(*given) if twin is None else discretisation_error.remainder(*given, twin)
         )
     common = np.concatenate(sources, axis=-1) if sources else None
-    noise = _covariances(chain, assembled, c, additions if train.any() else ())
+    noise = noise_of(chain, assembled, c, additions if train.any() else ())
     shift = chain.noise_shift(c, assembled.noise_axes, assembled.variances)
     weights = *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
     return Part(chain, assembled, *weights, twin, own)
@@ -61,35 +62,33 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
         return problem
     parts = []
     for part in problem.parts:
-        noise = _covariances(part.chain, part.assembled, problem.c, found if part.train.size else ())
+        noise = noise_of(part.chain, part.assembled, problem.c, found if part.train.size else ())
         given = noise, part.train.rows, part.held.rows, part.common
         train, held = _weights(*given)
         parts.append(replace(part, train=train, held=held, together=_together(*given)))
     return replace(problem, parts=tuple(parts), amplifying=found)
 
 
-def _weights(noise: list[Array], train: Mask, held: Mask, common: Array | None) -> tuple[Weights, Weights]:
+def _weights(noise: EquationNoise, train: Mask, held: Mask, common: Array | None) -> tuple[Weights, Weights]:
     """Of the equations used for fitting and of those held out, each for themselves."""
     return weights_of(noise, train, common), weights_of(noise, held, common)
 
 
-def _together(noise: list[Array], train: Mask, held: Mask, common: Array | None) -> Weights | None:
-    """Of both together, where noise is common to increments."""
-    if len(noise) == len(train) or not (train.any() and held.any()):
+def _together(noise: EquationNoise, train: Mask, held: Mask, common: Array | None) -> Weights | None:
+    """Of both together, where increments have noise in common."""
+    if noise.is_new_in_each or not (train.any() and held.any()):
         return None
     return weights_of(noise, train | held, common)
 
 
-def _covariances(chain: Chain, assembled: Assembled, c: Array, additions: Additions) -> list[Array]:
-    """Noise covariances, N^2, as of `Assembled.noise_covariances`, of a material as stiff as with coefficients c (n,)."""
+def noise_of(chain: Chain, assembled: Assembled, c: Array, additions: Additions) -> EquationNoise:
+    """What noise does to the equations of a material as stiff as with coefficients c (n,)."""
     if not additions:
-        return list(assembled.noise_covariances(c))
+        return assembled.noise_at(c)
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
     each = chain.spread_of_noise(c, additions, assembled.noise_factor, increments)
-    spreads = noise_covariance.stacked(each, len(increments))
-    given = noise_covariance.products(spreads, spreads), shares, assembled.between, assembled.noise
-    return list(noise_covariance.grouped_covariances(chain.system, *given))
+    return EquationNoise.of(chain.system, assembled.noise, noise_covariance.stacked(each, len(increments)), shares)
 
 
 def _stiffening(chain: Chain, c: Array, additions: Additions) -> float:

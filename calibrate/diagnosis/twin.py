@@ -31,6 +31,7 @@ from calibrate.fitting.least_squares import bounded
 from calibrate.models.extended_model import ExtendedModel
 
 Array = NDArray[np.float64]
+LEAST = 0.05  # of the mean stiffness, that a base has at rest where it is replayed
 # the test with displacements and forces of the model; raises `NoTwinError`
 Replay = Callable[[Experiment, ExtendedModel], Experiment]
 
@@ -68,8 +69,8 @@ def with_own_twins(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
 
 
 def stiffening_base(problem: Problem, fit: Fit) -> Array:
-    """Coefficients (n,) of a base that does not soften with I1, nearest to the data of a fit: its energy is convex, so that there is an
-    equilibrium. A base that makes up for a missing effect may have none."""
+    """Coefficients (n,) of a base that does not soften with I1 and is not without stiffness at rest, nearest to the data of a fit: its energy is convex, so that
+    there is an equilibrium. A base that makes up for a missing effect may have none."""
     if problem.parametric:
         return fit.c
     top = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
@@ -78,7 +79,9 @@ def stiffening_base(problem: Problem, fit: Fit) -> Array:
     n = cone.shape[1]
     prior = float(np.abs(problem.prior).max()) * base_functions.smoothness("convex", n - bulk, bulk)
     G = base_columns(problem, fit.chains)
-    return cone @ bounded(G @ cone, G @ fit.c - fit.residual, np.zeros(n), np.full(n, np.inf), prior)
+    least = np.zeros(n)
+    least[0] = LEAST * max(float(fit.c[: len(fit.c) - bulk].mean()), 0.0)  # the first column is constant in I1
+    return cone @ bounded(G @ cone, G @ fit.c - fit.residual, least, np.full(n, np.inf), prior)
 
 
 def residual(part: Part, c: Array, replayed: Experiment, additions: Additions = ()) -> Array:

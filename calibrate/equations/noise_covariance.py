@@ -6,16 +6,19 @@ samples of the field, and the covariance of the residuals.
 A squared-exponential field is the convolution of white noise with a Gaussian of length l / sqrt(2); sources on
 a grid of 0.7 l reproduce its covariance to 3e-4, whatever the number of points.
 
-Noise that is common to increments i and j (`Noise`) correlates their equations: with B that of what is new in each and M the covariance
-between increments over it, the covariance of their residuals is M_ij K_i B B^T K_j^T.
+Noise of increments i and j that is correlated (`Noise`) correlates their equations: with B that of displacement_std and M the covariance between
+increments over its square, that of their residuals is M_ij K_i B B^T K_j^T. M has a part of its own, and what is common to all (`EquationNoise`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -23,12 +26,12 @@ from scipy.spatial import cKDTree
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium
-from calibrate.errors import ConfigError, FitError
+from calibrate.errors import FitError
 
 Array = NDArray[np.float64]
-MOST_ROWS = 15_000  # of one covariance: 1.8 GB
 ONE_CELL = 1e-7  # sum of two forces over their size, below which one load cell read both
 SINGULAR = 1e-10  # smallest over largest variance of a sum of increments
+NEGLIGIBLE = 0.1  # variance of a source in common, over that of displacement_std, in all increments, that is left out
 
 
 def default_noise(experiment: Experiment, spacing: float) -> Noise:
@@ -81,10 +84,10 @@ def sample(factor: sp.csr_array, rng: np.random.Generator, n_increments: int) ->
 
 def common_sample(factor: sp.csr_array, rng: np.random.Generator, between: Array) -> Array:
     """Noise fields (t, n_nodes, 2), mm, with a covariance `between_increments` (t, t), independent per component."""
-    return np.asarray(np.einsum("ij,jnk->ink", _root(between), sample(factor, rng, len(between))))
+    return np.asarray(np.einsum("ij,jnk->ink", root(between), sample(factor, rng, len(between))))
 
 
-def _root(between: Array) -> Array:
+def root(between: Array) -> Array:
     """R (t, t) with R R^T = between (t, t), which is singular where increments are between pictures."""
     values, vectors = np.linalg.eigh(between)
     if values[0] > SINGULAR * values[-1]:
@@ -100,7 +103,8 @@ def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr
 
 def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise) -> Array:
     """Covariance (rows, rows), N^2, of the residuals of one increment, K Sigma_u K^T + force noise, from its spread (rows, s), N."""
-    return spread @ spread.T + _force_covariance(system, force_correlation(system), load, noise)
+    deviation = _deviations(system, load, noise)
+    return spread @ spread.T + force_correlation(system) * np.outer(deviation, deviation)
 
 
 def force_correlation(system: Equilibrium) -> Array:
@@ -117,26 +121,34 @@ def force_correlation(system: Equilibrium) -> Array:
     return found
 
 
-def _force_covariance(system: Equilibrium, correlation: Array, load: Array, noise: Noise) -> Array:
-    """Of the noise of the load cells in the residuals (rows,) of one increment, (rows, rows), N^2."""
-    of_size = np.nan_to_num(noise.force_std_relative * np.abs(load))
-    deviation = of_size + noise.force_std * np.tile(system.fields.boundary >= 0, 2)
-    return np.asarray(correlation * np.outer(deviation, deviation))
+def force_deviations(system: Equilibrium, noise: Noise) -> Array:
+    """Standard deviation (t, rows), N, of the noise of the load cells in the residuals."""
+    return _deviations(system, system.loads, noise)
 
 
-def between_increments(experiment: Experiment, noise: Noise) -> Array:
-    """M (t, t): covariance of the noise of a point's displacements in two increments, over displacement_std^2. Increments between pictures have
-    that of the pictures, by the weights with which these are in them."""
-    seen = experiment.pictures
-    found = noise.between_increments(experiment.deformation_shares[seen] if noise.is_common else np.ones(len(seen)))
-    W = experiment.interpolated
+def _deviations(system: Equilibrium, loads: Array, noise: Noise) -> Array:
+    of_size = np.nan_to_num(noise.force_std_relative * np.abs(loads))
+    return np.asarray(of_size + noise.force_std * np.tile(system.fields.boundary >= 0, 2))
+
+
+def own_between(experiment: Experiment, noise: Noise) -> Array:
+    """(t, t): covariance of what a point's displacements have in two increments of displacement_std, over its square. Increments between pictures
+    have that of the pictures, by the weights with which these are in them."""
+    found, W = noise.own_between(experiment.clock[experiment.pictures]), experiment.interpolated
     return found if W is None else np.asarray(W @ found @ W.T)
 
 
-def groups(between: Array) -> list[slice]:
-    """Increments that have no noise in common with others: each by itself, or all together."""
-    independent = not (between - np.diag(np.diag(between))).any()
-    return [slice(i, i + 1) for i in range(len(between))] if independent else [slice(0, len(between))]
+def common_between(experiment: Experiment, noise: Noise) -> Array:
+    """(t, c): standard deviations of what all increments have in common, over displacement_std, see `Noise.common_between`."""
+    seen, W = experiment.pictures, experiment.interpolated
+    found = noise.common_between(experiment.deformation_shares[seen] if noise.is_common else np.ones(len(seen)))
+    return found if W is None else np.asarray(W @ found)
+
+
+def between_increments(experiment: Experiment, noise: Noise) -> Array:
+    """M (t, t): covariance of the noise of a point's displacements in two increments, over displacement_std^2."""
+    common = common_between(experiment, noise)
+    return own_between(experiment, noise) + common @ common.T
 
 
 def stacked(spreads: Iterable[Array], k: int) -> Array:
@@ -149,42 +161,114 @@ def stacked(spreads: Iterable[Array], k: int) -> Array:
     return found
 
 
-def products(one: Array, other: Array) -> Array:
-    """Covariance (k, r, k, r) of what the same noise does by spreads of k samples, (k, r, s) each."""
-    k, r, s = one.shape
-    return np.asarray(one.reshape(k * r, s) @ other.reshape(k * r, s).T).reshape(k, r, k, r)
+@dataclass(frozen=True, eq=False)
+class EquationNoise:
+    """What noise does to the equations. It is smooth in the load, so that it is known from samples (`load_path.samples`).
 
-
-def correlated_products(of_samples: Array, shares: Array, between: Array) -> Array:
-    """Covariance (g r, g r) of g increments, of that of k samples (k, r, k, r), shares (g, k) of these in each, and between (g, g)."""
-    used = np.flatnonzero(shares.any(axis=0))
-    some, shares = of_samples[used][:, :, used], shares[:, used]
-    found = np.tensordot(np.tensordot(shares, some, (1, 0)), shares, (2, 1)).transpose(0, 1, 3, 2)
-    found = np.ascontiguousarray(found) * between[:, None, :, None]
-    return found.reshape(found.shape[0] * found.shape[1], -1)
-
-
-def grouped_covariances(
-    system: Equilibrium, of_samples: Array, shares: Array, between: Array, noise: Noise
-) -> Iterator[Array]:
-    """Covariance, N^2, of the residuals of each of `groups`: (2 v, 2 v) of one increment, or (t 2 v, t 2 v) of all.
-
-    What noise does is smooth in the load, so that it is known from samples (`load_path.samples`): of_samples (k, 2 v, k, 2 v), see `products`;
-    shares (t, k) of these in every increment. between (t, t): see `between_increments`. Raises `ConfigError` where one of all is too large.
+    spreads (k, r, s), N: what independent normal numbers do to the residuals in k samples; shares (t, k): of these in each increment. own (t, t),
+    common (t, c): see `own_between`, `common_between`. correlation (r, r), deviations (t, r), N: of the load cells. pictures (t,): increments that are no
+    sums of others.
     """
-    rows, together = system.loads.shape[1], len(system.loads[groups(between)[0]])
-    if together > 1 and together * rows > MOST_ROWS:
-        raise ConfigError(
-            f"{system.experiment.name}: its {together} pictures have noise in common, so that their {together * rows} equations have one "
-            f"covariance ({8e-9 * (together * rows) ** 2:.1f} GB); use fewer: --pictures {MOST_ROWS // rows}"
+
+    spreads: Array = field(repr=False)
+    shares: Array
+    own: Array
+    common: Array
+    correlation: Array = field(repr=False)
+    deviations: Array
+    pictures: NDArray[np.bool_]
+    _products: dict[tuple[int, int], Array] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, system: Equilibrium, noise: Noise, spreads: Array, shares: Array) -> EquationNoise:
+        """Of the equations of an Experiment."""
+        experiment = system.experiment
+        between = own_between(experiment, noise), common_between(experiment, noise)
+        pictures = np.isin(np.arange(experiment.n_increments), experiment.pictures)
+        return cls(spreads, shares, *between, force_correlation(system), force_deviations(system, noise), pictures)
+
+    @property
+    def is_new_in_each(self) -> bool:
+        """Whether increments have no noise in common."""
+        return not (self.common.any() or (self.own - np.diag(np.diag(self.own))).any())
+
+    def increment(self, i: int) -> Array:
+        """Covariance (r, r), N^2, of the residuals of an increment by all noise."""
+        return (self.own[i, i] + self.common[i] @ self.common[i]) * self._product(i, i) + self._of_forces(i)
+
+    @property
+    def variance(self) -> Array:
+        """Of each residual (t, r), N^2."""
+        return np.array([np.diag(self.increment(i)) for i in range(len(self.shares))])
+
+    def own_covariance(self, i: int, j: int) -> Array:
+        """Covariance (r, r), N^2, of the residuals of two increments without `sources`."""
+        found = self.own[i, j] * self._product(i, j) if self.own[i, j] else np.zeros(2 * self.correlation.shape[:1])
+        return found + self._of_forces(i) if i == j and not self._cells_apart[i] else found
+
+    @cached_property
+    def sources(self) -> Array:
+        """(t, r, s), N: independent sources of what increments have in common, and of load cells that are not in `own_covariance`; the covariance is
+        products of sources."""
+        found = self._of_common()
+        parts = [part[:, None, None] * found for part in self.common.T if part.any()]
+        return np.concatenate([*parts, self._of_cells()], axis=2)
+
+    @cached_property
+    def _cells_apart(self) -> NDArray[np.bool_]:
+        """(t,): whether the load cells of an increment are sources. Where displacements are correlated between increments their noise, new in each, would
+        hide in each increment what the one before tells. Where displacements are known from other increments it keeps the covariance regular."""
+        drift = (self.own - np.diag(np.diag(self.own))).any()
+        return self.pictures & bool(drift)
+
+    def _of_common(self) -> Array:
+        """(t, r, d), N, of each part in common over its deviation. Of the space of normal numbers they span what matters to a sample and did not to those
+        before it: of a variance of more than `NEGLIGIBLE` over that of displacement_std, were it in all increments."""
+        if not self.common.any():
+            return np.zeros((*self.deviations.shape, 0))
+        least, axes = NEGLIGIBLE / float((self.common**2).sum()), np.zeros((self.spreads.shape[2], 0))
+        for k in np.flatnonzero(self.shares.any(axis=0)).tolist():
+            lower = cholesky_factor(self._of_samples(k, k))
+            white = scipy.linalg.solve_triangular(lower, self.spreads[k], lower=True)
+            axes = np.column_stack([axes, _further_axes(axes, white, least)])
+        return np.tensordot(self.shares, self.spreads @ axes, 1)
+
+    def _of_cells(self) -> Array:
+        """(t, r, t f), N: of the load cells of the increments where they are sources."""
+        values, vectors = np.linalg.eigh(self.correlation * np.outer(*2 * [self.deviations.any(axis=0)]))
+        root = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, values > SINGULAR]
+        some = np.flatnonzero(self._cells_apart)
+        found = np.zeros((*self.deviations.shape, len(some), root.shape[1]))
+        for k, i in enumerate(some):
+            found[i, :, k] = self.deviations[i][:, None] * root
+        return found.reshape(*self.deviations.shape, -1)
+
+    def residuals(self, numbers: Array, spreads: Array) -> Array:
+        """Residuals (t, r), N, that numbers (t, s) make by spreads (k, r, s) of the samples."""
+        return np.einsum("tk,krs,ts->tr", self.shares, spreads, numbers, optimize=True)
+
+    def _of_samples(self, k: int, j: int) -> Array:
+        if (k, j) not in self._products:
+            self._products[k, j] = self.spreads[k] @ self.spreads[j].T
+        return self._products[k, j]
+
+    def _product(self, i: int, j: int) -> Array:
+        pairs = (
+            (k, l) for k in np.flatnonzero(self.shares[i]).tolist() for l in np.flatnonzero(self.shares[j]).tolist()
         )
-    correlation = force_correlation(system)
-    for group in groups(between):
-        covariance = correlated_products(of_samples, shares[group], between[group, group])
-        blocks = covariance.reshape(len(shares[group]), system.loads.shape[1], len(shares[group]), -1)
-        for i, load in enumerate(system.loads[group]):
-            blocks[i, :, i] += _force_covariance(system, correlation, load, noise)
-        yield covariance
+        return np.asarray(sum(self.shares[i, k] * self.shares[j, l] * self._of_samples(k, l) for k, l in pairs))
+
+    def _of_forces(self, i: int) -> Array:
+        return np.asarray(self.correlation * np.outer(self.deviations[i], self.deviations[i]))
+
+
+def _further_axes(axes: Array, white: Array, least: float) -> Array:
+    """Orthonormal directions (s, n) beside axes (s, d) in which rows white (r, s) have a variance above `least`."""
+    white = white - (white @ axes) @ axes.T
+    values, vectors = np.linalg.eigh(white @ white.T)
+    keep = values > least
+    found = white.T @ (vectors[:, keep] / np.sqrt(values[keep]))
+    return np.linalg.qr(found - axes @ (axes.T @ found))[0]  # once more, against round-off
 
 
 def cholesky_factor(covariance: Array) -> Array:

@@ -12,7 +12,7 @@ square of the stiffness is taken into account afterwards, in closed form (`Quadr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -27,8 +27,11 @@ from calibrate.data.load_path import samples
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import Basis, PlaneStrainBasis
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke
+from calibrate.equations.noise_covariance import EquationNoise
+from calibrate.equations.weights import weights_of
 
 Array = NDArray[np.float64]
+SAMPLES = 100  # of noise, for what it adds to squares on average: to sqrt(2 / (100 N)) of N equations
 RELIABLE = 0.5  # share of a combination of both parts of the stress that must be no noise, in plane strain
 Progress = Callable[[int, int], None]
 
@@ -129,71 +132,38 @@ class Assembled:
 
     def quadratic(self, c: Array) -> Quadratic:
         """The noise-weighted loss, weights taken at coefficients c (n_functions,)."""
-        n = self.basis.n_functions
-        Q, q, constant, n_rows = np.zeros((n, n)), np.zeros(n), 0.0, 0
-        for G, load in self.weighted_equations(c):
-            Q += G.T @ G
-            q += G.T @ load
-            constant += float(load @ load)
-            n_rows += len(load)
-        return Quadratic(self.basis, Q, q, constant, n_rows)
+        G, load = self.weighted_equations(c)
+        return Quadratic(self.basis, G.T @ G, G.T @ load, float(load @ load), len(load))
 
-    def noise_covariances(self, c: Array) -> Iterator[Array]:
-        """Noise covariance (2 v, 2 v), N^2, of every increment's residuals at coefficients c (n_functions,), or one (t 2 v, t 2 v) of all
-        where increments have noise in common."""
-        return self._grouped(self.of_samples(c), self.between)
+    def weighted_equations(self, c: Array) -> tuple[Array, Array]:
+        """G (N, n_functions) and load (N,) of all equations, with residuals of unit covariance; unmeasured rows left out."""
+        weights = weights_of(self.noise_at(c), np.isfinite(self.system.loads))
+        return weights(np.moveaxis(np.array(self.matrices), -1, 0)).T, weights(np.nan_to_num(self.system.loads))
 
-    def own_covariances(self, c: Array) -> Iterator[Array]:
-        """Noise covariance (2 v, 2 v), N^2, of every increment's residuals, whatever others have in common with it."""
-        alone = np.diag(self.variances)
-        return self._grouped(self.of_samples(c), alone)
+    def noise_at(self, c: Array) -> EquationNoise:
+        """What noise does to the residuals at coefficients c (n_functions,)."""
+        return EquationNoise.of(self.system, self.noise, self._spreads(c), self.samples[1])
 
     @cached_property
     def samples(self) -> tuple[NDArray[np.int64], Array]:
         """Increments (k,) from which what noise does is known in all, and their shares (t, k), see `load_path.samples`."""
         return samples(self.system.experiment.displacements)
 
-    def of_samples(self, c: Array) -> Array:
-        """Covariance (k, 2 v, k, 2 v), N^2, of what one field of noise does to the residuals of `samples` at coefficients c (n_functions,)."""
-        spreads = self._spreads(c)
-        return noise_covariance.products(spreads, spreads)
-
     def _spreads(self, c: Array) -> Array:
         some = self.system.deformation_gradients[self.samples[0]]
         each = (noise_covariance.spread(self.system, self.basis, c, F, self.noise_factor) for F in some)
         return noise_covariance.stacked(each, len(some))
 
-    def _grouped(self, of_samples: Array, between: Array) -> Iterator[Array]:
-        return noise_covariance.grouped_covariances(self.system, of_samples, self.samples[1], between, self.noise)
-
-    def weighted_equations(self, c: Array) -> Iterator[tuple[Array, Array]]:
-        """G (r, n_functions) and load (r,) of each increment, or of all that have noise in common, with residuals of unit covariance;
-        unmeasured rows left out."""
-        for group, covariance in zip(noise_covariance.groups(self.between), self.noise_covariances(c), strict=True):
-            G, load = np.concatenate(self.matrices[group]), self.system.loads[group].ravel()
-            known = np.isfinite(load)
-            lower = noise_covariance.cholesky_factor(covariance[np.ix_(known, known)])
-            both = np.column_stack([G[known], load[known]])
-            both = scipy.linalg.solve_triangular(lower, both, lower=True)
-            yield both[:, :-1], both[:, -1]
-
     def noise_of_parts(self, c: Array, rows: NDArray[np.bool_] | None = None) -> Array:
-        """(2, 2): what noise adds, on average, to the squares and product of the isochoric and the volumetric part of the
+        """(2, 2): what noise adds, on average of `SAMPLES`, to the squares and product of the isochoric and the volumetric part of the
         weighted G c in plane strain; weights at coefficients c (n_functions,), as in `quadratic`. rows (t, 2 v): those used."""
-        parts, result = _parts(c).T, np.zeros((2, 2))
-        known = np.isfinite(self.system.loads) if rows is None else rows
-        alone, shares = [self._spreads(part) for part in parts], self.samples[1]
-        each = {(i, j): noise_covariance.products(alone[i], alone[j]) for i, j in np.ndindex(2, 2)}
-        covariances = self._grouped(np.sum(list(each.values()), axis=0), self.between)
-        for group, covariance in zip(noise_covariance.groups(self.between), covariances, strict=True):
-            used = np.flatnonzero(known[group])
-            if not used.size:
-                continue
-            lower = noise_covariance.cholesky_factor(covariance[np.ix_(used, used)])
-            for i, j in np.ndindex(2, 2):
-                noise = noise_covariance.correlated_products(each[i, j], shares[group], self.between[group, group])
-                result[i, j] += np.trace(scipy.linalg.cho_solve((lower, True), noise[np.ix_(used, used)]))
-        return result
+        parts = [self._spreads(part) for part in _parts(c).T]
+        noise = EquationNoise.of(self.system, self.noise, parts[0] + parts[1], self.samples[1])
+        weights = weights_of(noise, np.isfinite(self.system.loads) if rows is None else rows)
+        rng, root = np.random.default_rng(0), noise_covariance.root(self.between)
+        numbers = [root @ rng.standard_normal((len(root), parts[0].shape[2])) for _ in range(SAMPLES)]
+        each = np.array([[weights(noise.residuals(one, part)) for part in parts] for one in numbers])
+        return np.asarray(np.einsum("nir,njr->ij", each, each) / SAMPLES)
 
     def first_guess(self) -> Array:
         """Coefficients (n_functions,) of neo-Hooke with the modulus that fits the forces: start of the weighting."""

@@ -1,34 +1,68 @@
-"""Weights of the equations: residuals of unit covariance, from noise of every increment and a discrepancy common to all.
+"""Weights of the equations: residuals of unit covariance, from noise of every increment, noise in common and a discrepancy common to all.
 
-In: the noise covariance of each increment, or of all together where they have noise in common, and sources that act alike in all. Out: a linear
-map of residuals (..., t, 2 v) to rows (..., N). With V the sources after the noise is whitened, the covariance is I + V V^T and its inverse root
-I + U (1 / sqrt(1 + s^2) - 1) U^T, where V = U s W^T.
+In: an `EquationNoise`, and sources of a discrepancy that act alike in all increments. Out: a linear map of residuals (..., t, 2 v) to rows (..., N).
+
+1. The part of the noise of its own: of each increment i, given those before it, L_i^-1 (r_i - M_i r_before), with L_i L_i^T the covariance that is left
+   (Vecchia 1988; Katzfuss and Guinness 2021). As many are before it as tell what all before would (`memory`): none where the noise is new in each, one
+   where it drifts as exp(-t / tau), those with the pictures that it is made of for an increment between pictures.
+2. What the noise has in common, V after 1: the covariance is I + V V^T. With C C^T = I + V^T V, I - V (I + C^T)^-1 C^-1 V^T is an inverse root.
+3. The discrepancy, V = U s W^T after 2: the inverse root of I + V V^T is I + U (1 / sqrt(1 + s^2) - 1) U^T.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from calibrate.equations.noise_covariance import cholesky_factor
+from calibrate.equations.noise_covariance import EquationNoise, cholesky_factor
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 SMALL = 0.02  # variance of a discrepancy over that of noise, below which it is left out
+TOLD = 1e-3  # of the variance of an increment: what those further back may tell of it beside those before it
+
+
+class Block(NamedTuple):
+    """The rows used of an increment: lower (r, r), their Cholesky factor given the b rows before them, by gain (r, b)."""
+
+    lower: Array
+    gain: Array
+
+
+class Common(NamedTuple):
+    """V (N, s) and C (s, s), see the head of this module."""
+
+    V: Array
+    C: Array
+
+    def white(self, rows: Array) -> Array:
+        """Rows (..., N) without the covariance of what is in common."""
+        inner = _solved(self.C, (rows @ self.V).reshape(-1, len(self.C)).T)
+        inner = _solved(np.eye(len(self.C)) + self.C.T, inner, lower=False)
+        return rows - (inner.T @ self.V.T).reshape(rows.shape)
+
+    def adjoint(self, rows: Array) -> Array:
+        """The transposed map (N,)."""
+        inner = _solved(np.eye(len(self.C)) + self.C, self.V.T @ rows)
+        return rows - self.V @ _solved(self.C.T, inner, lower=False)
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """rows (t, 2 v): which equations are used. lowers: Cholesky factor of each increment's noise, or one of all. U (N, s),
-    shrink (s,): see above."""
+    """rows (t, 2 v): which equations are used. variance (t, 2 v), N^2: of the noise of each; 0 of those not used. blocks: of each increment. common:
+    None where the noise has nothing in common. U (N, s), shrink (s,): of the discrepancy, see the head of this module."""
 
     rows: Mask
-    lowers: tuple[Array, ...]
-    U: Array
-    shrink: Array
+    variance: Array = field(repr=False)
+    blocks: tuple[Block, ...] = field(repr=False)
+    common: Common | None = field(repr=False)
+    U: Array = field(repr=False)
+    shrink: Array = field(repr=False)
 
     @property
     def size(self) -> int:
@@ -37,63 +71,38 @@ class Weights:
 
     def __call__(self, residuals: Array) -> Array:
         """Rows (..., N) of residuals (..., t, 2 v)."""
-        white = self._noise(residuals)
+        flat = residuals.reshape(*residuals.shape[:-2], -1)[..., self.rows.ravel()]
+        white = _own_white(self.blocks, flat.reshape(-1, self.size).T).T.reshape(flat.shape)
+        if self.common is not None:
+            white = self.common.white(white)
         return white + ((white @ self.U) * self.shrink) @ self.U.T
-
-    @property
-    def grouped(self) -> Mask:
-        """rows (g, t 2 v / g), one row for each of lowers."""
-        return self.rows.reshape(len(self.lowers), -1)
 
     @property
     def log_determinant(self) -> float:
         """Of the covariance of the residuals used."""
-        lowers = sum(2 * float(np.log(np.diag(lower)).sum()) for lower in self.lowers)
-        return lowers - 2 * float(np.log1p(self.shrink).sum())
-
-    @property
-    def variance(self) -> Array:
-        """Of the noise of each equation (t, 2 v), N^2; 0 of those not used."""
-        result = np.zeros(self.grouped.shape)
-        for values, used, lower in zip(result, self.grouped, self.lowers, strict=True):
-            values[used] = (lower**2).sum(axis=1)
-        return result.reshape(self.rows.shape)
+        lowers = [block.lower for block in self.blocks] + ([self.common.C] if self.common else [])
+        return 2 * float(sum(np.log(np.diag(lower)).sum() for lower in lowers) - np.log1p(self.shrink).sum())
 
     def adjoint(self, white: Array) -> Array:
         """The transposed map: rows (N,) to (t, 2 v)."""
         white = white + self.U @ (self.shrink * (self.U.T @ white))
-        result, start = np.zeros(self.grouped.shape), 0
-        for values, used, lower in zip(result, self.grouped, self.lowers, strict=True):
-            part = white[start : start + len(lower)]
-            start += len(lower)
-            if len(lower):
-                values[used] = scipy.linalg.solve_triangular(lower, part, lower=True, trans="T")
-        return result.reshape(self.rows.shape)
-
-    @staticmethod
-    def _solved(lower: Array, rows: Array) -> Array:
-        """What is not finite stays so: a fit that runs away is for the fit to name."""
-        return np.asarray(scipy.linalg.solve_triangular(lower, rows, lower=True, check_finite=False))
-
-    def _noise(self, residuals: Array) -> Array:
-        leading = residuals.shape[:-2]
-        flat = residuals.reshape(-1, *self.grouped.shape)
-        parts = []
-        for i, (used, lower) in enumerate(zip(self.grouped, self.lowers, strict=True)):
-            if len(lower):
-                parts.append(self._solved(lower, flat[:, i, used].T).T)
-        return np.concatenate(parts, axis=1).reshape(*leading, -1)
+        if self.common is not None:
+            white = self.common.adjoint(white)
+        flat = np.zeros(len(white))
+        for before, own, block in _places(self.blocks):
+            part = _solved(block.lower.T, white[own], lower=False)
+            flat[own] += part
+            flat[before] -= block.gain.T @ part
+        result = np.zeros(self.rows.shape)
+        result[self.rows] = flat
+        return result
 
 
-def weights_of(noise: list[Array], rows: Mask, sources: Array | None = None) -> Weights:
-    """Weights for the equations `rows` (t, 2 v) of `noise` covariances, N^2: one (2 v, 2 v) an increment, or one of all (t 2 v, t 2 v);
-    sources (t, 2 v, s) of a common discrepancy."""
-    lowers = [
-        cholesky_factor(covariance[np.ix_(used, used)]) if used.any() else np.zeros((0, 0))
-        for covariance, used in zip(noise, rows.reshape(len(noise), -1), strict=True)
-    ]
-    n = int(rows.sum())
-    plain = Weights(rows, tuple(lowers), np.zeros((n, 0)), np.zeros(0))
+def weights_of(noise: EquationNoise, rows: Mask, sources: Array | None = None) -> Weights:
+    """Weights for the equations `rows` (t, 2 v) with a noise and the sources (t, 2 v, s) of a discrepancy common to all."""
+    n, blocks = int(rows.sum()), tuple(_blocks(noise, rows))
+    common = _common(blocks, noise.sources[rows]) if n and not noise.is_new_in_each else None
+    plain = Weights(rows, np.where(rows, noise.variance, 0.0), blocks, common, np.zeros((n, 0)), np.zeros(0))
     if sources is None or n == 0:
         return plain
     V = plain(np.moveaxis(sources, -1, 0)).T
@@ -104,4 +113,73 @@ def weights_of(noise: list[Array], rows: Mask, sources: Array | None = None) -> 
         keep = values > 1e-8 * max(values.max(), 1e-300)
         values, U = values[keep], V @ W[:, keep] / np.sqrt(values[keep])
     keep = values > SMALL
-    return Weights(rows, tuple(lowers), U[:, keep], 1 / np.sqrt(1 + values[keep]) - 1)
+    return replace(plain, U=U[:, keep], shrink=1 / np.sqrt(1 + values[keep]) - 1)
+
+
+def _common(blocks: tuple[Block, ...], sources: Array) -> Common:
+    """Of sources (N, s) of the rows used."""
+    V = _own_white(blocks, sources)
+    if V.shape[1] > len(V):
+        V = cholesky_factor(V @ V.T)
+    return Common(V, cholesky_factor(np.eye(V.shape[1]) + V.T @ V))
+
+
+def _blocks(noise: EquationNoise, rows: Mask) -> Iterator[Block]:
+    """Of every increment with rows that are used."""
+    some = np.flatnonzero(rows.any(axis=1))
+    for last, first in enumerate(_starts(noise.own[np.ix_(some, some)], rows[some])):
+        near, r = some[first : last + 1], int(rows[some[last]].sum())
+        covariance = np.block([[noise.own_covariance(i, j)[np.ix_(rows[i], rows[j])] for j in near] for i in near])
+        lower, b = cholesky_factor(covariance), len(covariance) - r
+        gain = scipy.linalg.solve_triangular(lower[:b, :b], lower[b:, :b].T, lower=True, trans="T").T
+        yield Block(lower[b:, b:].copy(), gain)
+
+
+def _starts(own: Array, rows: Mask) -> NDArray[np.int64]:
+    """(t,): of each increment the first of those before it that tell of it; own (t, t) between increments, rows (t, 2 v) used of each."""
+    found = np.arange(len(own))
+    for used in np.unique(rows.T, axis=0):
+        some = np.flatnonzero(used)
+        m = memory(own[np.ix_(some, some)])
+        found[some] = np.minimum(found[some], some[np.maximum(np.arange(len(some)) - m, 0)])
+    return found
+
+
+def memory(own: Array) -> int:
+    """Smallest number of increments before one that tell of it what all before it would, to `TOLD`; own (t, t): covariance between increments."""
+    if not len(own):
+        return 0
+    known, variance = np.diag(cholesky_factor(own)) ** 2, np.diag(own)
+    return next(m for m in range(len(own)) if (_left(own, m) - known <= TOLD * variance).all())
+
+
+def _left(own: Array, m: int) -> Array:
+    """Variance (t,) of each increment given the m before it; own (t, t)."""
+    t = len(own)
+    padded = np.eye(t + m)  # the first have fewer before them: beside numbers that have nothing to do with them
+    padded[m:, m:] = own + 1e-10 * np.diag(np.diag(own))
+    before = np.arange(t)[:, None] + np.arange(m)
+    inner, outer = padded[before[:, :, None], before[:, None, :]], padded[np.arange(m, m + t)[:, None], before]
+    return np.asarray(np.diag(own) - np.einsum("tm,tm->t", outer, np.linalg.solve(inner, outer[..., None])[..., 0]))
+
+
+def _places(blocks: tuple[Block, ...]) -> Iterator[tuple[slice, slice, Block]]:
+    """Places in the rows used of what is before each block, and of the block."""
+    start = 0
+    for block in blocks:
+        r, b = block.gain.shape
+        yield slice(start - b, start), slice(start, start + r), block
+        start += r
+
+
+def _own_white(blocks: tuple[Block, ...], flat: Array) -> Array:
+    """Columns (N, k) without the covariance of the part of its own."""
+    found = np.empty(flat.shape)
+    for before, own, block in _places(blocks):
+        found[own] = _solved(block.lower, flat[own] - block.gain @ flat[before])
+    return found
+
+
+def _solved(triangle: Array, columns: Array, lower: bool = True) -> Array:
+    """What is not finite stays so: a fit that runs away is for the fit to name."""
+    return np.asarray(scipy.linalg.solve_triangular(triangle, columns, lower=lower, check_finite=False))

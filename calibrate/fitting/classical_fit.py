@@ -133,8 +133,8 @@ class Comparison:
 def weights_at(system: Equilibrium, calibration: Calibration) -> Weights:
     """Of the equations of `system`, at the last spline of a calibration."""
     assert calibration.spline is not None
-    covariances = list(assemble(system, calibration.basis).noise_covariances(calibration.spline))
-    return weights_of(covariances, np.isfinite(system.loads))
+    noise = assemble(system, calibration.basis).noise_at(calibration.spline)
+    return weights_of(noise, np.isfinite(system.loads))
 
 
 def fit_law(

@@ -10,8 +10,9 @@ large error of the model do not change. Of each y the fit takes hardly a degree 
 likelihood.
 
 Where no noise is stated, its correlation length is the one at which finer and coarser fields agree best on the standard deviation, and what
-increments have in common of it is found from the same fields (`common_noise`). An error of the material grows with the deformation as noise of
-the pattern does, so that the fit is then one of both invariants.
+increments have in common of it, and how it drifts, is found from the same fields (`common_noise`). An error of the material grows with the deformation as
+noise of the pattern does, so that the fit is then one of both invariants. A drift is seen between neighbours, so that each increment that is looked at
+brings the ones before it along.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ INPUTS = "I1I2"
 PASSES = 2  # of the weights of the fit
 MATERIAL_INCREMENTS = 12  # of the fit, at most
 MOST_INCREMENTS, FEW_INCREMENTS = 4, 2  # looked at; for the correlation length
+NEIGHBOURS = 2  # before each increment, looked at for what increments have in common
 FEWEST = 200  # values of y
 MOST_ROWS = 800  # looked at for what increments have in common
 FORCE_STD = 1e-3, 5e-4  # of a load cell whose noise is not stated: of the force, of the largest one
@@ -62,8 +64,8 @@ class NoiseCheck:
 
     @property
     def common_found(self) -> bool:
-        """Whether increments have noise in common that is not stated."""
-        return bool(self.used and self.used.is_common and not (self.stated and self.stated.is_common))
+        """Whether increments have noise in common, or one that drifts, that is not stated."""
+        return bool(self.used and self.used.is_correlated and not (self.stated and self.stated.is_correlated))
 
     @property
     def corrected(self) -> bool:
@@ -87,30 +89,43 @@ def check_noise(experiment: Experiment) -> NoiseCheck:
     fine = _Fine.of(experiment, FINE, basis, c)
     if fine is None:
         return unseen
-    return _of_unstated(experiment, fine, basis, c) if stated is None else _of_stated(stated, fine)
+    if stated is None:
+        return _of_unstated(experiment, fine, basis, c)
+    return _of_stated(
+        stated,
+        fine,
+        CommonRatios() if stated.is_correlated else _ratios(experiment, fine, stated.correlation_length, basis, c),
+    )
 
 
-def _of_stated(stated: Noise, fine: _Fine) -> NoiseCheck:
+def _of_stated(stated: Noise, fine: _Fine, ratios: CommonRatios) -> NoiseCheck:
     """With what increments have in common, where none of it is stated but some is there."""
     length = stated.correlation_length
-    ratios = CommonRatios() if stated.is_common else fine.common_ratios(length)
     if any(ratios):
         used = _with_common(replace(stated, displacement_std=fine.std(length, ratios.variances(fine.shares))), ratios)
         return NoiseCheck(stated, used.total_std, used)
-    factor = fine.std(length, np.diag(stated.between_increments(fine.shares))) / stated.displacement_std
+    factor = fine.std(length, stated.variances(fine.shares)) / stated.displacement_std
     used = stated if 1 / AGREES <= factor <= AGREES else stated.scaled(factor)
     return NoiseCheck(stated, factor * stated.total_std, used)
 
 
+def _ratios(experiment: Experiment, fine: _Fine, length: float, basis: Basis, c: Array) -> CommonRatios:
+    """What increments have in common of noise with a correlation length, mm, and its drift: of runs of neighbours where it drifts, else of increments far
+    apart, between which an error of the material changes most."""
+    runs = _Fine.of(experiment, FINE, basis, c, MOST_INCREMENTS, NEIGHBOURS)
+    found = runs.common_ratios(length, runs.clock) if runs else CommonRatios()
+    return found if found.time else fine.common_ratios(length)
+
+
 def _with_common(noise: Noise, ratios: CommonRatios) -> Noise:
-    """With variances over that of what is new in each increment."""
-    pattern, reference = (float(noise.displacement_std * ratio**0.5) for ratio in ratios)
-    return replace(noise, pattern_std=pattern, reference_std=reference)
+    """With variances over that of what increments have of their own."""
+    pattern, reference = (float(noise.displacement_std * ratio**0.5) for ratio in (ratios.pattern, ratios.reference))
+    return replace(noise, pattern_std=pattern, reference_std=reference, correlation_time=ratios.time)
 
 
 def _of_unstated(experiment: Experiment, fine: _Fine, basis: Basis, c: Array) -> NoiseCheck:
     """With the correlation length, and a load cell of usual accuracy."""
-    ratios = fine.common_ratios(length := _length(experiment, basis, c))
+    ratios = _ratios(experiment, fine, length := _length(experiment, basis, c), basis, c)
     std = fine.std(length, ratios.variances(fine.shares))
     if not std > 0:
         return NoiseCheck(None, std, None)
@@ -139,22 +154,30 @@ class _Fine:
     basis: Basis
     c: Array
     shares: Array
+    clock: Array
     rows: NDArray[np.int64]
     residuals: Array
 
     @classmethod
     def of(
-        cls, experiment: Experiment, distance: float, basis: Basis, c: Array, most: int = MOST_INCREMENTS
+        cls,
+        experiment: Experiment,
+        distance: float,
+        basis: Basis,
+        c: Array,
+        most: int = MOST_INCREMENTS,
+        before: int = 0,
     ) -> _Fine | None:
-        """distance: of the fields over that of the points. None where too few fields are inside."""
-        some = _evenly(experiment, most)
+        """distance: of the fields over that of the points; before: neighbours of each increment. None where too few fields are inside."""
+        some = np.unique(np.maximum(np.subtract.outer(_evenly(experiment, most), np.arange(before + 1)), 0))
         few = experiment.select(some)
         system = Equilibrium(few, virtual_fields(few, distance * _pitch(experiment)))
         rows = _quiet(system, basis, c, len(some) - 1)
         if len(rows) * len(some) < FEWEST:
             return None
         residuals = np.array([system.matrix(basis, F)[rows] @ c for F in system.deformation_gradients])
-        return cls(system, basis, c, experiment.deformation_shares[some], rows, residuals)
+        shares, clock = experiment.deformation_shares[some], experiment.clock[some]
+        return cls(system, basis, c, shares, clock, rows, residuals)
 
     def std(self, length: float, variances: Array | float = 1.0) -> float:
         """Standard deviation, mm, of noise with a correlation length, mm; of increments with variances (k,) that of a variance of 1."""
@@ -163,8 +186,8 @@ class _Fine:
         y = self.residuals / sizes / np.sqrt(np.reshape(variances, (-1, 1)))
         return float(np.median(np.abs(y))) / NORMAL
 
-    def common_ratios(self, length: float) -> CommonRatios:
-        """What increments have in common of noise with a correlation length, mm."""
+    def common_ratios(self, length: float, clock: Array | None = None) -> CommonRatios:
+        """What increments have in common of noise with a correlation length, mm; and its drift, where they are given times (k,)."""
         n = self.residuals.shape[1]
         rows = np.unique(np.linspace(0, n - 1, min(n, MOST_ROWS)).round().astype(int))
         factor = self._factor(length)
@@ -172,7 +195,9 @@ class _Fine:
         sizes = np.linalg.norm(spreads, axis=2)
         unit = np.moveaxis(spreads / sizes[:, :, None], 0, 1)
         repeated = float(((unit[:, -1] @ unit[:, -1].T) ** 2).sum() / len(rows))
-        return common_ratios((self.residuals[:, rows] / sizes).T, unit @ unit.transpose(0, 2, 1), self.shares, repeated)
+        return common_ratios(
+            (self.residuals[:, rows] / sizes).T, unit @ unit.transpose(0, 2, 1), self.shares, clock, repeated
+        )
 
     @cached_property
     def tangents(self) -> list[list[sp.csr_array]]:

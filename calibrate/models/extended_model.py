@@ -7,7 +7,8 @@ sqrt((I1 - 3) / top) (`calibrate.equations.basis.SingleBasis`), in plane strain 
 [{"name", "unit", "value", "standard_deviation"}], "shape" [{"name", "unit", "value"}]}]; ``training`` [{"name",
 "fingerprint", "spacing" of the virtual fields, mm, or null, optional "noise" that it was fitted with}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
 from]}; ``network``: a model file of a PANN distilled from the base, or null; ``network_loss``: how good it is;
-``provenance`` (free JSON); ``calibrated_range`` {"I1": [min, max]}; optional ``level`` "nominal" where only ratios of stiffness are known, and ``fitness`` (`calibrate.models.fitness`). The spline is the base; the network stands in for it where programs read networks only.
+``provenance`` (free JSON); ``calibrated_range`` {"I1": [min, max]}; optional ``replay``: what replays of base and final model came to, with the level that is in the file
+(`calibrate.diagnosis.replayed.checked_replay`); optional ``level`` "nominal" where only ratios of stiffness are known, and ``fitness`` (`calibrate.models.fitness`). The spline is the base; the network stands in for it where programs read networks only.
 
 An effect that is not one of the material belongs to the tests that were fitted and is left out for any other.
 """
@@ -97,6 +98,7 @@ class ExtendedModel:
     level_is_nominal: bool = False
     fitness: Fitness | None = None
     calibrated_range: dict[str, tuple[float, float]] = field(default_factory=dict)
+    replay: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def plane(self) -> str:
@@ -193,6 +195,7 @@ class ExtendedModel:
             "provenance": self.provenance,
             **({"level": NOMINAL} if self.level_is_nominal else {}),
             **({} if self.fitness is None else {"fitness": self.fitness.to_dict()}),
+            **({"replay": self.replay} if self.replay else {}),
             "calibrated_range": {name: list(ends) for name, ends in self.calibrated_range.items()},
         }
 
@@ -276,6 +279,7 @@ class ExtendedModel:
             check_level(content.get("level", MEASURED)) == NOMINAL,
             Fitness.from_dict(content.get("fitness")),
             check_range(content.get("calibrated_range", {})),
+            dict(content.get("replay", {})),
         )
 
 

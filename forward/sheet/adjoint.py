@@ -24,10 +24,12 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from forward import interpolation
-from forward._dolfinx import PETSc, dolfinx
+from forward._dolfinx import MPI, PETSc, dolfinx
 from forward.errors import ConvergenceError
 from forward.materials import Material
+from forward.sheet.inelastic_problem import InelasticProblem
 from forward.sheet.plane_stress_problem import PlaneStressProblem
+from forward.sheet.thin_sheet import Sheet
 from meshes import Mesh
 
 Array = NDArray[np.float64]
@@ -41,23 +43,15 @@ class VirtualFields:
     held: Array
 
 
-class AdjointSheet(PlaneStressProblem):
-    """A plane-stress problem on one process that gives the virtual fields of observations."""
+class Adjoint(PlaneStressProblem):
+    """A problem on one process that gives the virtual fields of observations at its present displacements. Its tangent is symmetric."""
 
-    def __init__(
-        self, mesh: Mesh, material: Material, thickness: float, held: NDArray[np.bool_], values: Array
-    ) -> None:
-        super().__init__(mesh, material, thickness, held, values, 1e-9, 25)
+    _fixed: NDArray[np.bool_]
+    _whole: Any
+
+    def _prepare_adjoint(self, held: NDArray[np.bool_]) -> None:
         self._fixed = held
         self._whole = dolfinx.fem.petsc.create_matrix(self.problem.J)
-
-    def equilibrium(self, load_factor: float, start: Array) -> Array:
-        """Displacements (n, 2), mm, at a load factor by Newton's method from `start` (n, 2). Raises `ConvergenceError`."""
-        self.unknowns = (start,)
-        outcome = self.solve(load_factor)
-        if not outcome.converged:
-            raise ConvergenceError(f"no equilibrium at {load_factor:.4g} of the load: {outcome.text}")
-        return self.displacements
 
     def virtual_fields(self, weights: Array, on_held: Array) -> VirtualFields:
         """At the present equilibrium, of observations with weights w (r, n, 2) and values v (r, n, 2) where held, 0 elsewhere."""
@@ -100,6 +94,32 @@ class AdjointSheet(PlaneStressProblem):
         found = np.empty((len(local), len(self.nodes), 2))
         found[:, self.nodes] = local.reshape(len(local), -1, 2)
         return found
+
+
+class AdjointSheet(Adjoint):
+    """A sheet of a material of both invariants."""
+
+    def __init__(
+        self, mesh: Mesh, material: Material, thickness: float, held: NDArray[np.bool_], values: Array
+    ) -> None:
+        super().__init__(mesh, material, thickness, held, values, 1e-9, 25)
+        self._prepare_adjoint(held)
+
+    def equilibrium(self, load_factor: float, start: Array) -> Array:
+        """Displacements (n, 2), mm, at a load factor by Newton's method from `start` (n, 2). Raises `ConvergenceError`."""
+        self.unknowns = (start,)
+        outcome = self.solve(load_factor)
+        if not outcome.converged:
+            raise ConvergenceError(f"no equilibrium at {load_factor:.4g} of the load: {outcome.text}")
+        return self.displacements
+
+
+class AdjointLaw(InelasticProblem, Adjoint):
+    """The elastic and incompressible part of a sheet: base, energies and fields beside it, without what remembers or changes its volume."""
+
+    def __init__(self, mesh: Mesh, sheet: Sheet, held: NDArray[np.bool_], values: Array) -> None:
+        super().__init__(mesh, sheet.elastic, held, values, 1e-9, 25, MPI.COMM_WORLD)
+        self._prepare_adjoint(held)
 
 
 def force_operator(mesh: Mesh) -> sp.csr_array:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from forward.errors import MaterialError
@@ -80,6 +80,16 @@ class Sheet:
     def softens_by_energy(self) -> bool:
         """Whether the stress depends on the largest energy so far."""
         return any(type(a).factor_of_energy is not Addition.factor_of_energy for a in self.additions)
+
+    @property
+    def elastic(self) -> Sheet:
+        """Without what remembers, and incompressible."""
+        remembering = (
+            type(a).factor is not Addition.factor or type(a).factor_of_energy is not Addition.factor_of_energy
+            for a in self.additions
+        )
+        additions = tuple(a for a, one in zip(self.additions, remembering, strict=True) if not one)
+        return replace(self, additions=additions, prony=None, permanent_set=None, bulk_modulus=None, branches=())
 
     def energy(self, I1: Any, I2: Any, C: Any, X: Any, material: Any, additions: Sequence[Any]) -> Any:
         """Energy, MPa, without that of the volume; C (2, 2), X (2,), mm; material and additions: the values as

@@ -23,6 +23,8 @@ from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut, Kind
 from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.problem import level_factor
+from calibrate.diagnosis.replayed.checked_replay import replay_record
+from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.chain import Additions
@@ -43,6 +45,7 @@ from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder, released_if_refused
 from studies.output.findings import Finding
+from studies.replay.replay_check import replay_check
 from studies.replay.twin_replay import twin_replay
 from studies.reports.alert_table import alert_lines
 from studies.reports.discovery.discovery_findings import no_time
@@ -138,6 +141,7 @@ def discover(
         found = discovery.discover(
             trained, rule, held, effects, diagnosis.spacing, diagnosis.base, not quick, diagnosis.seed, say,
             priors=priors, fitted=not quick, replay=twin_replay, readings=diagnosis.readings,
+            check=replay_check,
         )  # fmt: skip
         view = View(found, held_out_words(rule, trained, held), remarks, quick)
         say("network of the base")
@@ -214,8 +218,10 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
     bulk = bulk_modulus(found.problem, final)
     model = _file(found, final.c, final.additions, final.errors, hold_out, record)
     model = replace(model, groups=found.groups, bulk_modulus_deviation=None if bulk is None else bulk[1])
-    model = model.scaled(level_factor(found.problem, final.c, final.additions))
-    distilled = distillation.distil(found.problem, final)
+    model = replace(model, replay=replay_record(found.replay_check) or {})
+    level = stiffness_level(found, final)
+    model = model.scaled(level)
+    distilled = distillation.distil(found.problem, final, level=level)
     loss = {
         "network": distilled.network_loss, "spline": distilled.spline_loss, "equations": distilled.n_rows,
         "good": distilled.good, "remark": network_words(distilled),

@@ -1,6 +1,6 @@
 """`equigap measured`: `equigap discover` and `equigap transfer` on published measured data; nothing but the data in, one report out.
 
-Out: ``report.html``, ``measured.json`` (every number), ``verdicts.csv``, ``errors.csv``, ``transfers.csv``, ``homogeneous.csv``, ``control.csv``, pictures and a
+Out: ``report.html``, ``measured.json`` (every number), ``verdicts.csv``, ``errors.csv``, ``replays.csv``, ``transfers.csv``, ``homogeneous.csv``, ``control.csv``, pictures and a
 manifest; what the two commands say of each sheet in a folder of its own. Every step is kept in ``steps/`` and not made again.
 """
 

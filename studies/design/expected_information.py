@@ -74,14 +74,14 @@ def equation_information(pull: Pull, family: LawFamily, plan: Plan) -> Informati
     inputs = np.maximum(np.nan_to_num(basis.site_inputs), 0.0) + REFERENCE
     sites = np.stack([inputs[:, 0], inputs[:, 1] ** (2 / 3)], axis=1)
     to_inputs = np.stack([np.ones(len(inputs)), 1.5 * np.sqrt(sites[:, 1])], axis=1)  # dI2 to d I2^(3/2)
-    covariances = assemble(system, basis).noise_covariances(
+    noise = assemble(system, basis).noise_at(
         basis.interpolation @ (MaterialDerivatives(family.base)(sites) / to_inputs).ravel()
     )
     values, slopes = map(np.asarray, invariants_and_derivatives(jnp.asarray(F)))
     hats, fisher = family.hats(values), np.zeros((family.size, family.size))
-    for hat, slope, covariance in zip(hats, slopes, covariances, strict=True):
+    for i, (hat, slope) in enumerate(zip(hats, slopes, strict=True)):
         rows = system.internal_forces(np.einsum("mak,maij->kmij", hat, slope))
-        white = solve_triangular(cholesky_factor(covariance), rows.T, lower=True)
+        white = solve_triangular(cholesky_factor(noise.increment(i)), rows.T, lower=True)
         fisher += white.T @ white
     return Information(fisher, family.prior)
 

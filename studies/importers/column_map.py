@@ -64,10 +64,11 @@ class ColumnMap(Table):
             raise ValueError("edges.rim: a window in a larger body has no free edge; leave out edges.free")
         if self.noise.correlation_length_mm is not None and self.noise.displacement_std_mm is None:
             raise ValueError("noise.correlation_length_mm belongs to noise.displacement_std_mm; state both or none")
-        if (self.noise.pattern_std_mm or self.noise.reference_std_mm) and not self.noise.displacement_std_mm:
+        of_pictures = self.noise.pattern_std_mm, self.noise.reference_std_mm, self.noise.correlation_time_s
+        if any(of_pictures) and not self.noise.displacement_std_mm:
             raise ValueError(
-                "noise.pattern_std_mm and noise.reference_std_mm are common to all pictures; state noise.displacement_std_mm too, what is "
-                "new in each"
+                "noise.pattern_std_mm, noise.reference_std_mm and noise.correlation_time_s tell what pictures share; state "
+                "noise.displacement_std_mm too, what is new in each or drifts"
             )
         timed = self.frames.rate_hz is not None or self.frames.times_s is not None
         if any(not cell.per_frame and not (timed and cell.time) for cell in self.force):
@@ -103,7 +104,7 @@ class ColumnMap(Table):
         n = self.noise
         return StatedNoise(
             n.displacement_std_mm, n.correlation_length_mm, n.force_std_N, n.force_std_relative,
-            n.pattern_std_mm, n.reference_std_mm,
+            n.pattern_std_mm, n.reference_std_mm, n.correlation_time_s,
         )  # fmt: skip
 
 

@@ -191,6 +191,7 @@ class NoiseTable(Table):
     force_std_N: NotNegative | None = None
     pattern_std_mm: NotNegative | None = None
     reference_std_mm: NotNegative | None = None
+    correlation_time_s: NotNegative | None = None
     kind: Literal["total", "temporal"] = "total"
 
 

@@ -10,7 +10,6 @@ eta_h that of what is prescribed. So d is eliminated exactly: its noise enters t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -22,6 +21,7 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.triangulation import signed_areas
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import SingleBasis
+from calibrate.equations.noise_covariance import EquationNoise, common_between, own_between
 from calibrate.equations.virtual_fields import default_spacing
 from calibrate.equations.weights import Weights, weights_of
 from forward.errors import ConvergenceError
@@ -238,18 +238,13 @@ class ReplayedTest:
         """Of the residuals of which these are known (t, r), with (K v)_h at the camera's points (t, r, n, 2): zero as if what is prescribed were exact."""
         assert self.observed is not None
         spreads = np.array([self._spread(*each) for each in zip(self.observed, held, strict=True)])
-        return weights_of(list(self._covariances(spreads)), known)
-
-    def _covariances(self, spreads: Array) -> Iterator[Array]:
         size = np.abs(np.nan_to_num(self.measured_forces))
-        deviation = np.zeros((len(spreads), len(spreads[0])))
-        deviation[:, -size.shape[1] :] = self.noise.force_std_relative * size + self.noise.force_std
-        each = np.eye(len(spreads))
-        for group in noise_covariance.groups(self._between):
-            some = noise_covariance.products(spreads[group], spreads[group])
-            covariance = noise_covariance.correlated_products(some, each[group, group], self._between[group, group])
-            covariance[np.diag_indices(len(covariance))] += deviation[group].ravel() ** 2
-            yield covariance
+        deviations = np.zeros(known.shape)
+        deviations[:, -size.shape[1] :] = self.noise.force_std_relative * size + self.noise.force_std
+        own, common = (part(self.experiment, self.noise) for part in (own_between, common_between))
+        every = np.ones(len(own), bool)
+        noise = EquationNoise(spreads, np.eye(len(own)), own, common, np.eye(known.shape[1]), deviations, every)
+        return weights_of(noise, known)
 
     def _noise_of_displacements(self, near: Equations, residual: Array) -> Array:
         """Best estimate (t, n, 2), mm, of the noise of the displacements, given rho (t, r)."""

@@ -87,7 +87,7 @@ def _with_noise(problem: Problem, c: Array, e: Experiment) -> Problem:
     system = Equilibrium(e, problem.parts[0].system.fields)
     assembled = reduction.assemble(system, problem.basis)
     rows = all_rows(system)
-    noise = list(assembled.noise_covariances(c))
+    noise = assembled.noise_at(c)
     part = Part(
         Chain(system, problem.basis), assembled, weights_of(noise, rows), weights_of(noise, rows & False),
         np.zeros(system.loads.shape), None,

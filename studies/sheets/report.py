@@ -63,6 +63,7 @@ def write(folder: Path, results: MeasuredResults, manifest: Manifest) -> tuple[P
     report.heading("Findings").paragraph(".\n".join(finding.text for finding in found) + ".")
     report.heading("Sheets").table(*tables.verdict_table(results.sheets), WORDS.verdicts())
     report.table(*tables.error_table(results.sheets), WORDS.errors())
+    report.table(*tables.replay_table(results.sheets), WORDS.replays())
     _figure(report, pictures, "errors")
     for one in results.sheets.values():
         report.paragraph(WORDS.answer(name=one.name, answer=one.answer))
@@ -99,12 +100,13 @@ def _pictures(folder: Path, results: MeasuredResults) -> dict[str, Path]:
 
 
 def _data(folder: Path, results: MeasuredResults) -> list[Path]:
-    """measured.json, errors.csv, transfers.csv, homogeneous.csv and control.csv."""
+    """measured.json, verdicts.csv, errors.csv, replays.csv, transfers.csv, homogeneous.csv and control.csv."""
     paths = [folder / "measured.json"]
     write_json(paths[0], results.to_dict())
     found = {
         "verdicts": tables.verdict_table(results.sheets),
         "errors": tables.error_table(results.sheets),
+        "replays": tables.replay_table(results.sheets),
         "transfers": tables.transfer_table(results.transfers),
         "homogeneous": tables.loop_table(results.loops),
         "control": tables.control_table(results.controls),

@@ -7,7 +7,7 @@ whose `from_dict` reads it, so that a stopped study goes on where it was.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 from calibrate.diagnosis.selection import Verdict
@@ -28,9 +28,40 @@ class ModelErrors(Plain):
 
 
 @dataclass(frozen=True)
+class ReplayedErrors(Plain):
+    """A model replayed from the motion of the grips. level: factor on its stiffness; errors of forces, relative, in the increments that were fitted and held out; field: mm, held out;
+    band: half of the 95 % band of the force error, None of the base."""
+
+    name: str
+    level: float
+    fitted: float | None
+    held_out: float | None
+    field: float
+    band: float | None
+
+    @classmethod
+    def of(cls, found: Mapping[str, Any] | None) -> list[Self]:
+        """Of base and final model, from discovery.json; none where they were not replayed."""
+        if found is None or "not_made" in found:
+            return []
+        pairs = [(BASE, found["base"], None), (FOUND, found["final"], found["band"]["force"])]
+        return [
+            cls(
+                name,
+                one["level"],
+                one["fitted"] and one["fitted"]["force"],
+                one["judged"]["force"],
+                one["judged"]["field"],
+                band,
+            )
+            for name, one, band in pairs
+        ]
+
+
+@dataclass(frozen=True)
 class SheetResult(StepResult):
     """What `equigap discover` says of a sheet. needed, implausible: effects in the fit of all, where it was made; discrepancy: over noise;
-    alerts: codes; answer: the verdict in words."""
+    alerts: codes; answer: the verdict in words; replays: of base and final model, where they were made."""
 
     name: str
     verdict: Verdict
@@ -43,6 +74,7 @@ class SheetResult(StepResult):
     implausible: list[str]
     discrepancy: float | None
     alerts: list[str]
+    replays: list[ReplayedErrors] = field(default_factory=list)
 
     @classmethod
     def of(cls, name: str, found: Mapping[str, Any]) -> Self:
@@ -73,6 +105,7 @@ class SheetResult(StepResult):
             implausible=[one["effect"] for one in effects if one["implausible"]],
             discrepancy=None if together is None else together["discrepancy_over_noise"],
             alerts=sorted({one["code"] for one in found["alerts"]}),
+            replays=ReplayedErrors.of(found["replay"]),
         )
 
     def model(self, name: str) -> ModelErrors:

@@ -43,6 +43,25 @@ def error_table(sheets: Mapping[str, SheetResult]) -> Table:
     ]
 
 
+def replay_table(sheets: Mapping[str, SheetResult]) -> Table:
+    """One line a model that was replayed."""
+    columns = [
+        "sheet",
+        "model",
+        "level",
+        "force error, fitted",
+        "force error, held out",
+        "half of its 95 % band",
+        "field error, held out, mm",
+    ]
+    return columns, [
+        [one.name, r.name, digits_if_any(r.level), r.fitted and percent(r.fitted), r.held_out and percent(r.held_out), r.band and percent(r.band),
+         digits_if_any(r.field)]
+        for one in sheets.values()
+        for r in one.replays
+    ]  # fmt: skip
+
+
 def transfer_table(transfers: Mapping[str, TransferResult]) -> Table:
     """One line a variant."""
     return ["sheet", "model", "stiffness", "relaxation", *ERRORS], [

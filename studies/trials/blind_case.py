@@ -15,11 +15,14 @@ from typing import Any
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_fit, discovery, model_weights, score_tests, weighted_fit
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.replayed.checked_replay import replay_record
+from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
 from calibrate.diagnosis.selection import Discovery
 from calibrate.diagnosis.selection.rounds import Round
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from studies.output.writing import write_json
+from studies.replay.replay_check import replay_check
 from studies.replay.twin_replay import twin_replay
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.trials.blind_data import draw, write
@@ -92,23 +95,28 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
 
     start = time.process_time()
     experiment = Experiment.load(path)
-    found = discovery.discover([experiment], whole_table=False, replay=twin_replay)
+    found = discovery.discover([experiment], whole_table=False, replay=twin_replay, check=replay_check)
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         assert found.start is not None
         rest = tuple(e for e in CATALOGUE if e.name not in without)
         content["without"] = list(without)
-        content["absent"] = described(discovery.diagnose(found.start, found.base, rest, whole_table=False))
+        content["absent"] = described(
+            discovery.diagnose(found.start, found.base, rest, whole_table=False, check=replay_check)
+        )
     return content
 
 
 def described(found: Discovery) -> dict[str, Any]:
-    """A `Discovery` as plain data."""
+    """A `Discovery` as plain data, with the amplitudes of its model file."""
+    level = stiffness_level(found, found.final)
     additions = [
         {
             "effect": a.effect.name,
-            "amplitudes": {p.name: v for p, v in zip(a.effect.amplitudes, a.amplitudes, strict=True)},
-            "deviations": {p.name: v for p, v in zip(a.effect.amplitudes, d, strict=True)},
+            "amplitudes": {
+                p.name: level**p.stiffness_power * v for p, v in zip(a.effect.amplitudes, a.amplitudes, strict=True)
+            },
+            "deviations": {p.name: level**p.stiffness_power * v for p, v in zip(a.effect.amplitudes, d, strict=True)},
             "shape": {p.name: v for p, v in zip(a.effect.shapes, a.shape, strict=True)},
         }
         for a, d in zip(found.final.additions, found.final.errors, strict=True)
@@ -119,6 +127,7 @@ def described(found: Discovery) -> dict[str, Any]:
         "closest": list(found.closest),
         "groups": {k: list(v) for k, v in found.groups.items()},
         "additions": additions,
+        "replay": replay_record(found.replay_check),
         "rounds": [_round(now) for now in found.rounds],
     }
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from calibrate.effects import Effect
@@ -21,8 +23,8 @@ CERTAIN, TIE, UNKNOWN = (
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Effects that together may explain a test. discrepancy: with something smooth that is in no catalogue beside them. additions, errors:
-    as they were fitted, none where they were not."""
+    """Effects that together may explain a test. discrepancy: with something smooth that is in no catalogue beside them. additions, errors,
+    c (n,) of the base: as they were fitted, none where they were not."""
 
     names: tuple[str, ...]
     log_evidence: float
@@ -30,6 +32,7 @@ class Explanation:
     probability: float = 0.0
     additions: Additions = ()
     errors: tuple[tuple[float, ...], ...] = ()
+    c: NDArray[np.float64] | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)

@@ -74,9 +74,10 @@ def alternatives(
     found = []
     for refit in refits:
         additions, deviations, names = refit.fit.additions, refit.fit.errors, tuple(sorted(refit.fit.names))
-        found.append(Explanation(names, refit.log_evidence(noise), False, 0.0, additions, deviations))
+        c = refit.fit.c
+        found.append(Explanation(names, refit.log_evidence(noise), False, 0.0, additions, deviations, c))
         more = refit.with_discrepancy(noise) + linear.log_odds
-        found.append(Explanation(names, more, True, 0.0, additions, deviations))
+        found.append(Explanation(names, more, True, 0.0, additions, deviations, c))
     return Alternatives.of(found)
 
 

@@ -12,6 +12,7 @@ from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
@@ -132,6 +133,8 @@ class Doubt(StrEnum):
     LARGE_FORCE_ERROR = "large force error left"
     WEAKER_WEIGHTS = "likelihood does not rise"
     NOT_NEEDED = "no effect has an inclusion probability above 95 %"
+    OUTSIDE_BAND = "replay leaves its band"
+    WORSE_REPLAY = "replay worse than that of the base"
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,7 @@ class Discovery:
     explanations. replaced: effects that the rounds had found before a more probable explanation took their place. everything: the fit of all
     effects at once, where no few of them explain the test; without_everything: why it could not be made. without_twin: why tests were not replayed. own: what
     every one of several tests has for itself.
+    replay_check: of base and final model; None where it was not asked for.
     """
 
     problem: Problem = field(repr=False)
@@ -184,6 +188,7 @@ class Discovery:
     without_everything: str = ""
     without_twin: tuple[str, ...] = ()
     own: tuple[OwnEffect, ...] = ()
+    replay_check: ReplayCheck | NoReplayCheck | None = field(default=None, repr=False)
 
     @property
     def base(self) -> Fit:

@@ -37,7 +37,7 @@ def noise_of(
     if force is None:
         force, more = _estimated_force_noise(series, frames)
         report |= more
-    return Noise(*displacement, *force, *stated.common), report
+    return Noise(*displacement, *force, *stated.between_pictures), report
 
 
 def _estimated_displacement_noise(

@@ -16,7 +16,8 @@ from calibrate.data.experiment import Noise
 class StatedNoise:
     """displacement_std, mm, and its correlation_length, mm (None: uncorrelated); force_std, N, and force_std_relative, either or both.
 
-    pattern_std, reference_std, mm: the parts that are common to all pictures, beside a displacement_std that is new in each (`Noise`).
+    pattern_std, reference_std, mm: the parts that are common to all pictures, beside a displacement_std that is new in each, or drifts in a
+    correlation_time, s (`Noise`).
     Where displacement_std is None, the noise of the displacements is estimated; where both of the force are, that of the force.
     Raises `ConfigError` for what is negative or not finite, and for what belongs to a standard deviation that is not stated.
     """
@@ -27,6 +28,7 @@ class StatedNoise:
     force_std_relative: float | None = None
     pattern_std: float | None = None
     reference_std: float | None = None
+    correlation_time: float | None = None
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -37,15 +39,15 @@ class StatedNoise:
                 "noise: correlation_length belongs to displacement_std; state both, or none, so that both are estimated"
             )
 
-        if self.common != (0.0, 0.0) and not self.displacement_std:
+        if any(self.between_pictures) and not self.displacement_std:
             raise errors.ConfigError(
-                "noise: pattern_std and reference_std belong to displacement_std, what is new in every picture; state it too"
+                "noise: pattern_std, reference_std and correlation_time belong to displacement_std, what is new in every picture; state it too"
             )
 
     @property
-    def common(self) -> tuple[float, float]:
-        """What is common to all pictures, mm: of the speckle pattern, of the reference picture."""
-        return self.pattern_std or 0.0, self.reference_std or 0.0
+    def between_pictures(self) -> tuple[float, float, float]:
+        """What is common to all pictures, mm, of the speckle pattern and of the reference picture, and the correlation time of the rest, s."""
+        return self.pattern_std or 0.0, self.reference_std or 0.0, self.correlation_time or 0.0
 
     @property
     def of_displacements(self) -> tuple[float, float] | None:
@@ -64,5 +66,5 @@ class StatedNoise:
         """Every part of a Noise; nothing is estimated."""
         return cls(
             noise.displacement_std, noise.correlation_length, noise.force_std, noise.force_std_relative,
-            noise.pattern_std, noise.reference_std,
+            noise.pattern_std, noise.reference_std, noise.correlation_time,
         )  # fmt: skip

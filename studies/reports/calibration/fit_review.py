@@ -13,14 +13,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from calibrate.data.experiment import Experiment
 from calibrate.equations.basis import Basis, PlaneStrainBasis, basis_for
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke, equilibrium
 from calibrate.equations.inputs import REFERENCE
+from calibrate.equations.noise_covariance import cholesky_factor
 from calibrate.equations.reduction import assemble
-from calibrate.equations.weights import weights_of
 from calibrate.fitting.calibration import Calibration, predict_forces, relative_force_error
 from calibrate.fitting.classical_fit import Comparison
 from calibrate.models.json_file import MEASURED, NOMINAL
@@ -180,11 +181,12 @@ def _expected(
         return None, None
     F = system.deformation_gradients
     basis = basis_for(calibration.options.inputs, F.reshape(-1, 2, 2), plane=system.experiment.plane)
-    covariances = assemble(system, basis).own_covariances(coefficients(calibration.model, basis))
+    seen = assemble(system, basis).noise_at(coefficients(calibration.model, basis))
     deviations, chi_square = np.empty_like(residuals), np.empty(len(F))
-    for i, (residual, covariance) in enumerate(zip(residuals, covariances, strict=True)):
+    for i, residual in enumerate(residuals):
+        covariance, known = seen.increment(i), np.isfinite(residual)
         deviations[i] = np.sqrt(np.diag(covariance))
-        white = weights_of([covariance], np.isfinite(residual)[None])(residual[None])
+        white = solve_triangular(cholesky_factor(covariance[np.ix_(known, known)]), residual[known], lower=True)
         chi_square[i] = np.mean(white**2)
         if progress:
             progress(i + 1, len(F))

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from calibrate.diagnosis.distillation import bulk_modulus
+from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.selection import Discovery
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.fitting.noise_check import NoiseCheck
@@ -17,6 +18,7 @@ from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
 from studies.reports.discovery.everything_table import everything_data
 from studies.reports.discovery.own_effects_table import alike, seen
+from studies.reports.discovery.replay_section import replay_findings
 from studies.reports.discovery.view import BAND, View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
 from studies.reports.experiments.experiment_findings import experiment_findings
@@ -61,6 +63,7 @@ def remarks(view: View) -> list[Finding]:
     """The reasons of the headline first, then what the numbers rest on."""
     found = discovery_headline(view)
     result = [*found.reasons, *view.remarks, *_of_noise(view), *_of_twins(view), _of_hold_out(view)]
+    result += replay_findings(view.discovery)
     if found.verdict is not Use.NOT:
         result += [*_of_effects(view), *_of_own_effects(view)]
     if all(one.code in OF_THE_MODEL for one in found.against):
@@ -80,16 +83,20 @@ def _of_noise(view: View) -> Iterator[Finding]:
         return
     for part, check in zip(found.problem.parts, found.noise, strict=False):
         if check.corrected:
-            yield noise_found(part.experiment.name, check)
+            yield noise_found(part.experiment.name, check, part.experiment.clock_unit)
     chi_square = found.base.reduced_chi_square
     attenuated = discovery_quality(view).attenuation > ATTENUATED  # a stiffness too small leaves residuals too small
     if chi_square < OVERSTATED and not attenuated:
         yield _finding(DiscoveryCode.NOISE_OVERSTATED, chi_square=chi_square)
 
 
-def noise_found(name: str, check: NoiseCheck) -> Finding:
-    """The noise that is used in place of the stated one; stated, found: standard deviations, mm."""
-    used = None if check.used is None else {**asdict(check.used), "is_common": check.used.is_common}
+def noise_found(name: str, check: NoiseCheck, clock_unit: str = "s") -> Finding:
+    """The noise that is used in place of the stated one; stated, found: standard deviations, mm. clock_unit: see `Experiment.clock_unit`."""
+    used = check.used and {
+        **asdict(check.used),
+        "is_common": check.used.is_common,
+        "is_correlated": check.used.is_correlated,
+    }
     stated = None if check.stated is None else check.stated.total_std
     return _finding(
         DiscoveryCode.NOISE_FOUND,
@@ -99,6 +106,7 @@ def noise_found(name: str, check: NoiseCheck) -> Finding:
         factor=check.factor,
         used=used,
         common_found=check.common_found,
+        clock_unit=clock_unit,
     )
 
 
@@ -167,7 +175,8 @@ def _of_stiffness(view: View) -> Iterator[Finding]:
     if view.unit != "MPa":
         yield _finding(DiscoveryCode.THICKNESS_UNKNOWN)
     factor = discovery_quality(view).attenuation
-    if factor > ATTENUATED and not view.discovery.problem.level_is_nominal:
+    replayed = isinstance(view.discovery.replay_check, ReplayCheck)  # whose level makes up for it
+    if factor > ATTENUATED and not (replayed or view.discovery.problem.level_is_nominal):
         yield _finding(DiscoveryCode.ATTENUATED, factor=factor)
 
 

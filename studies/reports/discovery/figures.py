@@ -34,7 +34,8 @@ def residual_map(view: View, part: Part) -> Figure:
     """Decorrelated residuals at a middle and the last increment and over all, base model above the final one."""
     t = part.experiment.n_increments
     chosen = sorted({(t - 1) // 2, t - 1})
-    maps = {name: nodal(part, decorrelated(part, fit)) for name, fit in view.models.items()}
+    problem = view.discovery.problem
+    maps = {name: nodal(part, decorrelated(problem, part, fit)) for name, fit in view.models.items()}
     width, height = np.ptp(part.experiment.points, axis=0)
     panel = 2.6 * min(1.5, max(0.4, height / width))
     titles = [f"increment {i + 1}" for i in chosen] + ["root mean square of all"]

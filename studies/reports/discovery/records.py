@@ -15,6 +15,7 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.signatures import modulus
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.problem import Part, Problem
+from calibrate.diagnosis.replayed.checked_replay import replay_record
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Status
 from calibrate.diagnosis.selection.rounds import Candidate, Round
@@ -265,6 +266,7 @@ def content(view: View) -> dict[str, Any]:
         "evidence": weighing_record(view.weighing, view.unit),
         "modulus": modulus(found.problem),
         "duration_s": _duration(found.problem),
+        "replay": replay_record(found.replay_check),
         "all_effects": everything_record(found.everything),
         "own_effects": own_effects_record(found.own),
     }

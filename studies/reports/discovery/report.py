@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.fitness import Use
 from calibrate.models.network_model import Model
@@ -21,6 +22,7 @@ from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.everything_table import errors_table, shares_table
 from studies.reports.discovery.own_effects_table import own_effects_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
+from studies.reports.discovery.replay_section import band_fields, band_rows, replay_table
 from studies.reports.discovery.statement import reservations, untestable, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
@@ -68,6 +70,8 @@ def _results(report: Report, folder: Path, view: View) -> None:
     report.heading("Models").table(*model_table(view), WORDS.model_caption())
     if view.discovery.problem.noise_is_known:
         report.heading("Residual against noise").table(*misfit_table(view), WORDS.misfit_caption())
+    if isinstance(view.discovery.replay_check, ReplayCheck):
+        report.heading("Replay").table(*replay_table(view.discovery.replay_check), WORDS.replay_caption())
     if view.weighing is not None and discovery_headline(view).verdict is not Use.NOT:
         report.heading("All explanations").table(*alternatives_table(view.weighing), WORDS.alternatives_caption())
         report.heading("What this test shows of every effect")
@@ -148,8 +152,25 @@ def _data(folder: Path, view: View) -> list[Path]:
     columns, lines = force_rows(view)
     write_csv(folder / "forces.csv", columns, lines, ["forces of the grip on the specimen, N; time in s"])
     write_npz(folder / "residuals.npz", **_maps(view))
-    return [folder / name for name in
-            ("discovery.json", "effects.csv", "amplitudes.csv", "forces.csv", "residuals.npz")]  # fmt: skip
+    written = ("discovery.json", "effects.csv", "amplitudes.csv", "forces.csv", "residuals.npz")
+    return [*(folder / name for name in written), *_replay_data(folder, view)]
+
+
+def _replay_data(folder: Path, view: View) -> list[Path]:
+    """Write replay_forces.csv and replay_fields.csv, where there was a replay."""
+    check, tests = view.discovery.replay_check, [part.experiment for part in view.discovery.problem.parts]
+    if not isinstance(check, ReplayCheck):
+        return []
+    names, times = [e.name for e in tests], [None if e.time is None else e.time[e.pictures] for e in tests]
+    paths = [folder / "replay_forces.csv", folder / "replay_fields.csv"]
+    write_csv(paths[0], *band_rows(check, names, times), ["forces of the grip on the specimen, N, as the effects of the measurement correct them; "
+              "half_band: half of the 95 % band; time in s"])  # fmt: skip
+    write_csv(
+        paths[1],
+        *band_fields(check, names),
+        ["root mean squares of measured minus replayed displacement, mm; half_band: of smooth_final"],
+    )
+    return paths
 
 
 def _flat(number: int, candidate: dict[str, Any]) -> dict[str, Any]:
@@ -195,5 +216,6 @@ def _maps(view: View) -> dict[str, Any]:
         arrays[f"experiment_{i}_points"] = part.experiment.points
         arrays[f"experiment_{i}_triangles"] = part.experiment.triangles
         for name, fit in view.models.items():
-            arrays[f"experiment_{i}_{name.replace(' ', '_')}"] = nodal(part, decorrelated(part, fit)).astype(np.float32)
+            values = nodal(part, decorrelated(view.discovery.problem, part, fit))
+            arrays[f"experiment_{i}_{name.replace(' ', '_')}"] = values.astype(np.float32)
     return arrays

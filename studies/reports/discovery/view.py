@@ -5,7 +5,6 @@ In: a `Discovery`. Out: arrays for figures and files; residuals decorrelated, in
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,7 +13,9 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Weighing
-from calibrate.diagnosis.problem import Part, level_factor
+from calibrate.diagnosis.model_weights import noise_of
+from calibrate.diagnosis.problem import Part, Problem
+from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
 from calibrate.diagnosis.selection import Discovery
 from studies.output.findings import Finding
 
@@ -43,13 +44,12 @@ class View:
 
     @cached_property
     def level(self) -> float:
-        """By which the stiffness of the final model is multiplied: 1, or what a nominal level asks for."""
-        final = self.discovery.final
-        return level_factor(self.discovery.problem, final.c, final.additions)
+        """By which the stiffness of the final model is multiplied: what replayed forces or a nominal level ask for, or 1."""
+        return stiffness_level(self.discovery, self.discovery.final)
 
     def forces(self, part: Part, fit: Fit) -> dict[str, tuple[Array, Array, Array]]:
         """As `forces`, at the level of the fit."""
-        return forces(part, fit, level_factor(self.discovery.problem, fit.c, fit.additions))
+        return forces(part, fit, stiffness_level(self.discovery, fit))
 
     @property
     def models(self) -> dict[str, Fit]:
@@ -82,42 +82,28 @@ def forces(part: Part, fit: Fit, level: float = 1.0) -> dict[str, tuple[Array, A
     return result
 
 
-def _covariances(part: Part) -> Iterator[tuple[NDArray[np.int64], Array]]:
-    """Places in the flat array of equations (t 2 v,) and their covariance by noise and discretisation, N^2, of every increment."""
-    for weights in (part.train, part.held):
-        growth, start = 1 / (1 + weights.shrink) ** 2 - 1, 0
-        places = np.arange(weights.rows.size).reshape(weights.grouped.shape)
-        for place, used, lower in zip(places, weights.grouped, weights.lowers, strict=True):
-            if not len(lower):
-                continue
-            common = lower @ (weights.U[start : start + len(lower)] * np.sqrt(growth))
-            start += len(lower)
-            increment = place[used] // weights.rows.shape[1]
-            for i in np.unique(increment):
-                own, shared = lower[increment == i], common[increment == i]
-                yield place[used][increment == i], own @ own.T + shared @ shared.T
-
-
 def deviations(part: Part) -> Array:
-    """Standard deviation (t, 2 v), N, of every residual; NaN where there is no equation."""
-    result = np.full(part.train.rows.shape, np.nan)
-    for places, covariance in _covariances(part):
-        result.flat[places] = np.sqrt(np.diag(covariance))
-    return result
+    """Standard deviation (t, 2 v), N, of every residual by noise and discretisation; NaN where there is no equation."""
+    discrepancy = 0.0 if part.common is None else (part.common**2).sum(axis=2)
+    known = part.train.rows | part.held.rows
+    return np.where(known, np.sqrt(part.train.variance + part.held.variance + discrepancy), np.nan)
 
 
-def decorrelated(part: Part, fit: Fit) -> Array:
+def decorrelated(problem: Problem, part: Part, fit: Fit) -> Array:
     """Residuals (t, 2 v) of unit covariance that stay as close as can be to the virtual field they are named after.
 
     With s the standard deviations and R the correlations of an increment, R^-1/2 r / s (Kessy, Lewin and Strimmer 2018).
     """
-    r = residual(part, fit)
+    r, noise = residual(part, fit), noise_of(part.chain, part.assembled, problem.c, problem.amplifying)
     result = np.full(r.shape, np.nan)
-    for places, covariance in _covariances(part):
+    for i, used in [(i, w.rows[i]) for w in (part.train, part.held) for i in range(len(r)) if w.rows[i].any()]:
+        covariance = noise.increment(i)[np.ix_(used, used)]
+        if part.common is not None:
+            covariance = covariance + part.common[i, used] @ part.common[i, used].T
         spread = np.sqrt(np.diag(covariance))
         values, vectors = np.linalg.eigh(covariance / np.outer(spread, spread))
         root = np.sqrt(np.maximum(values, 1e-12 * values.max()))
-        result.flat[places] = vectors @ ((vectors.T @ (r.flat[places] / spread)) / root)
+        result[i, used] = vectors @ ((vectors.T @ (r[i, used] / spread)) / root)
     return result
 
 

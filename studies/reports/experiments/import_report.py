@@ -118,6 +118,7 @@ def write_report(experiment: Experiment, folder: Path, manifest: Manifest) -> Pa
         ),
         *([["of it of the reference picture", noise.reference_std, "mm"]] if noise.reference_std else []),
         ["its correlation length", noise.correlation_length, "mm"],
+        *([["its correlation time", noise.correlation_time, experiment.clock_unit]] if noise.correlation_time else []),
         [f"noise of the force ({provenance['noise']['force']})", noise.force_std, "N"],
         *([["in proportion to the force", 100 * noise.force_std_relative, "%"]] if noise.force_std_relative else []),
         ["strain, largest increment", 100 * experiment.strain_signal.strain, "%"],

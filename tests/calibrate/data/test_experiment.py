@@ -53,12 +53,39 @@ def test_noise_that_is_common_to_the_increments_is_kept(tmp_path):
     assert Experiment.load(tmp_path / "sheet.npz").noise == whole.noise
     part = whole.select([0, 1])
     s = whole.deformation_shares
-    before = whole.noise.between_increments(s)
-    np.testing.assert_allclose(part.noise.between_increments(part.deformation_shares), before[:2, :2], rtol=1e-12)
-    assert before[2, 2] == pytest.approx(1 + 16 + 4) and before[0, 1] == pytest.approx(16 * s[0] * s[1] + 4)
+    before, after = whole.noise.common_between(s), part.noise.common_between(part.deformation_shares)
+    np.testing.assert_allclose(after, before[:2], rtol=1e-12)
+    np.testing.assert_allclose(before @ before.T, 16 * np.outer(s, s) + 4)
+    np.testing.assert_allclose(whole.noise.variances(s), 1 + 16 * s**2 + 4)
     assert whole.noise.total_std == pytest.approx(0.01 * np.sqrt(21))
     with pytest.raises(errors.ExperimentError, match="give displacement_std too"):
         Noise(0.0, reference_std=0.01)
+
+
+def test_a_drift_of_the_noise_is_kept(tmp_path):
+    """In s, whatever increments are left; without time in increments, which are counted anew."""
+    timed = stretched(noise=Noise(0.01, 1.0, correlation_time=2.5))
+    timed.save(tmp_path / "sheet.npz")
+    assert Experiment.load(tmp_path / "sheet.npz").noise == timed.noise
+    assert timed.select([0, 2]).noise == timed.noise
+    between = timed.noise.own_between(timed.clock)
+    assert between[0, 2] == pytest.approx(np.exp(-2 / 2.5)) and between[1, 1] == 1
+    slow = replace(timed, time=2 * timed.time)
+    for same, part in ((slow, slow.without_time()), (slow.without_time(), slow.without_time().select([0, 2]))):
+        index = [0, 2] if part.n_increments == 2 else [0, 1, 2]
+        expected = same.noise.own_between(same.clock)[np.ix_(index, index)]
+        np.testing.assert_allclose(part.noise.own_between(part.clock), expected, rtol=1e-12)
+
+
+def test_files_without_a_drift_are_as_before(tmp_path):
+    for noise, numbers, version in (
+        (Noise(0.01), 4, 1),
+        (Noise(0.01, pattern_std=0.01), 6, 4),
+        (Noise(0.01, correlation_time=1.0), 7, 5),
+    ):
+        stretched(noise=noise).save(tmp_path / "sheet.npz")
+        with np.load(tmp_path / "sheet.npz") as data:
+            assert data["noise"].shape == (numbers,) and int(data["version"]) == version
 
 
 def test_the_share_of_the_deformation_does_not_see_rigid_motion():
@@ -119,7 +146,7 @@ def test_other_versions_and_missing_arrays_are_refused(tmp_path):
     assert json.loads(str(content["provenance"])) == {"source": "test"}
     without = {key: {k: v for k, v in content.items() if k != key} for key in ("version", "displacements")}
     for wrong, key in (
-        ({**content, "version": 5}, "version 5"),
+        ({**content, "version": 6}, "version 6"),
         ({**content, "version": "new"}, "version new"),
         ({**content, "provenance": "{"}, "garbled"),
         ({**content, "noise": ["a", "b"]}, "garbled"),

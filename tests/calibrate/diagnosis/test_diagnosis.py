@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import synthetic
 from scipy import stats
-from scipy.linalg import block_diag
 from scipy.optimize import lsq_linear, nnls
 
 from calibrate import errors
@@ -34,7 +33,8 @@ from calibrate.effects.support.nodal_derivatives import gradient
 from calibrate.equations import discretisation_error, kinematics, noise_covariance
 from calibrate.equations.basis import SingleBasis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
-from calibrate.equations.weights import Weights, weights_of
+from calibrate.equations.noise_covariance import EquationNoise
+from calibrate.equations.weights import weights_of
 from calibrate.fitting import least_squares
 from studies.trials import blind_data
 
@@ -87,44 +87,32 @@ def test_a_fit_says_whether_it_has_converged():
     assert late.last_step < 0.1
 
 
-def test_whitening_gives_unit_covariance():
-    """Noise of every increment and a source common to all, drawn with their covariance."""
+def drawn_noise(common):
+    """Of three increments of five equations, each with spreads of its own."""
     rng = np.random.default_rng(0)
-    t, rows = 3, 5
-    lowers = tuple(np.tril(rng.standard_normal((rows, rows))) + 3 * np.eye(rows) for _ in range(t))
-    source = rng.standard_normal((t, rows, 2))
-    draws = 20000
-    noise = np.stack([rng.standard_normal((draws, rows)) @ low.T for low in lowers], axis=1)
-    data = noise + np.einsum("trs,ns->ntr", source, rng.standard_normal((draws, 2)))
-    plain = Weights(np.ones((t, rows), bool), lowers, np.zeros((t * rows, 0)), np.zeros(0))
-    V = plain(np.moveaxis(source, -1, 0)).T
-    U, s, _ = np.linalg.svd(V, full_matrices=False)
-    white = Weights(plain.rows, lowers, U, 1 / np.sqrt(1 + s**2) - 1)
-    covariance = np.cov(white(data).T)
-    np.testing.assert_allclose(covariance, np.eye(t * rows), atol=5 * np.sqrt(2 / draws))
-    z, r = rng.standard_normal(t * rows), rng.standard_normal((t, rows))
-    assert (white.adjoint(z) * r).sum() == pytest.approx(z @ white(r), rel=1e-12)
+    spreads = rng.standard_normal((3, 5, 9)) + 3 * np.eye(5, 9)
+    deviations = np.zeros((3, 5))
+    deviations[:, 0] = 1.0
+    return EquationNoise(
+        spreads, np.eye(3), np.eye(3), np.outer(common, [1.0, 2.0]), np.eye(5), deviations, np.ones(3, bool)
+    )
 
 
-def test_whitening_with_noise_common_to_the_increments_gives_unit_covariance():
-    """Of some equations of all increments, from their joint covariance; one without covariances between them as ever."""
-    rng = np.random.default_rng(0)
-    t, rows = 3, 4
-    lower = np.tril(rng.standard_normal((t * rows, t * rows))) + 4 * np.eye(t * rows)
-    used = rng.uniform(size=(t, rows)) < 0.7
-    source = rng.standard_normal((t, rows, 2))
-    joint = weights_of([lower @ lower.T], used, source)
-    flat = source.reshape(-1, 2)
-    whole = (lower @ lower.T + flat @ flat.T)[np.ix_(used.ravel(), used.ravel())]
-    W = joint(np.eye(t * rows).reshape(-1, t, rows)).T[:, used.ravel()]
-    np.testing.assert_allclose(W @ whole @ W.T, np.eye(joint.size), atol=0.03)  # small sources are left out
-    assert joint.log_determinant == pytest.approx(np.linalg.slogdet(whole)[1], abs=0.03)
-    z, r = rng.standard_normal(joint.size), rng.standard_normal((t, rows))
-    assert (joint.adjoint(z) * r).sum() == pytest.approx(z @ joint(r), rel=1e-12)
-    np.testing.assert_allclose(joint.variance[used], np.diag(lower @ lower.T)[used.ravel()])
-    blocks = [b @ b.T for b in 3 * np.eye(rows) + rng.standard_normal((t, rows, rows))]
-    alone, together = weights_of(blocks, used), weights_of([block_diag(*blocks)], used)
-    np.testing.assert_allclose(alone(r), together(r), rtol=1e-9)
+@pytest.mark.parametrize("common", [np.zeros(3), np.array([0.5, 1.0, 1.5])])
+def test_whitening_gives_unit_covariance(common):
+    """Of some equations, by noise of every increment, noise in common and a source common to all."""
+    rng, noise = np.random.default_rng(1), drawn_noise(common)
+    used = rng.uniform(size=(3, 5)) < 0.7
+    source = rng.standard_normal((3, 5, 2))
+    found, flat = weights_of(noise, used, source), source.reshape(-1, 2)
+    rows = noise.spreads.reshape(15, -1)
+    whole = np.kron(np.eye(3) + 5 * np.outer(common, common), np.ones((5, 5))) * (rows @ rows.T) + flat @ flat.T
+    whole = (whole + np.diag(noise.deviations.ravel() ** 2))[np.ix_(used.ravel(), used.ravel())]
+    W = found(np.eye(15).reshape(-1, 3, 5)).T[:, used.ravel()]
+    np.testing.assert_allclose(W @ whole @ W.T, np.eye(found.size), atol=0.03)  # small sources are left out
+    assert found.log_determinant == pytest.approx(np.linalg.slogdet(whole)[1], abs=0.03)
+    z, r = rng.standard_normal(found.size), rng.standard_normal((3, 5))
+    assert (found.adjoint(z) * r).sum() == pytest.approx(z @ found(r), rel=1e-12)
 
 
 def test_bounded_least_squares_is_that_of_scipy():

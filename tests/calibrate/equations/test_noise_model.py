@@ -12,7 +12,7 @@ from calibrate.equations import basis as bases
 from calibrate.equations import equilibrium as equations
 from calibrate.equations import noise_covariance, reduction
 from calibrate.equations.inputs import REFERENCE
-from calibrate.errors import ConfigError
+from calibrate.equations.weights import memory, weights_of
 
 NOISE = Noise(displacement_std=0.02, correlation_length=2.5, force_std=0.01)
 SPACING = 12.0
@@ -27,6 +27,15 @@ def true_coefficients(basis):
     J1 = basis.site_inputs[:, 0] + REFERENCE[0]
     psi = derivatives(ArrudaBoyce(), np.stack([J1, np.full_like(J1, 3.0)], axis=1))
     return basis.interpolation @ psi.ravel()
+
+
+def dense(noise):
+    """Covariance of all increments together."""
+    between, deviations = noise.own + noise.common @ noise.common.T, noise.deviations
+    t, r = deviations.shape
+    spreads = np.tensordot(noise.shares, noise.spreads, 1).reshape(t * r, -1)
+    found = np.kron(between, np.ones((r, r))) * (spreads @ spreads.T)
+    return found + np.kron(np.eye(t), noise.correlation) * np.outer(deviations, deviations)
 
 
 def covariance_of(system, basis, c, F, factor, noise, increment=0):
@@ -114,10 +123,13 @@ def test_covariance_between_increments_is_the_empirical_one():
     """Pattern and reference: the products of residuals of two increments against the joint covariance."""
     noise = Noise(5e-5, 2.5, force_std_relative=1e-4, pattern_std=2e-4, reference_std=1e-4)
     clean = plate_experiment(n_increments=2, n_theta=24, n_radial=4)
+    one, other = clean.loaded
+    clean = replace(clean, loaded=(one, replace(other, force=(1 + 1e-6) * other.force)))  # two load cells
     system = equations.equilibrium(replace(clean, noise=noise), SPACING)
     basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
     c = true_coefficients(basis)
-    (predicted,) = reduction.assemble(system, basis).noise_covariances(c)
+    seen = reduction.assemble(system, basis).noise_at(c)
+    predicted = dense(seen)
     residuals = []
     for seed in range(200):
         noisy = equations.Equilibrium(with_noise(clean, noise, seed), system.fields)
@@ -132,12 +144,8 @@ def test_covariance_between_increments_is_the_empirical_one():
         reduction.assemble(system, basis).variances, 1 + 16 * system.experiment.deformation_shares**2 + 4
     )
     half = len(predicted) // 2
-    for own, block in zip(
-        reduction.assemble(system, basis).own_covariances(c),
-        (predicted[:half, :half], predicted[half:, half:]),
-        strict=True,
-    ):
-        np.testing.assert_allclose(own, block, atol=1e-12 * np.abs(block).max())
+    for i, block in enumerate((predicted[:half, :half], predicted[half:, half:])):
+        np.testing.assert_allclose(seen.increment(i), block, atol=1e-12 * np.abs(block).max())
 
 
 @pytest.mark.parametrize("common", [0.0, 0.04])
@@ -163,10 +171,10 @@ def test_covariance_of_many_increments_is_known_from_samples(monkeypatch):
     basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
     c = true_coefficients(basis)
     some = reduction.assemble(system, basis)
-    (found,) = some.noise_covariances(c)
+    found = dense(some.noise_at(c))
     monkeypatch.setattr(load_path, "SAMPLE", 0.0)
     every = reduction.assemble(system, basis)
-    (expected,) = every.noise_covariances(c)
+    expected = dense(every.noise_at(c))
     assert len(some.samples[0]) < 17 and len(every.samples[0]) == 30
     deviation = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(
@@ -194,14 +202,66 @@ def test_opposite_grips_that_one_load_cell_reads_are_wrong_together():
         np.testing.assert_allclose(correlation, expected, atol=1e-12)
 
 
-def test_too_many_pictures_with_noise_in_common_are_refused(monkeypatch):
-    noise = Noise(5e-5, 2.5, pattern_std=2e-4)
-    clean = plate_experiment(n_increments=4, n_theta=24, n_radial=4)
+PARTS = {"force_std_relative": 1e-3, "force_std": 1e-3}
+COMMON = {"pattern_std": 4e-3, "reference_std": 2e-3}
+
+
+@pytest.mark.parametrize(
+    ("noise", "rows", "close"),
+    [
+        (Noise(1e-3, 2.5, **PARTS), "some", 1e-7),  # the floor of a Cholesky factor
+        (Noise(1e-3, 2.5, **PARTS, **COMMON), "all", 2e-3),
+        (Noise(1e-3, 2.5, **PARTS, **COMMON), "some", 2e-3),
+        (Noise(1e-3, 2.5, **PARTS, correlation_time=8.0), "all", 2e-3),
+        (Noise(1e-3, 2.5, **PARTS, **COMMON, correlation_time=8.0), "some", 2e-3),
+    ],
+)
+def test_weights_have_the_determinant_and_the_squares_of_the_dense_covariance(noise, rows, close):
+    """To `close` a row: white noise is exact, of noise in common what is `NEGLIGIBLE` is left out, and a drift that the changing tangent mixes is told
+    nearly by the increment before. Some: a third of the increments is left out, and another has some of its rows only."""
+    clean = plate_experiment(n_increments=6, n_theta=24, n_radial=4)
     system = equations.equilibrium(replace(clean, noise=noise), SPACING)
-    rows = system.loads.shape[1]
-    monkeypatch.setattr(noise_covariance, "MOST_ROWS", 3 * rows + 1)
     basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
-    with pytest.raises(ConfigError, match=r"4 pictures have noise in common.*--pictures 3"):
-        list(reduction.assemble(system, basis).noise_covariances(true_coefficients(basis)))
-    alone = equations.Equilibrium(replace(clean, noise=Noise(5e-5, 2.5)), system.fields)
-    assert len(list(reduction.assemble(alone, basis).noise_covariances(true_coefficients(basis)))) == 4
+    seen, used = reduction.assemble(system, basis).noise_at(true_coefficients(basis)), np.isfinite(system.loads)
+    if rows == "some":
+        used &= np.arange(6)[:, None] % 3 != 1
+        used[3, ::2] = False
+    found = weights_of(seen, used)
+    covariance = dense(seen)[np.ix_(used.ravel(), used.ravel())]
+    W = found(np.eye(used.size)[used.ravel()].reshape(-1, *used.shape)).T
+    unit = W @ covariance @ W.T
+    assert abs(found.log_determinant - np.linalg.slogdet(covariance)[1]) < close * len(unit)
+    assert ((unit - np.eye(len(unit))) ** 2).mean() < close**2
+    if not noise.correlation_time:  # what is left out was told to be below that in every direction
+        values = np.linalg.eigvalsh(unit)
+        assert values[0] > 1 - 1e-6 and values[-1] < 1 + noise_covariance.NEGLIGIBLE
+    draws = np.zeros((50, *used.shape))
+    draws[:, used] = (np.linalg.cholesky(covariance) @ np.random.default_rng(0).standard_normal((len(unit), 50))).T
+    exact = np.einsum("ni,ni->n", draws[:, used], np.linalg.solve(covariance, draws[:, used].T).T)
+    np.testing.assert_allclose((found(draws) ** 2).sum(axis=1), exact, rtol=10 * close)
+    r, z = draws[0], np.random.default_rng(1).standard_normal(found.size)
+    assert (found.adjoint(z) * r).sum() == pytest.approx(z @ found(r), rel=1e-9)
+    np.testing.assert_allclose(found.variance[used], np.diag(covariance), rtol=1e-9)
+
+
+def test_increments_before_one_that_tell_of_it():
+    """None of white noise, one of an exponential; of sums of pictures, those with the pictures that they are made of."""
+    time = np.array([0.0, 1.0, 1.5, 4.0, 5.0, 7.0])
+    assert memory(np.eye(6)) == 0
+    assert memory(np.exp(-np.abs(np.subtract.outer(time, time)) / 2.0)) == 1
+    W = np.eye(4)[[0, 1, 1, 2, 3]]
+    W[2] = [0.0, 0.5, 0.5, 0.0]
+    assert memory(W @ W.T) == 2  # the picture after the sum is known from it and from the one before
+
+
+def test_samples_of_a_drift_have_its_covariance():
+    """Between increments exp(-t / tau), at each point and component."""
+    clean = plate_experiment(n_increments=5, n_theta=24, n_radial=4)
+    noise = Noise(0.02, 2.5, correlation_time=3.0)
+    timed = replace(clean, time=np.array([1.0, 2.0, 4.0, 7.0, 8.0]))
+    M = noise_covariance.between_increments(timed, noise)
+    np.testing.assert_allclose(M, np.exp(-np.abs(np.subtract.outer(timed.time, timed.time)) / 3.0))
+    factor = noise_covariance.noise_factor(clean.points, noise)
+    fields = np.array([noise_covariance.common_sample(factor, np.random.default_rng(k), M) for k in range(400)])
+    found = np.einsum("ktnc,kunc->tu", fields, fields) / fields[:, 0].size / 0.02**2
+    np.testing.assert_allclose(found, M, atol=5 * np.sqrt(2 / 400 / 10))  # ten independent places on the plate at least

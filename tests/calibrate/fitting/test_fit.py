@@ -56,9 +56,9 @@ def test_quadratic_is_the_sum_of_squares_of_the_whitened_equations(arruda_boyce)
     c, _, equations_of_all = arruda_boyce
     quadratic = equations_of_all.quadratic(c)
     other = c * np.linspace(0.5, 1.5, c.size)
-    residuals = [G @ other - load for G, load in equations_of_all.weighted_equations(c)]
-    assert quadratic.loss(other) == pytest.approx(sum(r @ r for r in residuals), rel=1e-9)
-    assert quadratic.n_rows == sum(r.size for r in residuals)
+    G, load = equations_of_all.weighted_equations(c)
+    assert quadratic.loss(other) == pytest.approx(((G @ other - load) ** 2).sum(), rel=1e-9)
+    assert quadratic.n_rows == load.size
 
 
 def test_whitened_residuals_have_unit_covariance():

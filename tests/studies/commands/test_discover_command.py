@@ -17,6 +17,7 @@ from calibrate.models.extended_model import ExtendedModel
 from studies.cli import main
 from studies.commands import discover as discovery
 from studies.errors import OptionError
+from studies.replay.replay_check import replay_check
 from studies.replay.twin_replay import twin_replay
 from studies.reports.discovery import report as discovery_report
 
@@ -29,7 +30,7 @@ def asked(monkeypatch):
     def discover(trained, rule, held, effects, spacing, base, whole, seed, say, **also):
         say("round 1: testing effects")
         calls.append({"trained": trained, "rule": rule, "held": held, "effects": effects, "spacing": spacing,
-                      "base": base, "whole": whole, "seed": seed, "replay": also["replay"]})  # fmt: skip
+                      "base": base, "whole": whole, "seed": seed, "replay": also["replay"], "check": also["check"]})  # fmt: skip
         return explained()
 
     monkeypatch.setattr("calibrate.diagnosis.discovery.discover", discover)
@@ -68,6 +69,7 @@ def test_everything_is_written_and_the_verdict_is_said(run, asked):
     assert asked[0]["rule"] is None
     assert asked[0]["effects"] == CATALOGUE
     assert asked[0]["replay"] is twin_replay
+    assert asked[0]["check"] is replay_check
     assert (asked[0]["base"], asked[0]["whole"], asked[0]["seed"]) == ("positive", True, 0)
     model = ExtendedModel.load(folder / "model.json")
     assert model.verdict == "explained"

@@ -66,9 +66,10 @@ def test_what_is_stated_of_the_noise_is_used_and_the_rest_estimated(tmp_path, st
 
 
 def test_what_is_stated_of_noise_common_to_all_pictures_is_kept(tmp_path):
-    stated = "displacement_std_mm = 0.001\npattern_std_mm = 0.003\nreference_std_mm = 0.002"
+    stated = "displacement_std_mm = 0.001\npattern_std_mm = 0.003\nreference_std_mm = 0.002\ncorrelation_time_s = 4.0"
     e = from_map(mapped(tmp_path, MAP.replace("displacement_std_mm = 0.001", stated)))
     assert (e.noise.displacement_std, e.noise.pattern_std, e.noise.reference_std) == (0.001, 0.003, 0.002)
+    assert e.noise.correlation_time == 4.0
 
 
 def test_force_noise_stated_alone(tmp_path):
@@ -169,6 +170,7 @@ def test_force_per_frame(tmp_path):
         ("[noise]", "[noise", "not valid TOML"),
         ("displacement_std_mm", "correlation_length_mm", "belongs to noise.displacement_std_mm"),
         ("displacement_std_mm = 0.001", "pattern_std_mm = 0.001", "state noise.displacement_std_mm too"),
+        ("displacement_std_mm = 0.001", "correlation_time_s = 2.0", "state noise.displacement_std_mm too"),
         ("displacement_std_mm = 0.001", "force_std_N = -1.0", "noise.force_std_N = -1.0: .*greater than or equal to 0"),
         ("rate_hz = 2.0", "rate_hz = -2.0", "frames.rate_hz = -2.0: .*greater than 0"),
         ("rate_hz = 2.0", "rate_hz = nan", "frames.rate_hz = nan: "),

@@ -16,15 +16,17 @@ import numpy as np
 import pytest
 from discoveries import explained, nothing, sheet
 from discoveries import view as seen
+from made_up_replay import check, observations, only_held
 from skip_network import neo_hooke
 
 from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.strain_signal import StrainSignal
-from calibrate.diagnosis.evidence.power import Finding as Power
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
+from calibrate.diagnosis.evidence.power import Finding as Power
 from calibrate.diagnosis.joint.shares import Everything, Share
 from calibrate.diagnosis.misfit import Misfit
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.selection.rounds import Doubt, Refusal, RefusalReason
 from calibrate.effects.second_invariant import SecondInvariant
@@ -289,6 +291,15 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.no_thickness": lambda: of_experiment(lambda e: replace(e, thickness=None)),
     "discovery.attenuated": lambda: with_patch("discovery_quality", lambda view: replace(GOOD, attenuation=1.2)),
     "discovery.weak_strain": lambda: of_experiment(noisy),
+    "discovery.replayed": lambda: of_nothing(replay_check=check(observations())),
+    "discovery.replay_not_made": lambda: of_nothing(replay_check=NoReplayCheck("unmeasured strip: no law has it")),
+    "discovery.replay_outside": lambda: of_nothing(replay_check=check(observations(only_held(9.0)))),
+    "discovery.replay_worse": lambda: of_explained(replay_check=check(observations(only_held(9.0)), observations())),
+    "discovery.replay_levels": lambda: of_nothing(replay_check=check(observations(stiffness=1.07))),
+    "discovery.replay_stand_in": lambda: of_nothing(
+        replay_check=replace(check(observations()), stand_ins=(True, True))
+    ),
+    "discovery.replay_beyond": lambda: of_nothing(replay_check=check(observations(), beyond=0.5)),
     "discovery.plane_strain": lambda: with_patch("bulk_modulus", lambda problem, fit: (100.0, 5.0)),
 }
 
@@ -401,6 +412,7 @@ RAISED: dict[str, Callable[[], Findings]] = {
     "E402": of_weighing,
     "E407": lambda: of_everything(0.9),
     "E409": lambda: of_plausible(0.2),
+    "R609": lambda: of_explained(replay_check=check(observations(only_held(9.0)), observations())),
     "P501": lambda: curves(USELESS),
     "P505": lambda: bands(False),
 }
@@ -569,6 +581,13 @@ def test_noise_that_pictures_have_in_common_is_told_with_its_parts():
     used = Noise(0.006, 3.0, pattern_std=0.008)
     told = discovery_findings.noise_found("sheet", NoiseCheck(STATED, used.total_std, used)).text
     assert "in common" in told and "8 um of it stay with the pattern" in told and "6 um new in every picture" in told
+    drift = Noise(0.006, 3.0, correlation_time=12.0)
+    told = discovery_findings.noise_found("sheet", NoiseCheck(STATED, drift.total_std, drift)).text
+    assert "those before them. It drifts from picture to picture over 12 s" in told and "pattern" not in told
+    unstated = discovery_findings.noise_found(
+        "sheet", NoiseCheck(None, 0.01, replace(used, correlation_time=3.0)), "increments"
+    ).text
+    assert "6 um drift;" in unstated and "over 3 increments" in unstated
     kept = discovery_findings.noise_found("sheet", NoiseCheck(used, 2 * used.total_std, used.scaled(2.0))).text
     assert "2 times as much" in kept and "in common" not in kept
 

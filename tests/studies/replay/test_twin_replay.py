@@ -165,6 +165,14 @@ def test_the_base_that_is_replayed_does_not_soften():
         assert size(work - loads) < 0.05 * size(loads)
 
 
+def test_the_base_that_is_replayed_has_a_stiffness_at_rest():
+    """Of data that ask for none, 5 % of the mean."""
+    problem, fit = fitted(200)
+    c = fit.c * np.linspace(0.0, 2.0, len(fit.c)) ** 3
+    found = twin.stiffening_base(problem, replace(fit, c=c, residual=effect_residual(problem, c)))
+    assert found[0] >= 0.999 * twin.LEAST * c.mean()
+
+
 def effect_residual(problem, c):
     return equations.residual(problem, c, ())
 

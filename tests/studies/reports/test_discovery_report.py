@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from discoveries import C01, explained, held, nothing, sheet, view
 from discovery_stand_in import StandInManifest, StandInModel
+from made_up_replay import INCREMENTS, check, observations
 from matplotlib.figure import Figure
 
 from calibrate.diagnosis.residual_tests import ChiSquare
@@ -23,6 +24,7 @@ from studies.reports.discovery import figures, report
 from studies.reports.discovery.candidate_outcome import Outcome, outcome, outcome_words, untested_words
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
+from studies.reports.discovery.replay_section import ReplayCode, band_fields, band_rows, replay_table
 from studies.reports.discovery.statement import Statement, reservations, verdict
 from studies.reports.discovery.tables import candidate_table, model_table
 from studies.reports.discovery.view import decorrelated, deviations, forces, held_increments, nodal
@@ -57,7 +59,7 @@ def test_an_effect_that_was_measured_says_by_what() -> None:
 def test_residuals_of_the_true_model_stay_within_noise_and_discretisation():
     """The data have no discretisation error, for which the covariance leaves room: below one, not at it."""
     part = explained().problem.parts[0]
-    z, before = decorrelated(part, explained().final), decorrelated(part, explained().base)
+    z, before = (decorrelated(explained().problem, part, fit) for fit in (explained().final, explained().base))
     assert np.isfinite(z).all()
     assert np.mean(z**2) < 1
     assert np.mean(before**2) > 4 * np.mean(z**2)
@@ -68,10 +70,11 @@ def test_sum_of_squares_is_the_chi_square_where_nothing_is_common_to_increments(
     part = explained().problem.parts[0]
     plain = replace(
         part,
+        common=None,
         train=replace(part.train, U=part.train.U[:, :0], shrink=part.train.shrink[:0]),
         held=replace(part.held, U=part.held.U[:, :0], shrink=part.held.shrink[:0]),
     )
-    z, fit = decorrelated(plain, explained().base), explained().base
+    z, fit = decorrelated(explained().problem, plain, explained().base), explained().base
     r = part.own_residual(fit.c)
     assert (z[~held()] ** 2).sum() == pytest.approx((plain.train(r) ** 2).sum(), rel=1e-5)
     assert (z[held()] ** 2).sum() == pytest.approx((plain.held(r) ** 2).sum(), rel=1e-5)
@@ -302,3 +305,20 @@ def test_quick_report_has_fewer_pictures(tmp_path):
 def _table(path):
     lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
     return list(csv.DictReader(lines))
+
+
+def test_a_replay_is_said_and_its_level_is_that_of_the_amplitudes():
+    """Forces are 7 % too large as the model was fitted: c01 as stated is as much smaller."""
+    found = replace(explained(), replay_check=check(observations(stiffness=1.07), observations()))
+    (said,) = (one.text for one in remarks(view(found)) if one.code is ReplayCode.REPLAYED)
+    assert "held out" in said and "x 0.93" in said
+    (before,), (after,) = (Statement.of(view(one)).named[0].values for one in (explained(), found))
+    values = [float(text.split("=")[1].split("+-")[0]) for text in (before, after)]
+    assert values[1] == pytest.approx(values[0] / 1.07, rel=1e-2)
+    rows = replay_table(found.replay_check)[1]
+    assert [row[0] for row in rows] == ["base model", "final model", "95 % band of the last"]
+    assert len(band_rows(found.replay_check, ["plate"], [None])[1]) == INCREMENTS
+    fields = band_fields(found.replay_check, ["plate"])[1]
+    assert len(fields) == INCREMENTS and all(row[-1] > 0 for row in fields)
+    content_of_file = json.loads(json.dumps(content(view(found))))
+    assert content_of_file["replay"]["final"]["level"] == pytest.approx(1 / 1.07)

@@ -73,6 +73,8 @@ def test_the_study_says_what_the_commands_say(tmp_path):
     assert [m.name for m in one.models] == [BASE, FOUND]
     assert one.model(FOUND).held_out.force == pytest.approx(done.view.discovery.rounds[-1].held.force)
     assert SheetResult.from_dict(json.loads(json.dumps(one.to_dict()))) == one
+    assert [r.name for r in one.replays] == [BASE, FOUND] and one.replays[1].level == pytest.approx(1.0, abs=0.05)
+    assert one.replays[1].held_out == done.view.discovery.replay_check.final.judged.force
     moved = transfer(tmp_path / "found" / "model.json", tmp_path / "other.npz", output=tmp_path / "moved")
     two = TransferResult.of(moved.found, ["It is."])
     assert TransferResult.from_dict(json.loads(json.dumps(two.to_dict()))) == two

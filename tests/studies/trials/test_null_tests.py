@@ -54,7 +54,8 @@ def test_what_is_told_is_the_noise_that_is_there():
     assert null_tests._stated(Condition("", factor=2.0, correlation=0.5), whole) == whole.scaled(2.0)
     told = null_tests._stated(Condition("", Told.ALL, correlation=0.5), whole)
     assert told.total_std == pytest.approx(whole.total_std)
-    np.testing.assert_allclose(told.between_increments(np.ones(2)), [[2, 1], [1, 2]])  # half is new, half in common
+    common = told.common_between(np.ones(2))
+    np.testing.assert_allclose(np.eye(2) + common @ common.T, [[2, 1], [1, 2]])  # half is new, half in common
 
 
 def test_a_condition_that_tells_what_is_common_has_nothing_that_drifts():

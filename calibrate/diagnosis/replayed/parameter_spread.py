@@ -1,0 +1,87 @@
+"""Covariance of all parameters of a fit: functions of the base, amplitudes and shapes of effects.
+
+In: a `Problem` and a `Fit`. Out: `Spread`: directions and a root of their covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis import problem as equations
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.parameters import Variables
+from calibrate.diagnosis.problem import Problem
+from calibrate.effects.chain import Additions
+
+Array = NDArray[np.float64]
+ACTIVE = 1e-6  # of the largest weight, from which a function of the cone is in the base
+SINGULAR = 1e-10  # of the largest eigenvalue of the information
+STEP = 1e-3  # of a size, of finite differences
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """base (n, p): changes of the coefficients. sizes (p + k,): of a small change of each unknown, the weight of a direction, or an amplitude or shape. root (p + k, q): of the
+    covariance of the unknowns."""
+
+    fit: Fit
+    base: Array
+    sizes: Array
+    root: Array
+
+    def moved(self, i: int) -> tuple[Array, Additions]:
+        """Coefficients (n,) and effects with the i-th unknown larger by its size."""
+        p = self.base.shape[1]
+        if i < p:
+            return self.fit.c + self.sizes[i] * self.base[:, i], self.fit.additions
+        variables = Variables(self.fit.additions)
+        values = variables.values.copy()
+        values[i - p] += self.sizes[i]
+        return self.fit.c, variables.at(values)
+
+
+def spread_of(problem: Problem, fit: Fit) -> Spread:
+    """Of Gauss-Newton's information, over the dispersion; amplitudes as uncertain as the fit says, which allows for errors of the kinematics, too.
+
+    Functions at their bound are held there.
+    """
+    weights = np.maximum(np.linalg.lstsq(problem.cone, fit.c, rcond=None)[0], 0.0)
+    base = problem.cone[:, weights > ACTIVE * weights.max()]
+    p = base.shape[1]
+    variables = Variables(fit.additions)
+    scale = variables.scale if fit.additions else np.zeros(0)
+    J = equations.base_columns(problem, fit.chains) @ base
+    if fit.additions:
+        J = np.hstack([J, equations.signatures(problem, fit.chains, fit.c, fit.additions) * scale])
+    information = J.T @ J / max(1.0, fit.reduced_chi_square)
+    prior = problem.prior[:, weights > ACTIVE * weights.max()]
+    information[:p, :p] += prior.T @ prior
+    root = _root(information)
+    if fit.additions:
+        root[p:] *= _growth(root[p:], scale, fit, variables)[:, None]
+        root[p:] *= scale[:, None]
+    sizes = np.concatenate([np.full(p, STEP * weights.max()), STEP * scale])
+    return Spread(fit, base, sizes, root)
+
+
+def _root(information: Array) -> Array:
+    """R (k, q) with R R^T the inverse of an information (k, k); what it does not constrain is held."""
+    size = np.sqrt(np.diag(information))
+    used = size > 0
+    values, vectors = np.linalg.eigh(information[np.ix_(used, used)] / np.outer(size[used], size[used]))
+    keep = values > SINGULAR * values.max()
+    root = np.zeros((len(size), int(keep.sum())))
+    root[used] = vectors[:, keep] / np.sqrt(values[keep]) / size[used][:, None]
+    return root
+
+
+def _growth(root: Array, scale: Array, fit: Fit, variables: Variables) -> Array:
+    """Factors (k,) on the deviations of amplitudes and shapes, to those that the fit states; shapes as they are."""
+    found = np.ones(len(scale))
+    stated = np.concatenate([np.array(d) for d in fit.errors]) / scale[~variables.is_shape]
+    own = np.linalg.norm(root[~variables.is_shape], axis=1)
+    found[~variables.is_shape] = np.maximum(stated / np.where(own > 0, own, np.inf), 1.0)
+    return found

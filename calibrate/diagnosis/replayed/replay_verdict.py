@@ -1,0 +1,43 @@
+"""The verdict in the light of the replay.
+
+In: a `Discovery` and what its replay came to. Out: the `Discovery` that both allow: *explained* needs a replay of what was held out within its band, and none
+that is worse than that of the base. A replay that was not made changes no verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.problem import level_factor
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck
+from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Verdict
+
+# replays base and final model of a diagnosis
+Check = Callable[[Discovery], ReplayCheck | NoReplayCheck]
+
+
+def judged_by_replay(found: Discovery, check: ReplayCheck | NoReplayCheck) -> Discovery:
+    """With the check; *not explained* where it speaks against an explanation."""
+    found = replace(found, replay_check=check)
+    if isinstance(check, NoReplayCheck) or not check.judgement.speaks_against or not found.final.names:
+        return found
+    confirmation = found.confirmation
+    if confirmation is not None:
+        doubts = [Doubt.WORSE_REPLAY] if check.judgement.worse else []
+        doubts += [Doubt.OUTSIDE_BAND] if check.judgement.outside else []
+        confirmation = replace(confirmation, doubts=(*confirmation.doubts, *doubts))
+    if found.verdict is not Verdict.EXPLAINED:
+        return replace(found, confirmation=confirmation)
+    return replace(found, verdict=Verdict.NOT_EXPLAINED, named=(), closest=found.final.names, confirmation=confirmation)
+
+
+def stiffness_level(found: Discovery, fit: Fit) -> float:
+    """By which the stiffness of the base or the final fit is multiplied: a nominal level; or that of its replayed forces, where it was replayed itself. Raises `FitError`, see
+    `problem.level_factor`."""
+    check = found.replay_check
+    if found.problem.level_is_nominal or not isinstance(check, ReplayCheck):
+        return level_factor(found.problem, fit.c, fit.additions)
+    which = int(fit is found.final)
+    return 1.0 if check.stand_ins[which] else (check.base, check.final)[which].level.factor

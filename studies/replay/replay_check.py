@@ -1,0 +1,169 @@
+"""Replays of the base and the final model of a diagnosis, which its verdict rests on (`calibrate.diagnosis.replayed`).
+
+In: a `Discovery`. Out: `ReplayCheck`, or why it was not made. With the final model the replay is linearised, which tells what noise and parameters do to it; the most probable
+other explanations are replayed, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.replayed import replay_rule
+from calibrate.diagnosis.replayed.band import Alternative, band_of, level_deviation
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
+from calibrate.diagnosis.replayed.observations import Observations, level_of
+from calibrate.diagnosis.replayed.parameter_spread import spread_of
+from calibrate.diagnosis.selection.rounds import Discovery
+from calibrate.diagnosis.twin import stiffening_base
+from calibrate.equations.basis import polyconvex
+from calibrate.errors import EquigapError
+from forward.errors import ForwardError
+from meshes.errors import MeshError
+from studies.errors import StudyError
+from studies.replay.compared_test import ComparedTest, ReplayedModel
+from studies.replay.competing_models import own_probability, rivals
+from studies.replay.law_changes import LawChanges
+from studies.replay.parameter_changes import of_parameters
+from studies.replay.replay_rows import SheetRows
+
+Array = NDArray[np.float64]
+HIGH = 0.99  # quantile of I1 over the triangles: corners of the grips do not count
+
+
+def replay_check(found: Discovery) -> ReplayCheck | NoReplayCheck:
+    """Base and final model replayed, with level, band and judgement."""
+    try:
+        return _Check(found).result()
+    except (ForwardError, MeshError, StudyError, EquigapError) as error:
+        return NoReplayCheck(str(error))
+
+
+@dataclass(eq=False)
+class _Check:
+    """The replays of a diagnosis."""
+
+    found: Discovery
+    convex: list[Fit] = field(default_factory=list, init=False)
+
+    @cached_property
+    def tests(self) -> list[ComparedTest]:
+        return [ComparedTest(part) for part in self.found.problem.parts]
+
+    def result(self) -> ReplayCheck:
+        """Raises what the replay of the final model raises."""
+        final = self.found.final
+        pairs = self._with_equilibrium(self.found.problem, final, self._linearised)
+        raw = self._observations([rows for rows, _ in pairs])
+        level = level_of(raw)
+        rows = raw.scaled(level.factor)
+        spread = self._spread(final, [changes for _, changes in pairs], level.factor)
+        base = self._base(raw)
+        base_rows = rows if base is None else base.rows
+        alternatives, without = self._alternatives(raw)
+        band = band_of(rows, base_rows, level, spread, alternatives, self._beyond(rows))
+        own = Replayed(level, level_deviation(level, rows, base_rows, spread), rows)
+        judgement = replay_rule.judge(base_rows, rows, band.covariance, self.found.problem.noise_is_known)
+        names = tuple(one.names for one in alternatives)
+        base_fit, final_fit = (any(one is fit for one in self.convex) for fit in (self.found.base, final))
+        stand_ins = (base_fit, final_fit)
+        return ReplayCheck(base or own, own, band, judgement, names, without, stand_ins)
+
+    def _base(self, raw: Observations) -> Replayed | None:
+        """The base at its own level; None where it is the final model."""
+        found = self.found
+        if found.final is found.base:
+            return None
+        assert found.start is not None
+        rows = self._with_equilibrium(found.start, found.base, lambda model: self._at(model, raw))
+        level = level_of(rows)
+        return Replayed(level, level.deviation, rows.scaled(level.factor))
+
+    def _with_equilibrium[T](self, problem: Problem, fit: Fit, replays: Callable[[ReplayedModel], T]) -> T:
+        """Replays of a fit; where there is no equilibrium, of the nearest base that does not soften with I1, as of a twin."""
+        try:
+            return replays(ReplayedModel(fit.c, fit.additions))
+        except ForwardError:
+            self.convex.append(fit)
+            return replays(ReplayedModel(stiffening_base(problem, fit), fit.additions))
+
+    def _linearised(self, model: ReplayedModel) -> list[tuple[SheetRows, LawChanges]]:
+        return [test.replayed(model, True) for test in self.tests]
+
+    def _at(self, model: ReplayedModel, like: Observations) -> Observations:
+        """Rows of another model, with the noise of the final one."""
+        return replace(self._observations([test.replayed(model, False)[0] for test in self.tests]), noise=like.noise)
+
+    def _alternatives(self, raw: Observations) -> tuple[tuple[Alternative, ...], tuple[str, ...]]:
+        """The most probable other explanations at their own levels, and why others are not among them."""
+        made, without = [], []
+        for names, probability, model in rivals(self.found):
+            try:
+                rows = self._at(model, raw)
+            except (ForwardError, MeshError, StudyError, EquigapError) as error:
+                without.append(str(error))
+            else:
+                made.append((names, probability, rows.scaled(level_of(rows).factor)))
+        whole = own_probability(self.found) + sum(probability for _, probability, _ in made)
+        return tuple(Alternative(names, p / whole, rows) for names, p, rows in made), tuple(without)
+
+    def _observations(self, found: Sequence[SheetRows]) -> Observations:
+        """All tests as flat rows."""
+        parts: dict[str, list[Array]] = {
+            key: [] for key in ("test", "increment", "held", "is_force", "measured", "replayed")
+        }
+        labels: list[str] = []
+        size = max(len(test.held) for test in self.tests)
+        squares = np.full((len(found), size), np.nan)
+        for i, (test, rows) in enumerate(zip(self.tests, found, strict=True)):
+            k, r = rows.measured.shape
+            given = (np.full(k * r, i), np.repeat(test.layout.chosen, r), np.repeat(test.held[test.layout.chosen], r),
+                     np.tile(test.layout.is_force, k), rows.measured.ravel(), rows.replayed.ravel())  # fmt: skip
+            for key, values in zip(parts, given, strict=True):
+                parts[key].append(values)
+            labels += test.layout.labels(test.experiment) * k
+            squares[i, test.layout.chosen] = rows.squares
+        noise = _block_diagonal([rows.noise for rows in found])
+        points = np.array([int(np.any(test.layout.weights, axis=0).sum()) for test in self.tests])
+        flat = {key: np.concatenate(values) for key, values in parts.items()}
+        return Observations(**flat, noise=noise, labels=tuple(labels), squares=squares, points=points)  # type: ignore[arg-type]
+
+    def _spread(self, fit: Fit, changes: Sequence[LawChanges], level: float) -> Array:
+        """(N, q): change of measured minus replayed along a root of the covariance of the parameters."""
+        spread = spread_of(self.found.problem, fit)
+        if not len(spread.root):
+            return np.zeros((sum(one.rows.measured.size for one in changes), 0))
+        return np.concatenate(
+            [of_parameters(test, one, spread, level) for test, one in zip(self.tests, changes, strict=True)]
+        )
+
+    def _beyond(self, rows: Observations) -> Array:
+        """(N,): share by which strain or time of a row is beyond what was fitted."""
+        strains = [np.quantile(polyconvex(t.part.system.isochoric_gradients)[0][..., 0], HIGH, axis=1)[t.part.experiment.pictures]
+                   for t in self.tests]  # fmt: skip
+        fitted = [~test.held for test in self.tests]
+        most = max(float(s[f].max(initial=0.0)) for s, f in zip(strains, fitted, strict=True))
+        shares = [np.sqrt(np.maximum(s, 0.0) / most) - 1 for s in strains]
+        times = [test.experiment.time for test in self.tests]
+        if all(time is not None for time in times):
+            last = max(
+                float(time[f].max(initial=0.0)) for time, f in zip(times, fitted, strict=True) if time is not None
+            )
+            shares = [np.maximum(s, time / last - 1) for s, time in zip(shares, times, strict=True) if time is not None]
+        found = np.array([shares[i][k] for i, k in zip(rows.test, rows.increment, strict=True)])
+        return np.where(rows.held, np.maximum(found, 0.0), 0.0)
+
+
+def _block_diagonal(blocks: Sequence[Array]) -> Array:
+    size = sum(len(block) for block in blocks)
+    found, start = np.zeros((size, size)), 0
+    for block in blocks:
+        found[start : start + len(block), start : start + len(block)] = block
+        start += len(block)
+    return found

@@ -1,0 +1,127 @@
+"""The replay of base and final model in a report: a `ReplayCheck` in; findings, tables and rows of files out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck
+from calibrate.diagnosis.selection import Discovery
+from studies.output.findings import Finding, Macro
+from studies.output.words import percent, plus_minus
+
+Table = tuple[list[str], list[list[Any]]]
+BASE, FINAL = "base model", "final model"
+
+
+class ReplayCode(Macro):
+    """Macros of ``templates/discovery.txt``."""
+
+    REPLAYED = "replayed"
+    NOT_MADE = "replay_not_made"
+    OUTSIDE = "replay_outside"
+    WORSE = "replay_worse"
+    LEVELS = "replay_levels"
+    BEYOND = "replay_beyond"
+    STAND_IN = "replay_stand_in"
+
+
+def replay_findings(found: Discovery) -> Iterator[Finding]:
+    """What the replay came to, and what speaks against the final model; none where it was not asked for."""
+    check = found.replay_check
+    if isinstance(check, NoReplayCheck):
+        yield _finding(ReplayCode.NOT_MADE, reason=check.reason)
+    if not isinstance(check, ReplayCheck):
+        return
+    names = list(found.final.names)
+    yield _finding(ReplayCode.REPLAYED, **errors_data(check), alone=not names)
+    if check.judgement.worse:
+        yield _finding(ReplayCode.WORSE, names=names)
+    if check.judgement.outside:
+        data = {"p": check.judgement.p_value, "held": check.held_out}
+        yield _finding(ReplayCode.OUTSIDE, bool(names), names=names, **data)
+    if check.stand_ins[1]:
+        yield _finding(ReplayCode.STAND_IN)
+    elif check.final.levels_disagree:
+        factor, deviation = check.final.level.factor, INTERVAL * check.final.deviation
+        yield _finding(ReplayCode.LEVELS, percent=abs(factor - 1), deviation=deviation, stiffer=factor > 1)
+    if check.is_beyond:
+        yield _finding(ReplayCode.BEYOND, held=check.held_out)
+
+
+def errors_data(check: ReplayCheck) -> dict[str, Any]:
+    """Errors before and after, with the band, and the levels, for a sentence."""
+    before, after, band = check.base.judged, check.final.judged, check.expected
+    return {
+        "held": check.held_out,
+        "force": None if np.isnan(after.force) else [before.force, after.force, band.force],
+        "field": [before.field, after.field],
+        "smooth": [*check.smooth, band.field],
+        "levels": level_words(check),
+    }
+
+
+def level_words(check: ReplayCheck) -> list[str]:
+    """Of base and final model, with half the 95 % interval; none where no force is known."""
+    pairs = [(one.level.factor, INTERVAL * one.level.deviation) for one in (check.base, check.final)]
+    return [plus_minus(*pair) for pair in pairs] if any(deviation for _, deviation in pairs) else []
+
+
+def replay_table(check: ReplayCheck) -> Table:
+    """One line a model, and the band."""
+    where = "held out" if check.held_out else "fitted"
+    columns = ["model", "level", "force error, fitted", f"force error, {where}", f"field error, {where}, mm", f"smooth part, {where}, mm"]  # fmt: skip
+    models = [(BASE, check.base, check.smooth[0])]
+    if check.final is not check.base:
+        models.append((FINAL, check.final, check.smooth[1]))
+    rows: list[list[Any]] = []
+    for name, one, smooth in models:
+        level = plus_minus(one.level.factor, INTERVAL * one.level.deviation) if one.level.deviation else "as it was"
+        fitted = None if one.fitted is None else _share(one.fitted.force)
+        rows.append([name, level, fitted, _share(one.judged.force), _mm(one.judged.field), _mm(smooth)])
+    rows.append(["95 % band of the last", "", None, _share(check.expected.force), None, _mm(check.expected.field)])
+    return columns, rows
+
+
+def _share(value: float) -> str | None:
+    """None where no force is known."""
+    return None if np.isnan(value) else percent(value)
+
+
+def _mm(value: float) -> str:
+    return f"{value:.2g}"
+
+
+def band_rows(check: ReplayCheck, names: list[str], times: list[Any]) -> Table:
+    """Forces of every increment that was compared, N, with half their 95 % band. names, times: of the tests, and of their pictures, s, or None."""
+    base, final, deviation = check.base.rows, check.final.rows, check.band.deviation
+    columns = ["experiment", "increment", "time", "held_out", "boundary_component", "measured", "base", "final", "half_band"]  # fmt: skip
+    rows = []
+    for i in np.flatnonzero(final.is_force):
+        test, k = int(final.test[i]), int(final.increment[i])
+        time = None if times[test] is None else float(times[test][k])
+        rows.append([names[test], k + 1, time, int(final.held[i]), final.labels[i], *map(float, (
+            final.measured[i], base.replayed[i], final.replayed[i], INTERVAL * deviation[i]))])  # fmt: skip
+    return columns, rows
+
+
+def band_fields(check: ReplayCheck, names: list[str]) -> Table:
+    """Smooth part of measured minus replayed displacement of every increment that was compared, mm, with half its 95 % band."""
+    base, final, variance = check.base.rows, check.final.rows, check.band.deviation**2
+    columns = ["experiment", "increment", "held_out", "residual_rms", "smooth_base", "smooth_final", "half_band"]
+    rows = []
+    pairs = sorted(set(zip(final.test.tolist(), final.increment.tolist(), strict=True)))
+    for test, k in pairs:
+        where = (final.test == test) & (final.increment == k) & ~final.is_force
+        size = np.sqrt(2 * final.points[test])
+        smooth = [float(np.sqrt((one.residual[where] ** 2).sum()) / size) for one in (base, final)]
+        band = INTERVAL * float(np.sqrt(variance[where].sum())) / size
+        held = int(final.held[where].any())
+        rows.append([names[test], k + 1, held, float(np.sqrt(final.squares[test, k])), *smooth, float(band)])
+    return columns, rows
+
+
+def _finding(code: ReplayCode, raised: bool = False, /, **data: Any) -> Finding:
+    return Finding("discovery", code, data, raised)

@@ -1,0 +1,274 @@
+"""The replay that a diagnosis is judged by: the level is that of the law, bands cover, and a model that is wrong on what was held out is no explanation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from calibrate.data.experiment import Experiment, Noise
+from calibrate.diagnosis import base_fit
+from calibrate.diagnosis.discovery import discover
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
+from calibrate.diagnosis.replayed.parameter_spread import spread_of
+from calibrate.diagnosis.replayed.replay_verdict import judged_by_replay, stiffness_level
+from calibrate.diagnosis.selection import Discovery, Verdict
+from calibrate.diagnosis.selection.rounds import Doubt
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
+from calibrate.effects.chain.true_surface import is_expressed, true_surface
+from calibrate.equations import noise_covariance
+from forward.loading import Loading
+from forward.materials import ArrudaBoyce, MooneyRivlin
+from forward.sheet.plane_stress import solve
+from meshes import PlateWithHole, quads, triangles
+from studies.replay.compared_test import ComparedTest, ReplayedModel
+from studies.replay.model_law import material_law
+from studies.replay.replay_check import replay_check
+from studies.replay.replay_rows import Layout, sheet_rows
+from studies.replay.replayed_experiment import replay
+from studies.replay.twin_replay import twin_replay
+from studies.synthetic import camera
+from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation
+from studies.synthetic.disturbances import observe
+from studies.synthetic.load_cell_disturbances import ForceOffset
+
+PLATE = PlateWithHole(half_length=30, half_width=15, far_size=1.5, hole_radius=5, hole_size=0.8)
+NOISE = Noise(3e-3, 2.0, 5e-4, 1e-3)  # mm, of 12
+SEVENTH = 1.07
+BY_NAME = {effect.name: effect for effect in CATALOGUE}
+FEW = tuple(BY_NAME[name] for name in ("second invariant", "stiffness gradient", "force offset"))
+MOONEY, CHAINS = MooneyRivlin(0.1, 0.03), ArrudaBoyce()
+
+
+@cache
+def solution(second: bool):
+    """Of a Mooney-Rivlin sheet, or of one of the first invariant alone; no mesh of a replay."""
+    return solve(
+        quads(PLATE, quarter=True), MOONEY if second else CHAINS, Loading.clamped(PLATE.loaded, 12.0), 6
+    ).mirrored()
+
+
+@cache
+def exact(second: bool) -> Experiment:
+    return camera.observe(solution(second), triangles(PLATE, n_nodes=250), name="plate")
+
+
+def noisy(clean: Experiment, seed: int, noise: Noise = NOISE) -> Experiment:
+    rng = np.random.default_rng(seed)
+    u = noise_covariance.sample(noise_covariance.noise_factor(clean.points, noise), rng, clean.n_increments)
+    loaded = []
+    for b in clean.loaded:
+        deviation = noise.force_std_relative * np.abs(b.force) + noise.force_std
+        loaded.append(replace(b, force=b.force + deviation * rng.standard_normal(b.force.shape)))
+    return replace(clean, displacements=clean.displacements + u, loaded=tuple(loaded), noise=noise)
+
+
+@cache
+def found(second: bool, seed: int = 0) -> Discovery:
+    """The diagnosis of a noisy test, every third increment held out, judged by its replay."""
+    return discover(
+        [noisy(exact(second), seed)], HoldOut("every", 3), effects=FEW, whole_table=False, fitted=False, replay=twin_replay,
+        check=replay_check,
+    )  # fmt: skip
+
+
+def stiffer(one: Discovery, factor: float) -> Discovery:
+    """With a final model that was fitted a factor too stiff."""
+    last = one.rounds[-1]
+    (second,) = last.fit.additions
+    more = replace(second, amplitudes=(factor * second.amplitudes[0],))
+    fit = replace(last.fit, c=factor * last.fit.c, additions=(more,))
+    return replace(one, rounds=(*one.rounds[:-1], replace(last, fit=fit)))
+
+
+def with_forces(one: Discovery, factor: float) -> Discovery:
+    """With forces of the increments held out that are a factor larger."""
+    (part,) = one.problem.parts
+    held = ~part.train.rows.any(axis=1)
+    e = part.experiment
+    loaded = tuple(replace(b, force=np.where(held[:, None], factor, 1.0) * b.force) for b in e.loaded)
+    system = replace(part.system, experiment=replace(e, loaded=loaded))
+    return replace(one, problem=replace(one.problem, parts=(replace(part, chain=replace(part.chain, system=system)),)))
+
+
+# --- level ----------------------------------------------------------------------------------------------------
+
+
+def test_the_level_of_a_model_that_is_too_stiff_is_found_from_replayed_forces():
+    """By its factor, as forces are proportional to the stiffness; fields and errors at the level stay as they were."""
+    own, scaled = found(True).replay_check, replay_check(stiffer(found(True), SEVENTH))
+    assert scaled.final.level.factor * SEVENTH == pytest.approx(own.final.level.factor, rel=1e-4)
+    assert scaled.final.judged.force == pytest.approx(own.final.judged.force, rel=1e-2)
+    assert scaled.final.levels_disagree and not own.final.levels_disagree
+    assert abs(own.final.level.factor - 1) < 3 * own.final.deviation
+
+
+def test_a_base_without_an_equilibrium_has_a_stand_in_and_keeps_its_level():
+    """Of no stiffness at rest."""
+    last = found(True).rounds[-1]
+    fit = replace(last.fit, c=last.fit.c - last.fit.c[0])
+    one = replace(found(True), rounds=(*found(True).rounds[:-1], replace(last, fit=fit)))
+    check = replay_check(one)
+    assert check.stand_ins == (False, True)
+    judged = judged_by_replay(one, check)
+    assert stiffness_level(judged, judged.final) == 1.0
+    assert stiffness_level(judged, judged.base) == check.base.level.factor != 1.0
+
+
+# --- bands ----------------------------------------------------------------------------------------------------
+
+
+def test_noise_of_grips_field_and_load_cells_makes_the_residual_of_the_true_law():
+    """Whitened by the covariance of the rows its squares are those of normal numbers; held as if it were exact it would not be."""
+    clean, found_squares, without_grips = exact(False), [], []
+    law, noise = material_law(CHAINS, "", clean), replace(NOISE, force_std_relative=1e-4, force_std=1e-4)
+    for seed in range(3):
+        test = noisy(clean, seed, noise).select([2, 5])
+        made = replay(test, law, check_mesh=False)
+        layout = Layout.of(test, np.arange(2), made.judged)
+        rows = sheet_rows(test, layout, made, True)
+        residual = (rows.measured - rows.replayed).ravel()
+        found_squares.append(residual @ np.linalg.solve(rows.noise, residual) / len(residual))
+        forces = np.tile(layout.is_force, 2)
+        cells = noise.force_std_relative * np.abs(rows.measured.ravel()) + noise.force_std
+        without_grips.append(np.mean((residual / cells)[forces] ** 2))
+    n = 3 * len(residual)
+    assert np.mean(found_squares) == pytest.approx(1.0, abs=4 * np.sqrt(2 / n))
+    assert np.mean(without_grips) > 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("second", [False, True])
+def test_bands_cover(second):
+    """Of eight draws of noise none is outside of a band that a right model leaves once in a hundred; chi-squares are on average no larger than their degrees of freedom."""
+    checks = [found(second, seed).replay_check for seed in range(8)]
+    assert not any(one.judgement.outside for one in checks)
+    for kind in ("force", "field"):
+        tests = [getattr(one.judgement, kind) for one in checks]
+        degrees = sum(test.degrees for test in tests)
+        assert sum(test.value for test in tests) < degrees + 3 * np.sqrt(2 * degrees)
+
+
+def errors_of_linearisation(nodes: int) -> np.ndarray:
+    """Of the change of forces and of fields by another c01, relative to the difference of two replays."""
+    test = replace(
+        camera.observe(solution(True), triangles(PLATE, n_nodes=nodes), name="plate").select([2, 5]), noise=NOISE
+    )
+    problem, fit = base_fit.prepare([test], [HoldOut("every", 2).training])
+    compared = ComparedTest(problem.parts[0])
+    before, after = ((Addition(BY_NAME["second invariant"], (c01,)),) for c01 in (0.03, 0.033))
+    rows, changes = compared.replayed(ReplayedModel(0.8 * fit.c, before), True)
+    other, _ = compared.replayed(ReplayedModel(0.8 * fit.c, after), False)
+    expected = other.replayed - rows.replayed
+    wrong = changes.of(changes.stress(0.8 * fit.c, after) - changes.stress(0.8 * fit.c, before)) - expected
+    kinds = compared.layout.is_force, ~compared.layout.is_force
+    return np.array([np.linalg.norm(wrong[:, kind]) / np.linalg.norm(expected[:, kind]) for kind in kinds])
+
+
+def test_a_change_of_the_law_changes_the_forces_as_a_replay_with_it_does():
+    assert errors_of_linearisation(250)[0] < 0.01
+
+
+@pytest.mark.slow
+def test_and_the_fields_the_nearer_the_finer_the_camera():
+    """Stresses are those of the camera's triangles: of second order in their size."""
+    coarse, fine = errors_of_linearisation(250), errors_of_linearisation(1000)
+    assert (fine < coarse / 2).all()
+    assert fine[1] < 0.1
+
+
+def test_amplitudes_are_as_uncertain_as_the_fit_says():
+    spread = spread_of(found(True).problem, found(True).final)
+    own = np.linalg.norm(spread.root[-1])
+    assert own == pytest.approx(found(True).final.errors[0][0], rel=0.2)
+    c, additions = spread.moved(len(spread.sizes) - 1)
+    assert additions[0].amplitudes[0] > found(True).final.additions[0].amplitudes[0]
+    np.testing.assert_array_equal(c, found(True).final.c)
+
+
+# --- verdict --------------------------------------------------------------------------------------------------
+
+
+def test_a_right_explanation_stays_one_and_is_replayed_better_than_the_base():
+    one, check = found(True), found(True).replay_check
+    assert one.verdict is Verdict.EXPLAINED and one.named == ("second invariant",)
+    assert check.held_out and not check.judgement.speaks_against
+    before, after = check.smooth
+    assert after < 0.5 * before
+    assert after < check.expected.field
+
+
+def test_a_model_that_is_wrong_on_what_was_held_out_is_no_explanation():
+    """Forces that are 3 % larger there alone, which no parameter explains."""
+    one = with_forces(found(True), 1.03)
+    judged = judged_by_replay(one, replay_check(one))
+    assert judged.verdict is Verdict.NOT_EXPLAINED
+    assert (judged.named, judged.closest) == ((), ("second invariant",))
+    assert Doubt.OUTSIDE_BAND in judged.confirmation.doubts
+    assert judged_by_replay(found(True), found(True).replay_check).verdict is Verdict.EXPLAINED
+
+
+def test_a_model_that_is_replayed_worse_than_the_base_is_no_improvement():
+    """The wrong sign of the second invariant, of which the equations are not asked again."""
+    last = found(True).rounds[-1]
+    wrong = replace(last.fit, additions=(Addition(BY_NAME["second invariant"], (-0.02,)),), c=1.3 * last.fit.c)
+    one = replace(found(True), rounds=(*found(True).rounds[:-1], replace(last, fit=wrong)))
+    check = replay_check(one)
+    assert check.judgement.worse
+    assert Doubt.WORSE_REPLAY in judged_by_replay(one, check).confirmation.doubts
+
+
+def test_what_cannot_be_replayed_says_why_and_changes_no_verdict():
+    last = found(True).rounds[-1]
+    strip = replace(last.fit, additions=(Addition(BY_NAME["unmeasured strip"], (0.1,)),))
+    one = replace(found(True), rounds=(*found(True).rounds[:-1], replace(last, fit=strip)))
+    check = replay_check(one)
+    assert isinstance(check, NoReplayCheck) and "unmeasured strip" in check.reason
+    judged = judged_by_replay(one, check)
+    assert judged.verdict is one.verdict and judged.replay_check is check
+    expressed = {name for name, effect in BY_NAME.items() if is_expressed(effect)}
+    assert {"lens distortion", "image rotation", "force offset", "initial warp"} <= expressed
+    assert not {"unmeasured strip", "3D effect of thickness", "second invariant"} & expressed
+
+
+# --- what the camera does --------------------------------------------------------------------------------------
+
+AMPLITUDES = {
+    "lens distortion": (0.01,),
+    "image rotation": (0.02,),
+    "out-of-plane motion": (0.004,),
+    "force offset": (0.5,),
+}
+SEEN = (ForceOffset(0.5), LensDistortion(0.01), OutOfPlane(0.004), Rotation(0.02))
+
+
+@pytest.mark.parametrize("disturbance", SEEN, ids=lambda one: one.name)
+def test_effects_of_camera_and_load_cell_are_taken_out_before_a_replay(disturbance):
+    """What is left of the true law is the error of the mesh, as without them; left in they leave ten times as much of the force."""
+    seen = observe(solution(False), PLATE, triangles(PLATE, n_nodes=250), [disturbance], name="plate")
+    true = true_surface(seen, (Addition(BY_NAME[disturbance.name], AMPLITUDES[disturbance.name]),))
+    law = material_law(CHAINS, "", seen)
+    exactly, corrected, left_in = (replay(e.select([5]), law, check_mesh=False) for e in (exact(False), true, seen))
+    assert corrected.field_error[-1] == pytest.approx(exactly.field_error[-1], rel=1e-2)
+    assert corrected.force_error < 1e-4
+    assert left_in.force_error > 10 * corrected.force_error
+
+
+def test_what_is_left_of_a_corrected_noisy_test_is_its_noise():
+    lens = Addition(BY_NAME["lens distortion"], AMPLITUDES["lens distortion"])
+    seen = observe(solution(False), PLATE, triangles(PLATE, n_nodes=250), SEEN[1:2], name="plate")
+    true = true_surface(noisy(seen, 0), (lens,))
+    one = replay(true.select([2, 5]), material_law(CHAINS, "", true), check_mesh=False)
+    assert one.field_error[-1] == pytest.approx(true.noise.displacement_std, rel=0.25)
+    assert true.noise.displacement_std == pytest.approx(NOISE.displacement_std, rel=0.02)
+
+
+def test_effects_of_the_material_change_nothing_of_what_was_measured():
+    test = noisy(exact(False), 0)
+    same = true_surface(test, (Addition(BY_NAME["second invariant"], (0.02,)),))
+    np.testing.assert_array_equal(same.displacements, test.displacements)
+    assert same.noise == test.noise
