@@ -29,11 +29,11 @@ Rows = Callable[[Equilibrium], Mask]
 
 @dataclass(frozen=True, eq=False)
 class OwnSignature:
-    """An effect that a test has for itself beside others. null, deviation (p,): values without it, and standard deviations before the test.
-    sources (t, 2 v, s), N: change of the residual by a standard deviation of each amplitude, for every shape, those of a shape side by side."""
+    """An effect that a test has for itself beside others. deviation (p,): standard deviations of its amplitudes before the test.
+    sources (t, 2 v, s), N: change of the residual by each amplitude, for every shape, those of a shape side by side; by a standard deviation where all shapes have an
+    equal share of the variance."""
 
     effect: Effect
-    null: tuple[float, ...]
     deviation: Array
     sources: Array = field(repr=False)
 

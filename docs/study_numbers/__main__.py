@@ -7,6 +7,7 @@
     python docs/study_numbers replay results/replay results/calibrate
     python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
     python docs/study_numbers noise_grid results/false-alarms
+    python docs/study_numbers pulls results/pulls
     python docs/study_numbers diagnosis_cost results/benchmark-diagnosis
     python docs/study_numbers skin FOLDER              in which the commands of docs/ugly_data.md were run
 
@@ -25,6 +26,7 @@ import design
 import diagnosis_cost
 import generalise
 import noise_grid
+import pulls
 import replay
 import resolution
 import sheets
@@ -41,6 +43,7 @@ STUDIES = {
     "sheets": sheets,
     "skin": skin,
     "noise_grid": noise_grid,
+    "pulls": pulls,
     "diagnosis_cost": diagnosis_cost,
 }
 

@@ -53,10 +53,9 @@ def with_own_effects(problem: Problem, effects: Sequence[Effect], priors: Priors
 
 def _signature(problem: Problem, part: Part, effect: Effect, priors: Priors) -> OwnSignature:
     shapes = effect.shape_values(part.chain.data)
-    null = tuple(p.null for p in effect.amplitudes)
-    deviation = prior_deviations(problem, effect, priors) / np.sqrt(len(shapes))
+    deviation = prior_deviations(problem, effect, priors)
     each = [part.chain.signature(problem.c, effect, tuple(shape)) * deviation[:, None, None] for shape in shapes]
-    return OwnSignature(effect, null, deviation, np.moveaxis(np.concatenate(each), 0, -1))
+    return OwnSignature(effect, deviation, np.moveaxis(np.concatenate(each), 0, -1) / np.sqrt(len(shapes)))
 
 
 @dataclass(frozen=True)
@@ -117,9 +116,8 @@ def own_effects(problem: Problem, fit: Fit) -> tuple[OwnEffect, ...]:
             S = np.zeros((rows, one.sources.shape[-1]))
             S[inside] = part.train(np.moveaxis(one.sources, -1, 0)).T
             S -= fit.columns @ (fit.columns.T @ S)
-            mean, told = _of_amplitudes(-(S.T @ fit.residual), S.T @ S, len(one.null))
-            for i, (a, k) in enumerate(zip(mean, told, strict=True)):
-                size = one.deviation[i] * np.sqrt(S.shape[1] / len(one.null))
+            mean, told = _of_amplitudes(-(S.T @ fit.residual), S.T @ S, len(one.deviation))
+            for i, (size, a, k) in enumerate(zip(one.deviation, mean, told, strict=True)):
                 place = found.setdefault((one.effect.name, i), [])
                 place.append((part.experiment.name, size * a, size * np.sqrt(max(1 - k / spread, 0.0)), one))
     limit = float(stats.norm.isf(0.5 * SEEN / max(sum(map(len, found.values())), 1)))
@@ -134,7 +132,7 @@ def _of_amplitudes(g: Array, M: Array, p: int) -> tuple[Array, Array]:
 
 def _own_effect(i: int, cells: Sequence[tuple[str, float, float, OwnSignature]], limit: float) -> OwnEffect:
     names, values, deviations, (one, *_) = zip(*cells, strict=True)
-    size = float(one.deviation[i] * np.sqrt(one.sources.shape[-1] / len(one.null)))
+    size = float(one.deviation[i])
     told = 1 - (np.array(deviations) / size) ** 2
     known = np.where(told > TOLD, told, np.nan)
     return OwnEffect(

@@ -113,6 +113,8 @@ STENCIL = 8  # stencils are padded to a multiple of it, so that meshes of one si
 def padded(operator: sp.csr_array, least: int = 0) -> tuple[NDArray[np.int64], Array]:
     """Nodes (m, k) and weights (m, k, 2) of a gradient operator (2 m, n); k at least `least`."""
     x, y = sp.csr_array(operator[0::2]), sp.csr_array(operator[1::2])
+    for part in (x, y):
+        part.eliminate_zeros()  # the sum of two stored zeros is not stored
     pattern = sp.csr_array(abs(x) + abs(y))
     pattern.sort_indices()
     counts = np.diff(pattern.indptr)

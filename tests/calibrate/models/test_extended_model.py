@@ -36,8 +36,8 @@ def small_network(monkeypatch):
     monkeypatch.setattr("calibrate.diagnosis.distillation.distil", small)
 
 
-def small(problem, fit):
-    return distil(problem, fit, (2,), 2)
+def small(problem, fit, level=1.0):
+    return distil(problem, fit, (2,), 2, level=level)
 
 
 @cache

@@ -101,7 +101,8 @@ def test_what_increments_have_in_common():
     seen = [device.displacement_noise(points, 3, s) + device.common_noise(points, shares, s) for s in range(20)]
     found = np.einsum("sank,sbnk->ab", seen, seen) / np.size(seen) * 3
     stated = device.noise()
-    expected = stated.displacement_std**2 * stated.between_increments(shares)
+    common = stated.common_between(shares)
+    expected = stated.displacement_std**2 * (np.eye(3) + common @ common.T)
     deviation = np.sqrt(np.diag(expected))
     assert (stated.pattern_std, stated.reference_std) == pytest.approx((0.08, 0.04))
     np.testing.assert_allclose(
