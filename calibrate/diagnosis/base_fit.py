@@ -5,7 +5,7 @@ In: Experiments and the equations used for fitting. Out: `Problem` and the base 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,8 +53,8 @@ def prepare(
     """Problem and base fit. train: for each experiment, the equations to be used; the others are held out.
 
     base: 'positive' (psi_1 >= 0), 'convex' (psi_1 does not fall with I1 either, as in a PANN; rubber that softens
-    before it stiffens then shows up in the errors of the base, not as an effect) or 'neo-Hooke' (psi_1 constant;
-    effects are tested beside it alone, see `Problem`).
+    before it stiffens then shows up in the errors of the base, not as an effect) or 'neo-Hooke' (psi_1
+    constant). All but the last have a prior about neo-Hooke, see `base_functions`.
 
     spacing: of the virtual fields, mm (None: from the noise). Weights follow the base in `PASSES` passes. Raises
     `FitError` when it does not converge, or noise hides what it needs; `ConfigError` where nothing is left to fit, or
@@ -75,18 +75,21 @@ def prepare(
     used = [test for test in tests if test.mask.any()]
     start = base_functions.first_guess([test.assembled for test in used])
     top = max(base_functions.trained_top(test.system, test.mask) for test in used)
-    parametric = base == "neo-Hooke"
-    cone = base_functions.base_cone(basis, base, top, 1 if parametric else base_functions.SPLINES)
+    cone = base_functions.base_cone(basis, base, top, 1 if base == "neo-Hooke" else base_functions.SPLINES)
     bulk = basis.n_functions - energy_basis(basis).n_functions
     stiffness = float(start[: basis.n_functions - bulk].max())
-    prior = base_functions.smoothness(base, cone.shape[1] - bulk, bulk) / (base_functions.STIFFENING * stiffness)
-    c = _base(used, basis, start, cone, prior)
+
+
+    def prior(c: Array) -> Array:
+        return base_functions.prior_rows(basis, c, top, stiffness)
+
+    c, dispersion = _base(used, basis, start, cone, prior)
     parts = [
         weighted_part(t.chain, t.assembled, basis, c, t.mask, all_rows(t.system) & ~t.mask, with_discrepancy)
         for t in tests
     ]
     noise_is_known = all(test.assembled.noise_is_known for test in tests)
-    problem = Problem(tuple(parts), basis, cone, prior, noise_is_known, with_discrepancy, c, parametric)
+    problem = Problem(tuple(parts), basis, cone, prior(c) if cone.shape[1] > 1 + bulk else prior(c)[:0], dispersion, noise_is_known, with_discrepancy, c)
     return problem, refit(problem, c, ())
 
 
@@ -111,15 +114,19 @@ def _basis(experiments: Sequence[Experiment], systems: Sequence[Equilibrium]) ->
 
 
 def _base(
-    tests: Sequence[_Test], basis: SingleBasis | PlaneStrainBasis, start: Array, cone: Array, prior: Array
-) -> Array:
-    """Coefficients (n,) of the base whose weights belong to it, found in passes. Raises `FitError`."""
+    tests: Sequence[_Test],
+    basis: SingleBasis | PlaneStrainBasis,
+    start: Array,
+    cone: Array,
+    prior: Callable[[Array], Array],
+) -> tuple[Array, float]:
+    """Coefficients (n,) of the base whose weights belong to it, found in passes, and the dispersion. Raises `FitError`. prior: its rows at coefficients."""
     c, spread, change = start, 1.0, np.inf
     assembled, masks = [test.assembled for test in tests], [test.mask for test in tests]
     n = cone.shape[1]
     for count in range(MOST_PASSES):
         quadratic, A, d = _weighted(tests, basis, c)
-        weights = bounded(A @ cone, d, np.zeros(n), np.full(n, np.inf), prior * np.sqrt(spread))
+        weights = bounded(A @ cone, d, np.zeros(n), np.full(n, np.inf), np.sqrt(spread) * prior(c) @ cone)
         previous, c = c, cone @ weights
         spread = max(1.0, quadratic.loss(c) / len(d))
         if not c.any():
@@ -131,7 +138,7 @@ def _base(
             c = (1 - share) * previous + share * c
         change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c)) * max(0.5 / share, 1.0)
         if change < (0.2 if count < PASSES - 1 else 1.0) * TOLERANCE:
-            return c
+            return c, spread
     raise errors.FitError(_not_converged([test.system.experiment for test in tests], change))
 
 

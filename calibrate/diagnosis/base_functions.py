@@ -1,6 +1,8 @@
 """Functions that the base models of a diagnosis are non-negative sums of: psi_1 as splines of sqrt(I1 - 3).
 
-In: a basis and the largest I1 - 3 of the fitted increments. Out: columns of coefficients, and a smoothness prior on them.
+In: a basis and the largest I1 - 3 of the fitted increments. Out: columns of coefficients, and a prior on them: rubber is nearly neo-Hookean where
+strains are small, and the further they reach, the more psi_1 may differ from its value at rest. Without it, a base of one ramp takes up relaxation, softening
+and whatever else grows with the load.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ from calibrate.equations.reduction import Assembled
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 SPLINES = 24  # of the base
-STIFFENING = 0.1  # prior: by how much psi_1 may grow from one spline to the next, over its value at rest
+# prior of psi_1 over its value at rest, a function of q = sqrt(I1 - 3): standard deviations of its slope at rest, and of how much the slope changes over a unit
+# of q; q is 0.17 at a strain of 10 %, 1.4 at a stretch of 2
+SLOPE, CURVATURE = 0.5, 0.5
 
 
 def first_guess(assembled: Sequence[Assembled]) -> Array:
@@ -60,8 +64,19 @@ def _hats(x: Array, n: int) -> Array:
     return np.stack([np.interp(x, np.linspace(0, 1, n), row) for row in np.eye(n)], axis=1)
 
 
-def smoothness(base: str, n: int, bulk: int = 0) -> Array:
-    """(n - 1, n + bulk): weights to the changes of psi_1 from one spline to the next, and to no bulk modulus."""
-    if bulk:
-        return np.pad(smoothness(base, n), ((0, 0), (0, bulk)))
-    return np.eye(n)[1:] if base == "convex" else np.eye(n)[1:] - np.eye(n)[:-1]
+def prior_rows(basis: SingleBasis | PlaneStrainBasis, c: Array, top: float, stiffness: float) -> Array:
+    """(m, n_functions), 1 / MPa: rows P of a normal prior on coefficients c, -2 ln p(c) = |P c|^2 up to a constant.
+
+    psi_1 over its value at rest is an integrated Wiener process of q with a slope at rest of its own (Wahba 1978), by differences between the sites of the splines up to
+    I1 - 3 = top. stiffness: psi_1 at rest, MPa; where the coefficients c (n_functions,) at hand are larger, as they are near locking, changes may be as many times
+    larger. None for the bulk modulus.
+    """
+    energy = energy_basis(basis)
+    q = np.sqrt(energy.site_inputs[:, 0])
+    slopes = (np.eye(len(q))[1:] - np.eye(len(q))[:-1]) / np.diff(q)[:, None]
+    bends = np.diff(slopes, axis=0) / np.sqrt(0.5 * (q[2:] - q[:-2]))[:, None]
+    values = np.maximum(c[: len(q)], stiffness)
+    scale = np.concatenate([0.5 * (values[:1] + values[1:2]), (values[:-2] + values[1:-1] + values[2:]) / 3])
+    rows = np.concatenate([slopes[:1] / SLOPE, bends / CURVATURE]) / scale[:, None]
+    rows = rows[np.append(0.0, q[1:-1]) < np.sqrt(top)]
+    return np.pad(rows, ((0, 0), (0, basis.n_functions - len(q))))

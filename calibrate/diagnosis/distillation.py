@@ -47,8 +47,8 @@ class Distilled:
 
 def quadratic(problem: Problem, fit: Fit) -> Quadratic:
     """The training loss as a quadratic form in the spline coefficients, about those of the fit."""
-    G = equations.base_columns(problem, fit.chains)
-    target = G @ fit.c - fit.residual
+    G = equations.base_columns(problem, fit.chains)[: fit.n_rows]
+    target = G @ fit.c - fit.residual[: fit.n_rows]
     return Quadratic(problem.basis, G.T @ G, G.T @ target, float(target @ target), len(target))
 
 
@@ -64,7 +64,7 @@ def distil(
     loss = quadratic(problem, fit)
     reach = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
     architecture, found = fit_network(loss, "I1", layers, fit.c, n_starts, seed, reach=reach)
-    exact = equations.residual(problem, found.coefficients, fit.additions)
+    exact = equations.residual(problem, found.coefficients, fit.additions)[: fit.n_rows]
     network_loss = float(exact @ exact)
     factor = equations.level_factor(problem, fit.c, fit.additions) if level is None else level
     model = Model(

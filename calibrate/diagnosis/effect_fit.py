@@ -35,8 +35,8 @@ class Fit:
     """Base and effects fitted together.
 
     c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. misfits: of the part that neither the
-    base (all its splines) nor the amplitudes could change. additions: effects; errors: a standard deviation for each
-    amplitude. columns (N, k): orthonormal, what the fit can adjust. residual (N,): whitened. log_determinant: of the
+    base (within its prior) nor the amplitudes could change. additions: effects; errors: a standard deviation for each
+    amplitude. columns (N, k): orthonormal, what the fit can adjust. residual (N,): whitened, rows of the prior last. log_determinant: of the
     covariance that the weights come from. last_step: norm of what the last step changed, in standard deviations of an
     equation; above 1 the fit has not converged. stop: why the iteration ended.
     """
@@ -106,7 +106,7 @@ class _Point:
 
     @property
     def objective(self) -> float:
-        """|residual|^2; the prior on the base is no part of what a step must not raise."""
+        """|residual|^2, that of the prior with it."""
         with np.errstate(over="ignore", invalid="ignore"):  # a step to what is not finite is halved
             return float(self.residual @ self.residual)
 
@@ -115,16 +115,14 @@ class _Point:
 class _Linearised:
     """The fit linearised about a point, at displacements without the noise that shows in the residual.
 
-    span (N, n): base columns; base: the same, orthonormal. A (N, n): columns of the cone. S (N, k): signatures over their scale (k,).
-    outside (N, k): their part that the base cannot change. Amplitudes and shapes are fitted to `outside`, so that they do not depend on
-    what the base models can do; the base then follows in its cone.
+    A (N, n): columns of the cone; base: the same, orthonormal. S (N, k): signatures over their scale (k,).
+    outside (N, k): their part that the base cannot change, within its prior. Amplitudes and shapes are fitted to `outside`; the base then follows in its cone.
     """
 
     problem: Problem
     point: _Point
     dispersion: float
     chains: tuple[Chain, ...]
-    span: Array
     base: Array
     A: Array
     S: Array
@@ -154,8 +152,7 @@ class _Linearised:
             target = self.outside @ x - (r - self.base @ (self.base.T @ r))
             change = bounded(self.outside, target, lower, upper) - x
             change[~self.S.any(axis=0)] = 0.0  # shapes that mean something at the null value only
-        prior = self.problem.prior * np.sqrt(self.dispersion)
-        new = bounded(self.A, self.A @ w - r - self.S @ change, np.zeros(n), np.full(n, np.inf), prior)
+        new = bounded(self.A, self.A @ w - r - self.S @ change, np.zeros(n), np.full(n, np.inf))
         return np.concatenate([new, x + change])
 
     def moved(self, unknowns: Array, fraction: float) -> _Point:
@@ -212,16 +209,14 @@ def _linearised(problem: Problem, point: _Point, known: _Linearised | None) -> _
     """known: where the estimate of the true displacements, and with it the columns of the base, are taken from."""
     c, r = problem.cone @ point.w, point.residual
     _check(r, point.additions)
-    dispersion = max(1.0, float(r @ r) / len(r))
+    dispersion = equations.dispersion(problem, r)
     if known is None:
         chains = tuple(denoised(problem, c, point.additions, r, dispersion))
-        G = equations.base_columns(problem, chains)
-        A = G @ problem.cone
+        A = equations.base_columns(problem, chains) @ problem.cone
         _check(A, point.additions)
-        span = A if problem.parametric else G
-        base = orthonormal(span)
+        base = orthonormal(A)
     else:
-        chains, span, base, A = known.chains, known.span, known.base, known.A
+        chains, base, A = known.chains, known.base, known.A
     variables = Variables(point.additions)
     scale, S = variables.scale, np.zeros((len(r), 0))
     outside = S
@@ -231,7 +226,7 @@ def _linearised(problem: Problem, point: _Point, known: _Linearised | None) -> _
         _check(outside, point.additions)
         if not outside.any():
             raise _ran_away(point.additions)
-    return _Linearised(problem, point, dispersion, chains, span, base, A, S, outside, variables, scale)
+    return _Linearised(problem, point, dispersion, chains, base, A, S, outside, variables, scale)
 
 
 def _check(values: Array, additions: Additions) -> None:
@@ -253,8 +248,8 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
     _check(c, additions)
     r = equations.residual(problem, c, additions)
     _check(r, additions)
-    U = orthonormal(np.concatenate([linear.span, linear.S], axis=1))
-    uncertain = residual_tests.uncertain_directions([part.train for part in problem.trained])
+    U = orthonormal(np.concatenate([linear.A, linear.S], axis=1))
+    uncertain = problem.padded(residual_tests.uncertain_directions([part.train for part in problem.trained]))
     smooth = residual_tests.smooth_disturbances(problem)
     smooth = orthonormal(smooth - U @ (U.T @ smooth))
     misfits = Misfits(
@@ -263,7 +258,9 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
         ChiSquare(float(((smooth.T @ r) ** 2).sum()), smooth.shape[1]),
     )
     determinant = sum(part.train.log_determinant for part in problem.trained)
-    fit = Fit(c, additions, float(r @ r), misfits, len(r), U, r, linear.chains, determinant)
+    n_rows = len(r) - len(problem.prior)
+    loss = float(r[:n_rows] @ r[:n_rows])
+    fit = Fit(c, additions, loss, misfits, n_rows, U, r, linear.chains, determinant)
     return replace(fit, errors=_errors(problem, linear, fit)) if additions else fit
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.problem import OwnSignature, Part, Problem, loads, residual
+from calibrate.diagnosis.problem import OwnSignature, Part, Problem, dispersion, loads, residual
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
@@ -111,8 +111,8 @@ def amplifying(problem: Problem, additions: Additions) -> Additions:
 
 
 def reweighted(problem: Problem, c: Array, additions: Additions) -> Problem:
-    """The same equations with the weights of a fit (c (n,), effects): those of its base, as stiff as base and effects are."""
-    load = loads(problem, additions)
+    """The same equations with the weights of a fit (c (n,), effects): those of its base, as stiff as base and effects are; and with its dispersion."""
+    fitted, load = c, loads(problem, additions)
     whole = residual(problem, c, additions) + load
     base = residual(problem, c, ()) + loads(problem)
     c = c * float(load @ whole) / float(load @ base)
@@ -132,4 +132,5 @@ def reweighted(problem: Problem, c: Array, additions: Additions) -> Problem:
         )
         for p in problem.parts
     ]
-    return replace(problem, parts=tuple(parts), c=c, amplifying=known)
+    heavier = replace(problem, parts=tuple(parts), c=c, amplifying=known)
+    return replace(heavier, dispersion=dispersion(heavier, residual(heavier, fitted, additions)))

@@ -94,10 +94,9 @@ class Part:
 class Problem:
     """Experiments with weights. parts: all; those without training rows are held out.
 
-    cone (n, k): the base models are non-negative sums of its columns. prior (r, k), 1 / MPa: a weak normal prior on the
-    changes of psi_1, without which the last splines absorb whatever is wrong and ruin the extrapolation. parametric: effects
-    are tested and fitted beside the functions of the cone alone (a neo-Hookean base, for one), not beside all splines. An
-    effect that any energy of I1 could imitate is found only so, and only if the base is right. c (n,), amplifying: the base
+    cone (n, k): the base models are non-negative sums of its columns. prior (m, n), 1 / MPa: see `base_functions.prior_rows`; as
+    m more rows of the whitened equations, so that effects are tested and fitted beside a base that costs something. dispersion: of the
+    residual, at least 1, which those rows allow for. c (n,), amplifying: the base
     and the effects that the weights belong to, see `amplified`. replay: see `twin.Replay`; None: no part has a twin.
     """
 
@@ -105,10 +104,10 @@ class Problem:
     basis: SingleBasis | PlaneStrainBasis
     cone: Array
     prior: Array
+    dispersion: float
     noise_is_known: bool
     with_discrepancy: bool
     c: Array = field(repr=False)
-    parametric: bool = False
     amplifying: Additions = ()
     replay: Callable[..., Experiment] | None = field(default=None, repr=False)
 
@@ -128,8 +127,18 @@ class Problem:
         return all(part.experiment.level_is_nominal for part in self.trained)
 
     def whiten(self, values: Sequence[Array]) -> Array:
-        """Whitened training rows (..., N) of one array (..., t, 2 v) for each trained part."""
-        return np.concatenate([part.train(v) for part, v in zip(self.trained, values, strict=True)], axis=-1)
+        """Whitened training rows (..., N) of one array (..., t, 2 v) for each trained part; zeros in the rows of the prior, which come last."""
+        rows = [part.train(v) for part, v in zip(self.trained, values, strict=True)]
+        return np.concatenate([*rows, np.zeros((*rows[0].shape[:-1], len(self.prior)))], axis=-1)
+
+    @property
+    def bend(self) -> Array:
+        """Rows of the prior (m, n) times the root of the dispersion: the data count by as much less."""
+        return np.sqrt(self.dispersion) * self.prior
+
+    def padded(self, rows: Array) -> Array:
+        """(N, k) of rows of the equations alone, with zeros in those of the prior."""
+        return np.pad(rows, ((0, len(self.prior)), (0, 0)))
 
 
 def all_rows(system: Equilibrium) -> Mask:
@@ -138,8 +147,21 @@ def all_rows(system: Equilibrium) -> Mask:
 
 
 def residual(problem: Problem, c: Array, additions: Additions) -> Array:
-    """Whitened training residual (N,) of coefficients c (n,) and effects."""
-    return problem.whiten([part.residual(c, additions) for part in problem.trained])
+    """Whitened training residual (N,) of coefficients c (n,) and effects, and of the prior."""
+    r = problem.whiten([part.residual(c, additions) for part in problem.trained])
+    return _with_prior(problem, r, problem.bend @ c)
+
+
+def _with_prior(problem: Problem, rows: Array, of_prior: Array) -> Array:
+    """Whitened rows (N, ...) with those of the prior (m, ...) in place."""
+    rows[len(rows) - len(problem.prior) :] = of_prior
+    return rows
+
+
+def dispersion(problem: Problem, r: Array) -> float:
+    """Mean square of a whitened residual (N,) in the equations, at least 1."""
+    r = r[: len(r) - len(problem.prior)]
+    return max(1.0, float(r @ r) / len(r))
 
 
 def loss(problem: Problem, c: Array, additions: Additions) -> float:
@@ -174,13 +196,13 @@ def level_factor(problem: Problem, c: Array, additions: Additions) -> float:
 
 
 def base_columns(problem: Problem, chains: Sequence[Chain]) -> Array:
-    """Whitened d residual / d coefficients (N, n) of the base alone, also beside effects: the residual is exact, so that
+    """Whitened d residual / d coefficients (N, n), rows of the prior with them, of the base alone, also beside effects: the residual is exact, so that
     the amplitudes found are those at which it is orthogonal to these columns and to the signatures."""
     columns = []
     for chain in chains:
         F = kinematics.deformation_gradients(chain.system.gradient, np.asarray(chain.data.u))
         columns.append(np.moveaxis(np.array([chain.system.matrix(problem.basis, f) for f in F]), -1, 0))
-    return problem.whiten(columns).T
+    return _with_prior(problem, problem.whiten(columns).T, problem.bend)
 
 
 def signature(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> Array:

@@ -66,7 +66,7 @@ def smooth_disturbances(problem: Problem) -> Array:
 
     Forces on every loaded boundary, and body forces as cosines over the specimen; both as cosines over the increments.
     """
-    return scipy.linalg.block_diag(*[part.train(_smooth_forces(part)).T for part in problem.trained])
+    return problem.padded(scipy.linalg.block_diag(*[part.train(_smooth_forces(part)).T for part in problem.trained]))
 
 
 def _smooth_forces(part: Part) -> Array:

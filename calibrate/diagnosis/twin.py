@@ -71,17 +71,16 @@ def with_own_twins(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
 def stiffening_base(problem: Problem, fit: Fit) -> Array:
     """Coefficients (n,) of a base that does not soften with I1 and is not without stiffness at rest, nearest to the data of a fit: its energy is convex, so that
     there is an equilibrium. A base that makes up for a missing effect may have none."""
-    if problem.parametric:
+    bulk = problem.basis.n_functions - energy_basis(problem.basis).n_functions
+    if problem.cone.shape[1] == 1 + bulk:
         return fit.c
     top = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
     cone = base_functions.base_cone(problem.basis, "convex", top)
-    bulk = problem.basis.n_functions - energy_basis(problem.basis).n_functions
     n = cone.shape[1]
-    prior = float(np.abs(problem.prior).max()) * base_functions.smoothness("convex", n - bulk, bulk)
     G = base_columns(problem, fit.chains)
     least = np.zeros(n)
     least[0] = LEAST * max(float(fit.c[: len(fit.c) - bulk].mean()), 0.0)  # the first column is constant in I1
-    return cone @ bounded(G @ cone, G @ fit.c - fit.residual, least, np.full(n, np.inf), prior)
+    return cone @ bounded(G @ cone, G @ fit.c - fit.residual, least, np.full(n, np.inf))
 
 
 def residual(part: Part, c: Array, replayed: Experiment, additions: Additions = ()) -> Array:

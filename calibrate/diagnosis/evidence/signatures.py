@@ -55,9 +55,8 @@ def evidence(
 
 
 def base_span(problem: Problem, chains: Sequence[Chain]) -> Array:
-    """Orthonormal columns (N, k) that the base adjusts."""
-    G = equations.base_columns(problem, chains)
-    return orthonormal(G @ problem.cone if problem.parametric else G)
+    """Orthonormal columns (N, k) that the base adjusts, within its prior."""
+    return orthonormal(equations.base_columns(problem, chains) @ problem.cone)
 
 
 def disturbances(problem: Problem, U: Array) -> Array:

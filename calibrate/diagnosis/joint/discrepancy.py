@@ -37,9 +37,8 @@ class WithDiscrepancy(Problem):
 
 def directions(problem: Problem) -> Array:
     """Smooth body forces (N, k), orthonormal. Forces of the grips are not among them: they are measured."""
-    return orthonormal(
-        scipy.linalg.block_diag(*[part.train(smooth_body_forces(part, COSINES)).T for part in problem.trained])
-    )
+    blocks = [part.train(smooth_body_forces(part, COSINES)).T for part in problem.trained]
+    return orthonormal(problem.padded(scipy.linalg.block_diag(*blocks)))
 
 
 def with_discrepancy(problem: Problem, D: Array, variance: float) -> WithDiscrepancy:

@@ -39,10 +39,11 @@ class Equations:
     """Whitened equations with the stress scaled to the loads."""
 
     def __init__(self, problem: Problem, widths: Widths) -> None:
-        self.problem, self.widths = problem, widths
+        self.problem, self.widths = replace(problem, prior=problem.prior[:0]), widths
+        self.smooth = problem.prior @ problem.cone
         self.chains = [part.chain for part in problem.trained]
-        self.loads = equations_of.loads(problem)
-        self.columns = equations_of.base_columns(problem, self.chains) @ problem.cone
+        self.loads = equations_of.loads(self.problem)
+        self.columns = equations_of.base_columns(self.problem, self.chains) @ problem.cone
 
     def residual(self, w: Array, additions: Additions) -> tuple[Array, float, Array]:
         """s g - f (N,), s and g (N,)."""
@@ -55,7 +56,7 @@ class Equations:
 
     def prior(self, variables: Variables, dispersion: float) -> Prior:
         """That belongs to a dispersion."""
-        return Prior(variables, dispersion, self.problem.prior, self.widths)
+        return Prior(variables, dispersion, self.smooth, self.widths)
 
     def scaled(self, w: Array, additions: Additions) -> Point:
         """Both with stresses scaled to the loads, and the residual there; an effect on the loads makes it another one."""

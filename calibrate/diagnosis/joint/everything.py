@@ -146,10 +146,8 @@ def simple_base(problem: Problem) -> Problem:
     """The problem with neo-Hooke as its base, beside which alone effects are fitted."""
     top = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
     start = base_functions.first_guess([part.assembled for part in problem.trained])
-    bulk = problem.basis.n_functions - energy_basis(problem.basis).n_functions
-    prior = base_functions.smoothness("positive", 1, bulk) / (base_functions.STIFFENING * float(start.max()))
     cone = base_functions.base_cone(problem.basis, "positive", top, 1)
-    return replace(problem, cone=cone, prior=prior, parametric=True)
+    return replace(problem, cone=cone, prior=problem.prior[:0])
 
 
 def _misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misfit:

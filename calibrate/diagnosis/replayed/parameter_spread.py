@@ -57,8 +57,6 @@ def spread_of(problem: Problem, fit: Fit) -> Spread:
     if fit.additions:
         J = np.hstack([J, equations.signatures(problem, fit.chains, fit.c, fit.additions) * scale])
     information = J.T @ J / max(1.0, fit.reduced_chi_square)
-    prior = problem.prior[:, weights > ACTIVE * weights.max()]
-    information[:p, :p] += prior.T @ prior
     root = _root(information)
     if fit.additions:
         root[p:] *= _growth(root[p:], scale, fit, variables)[:, None]

@@ -34,6 +34,7 @@ from calibrate.equations import discretisation_error, kinematics, noise_covarian
 from calibrate.equations.basis import SingleBasis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
 from calibrate.equations.noise_covariance import EquationNoise
+from calibrate.equations.splines import Spline
 from calibrate.equations.weights import weights_of
 from calibrate.fitting import least_squares
 from studies.trials import blind_data
@@ -41,15 +42,29 @@ from studies.trials import blind_data
 NOISE = Noise(0.004, 3.0, 3e-4, 2e-3)
 
 
-def test_the_remedy_of_a_base_that_does_not_converge_works(monkeypatch):
-    """With few passes, so that the weights still follow the noise."""
+def test_a_base_that_does_not_converge_names_the_noise_and_the_remedy(monkeypatch):
+    """With few passes; with all of them, the prior holds the splines as neo-Hooke is held."""
     clean = synthetic.plate_experiment(synthetic.ArrudaBoyce(), 0.3, n_increments=3)
     noisy = synthetic.with_noise(clean, Noise(0.06, 0.4, 1e-3, 1e-3), 1)
-    monkeypatch.setattr(base_fit, "MOST_PASSES", 4)
+    for base in ("positive", "neo-Hooke"):
+        problem, fit = base_fit.prepare([noisy], [base_fit.all_rows], base=base)
+        assert fit.converged and (fit.c >= 0).all() and (problem.prior.size > 0) == (base == "positive")
+    monkeypatch.setattr(base_fit, "MOST_PASSES", 2)
     with pytest.raises(errors.FitError, match="scatters by.*--base neo-Hooke"):
         base_fit.prepare([noisy], [base_fit.all_rows])
-    problem, base = base_fit.prepare([noisy], [base_fit.all_rows], base="neo-Hooke")
-    assert base.converged and (base.c >= 0).all() and problem.parametric
+
+
+def test_the_prior_of_the_base_is_that_of_an_integrated_wiener_process():
+    """Its covariance is that of the closed form, SLOPE^2 q q' + CURVATURE^2 (min^2 max / 2 - min^3 / 6), at any number of splines."""
+    for n, top in ((32, 0.06), (64, 3.0)):
+        basis = SingleBasis(0, top, n)
+        q = np.sqrt(basis.site_inputs[:, 0])
+        P = base_functions.prior_rows(basis, np.ones(n), top, 1.0)
+        L = np.linalg.inv(P[:, 1:])  # values over that at rest, which is held
+        low, high = np.minimum.outer(q, q), np.maximum.outer(q, q)
+        exact = base_functions.SLOPE**2 * np.outer(q, q) + base_functions.CURVATURE**2 * (low**2 * high / 2 - low**3 / 6)
+        np.testing.assert_allclose((L @ L.T)[5:, 5:], exact[6:, 6:], rtol=0.03)
+        np.testing.assert_allclose(P @ np.ones(n), 0.0, atol=1e-9 * np.abs(P).max())  # neo-Hooke costs nothing
 
 
 @cache
@@ -280,7 +295,7 @@ def test_slow_disturbances_hold_a_force_that_is_wrong_by_a_constant():
     part = problem.parts[0]
     wrong = np.zeros(part.shift.shape)
     wrong[:, : part.system.fields.n_fields] = part.system.fields.boundary == 0
-    white = part.train(wrong)
+    white = problem.whiten([wrong])
     Q = least_squares.orthonormal(columns)
     assert np.linalg.norm(white - Q @ (Q.T @ white)) < 1e-6 * np.linalg.norm(white)
     assert Q.shape[1] == 88  # 4 times x 2 components x (9 places + 2 boundaries)
