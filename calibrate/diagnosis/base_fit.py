@@ -79,7 +79,6 @@ def prepare(
     bulk = basis.n_functions - energy_basis(basis).n_functions
     stiffness = float(start[: basis.n_functions - bulk].max())
 
-
     def prior(c: Array) -> Array:
         return base_functions.prior_rows(basis, c, top, stiffness)
 
@@ -89,7 +88,16 @@ def prepare(
         for t in tests
     ]
     noise_is_known = all(test.assembled.noise_is_known for test in tests)
-    problem = Problem(tuple(parts), basis, cone, prior(c) if cone.shape[1] > 1 + bulk else prior(c)[:0], dispersion, noise_is_known, with_discrepancy, c)
+    problem = Problem(
+        tuple(parts),
+        basis,
+        cone,
+        prior(c) if cone.shape[1] > 1 + bulk else prior(c)[:0],
+        dispersion,
+        noise_is_known,
+        with_discrepancy,
+        c,
+    )
     return problem, refit(problem, c, ())
 
 

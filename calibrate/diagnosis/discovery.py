@@ -94,7 +94,8 @@ def diagnose(
     """Rounds from a base fit, the verdict in the light of all explanations, and where none explains the test all effects at once.
 
     whole_table: refit with every effect, not only with those that are tried. priors: of amplitudes, None for the default. fitted: whether
-    the best explanations are fitted and change the verdict, and all effects at once. check: replays base and final model, which may change the verdict, too.
+    the best explanations are fitted and change the verdict, and all effects at once. check: replays base and final model, which may change the verdict, too, and what is to be used
+    where nothing explains the test.
     """
     effects, priors = distinct(effects), priors or read_priors()
     found = close_loop(problem, base, effects, whole_table, seed, say, thresholds)
@@ -103,18 +104,26 @@ def diagnose(
     if check is not None:
         say("replay of base and final model")
         found = judged_by_replay(found, check(found))
-    return _with_everything(found, effects, priors, say) if fitted else found
+    return _with_everything(found, effects, priors, say, check) if fitted else found
 
 
-def _with_everything(found: Discovery, effects: Sequence[Effect], priors: Priors, say: Say) -> Discovery:
-    """With the fit of all effects at once, where the test is not explained; with the reason where it cannot be made."""
+def _with_everything(
+    found: Discovery, effects: Sequence[Effect], priors: Priors, say: Say, check: Check | None
+) -> Discovery:
+    """With the fit of all effects at once, where the test is not explained, and the replay of what is to be used of it; with the reason where it cannot be made."""
     if found.verdict is not Verdict.NOT_EXPLAINED:
         return found
     assert found.start is not None
     try:
-        return replace(found, everything=fit_everything(found.start, effects, priors, say))
+        everything = fit_everything(found.start, effects, priors, say)
     except FitError as error:
         return replace(found, without_everything=str(error))
+    if check is not None:
+        say("replay of the plausible effects")
+        used = everything.to_be_used
+        used = replace(used, replayed=check.of_model(found, used.fit.c, used.fit.present))
+        everything = used if everything.plausible is None else replace(everything, plausible=used)
+    return replace(found, everything=everything)
 
 
 def _nothing(system: Equilibrium) -> Mask:

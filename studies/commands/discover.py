@@ -21,10 +21,9 @@ from calibrate.diagnosis import discovery, distillation
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut, Kind
-from calibrate.diagnosis.joint.fit import Joint
-from calibrate.diagnosis.problem import level_factor
+from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.replayed.checked_replay import replay_record
-from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
+from calibrate.diagnosis.replayed.replay_verdict import replayed_level, stiffness_level
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.chain import Additions
@@ -45,7 +44,7 @@ from studies.commandline.outcome import Outcome
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder, released_if_refused
 from studies.output.findings import Finding
-from studies.replay.replay_check import replay_check
+from studies.replay.replay_check import FiniteElementCheck
 from studies.replay.twin_replay import twin_replay
 from studies.reports.alert_table import alert_lines
 from studies.reports.discovery.discovery_findings import no_time
@@ -141,7 +140,7 @@ def discover(
         found = discovery.discover(
             trained, rule, held, effects, diagnosis.spacing, diagnosis.base, not quick, diagnosis.seed, say,
             priors=priors, fitted=not quick, replay=twin_replay, readings=diagnosis.readings,
-            check=replay_check,
+            check=FiniteElementCheck(),
         )  # fmt: skip
         view = View(found, held_out_words(rule, trained, held), remarks, quick)
         say("network of the base")
@@ -232,19 +231,16 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
 def of_all_effects(found: Discovery, hold_out: str, record: dict[str, Any]) -> dict[str, ExtendedModel]:
     """Fits of all effects, and of the plausible ones, as model files without a network, by their names; those that were made."""
     fits = {} if found.everything is None else {ALL_EFFECTS: found.everything, PLAUSIBLE: found.everything.plausible}
-    return {name: _without_network(found, one.fit, hold_out, record) for name, one in fits.items() if one is not None}
+    return {name: _without_network(found, one, hold_out, record) for name, one in fits.items() if one is not None}
 
 
-def _without_network(found: Discovery, fit: Joint, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
-    """Its effects that are not at their null values."""
-    pairs = [
-        (a, d)
-        for a, d in zip(fit.additions, fit.errors, strict=True)
-        if any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
-    ]
-    additions, deviations = tuple(a for a, _ in pairs), tuple(d for _, d in pairs)
+def _without_network(found: Discovery, one: Everything, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
+    """Its effects that are not at their null values, at the level of its replay where there is one."""
+    fit = one.fit
+    additions = fit.present
+    deviations = tuple(fit.deviations[a.effect.name] for a in additions)
     model = _file(found, fit.c, additions, deviations, hold_out, record)
-    return model.scaled(level_factor(found.problem, fit.c, additions))
+    return model.scaled(replayed_level(found, one.replayed, fit.c, additions))
 
 
 def _file(

@@ -22,6 +22,7 @@ from calibrate.diagnosis.replayed.observations import Observations, level_of
 from calibrate.diagnosis.replayed.parameter_spread import spread_of
 from calibrate.diagnosis.selection.rounds import Discovery
 from calibrate.diagnosis.twin import stiffening_base
+from calibrate.effects.chain import Additions
 from calibrate.equations.basis import polyconvex
 from calibrate.errors import EquigapError
 from forward.errors import ForwardError
@@ -34,15 +35,26 @@ from studies.replay.parameter_changes import of_parameters
 from studies.replay.replay_rows import SheetRows
 
 Array = NDArray[np.float64]
+FAILURES = (ForwardError, MeshError, StudyError, EquigapError)
 HIGH = 0.99  # quantile of I1 over the triangles: corners of the grips do not count
 
 
-def replay_check(found: Discovery) -> ReplayCheck | NoReplayCheck:
-    """Base and final model replayed, with level, band and judgement."""
-    try:
-        return _Check(found).result()
-    except (ForwardError, MeshError, StudyError, EquigapError) as error:
-        return NoReplayCheck(str(error))
+class FiniteElementCheck:
+    """Replays by `studies.replay`, see `calibrate.diagnosis.replayed.replay_verdict.Check`; what cannot be solved is said, and raises nothing."""
+
+    def __call__(self, found: Discovery) -> ReplayCheck | NoReplayCheck:
+        """Base and final model replayed, with level, band and judgement."""
+        try:
+            return _Check(found).result()
+        except FAILURES as error:
+            return NoReplayCheck(str(error))
+
+    def of_model(self, found: Discovery, c: Array, additions: Additions) -> Replayed | NoReplayCheck:
+        """Another model at its own level, on the rows that base and final model are compared on."""
+        try:
+            return _Check(found).at_own_level(ReplayedModel(c, additions))
+        except FAILURES as error:
+            return NoReplayCheck(str(error))
 
 
 @dataclass(eq=False)
@@ -75,6 +87,12 @@ class _Check:
         stand_ins = (base_fit, final_fit)
         return ReplayCheck(base or own, own, band, judgement, names, without, stand_ins)
 
+    def at_own_level(self, model: ReplayedModel) -> Replayed:
+        """Raises what the replay raises."""
+        rows = self._observations([rows for rows, _ in self._linearised(model)])
+        level = level_of(rows)
+        return Replayed(level, level.deviation, rows.scaled(level.factor))
+
     def _base(self, raw: Observations) -> Replayed | None:
         """The base at its own level; None where it is the final model."""
         found = self.found
@@ -106,7 +124,7 @@ class _Check:
         for names, probability, model in rivals(self.found):
             try:
                 rows = self._at(model, raw)
-            except (ForwardError, MeshError, StudyError, EquigapError) as error:
+            except FAILURES as error:
                 without.append(str(error))
             else:
                 made.append((names, probability, rows.scaled(level_of(rows).factor)))

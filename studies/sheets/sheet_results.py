@@ -40,11 +40,13 @@ class ReplayedErrors(Plain):
     band: float | None
 
     @classmethod
-    def of(cls, found: Mapping[str, Any] | None) -> list[Self]:
-        """Of base and final model, from discovery.json; none where they were not replayed."""
+    def of(cls, found: Mapping[str, Any] | None, plausible: Mapping[str, Any] | None) -> list[Self]:
+        """Of base and final model, and of the plausible effects, from discovery.json; none where they were not replayed."""
         if found is None or "not_made" in found:
             return []
         pairs = [(BASE, found["base"], None), (FOUND, found["final"], found["band"]["force"])]
+        if plausible is not None and "not_made" not in plausible:
+            pairs.append((PLAUSIBLE, plausible, None))
         return [
             cls(
                 name,
@@ -105,7 +107,7 @@ class SheetResult(StepResult):
             implausible=[one["effect"] for one in effects if one["implausible"]],
             discrepancy=None if together is None else together["discrepancy_over_noise"],
             alerts=sorted({one["code"] for one in found["alerts"]}),
-            replays=ReplayedErrors.of(found["replay"]),
+            replays=ReplayedErrors.of(found["replay"], together and (together["plausible"] or together)["replay"]),
         )
 
     def model(self, name: str) -> ModelErrors:

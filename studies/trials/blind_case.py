@@ -22,7 +22,7 @@ from calibrate.diagnosis.selection.rounds import Round
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from studies.output.writing import write_json
-from studies.replay.replay_check import replay_check
+from studies.replay.replay_check import FiniteElementCheck
 from studies.replay.twin_replay import twin_replay
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.trials.blind_data import draw, write
@@ -95,14 +95,14 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
 
     start = time.process_time()
     experiment = Experiment.load(path)
-    found = discovery.discover([experiment], whole_table=False, replay=twin_replay, check=replay_check)
+    found = discovery.discover([experiment], whole_table=False, replay=twin_replay, check=FiniteElementCheck())
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         assert found.start is not None
         rest = tuple(e for e in CATALOGUE if e.name not in without)
         content["without"] = list(without)
         content["absent"] = described(
-            discovery.diagnose(found.start, found.base, rest, whole_table=False, check=replay_check)
+            discovery.diagnose(found.start, found.base, rest, whole_table=False, check=FiniteElementCheck())
         )
     return content
 

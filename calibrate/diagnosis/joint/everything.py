@@ -31,7 +31,6 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Additions
-from calibrate.equations.basis import energy_basis
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -145,7 +144,6 @@ def candidates(scores: Sequence[Score], nested: Sequence[str] = ()) -> Additions
 def simple_base(problem: Problem) -> Problem:
     """The problem with neo-Hooke as its base, beside which alone effects are fitted."""
     top = max(base_functions.trained_top(part.system, part.train.rows) for part in problem.trained)
-    start = base_functions.first_guess([part.assembled for part in problem.trained])
     cone = base_functions.base_cone(problem.basis, "positive", top, 1)
     return replace(problem, cone=cone, prior=problem.prior[:0])
 

@@ -63,6 +63,15 @@ class Joint:
         return tuple(self.deviations[a.effect.name] for a in self.additions)
 
     @property
+    def present(self) -> Additions:
+        """Effects that are not at their null values."""
+        return tuple(
+            a
+            for a in self.additions
+            if any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
+        )
+
+    @property
     def dispersion(self) -> float:
         """Misfit an equation, by degrees of freedom; 1 is noise."""
         return self.loss / max(self.n_rows - self.n_base - sum(map(n_parameters, self.additions)), 1)

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.misfit import Misfit
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
 from calibrate.effects import Effect
 
 FAR = 3.0  # prior standard deviations that no amplitude should be beyond
@@ -53,7 +54,7 @@ class Share:
 class Everything:
     """The fit of all effects. shares: the most needed first; before, after: errors of the neo-Hookean base and of the fit, on what was fitted and
     on what was held out (None: nothing was). variance: of the discrepancy, over that of noise; dispersion: of the rest, 1 is noise.
-    plausible: without effects beyond their priors, None where there were none."""
+    plausible: without effects beyond their priors, None where there were none. replayed: this model by finite elements; None: not asked for."""
 
     fit: Joint
     shares: tuple[Share, ...]
@@ -62,6 +63,12 @@ class Everything:
     variance: float
     dispersion: float
     plausible: Everything | None = None
+    replayed: Replayed | NoReplayCheck | None = None
+
+    @property
+    def to_be_used(self) -> Everything:
+        """That of which no effect is beyond its prior, where there is one."""
+        return self.plausible or self
 
     @property
     def predicts(self) -> bool:

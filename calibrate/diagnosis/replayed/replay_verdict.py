@@ -6,16 +6,31 @@ that is worse than that of the base. A replay that was not made changes no verdi
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import level_factor
-from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Verdict
+from calibrate.effects.chain import Additions
 
-# replays base and final model of a diagnosis
-Check = Callable[[Discovery], ReplayCheck | NoReplayCheck]
+Array = NDArray[np.float64]
+
+
+class Check(Protocol):
+    """Replays of a diagnosis."""
+
+    def __call__(self, found: Discovery) -> ReplayCheck | NoReplayCheck:
+        """Of its base and final model."""
+        ...
+
+    def of_model(self, found: Discovery, c: Array, additions: Additions) -> Replayed | NoReplayCheck:
+        """Of another base (n,) with effects, at its own level."""
+        ...
 
 
 def judged_by_replay(found: Discovery, check: ReplayCheck | NoReplayCheck) -> Discovery:
@@ -41,3 +56,12 @@ def stiffness_level(found: Discovery, fit: Fit) -> float:
         return level_factor(found.problem, fit.c, fit.additions)
     which = int(fit is found.final)
     return 1.0 if check.stand_ins[which] else (check.base, check.final)[which].level.factor
+
+
+def replayed_level(
+    found: Discovery, replayed: Replayed | NoReplayCheck | None, c: Array, additions: Additions
+) -> float:
+    """The same of another model of the diagnosis: base (n,) and effects. Raises `FitError`, see `problem.level_factor`."""
+    if found.problem.level_is_nominal or not isinstance(replayed, Replayed):
+        return level_factor(found.problem, c, additions)
+    return replayed.level.factor

@@ -6,6 +6,7 @@ from typing import Any
 
 from calibrate.diagnosis.joint.shares import Everything, Share
 from calibrate.diagnosis.misfit import Misfit
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
 from calibrate.models.addition_json import amplitude_unit
 from studies.output.words import plus_minus
 from studies.reports.discovery.view import BAND
@@ -83,5 +84,11 @@ def everything_record(found: Everything | None) -> dict[str, Any] | None:
     return {
         "effects": shares, "fitted_and_held_out": errors, "discrepancy_over_noise": found.variance**0.5,
         "reduced_chi_square": found.dispersion, "converged": found.fit.converged, "predicts": found.predicts,
-        "plausible": everything_record(found.plausible),
+        "plausible": everything_record(found.plausible), "replay": _replayed(found.replayed),
     }  # fmt: skip
+
+
+def _replayed(found: Replayed | NoReplayCheck | None) -> dict[str, Any] | None:
+    if isinstance(found, NoReplayCheck):
+        return {"not_made": found.reason}
+    return None if found is None else found.to_dict()

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck
+from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.selection import Discovery
 from studies.output.findings import Finding, Macro
 from studies.output.words import percent, plus_minus
 
 Table = tuple[list[str], list[list[Any]]]
-BASE, FINAL = "base model", "final model"
+BASE, FINAL, PLAUSIBLE = "base model", "final model", "plausible effects"
 
 
 class ReplayCode(Macro):
@@ -26,6 +26,8 @@ class ReplayCode(Macro):
     LEVELS = "replay_levels"
     BEYOND = "replay_beyond"
     STAND_IN = "replay_stand_in"
+    PLAUSIBLE = "plausible_replayed"
+    NO_PLAUSIBLE = "plausible_not_replayed"
 
 
 def replay_findings(found: Discovery) -> Iterator[Finding]:
@@ -69,19 +71,60 @@ def level_words(check: ReplayCheck) -> list[str]:
     return [plus_minus(*pair) for pair in pairs] if any(deviation for _, deviation in pairs) else []
 
 
-def replay_table(check: ReplayCheck) -> Table:
-    """One line a model, and the band."""
+def plausible_replay(found: Discovery) -> Replayed | NoReplayCheck | None:
+    """Of the model that is to be used where nothing explains the test; None where there is none."""
+    return None if found.everything is None else found.everything.to_be_used.replayed
+
+
+def plausible_findings(found: Discovery) -> Iterator[Finding]:
+    """Whether that model is to be used, by its replay: where neither force nor field of what was held out is missed by more than the final model misses them."""
+    one, check = plausible_replay(found), found.replay_check
+    if isinstance(one, NoReplayCheck):
+        yield _finding(ReplayCode.NO_PLAUSIBLE, reason=one.reason)
+    if not isinstance(one, Replayed) or found.everything is None:
+        return
+    other = check.final.judged if isinstance(check, ReplayCheck) else None
+    better = other is None or (not one.judged.force > other.force and one.judged.field <= other.field)
+    yield _finding(
+        ReplayCode.PLAUSIBLE, not better, held=bool(one.rows.held.any()), level=plus_minus(one.level.factor, INTERVAL * one.level.deviation),
+        force=None if np.isnan(one.judged.force) else one.judged.force, field=one.judged.field,
+        other=None if other is None else other.to_dict(), better=better, all=found.everything.plausible is None,
+    )  # fmt: skip
+
+
+def replay_table(check: ReplayCheck, plausible: Replayed | None = None) -> Table:
+    """One line a model, and the band. plausible: what is to be used where nothing explains the test."""
     where = "held out" if check.held_out else "fitted"
     columns = ["model", "level", "force error, fitted", f"force error, {where}", f"field error, {where}, mm", f"smooth part, {where}, mm"]  # fmt: skip
     models = [(BASE, check.base, check.smooth[0])]
     if check.final is not check.base:
         models.append((FINAL, check.final, check.smooth[1]))
+    if plausible is not None:
+        models.append((PLAUSIBLE, plausible, float("nan")))
     rows: list[list[Any]] = []
     for name, one, smooth in models:
         level = plus_minus(one.level.factor, INTERVAL * one.level.deviation) if one.level.deviation else "as it was"
         fitted = None if one.fitted is None else _share(one.fitted.force)
-        rows.append([name, level, fitted, _share(one.judged.force), _mm(one.judged.field), _mm(smooth)])
-    rows.append(["95 % band of the last", "", None, _share(check.expected.force), None, _mm(check.expected.field)])
+        rows.append(
+            [
+                name,
+                level,
+                fitted,
+                _share(one.judged.force),
+                _mm(one.judged.field),
+                None if np.isnan(smooth) else _mm(smooth),
+            ]
+        )
+    rows.append(
+        [
+            f"95 % band of the {FINAL if check.final is not check.base else BASE}",
+            "",
+            None,
+            _share(check.expected.force),
+            None,
+            _mm(check.expected.field),
+        ]
+    )
     return columns, rows
 
 

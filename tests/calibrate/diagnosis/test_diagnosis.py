@@ -34,7 +34,6 @@ from calibrate.equations import discretisation_error, kinematics, noise_covarian
 from calibrate.equations.basis import SingleBasis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
 from calibrate.equations.noise_covariance import EquationNoise
-from calibrate.equations.splines import Spline
 from calibrate.equations.weights import weights_of
 from calibrate.fitting import least_squares
 from studies.trials import blind_data
@@ -62,7 +61,9 @@ def test_the_prior_of_the_base_is_that_of_an_integrated_wiener_process():
         P = base_functions.prior_rows(basis, np.ones(n), top, 1.0)
         L = np.linalg.inv(P[:, 1:])  # values over that at rest, which is held
         low, high = np.minimum.outer(q, q), np.maximum.outer(q, q)
-        exact = base_functions.SLOPE**2 * np.outer(q, q) + base_functions.CURVATURE**2 * (low**2 * high / 2 - low**3 / 6)
+        exact = base_functions.SLOPE**2 * np.outer(q, q) + base_functions.CURVATURE**2 * (
+            low**2 * high / 2 - low**3 / 6
+        )
         np.testing.assert_allclose((L @ L.T)[5:, 5:], exact[6:, 6:], rtol=0.03)
         np.testing.assert_allclose(P @ np.ones(n), 0.0, atol=1e-9 * np.abs(P).max())  # neo-Hooke costs nothing
 

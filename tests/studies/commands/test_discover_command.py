@@ -17,7 +17,7 @@ from calibrate.models.extended_model import ExtendedModel
 from studies.cli import main
 from studies.commands import discover as discovery
 from studies.errors import OptionError
-from studies.replay.replay_check import replay_check
+from studies.replay.replay_check import FiniteElementCheck
 from studies.replay.twin_replay import twin_replay
 from studies.reports.discovery import report as discovery_report
 
@@ -69,7 +69,7 @@ def test_everything_is_written_and_the_verdict_is_said(run, asked):
     assert asked[0]["rule"] is None
     assert asked[0]["effects"] == CATALOGUE
     assert asked[0]["replay"] is twin_replay
-    assert asked[0]["check"] is replay_check
+    assert isinstance(asked[0]["check"], FiniteElementCheck)
     assert (asked[0]["base"], asked[0]["whole"], asked[0]["seed"]) == ("positive", True, 0)
     model = ExtendedModel.load(folder / "model.json")
     assert model.verdict == "explained"

@@ -226,6 +226,15 @@ def of_plausible(force: float = 0.05) -> Findings:
     return of_nothing(everything=replace(found, shares=(share,), plausible=found))
 
 
+def of_plausible_replay(wrong: float = 0.0) -> Findings:
+    """Plausible effects that were replayed, with forces held out wrong by so much, N, beside a final model that is replayed with 1 N."""
+    errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(0.05, 0.05, 2.0, 100), None)
+    fit: Any = SimpleNamespace(converged=True)
+    replayed = check(observations(only_held(wrong))).final
+    found = Everything(fit, (), *errors, 24.0, 1.0, replayed=replayed)
+    return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(1.0))))
+
+
 def of_own(values: tuple[float, ...], errors: tuple[float, ...]) -> Findings:
     """Two tests with a gradient each."""
     effect = StiffnessGradient()
@@ -300,6 +309,18 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
         replay_check=replace(check(observations()), stand_ins=(True, True))
     ),
     "discovery.replay_beyond": lambda: of_nothing(replay_check=check(observations(), beyond=0.5)),
+    "discovery.plausible_replayed": of_plausible_replay,
+    "discovery.plausible_not_replayed": lambda: of_nothing(
+        everything=Everything(
+            SimpleNamespace(converged=True),  # type: ignore[arg-type]
+            (),
+            (Misfit(0.1, 0.05, 9.0, 100), None),
+            (Misfit(0.05, 0.05, 2.0, 100), None),
+            24.0,
+            1.0,
+            replayed=NoReplayCheck("unmeasured strip: no law has it"),
+        )
+    ),
     "discovery.plane_strain": lambda: with_patch("bulk_modulus", lambda problem, fit: (100.0, 5.0)),
 }
 
@@ -412,6 +433,7 @@ RAISED: dict[str, Callable[[], Findings]] = {
     "E402": of_weighing,
     "E407": lambda: of_everything(0.9),
     "E409": lambda: of_plausible(0.2),
+    "R614": lambda: of_plausible_replay(9.0),
     "R609": lambda: of_explained(replay_check=check(observations(only_held(9.0)), observations())),
     "P501": lambda: curves(USELESS),
     "P505": lambda: bands(False),
