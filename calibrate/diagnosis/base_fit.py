@@ -16,7 +16,8 @@ from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_functions
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.model_weights import weighted_part
-from calibrate.diagnosis.problem import Mask, Problem, Rows, all_rows
+from calibrate.diagnosis.problem import Mask, Problem, Rows, all_rows, residual
+from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Chain
 from calibrate.equations import reduction
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, basis_for, energy_basis
@@ -82,7 +83,7 @@ def prepare(
     def prior(c: Array) -> Array:
         return base_functions.prior_rows(basis, c, top, stiffness)
 
-    c, dispersion = _base(used, basis, start, cone, prior)
+    c = _base(used, basis, start, cone, prior)
     parts = [
         weighted_part(t.chain, t.assembled, basis, c, t.mask, all_rows(t.system) & ~t.mask, with_discrepancy)
         for t in tests
@@ -93,11 +94,12 @@ def prepare(
         basis,
         cone,
         prior(c) if cone.shape[1] > 1 + bulk else prior(c)[:0],
-        dispersion,
+        1.0,
         noise_is_known,
         with_discrepancy,
         c,
     )
+    problem = replace(problem, dispersion=rough_dispersion(problem, residual(problem, c, ())))
     return problem, refit(problem, c, ())
 
 
@@ -127,8 +129,8 @@ def _base(
     start: Array,
     cone: Array,
     prior: Callable[[Array], Array],
-) -> tuple[Array, float]:
-    """Coefficients (n,) of the base whose weights belong to it, found in passes, and the dispersion. Raises `FitError`. prior: its rows at coefficients."""
+) -> Array:
+    """Coefficients (n,) of the base whose weights belong to it, found in passes. Raises `FitError`. prior: its rows at coefficients."""
     c, spread, change = start, 1.0, np.inf
     assembled, masks = [test.assembled for test in tests], [test.mask for test in tests]
     n = cone.shape[1]
@@ -146,7 +148,7 @@ def _base(
             c = (1 - share) * previous + share * c
         change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c)) * max(0.5 / share, 1.0)
         if change < (0.2 if count < PASSES - 1 else 1.0) * TOLERANCE:
-            return c, spread
+            return c
     raise errors.FitError(_not_converged([test.system.experiment for test in tests], change))
 
 

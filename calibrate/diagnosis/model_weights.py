@@ -5,12 +5,15 @@ In: a `Problem`, a base and effects. Out: the same equations with other weights.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.problem import OwnSignature, Part, Problem, dispersion, loads, residual
+from calibrate.diagnosis.problem import OwnSignature, Part, Problem, loads, residual
+from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
@@ -74,11 +77,11 @@ def _weights(noise: EquationNoise, train: Mask, held: Mask, common: Array | None
     return weights_of(noise, train, common), weights_of(noise, held, common)
 
 
-def _together(noise: EquationNoise, train: Mask, held: Mask, common: Array | None) -> Weights | None:
-    """Of both together, where increments have noise in common."""
+def _together(noise: EquationNoise, train: Mask, held: Mask, common: Array | None) -> Callable[[], Weights] | None:
+    """Of both together, where increments have noise in common; made where they are asked for."""
     if noise.is_new_in_each or not (train.any() and held.any()):
         return None
-    return weights_of(noise, train | held, common)
+    return cache(lambda: weights_of(noise, train | held, common))
 
 
 def noise_of(chain: Chain, assembled: Assembled, c: Array, additions: Additions) -> EquationNoise:
@@ -133,4 +136,4 @@ def reweighted(problem: Problem, c: Array, additions: Additions) -> Problem:
         for p in problem.parts
     ]
     heavier = replace(problem, parts=tuple(parts), c=c, amplifying=known)
-    return replace(heavier, dispersion=dispersion(heavier, residual(heavier, fitted, additions)))
+    return replace(heavier, dispersion=rough_dispersion(heavier, residual(heavier, fitted, additions)))

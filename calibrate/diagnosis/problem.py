@@ -53,7 +53,7 @@ class Part:
     held: Weights
     shift: Array = field(repr=False)
     common: Array | None = field(repr=False)
-    together: Weights | None = field(default=None, repr=False)
+    together: Callable[[], Weights] | None = field(default=None, repr=False)
     twin: Array | None = field(default=None, repr=False)
     own: tuple[OwnSignature, ...] = field(default=(), repr=False)
 
@@ -95,8 +95,8 @@ class Problem:
     """Experiments with weights. parts: all; those without training rows are held out.
 
     cone (n, k): the base models are non-negative sums of its columns. prior (m, n), 1 / MPa: see `base_functions.prior_rows`; as
-    m more rows of the whitened equations, so that effects are tested and fitted beside a base that costs something. dispersion: of the
-    residual, at least 1, which those rows allow for. c (n,), amplifying: the base
+    m more rows of the whitened equations, so that effects are tested and fitted beside a base that costs something. dispersion: see
+    `residual_tests.rough_dispersion`, which those rows allow for. c (n,), amplifying: the base
     and the effects that the weights belong to, see `amplified`. replay: see `twin.Replay`; None: no part has a twin.
     """
 

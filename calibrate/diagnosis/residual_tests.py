@@ -69,6 +69,13 @@ def smooth_disturbances(problem: Problem) -> Array:
     return problem.padded(scipy.linalg.block_diag(*[part.train(_smooth_forces(part)).T for part in problem.trained]))
 
 
+def rough_dispersion(problem: Problem, r: Array) -> float:
+    """Mean square of the part of a residual (N,) that no smooth disturbance explains, at least 1: of noise, and not of an effect that the model lacks."""
+    n = len(r) - len(problem.prior)
+    left, degrees = residual_outside(r[:n], smooth_disturbances(problem)[:n])
+    return max(1.0, left / max(degrees, 1))
+
+
 def _smooth_forces(part: Part) -> Array:
     """Nodal forces (k, t, 2 v) on the virtual fields of one experiment."""
     boundary = part.system.fields.boundary
@@ -124,7 +131,7 @@ def prediction_test(problem: Problem, c: Array, additions: Additions) -> ChiSqua
     every = [
         (weights, values, r)
         for part, values, r in whole
-        for weights in ([part.together] if part.together else [part.train, part.held])
+        for weights in ([part.together()] if part.together else [part.train, part.held])
         if weights.size
     ]
     (before, n_before), (after, n_after) = (_left(some) for some in (train, every))

@@ -214,6 +214,17 @@ class EquationNoise:
         parts = [part[:, None, None] * found for part in self.common.T if part.any()]
         return np.concatenate([*parts, self._of_cells()], axis=2)
 
+    def covariance_in_common(self, rows: NDArray[np.bool_]) -> Array:
+        """(N, N), N^2, of the rows (t, r) that are used, by `sources`."""
+        some = np.flatnonzero(rows.any(axis=1)).tolist()
+        ends = np.append(0, np.cumsum(rows.sum(axis=1)))
+        cells, factors = self._of_cells()[rows], self.common @ self.common.T
+        found = np.zeros(2 * cells.shape[:1])
+        for i, j in ((i, j) for i in some for j in some if factors[i, j]):
+            block = self._product(i, j)[np.ix_(rows[i], rows[j])]
+            found[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = factors[i, j] * block
+        return found + cells @ cells.T
+
     @cached_property
     def _cells_apart(self) -> NDArray[np.bool_]:
         """(t,): whether the load cells of an increment are sources. Where displacements are correlated between increments their noise, new in each, would

@@ -5,7 +5,8 @@ In: an `EquationNoise`, and sources of a discrepancy that act alike in all incre
 1. The part of the noise of its own: of each increment i, given those before it, L_i^-1 (r_i - M_i r_before), with L_i L_i^T the covariance that is left
    (Vecchia 1988; Katzfuss and Guinness 2021). As many are before it as tell what all before would (`memory`): none where the noise is new in each, one
    where it drifts as exp(-t / tau), those with the pictures that it is made of for an increment between pictures.
-2. What the noise has in common, V after 1: the covariance is I + V V^T. With C C^T = I + V^T V, I - V (I + C^T)^-1 C^-1 V^T is an inverse root.
+2. What the noise has in common, V after 1: the covariance is I + V V^T. With C C^T = I + V^T V, I - V (I + C^T)^-1 C^-1 V^T is an inverse root. Up to `DENSE` rows
+   its Cholesky factor takes less time than V does.
 3. The discrepancy, V = U s W^T after 2: the inverse root of I + V V^T is I + U (1 / sqrt(1 + s^2) - 1) U^T.
 """
 
@@ -24,6 +25,7 @@ from calibrate.equations.noise_covariance import EquationNoise, cholesky_factor
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 SMALL = 0.02  # variance of a discrepancy over that of noise, below which it is left out
+DENSE = 5000  # rows up to which the covariance of what is in common is formed
 TOLD = 1e-3  # of the variance of an increment: what those further back may tell of it beside those before it
 
 
@@ -34,22 +36,36 @@ class Block(NamedTuple):
     gain: Array
 
 
-class Common(NamedTuple):
-    """V (N, s) and C (s, s), see the head of this module."""
+class Whole(NamedTuple):
+    """lower (N, N): Cholesky factor of the covariance I + V V^T, see the head of this module."""
 
-    V: Array
-    C: Array
+    lower: Array
 
     def white(self, rows: Array) -> Array:
         """Rows (..., N) without the covariance of what is in common."""
-        inner = _solved(self.C, (rows @ self.V).reshape(-1, len(self.C)).T)
-        inner = _solved(np.eye(len(self.C)) + self.C.T, inner, lower=False)
+        return _solved(self.lower, rows.reshape(-1, len(self.lower)).T).T.reshape(rows.shape)
+
+    def adjoint(self, rows: Array) -> Array:
+        """The transposed map (N,)."""
+        return _solved(self.lower.T, rows, lower=False)
+
+
+class Common(NamedTuple):
+    """V (N, s) and C = lower (s, s), see the head of this module."""
+
+    V: Array
+    lower: Array
+
+    def white(self, rows: Array) -> Array:
+        """Rows (..., N) without the covariance of what is in common."""
+        inner = _solved(self.lower, (rows @ self.V).reshape(-1, len(self.lower)).T)
+        inner = _solved(np.eye(len(self.lower)) + self.lower.T, inner, lower=False)
         return rows - (inner.T @ self.V.T).reshape(rows.shape)
 
     def adjoint(self, rows: Array) -> Array:
         """The transposed map (N,)."""
-        inner = _solved(np.eye(len(self.C)) + self.C, self.V.T @ rows)
-        return rows - self.V @ _solved(self.C.T, inner, lower=False)
+        inner = _solved(np.eye(len(self.lower)) + self.lower, self.V.T @ rows)
+        return rows - self.V @ _solved(self.lower.T, inner, lower=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +76,7 @@ class Weights:
     rows: Mask
     variance: Array = field(repr=False)
     blocks: tuple[Block, ...] = field(repr=False)
-    common: Common | None = field(repr=False)
+    common: Common | Whole | None = field(repr=False)
     U: Array = field(repr=False)
     shrink: Array = field(repr=False)
 
@@ -80,7 +96,7 @@ class Weights:
     @property
     def log_determinant(self) -> float:
         """Of the covariance of the residuals used."""
-        lowers = [block.lower for block in self.blocks] + ([self.common.C] if self.common else [])
+        lowers = [block.lower for block in self.blocks] + ([self.common.lower] if self.common else [])
         return 2 * float(sum(np.log(np.diag(lower)).sum() for lower in lowers) - np.log1p(self.shrink).sum())
 
     def adjoint(self, white: Array) -> Array:
@@ -101,7 +117,7 @@ class Weights:
 def weights_of(noise: EquationNoise, rows: Mask, sources: Array | None = None) -> Weights:
     """Weights for the equations `rows` (t, 2 v) with a noise and the sources (t, 2 v, s) of a discrepancy common to all."""
     n, blocks = int(rows.sum()), tuple(_blocks(noise, rows))
-    common = _common(blocks, noise.sources[rows]) if n and not noise.is_new_in_each else None
+    common = _common(blocks, noise, rows) if n and not noise.is_new_in_each else None
     plain = Weights(rows, np.where(rows, noise.variance, 0.0), blocks, common, np.zeros((n, 0)), np.zeros(0))
     if sources is None or n == 0:
         return plain
@@ -116,9 +132,12 @@ def weights_of(noise: EquationNoise, rows: Mask, sources: Array | None = None) -
     return replace(plain, U=U[:, keep], shrink=1 / np.sqrt(1 + values[keep]) - 1)
 
 
-def _common(blocks: tuple[Block, ...], sources: Array) -> Common:
-    """Of sources (N, s) of the rows used."""
-    V = _own_white(blocks, sources)
+def _common(blocks: tuple[Block, ...], noise: EquationNoise, rows: Mask) -> Common | Whole:
+    """Of the rows used."""
+    if rows.sum() <= DENSE:
+        half = _own_white(blocks, noise.covariance_in_common(rows))
+        return Whole(cholesky_factor(np.eye(len(half)) + _own_white(blocks, half.T)))
+    V = _own_white(blocks, noise.sources[rows])
     if V.shape[1] > len(V):
         V = cholesky_factor(V @ V.T)
     return Common(V, cholesky_factor(np.eye(V.shape[1]) + V.T @ V))

@@ -12,9 +12,9 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
 from calibrate.diagnosis.replayed.parameter_spread import spread_of
-from calibrate.diagnosis.replayed.replay_verdict import judged_by_replay, stiffness_level
+from calibrate.diagnosis.replayed.replay_verdict import judged_by_replay, replayed_level, stiffness_level
 from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.diagnosis.selection.rounds import Doubt
 from calibrate.effects import CATALOGUE
@@ -107,10 +107,26 @@ def test_the_level_of_a_model_that_is_too_stiff_is_found_from_replayed_forces():
     assert abs(own.final.level.factor - 1) < 3 * own.final.deviation
 
 
+def test_a_model_beside_the_final_one_has_its_own_level_and_its_errors():
+    """The final model itself, made stiffer: the same errors at the inverse level. A model that cannot be solved is said."""
+    one = found(True)
+    (second,) = one.final.additions
+    more = replace(second, amplitudes=(SEVENTH * second.amplitudes[0],))
+    own, beside = one.replay_check, FiniteElementCheck().of_model(one, SEVENTH * one.final.c, (more,))
+    assert isinstance(beside, Replayed)
+    assert beside.level.factor * SEVENTH == pytest.approx(own.final.level.factor, rel=1e-4)
+    assert beside.judged.force == pytest.approx(own.final.judged.force, rel=1e-2)
+    assert beside.judged.field == pytest.approx(own.final.judged.field, rel=1e-2)
+    assert replayed_level(one, beside, one.final.c, (more,)) == beside.level.factor
+    nothing = FiniteElementCheck().of_model(one, 0 * one.final.c, ())
+    assert isinstance(nothing, NoReplayCheck) and nothing.reason
+    assert replayed_level(one, nothing, one.final.c, ()) == 1.0
+
+
 def test_a_base_without_an_equilibrium_has_a_stand_in_and_keeps_its_level():
-    """Of no stiffness at rest."""
+    """One that softens until it pushes back."""
     last = found(True).rounds[-1]
-    fit = replace(last.fit, c=np.linspace(0.0, 2 * last.fit.c.mean(), len(last.fit.c)))
+    fit = replace(last.fit, c=np.linspace(2 * last.fit.c.mean(), -last.fit.c.mean(), len(last.fit.c)))
     one = replace(found(True), rounds=(*found(True).rounds[:-1], replace(last, fit=fit)))
     check = FiniteElementCheck()(one)
     assert check.stand_ins == (False, True)
