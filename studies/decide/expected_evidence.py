@@ -46,7 +46,7 @@ def expected(e: Experiment, pairs: Sequence[Rivals], stiffness: float, priors: P
         if change is None:
             found.append(None)
             continue
-        weighed = replace(weighed, r=weighed.r - change)
+        weighed = replace(weighed, r=-change)
         found.append(_best(weighed, pair.names) - _best(weighed, pair.others))
     return found
 

@@ -45,21 +45,18 @@ def test_a_sheet_that_was_bowed_is_flattened():
     assert np.abs(bowed - flat).max() < 0.03 * size
 
 
-@pytest.mark.parametrize("base", ["neo-Hooke", "positive"])
-def test_on_one_ramp_relaxation_is_seen_beside_neo_hooke_alone(base):
-    """An energy of I1 of any shape can soften with strain as a branch relaxes with time."""
+@pytest.mark.parametrize(("base", "within"), [("neo-Hooke", 0.1), ("positive", 0.3)])
+def test_on_one_ramp_relaxation_is_told_from_a_base_by_its_prior(base, within):
+    """An energy of I1 can soften with strain as a branch relaxes with time, but rubber seldom does: beside splines the strength is known less well."""
     learnt = material(Addition(Viscosity(), (0.5,), (3.0,)))
     e = read_as(uniaxial(), learnt)
     problem, fit = base_fit.prepare([e], [all_rows], 12.0, base=base)
     found = next(s for s in score_tests.score(problem, fit, [Viscosity()]) if s.effect.name == Viscosity.name)
     fit = effect_fit.refit(problem, fit.c, (Addition(Viscosity(), (0.0,), (3.0,)),))
-    if base == "neo-Hooke":
-        assert found.adjusted < 1e-6
-        assert fit.additions[0].amplitudes[0] == pytest.approx(0.5, abs=0.05)
-        assert fit.errors[0][0] < 0.1
-    else:
-        assert found.status == "absorbed"
-        assert fit.errors[0][0] > 1.0
+    assert found.adjusted < 1e-6
+    (g,), (error,) = fit.additions[0].amplitudes, fit.errors[0]
+    assert g == pytest.approx(0.5, abs=2 * within)
+    assert error < within
 
 
 def test_scaling_a_material_scales_its_stress():

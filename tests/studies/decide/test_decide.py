@@ -63,16 +63,16 @@ def value(e: Experiment, pair: Rivals, stiffness: float = 1.0) -> float:
     return found
 
 
-def realised(seed: int, hidden: Addition, other: str) -> float:
-    """ln evidence of a hidden effect against another one, of the plate recorded with both the effect and noise."""
+def realised(seed: int, hidden: Addition, other: str, noise: float = 1.0) -> float:
+    """ln evidence of a hidden effect against another one, of the plate recorded with both the effect and noise, over what is stated."""
     e, rng = plate(), np.random.default_rng(seed)
     data = Data.of(e)
     moved = np.asarray(hidden.effect.displacements(data, data.u, hidden.amplitudes, hidden.shape))
     u = 2 * e.displacements - moved  # what is seen of the true displacements, to first order
     offset = hidden.amplitudes[0] if hidden.effect.name == OFFSET else 0.0
-    read = 1 + FORCE * rng.standard_normal(e.loaded[0].force.shape)  # by one load cell, as the forces of the plan are
+    read = 1 + noise * FORCE * rng.standard_normal(e.loaded[0].force.shape)  # by one load cell, as the forces of the plan are
     cells = tuple(replace(b, force=b.force * read + offset * np.sign(b.force)) for b in e.loaded)
-    seen = replace(e, displacements=u + STD * rng.standard_normal(u.shape), loaded=cells)
+    seen = replace(e, displacements=u + noise * STD * rng.standard_normal(u.shape), loaded=cells)
     weighed, clean = (weigh(one, (hidden.effect.name, other)) for one in (seen, e))
     weighed = replace(weighed, r=weighed.r - clean.r)  # the residual of a coarse mesh is no matter of this test
     singles = [(s.name, weighed.subset((i,)).log_evidence) for i, s in enumerate(weighed.signatures)]
@@ -88,15 +88,23 @@ def weigh(e: Experiment, names: tuple[str, ...]) -> Evidence:
 
 @pytest.mark.parametrize(
     ("name", "amplitude", "other", "within"),
-    [(RECEDES, RECEDED, "lens distortion", 0.2), (RECEDES, RECEDED, "second invariant", 0.2), (OFFSET, 1.0, "upturn", 0.7)],
+    [(RECEDES, RECEDED, "lens distortion", 0.4), (RECEDES, RECEDED, "second invariant", 0.2), (OFFSET, 1.0, "upturn", 0.7)],
 )  # fmt: skip
 def test_what_is_expected_is_what_tests_give(name, amplitude, other, within):
-    """A force offset is told more surely than expected: the noise of the strains changes how stiff the flexible base is at small ones."""
+    """The noise of the strains changes how stiff the base is at small ones, and blurs signatures: a force offset is told more surely than expected, an out-of-plane
+    motion less."""
     hidden = Addition(BY_NAME[name], (amplitude,))
     found = value(plate(), Rivals((hidden,), (other,), None))
     given = [realised(seed, hidden, other) for seed in range(4)]
     assert found > DECISIVE
     assert abs(np.log(found / np.mean(given))) < within + 2 * np.std(given) / np.mean(given) / np.sqrt(len(given))
+
+
+def test_without_noise_what_is_expected_is_what_a_test_gives():
+    """But for what is not linear in the amplitude."""
+    hidden = Addition(BY_NAME[RECEDES], (RECEDED,))
+    found = value(plate(), Rivals((hidden,), ("lens distortion",), None))
+    assert realised(0, hidden, "lens distortion", noise=0.0) == pytest.approx(found, rel=0.05)
 
 
 def test_more_of_an_effect_is_told_more_surely_and_nothing_is_not():
