@@ -5,6 +5,7 @@
     python docs/study_numbers generalise results/generalise
     python docs/study_numbers design results/design results/cross-pattern
     python docs/study_numbers replay results/replay results/calibrate
+    python docs/study_numbers replay_sheet results/discover
     python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
     python docs/study_numbers noise_grid results/false-alarms
     python docs/study_numbers pulls results/pulls
@@ -28,6 +29,7 @@ import generalise
 import noise_grid
 import pulls
 import replay
+import replay_sheet
 import resolution
 import sheets
 import skin
@@ -40,6 +42,7 @@ STUDIES = {
     "generalise": generalise,
     "design": design,
     "replay": replay,
+    "replay_sheet": replay_sheet,
     "sheets": sheets,
     "skin": skin,
     "noise_grid": noise_grid,

@@ -30,7 +30,7 @@ from calibrate.diagnosis.selection.verdict import conclude, worth_a_name
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.support.nodal_derivatives import gradient
-from calibrate.equations import discretisation_error, kinematics, noise_covariance
+from calibrate.equations import discretisation_error, kinematics, noise_covariance, weights
 from calibrate.equations.basis import SingleBasis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
 from calibrate.equations.noise_covariance import EquationNoise
@@ -114,9 +114,11 @@ def drawn_noise(common):
     )
 
 
+@pytest.mark.parametrize("most", [0, weights.DENSE], ids=["sources", "covariance"])
 @pytest.mark.parametrize("common", [np.zeros(3), np.array([0.5, 1.0, 1.5])])
-def test_whitening_gives_unit_covariance(common):
+def test_whitening_gives_unit_covariance(common, most, monkeypatch):
     """Of some equations, by noise of every increment, noise in common and a source common to all."""
+    monkeypatch.setattr(weights, "DENSE", most)
     rng, noise = np.random.default_rng(1), drawn_noise(common)
     used = rng.uniform(size=(3, 5)) < 0.7
     source = rng.standard_normal((3, 5, 2))

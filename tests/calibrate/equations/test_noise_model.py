@@ -10,7 +10,7 @@ from calibrate.data import load_path
 from calibrate.data.experiment import Noise
 from calibrate.equations import basis as bases
 from calibrate.equations import equilibrium as equations
-from calibrate.equations import noise_covariance, reduction
+from calibrate.equations import noise_covariance, reduction, weights
 from calibrate.equations.inputs import REFERENCE
 from calibrate.equations.weights import memory, weights_of
 
@@ -216,9 +216,11 @@ COMMON = {"pattern_std": 4e-3, "reference_std": 2e-3}
         (Noise(1e-3, 2.5, **PARTS, **COMMON, correlation_time=8.0), "some", 2e-3),
     ],
 )
-def test_weights_have_the_determinant_and_the_squares_of_the_dense_covariance(noise, rows, close):
+@pytest.mark.parametrize("most", [0, weights.DENSE], ids=["sources", "covariance"])
+def test_weights_have_the_determinant_and_the_squares_of_the_dense_covariance(noise, rows, close, most, monkeypatch):
     """To `close` a row: white noise is exact, of noise in common what is `NEGLIGIBLE` is left out, and a drift that the changing tangent mixes is told
     nearly by the increment before. Some: a third of the increments is left out, and another has some of its rows only."""
+    monkeypatch.setattr(weights, "DENSE", most)
     clean = plate_experiment(n_increments=6, n_theta=24, n_radial=4)
     system = equations.equilibrium(replace(clean, noise=noise), SPACING)
     basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))

@@ -70,7 +70,9 @@ def realised(seed: int, hidden: Addition, other: str, noise: float = 1.0) -> flo
     moved = np.asarray(hidden.effect.displacements(data, data.u, hidden.amplitudes, hidden.shape))
     u = 2 * e.displacements - moved  # what is seen of the true displacements, to first order
     offset = hidden.amplitudes[0] if hidden.effect.name == OFFSET else 0.0
-    read = 1 + noise * FORCE * rng.standard_normal(e.loaded[0].force.shape)  # by one load cell, as the forces of the plan are
+    read = 1 + noise * FORCE * rng.standard_normal(
+        e.loaded[0].force.shape
+    )  # by one load cell, as the forces of the plan are
     cells = tuple(replace(b, force=b.force * read + offset * np.sign(b.force)) for b in e.loaded)
     seen = replace(e, displacements=u + noise * STD * rng.standard_normal(u.shape), loaded=cells)
     weighed, clean = (weigh(one, (hidden.effect.name, other)) for one in (seen, e))
