@@ -50,6 +50,7 @@ from studies.reports.alert_table import alert_lines
 from studies.reports.discovery.discovery_findings import no_time
 from studies.reports.discovery.discovery_findings import remarks as all_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
+from studies.reports.discovery.replay_section import predicts_better
 from studies.reports.discovery.report import write
 from studies.reports.discovery.statement import network_words, reservations, verdict
 from studies.reports.discovery.view import View
@@ -94,6 +95,9 @@ class Discovered(Outcome):
         yield f"{verdict(self.view)}."
         yield from reservations(self.view)
         yield from alert_lines(all_remarks(self.view))
+        found = self.view.discovery
+        if predicts_better(found):
+            yield f"to predict with: {self.folder / (PLAUSIBLE if found.everything and found.everything.plausible else ALL_EFFECTS)}"
         yield f"model: {self.folder / 'model.json'}"
         yield f"report: {self.report}"
 

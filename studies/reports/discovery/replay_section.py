@@ -76,15 +76,23 @@ def plausible_replay(found: Discovery) -> Replayed | NoReplayCheck | None:
     return None if found.everything is None else found.everything.to_be_used.replayed
 
 
+def predicts_better(found: Discovery) -> bool:
+    """Whether neither force nor field of what was held out is missed by more than the final model misses them, in the replay of that model."""
+    one, check = plausible_replay(found), found.replay_check
+    if not isinstance(one, Replayed) or not isinstance(check, ReplayCheck):
+        return isinstance(one, Replayed)
+    other = check.final.judged
+    return not one.judged.force > other.force and one.judged.field <= other.field
+
+
 def plausible_findings(found: Discovery) -> Iterator[Finding]:
-    """Whether that model is to be used, by its replay: where neither force nor field of what was held out is missed by more than the final model misses them."""
+    """Whether that model is to be used, by its replay."""
     one, check = plausible_replay(found), found.replay_check
     if isinstance(one, NoReplayCheck):
         yield _finding(ReplayCode.NO_PLAUSIBLE, reason=one.reason)
     if not isinstance(one, Replayed) or found.everything is None:
         return
-    other = check.final.judged if isinstance(check, ReplayCheck) else None
-    better = other is None or (not one.judged.force > other.force and one.judged.field <= other.field)
+    other, better = check.final.judged if isinstance(check, ReplayCheck) else None, predicts_better(found)
     yield _finding(
         ReplayCode.PLAUSIBLE, not better, held=bool(one.rows.held.any()), level=plus_minus(one.level.factor, INTERVAL * one.level.deviation),
         force=None if np.isnan(one.judged.force) else one.judged.force, field=one.judged.field,

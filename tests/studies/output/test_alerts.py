@@ -623,3 +623,13 @@ def test_all_effects_are_told_where_only_the_final_model_fails(
     codes = {one.alert.code for one in of_plausible()}
     assert ({"E407", "E409"} <= codes) is told
     assert "E402" not in codes
+
+
+def test_the_plausible_effects_are_offered_only_where_their_replay_is_better() -> None:
+    """By forces that were held out: 0, or 9 N wrong, beside a final model with 1 N."""
+    better, worse = (
+        next(one.text for one in findings if one.alert.code == "R614")
+        for findings in (of_plausible_replay(0.0), of_plausible_replay(9.0))
+    )
+    assert "model to predict with: model_plausible.json" in better
+    assert "no better" in worse and "model_plausible.json" not in worse
