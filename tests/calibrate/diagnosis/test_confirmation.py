@@ -65,7 +65,7 @@ def test_the_prediction_of_what_is_held_out_knows_the_noise_that_it_shares_with_
     for seed in range(10):
         problem, fit = base_fit.prepare([synthetic.with_noise(clean, noise, seed)], [HoldOut().training])
         (part,) = problem.parts
-        assert part.together.size == part.train.size + part.held.size
+        assert part.together().size == part.train.size + part.held.size
         p.append(residual_tests.prediction_test(problem, fit.c, ()).p_value)
     assert stats.kstest(p, "uniform").pvalue > 0.01
 
