@@ -122,6 +122,8 @@ def _with_everything(
         say("replay of the plausible effects")
         used = everything.to_be_used
         used = replace(used, replayed=check.of_model(found, used.fit.c, used.fit.present))
+        say("plausible effects updated by the forces of their replays")
+        used = replace(used, updated=check.updated(found, used))
         everything = used if everything.plausible is None else replace(everything, plausible=used)
     return replace(found, everything=everything)
 

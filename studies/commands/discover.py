@@ -239,12 +239,10 @@ def of_all_effects(found: Discovery, hold_out: str, record: dict[str, Any]) -> d
 
 
 def _without_network(found: Discovery, one: Everything, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
-    """Its effects that are not at their null values, at the level of its replay where there is one."""
-    fit = one.fit
-    additions = fit.present
-    deviations = tuple(fit.deviations[a.effect.name] for a in additions)
-    model = _file(found, fit.c, additions, deviations, hold_out, record)
-    return model.scaled(replayed_level(found, one.replayed, fit.c, additions))
+    """What is to be used of it, at the level of its replay where there is one."""
+    use = one.usable
+    model = _file(found, use.c, use.additions, use.deviations, hold_out, record)
+    return model.scaled(replayed_level(found, use.replayed, use.c, use.additions))
 
 
 def _file(

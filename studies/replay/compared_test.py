@@ -2,7 +2,7 @@
 
 In: a `Part` and a model. Out: rows, and what a change of the law does to them. What the camera, the clock and the load cell do in the model is taken out of what was measured
 (`calibrate.effects.chain.true_surface`); its law is replayed with the motion of the grips that is left. All models of a test are compared at the same increments: six held out and six fitted,
-at most. A law with a history is replayed at all, an elastic one at these.
+at most. A law with a history is replayed at all up to the last of these, an elastic one at these.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from studies.errors import OptionError
 from studies.replay.law_changes import LawChanges
 from studies.replay.model_law import FIELD, Law, law_of
 from studies.replay.replay_rows import Layout, SheetRows, sheet_rows
-from studies.replay.replayed_experiment import BoundaryValues, Replay, replay
+from studies.replay.replayed_experiment import BoundaryValues, replay
 from studies.replay.twin_replay import MOST_TRIANGLES
 from studies.synthetic.effect_laws import SOLVED
 
@@ -46,9 +46,11 @@ class ReplayedModel:
 
 @dataclass(eq=False)
 class ComparedTest:
-    """A test of the diagnosis and what is compared of it."""
+    """A test of the diagnosis and what is compared of it: increments that were fitted, and those held out where with_held; at most `each` of a kind."""
 
     part: Part
+    each: int = EACH
+    with_held: bool = True
 
     @cached_property
     def experiment(self) -> Experiment:
@@ -62,7 +64,8 @@ class ComparedTest:
 
     @cached_property
     def layout(self) -> Layout:
-        some = [_spread(np.flatnonzero(which)) for which in (self.held, ~self.held)]
+        kinds = (~self.held, self.held) if self.with_held else (~self.held,)
+        some = [_spread(np.flatnonzero(which), self.each) for which in kinds]
         judged = BoundaryValues.of(self.experiment).judged[: len(self.experiment.points)]
         return Layout.of(self.experiment, np.unique(np.concatenate(some)), judged)
 
@@ -75,22 +78,20 @@ class ComparedTest:
         additions = self.part.valid(model.additions)
         true = true_surface(self.experiment, tuple(a for a in additions if not is_solved(a.effect.name)))
         law = _law(self.part, model.c, additions, true)
-        seen = true if model.remembers else true.select(self.layout.chosen)
-        found = replay(seen, law, check_mesh=False, options=OPTIONS)
-        rows = sheet_rows(true, self.layout, found, linear)
-        return rows, LawChanges(self.part, self._as_replayed(true, found), rows)
-
-    def _as_replayed(self, true: Experiment, found: Replay) -> Experiment:
+        chosen = self.layout.chosen
+        solved = np.arange(chosen[-1] + 1) if model.remembers else chosen
+        found = replay(true.select(solved), law, check_mesh=False, options=OPTIONS)
+        rows = sheet_rows(true, self.layout, found, solved, linear)
         u = true.displacements.copy()
-        u[... if len(found.displacements) == len(u) else self.layout.chosen] = found.displacements
-        return replace(true, displacements=u)
+        u[solved] = found.displacements
+        return rows, LawChanges(self.part, replace(true, displacements=u), rows)
 
 
-def _spread(numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """At most `EACH` of them, evenly, the last among them."""
-    if len(numbers) <= EACH:
+def _spread(numbers: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """At most so many of them, evenly, the last among them."""
+    if len(numbers) <= most:
         return numbers
-    return numbers[np.round(np.linspace(0, len(numbers) - 1, EACH)).astype(int)]
+    return numbers[np.round(np.linspace(0, len(numbers) - 1, most)).astype(int)]
 
 
 def is_solved(name: str) -> bool:

@@ -1,6 +1,6 @@
-"""What the uncertainty of a fit makes of a replay, to first order.
+"""What the parameters of a model do to a replay, to first order.
 
-In: a test with its rows, and a `Spread` of parameters. Out: changes of measured minus replayed along a root of their covariance. Functions of the base, and amplitudes and shapes of the material, change
+In: a test with its rows, and the `Directions` of a model. Out: derivatives of measured minus replayed. Functions of the base, and amplitudes and shapes of the material, change
 the law (`law_changes`); amplitudes of camera, clock and load cell change what was measured.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.replayed.parameter_spread import Spread
+from calibrate.diagnosis.replayed.parameter_spread import Directions
 from calibrate.effects.chain import Additions
 from calibrate.effects.chain.true_surface import true_surface
 from studies.replay.compared_test import ComparedTest, is_solved
@@ -19,26 +19,31 @@ from studies.replay.law_changes import LawChanges
 from studies.replay.replay_rows import SheetRows
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Model = tuple[Array, Additions]  # coefficients (n,) and effects
 
 
-def of_parameters(test: ComparedTest, changes: LawChanges, spread: Spread, level: float) -> Array:
-    """(k rows, q) of one test."""
+def of_parameters(test: ComparedTest, changes: LawChanges, directions: Directions, level: float, used: Mask) -> Array:
+    """Derivatives (k rows, p + k) of measured minus replayed of one test by the unknowns; zero for those that are not used (p + k,)."""
     rows, layout = changes.rows, test.layout
     scale = np.where(layout.is_force, level, 1.0)
-    solved = _solved(test.part.valid(spread.fit.additions))
-    before = changes.stress(spread.fit.c, solved)
-    columns = []
-    for i in range(len(spread.sizes)):
-        if not spread.root[i].any():
-            columns.append(np.zeros(rows.measured.size))
-            continue
-        c, additions = spread.moved(i)
+    before = changes.stress(directions.c, _solved(test.part.valid(directions.additions)))
+    columns = np.zeros((rows.measured.size, len(directions.sizes)))
+    for i in np.flatnonzero(used):
+        c, additions = directions.moved(int(i))
         own = test.part.valid(additions)
         change = -scale * changes.of(changes.stress(c, _solved(own)) - before)
-        if i >= spread.base.shape[1]:
-            change = change + _of_correction(test, rows, own, test.part.valid(spread.fit.additions))
-        columns.append(change.ravel() / spread.sizes[i])
-    return np.stack(columns, axis=1) @ spread.root
+        if i >= directions.base.shape[1]:
+            change = change + _of_correction(test, rows, own, test.part.valid(directions.additions))
+        columns[:, i] = change.ravel() / directions.sizes[i]
+    return columns
+
+
+def of_change(test: ComparedTest, changes: LawChanges, before: Model, after: Model) -> Array:
+    """Change (k rows,) of measured minus replayed of one test from one model to another, at the same displacements."""
+    (c, old), (d, new) = ((c, test.part.valid(additions)) for c, additions in (before, after))
+    change = -changes.of(changes.stress(d, _solved(new)) - changes.stress(c, _solved(old)))
+    return (change + _of_correction(test, changes.rows, new, old)).ravel()
 
 
 def _solved(additions: Additions) -> Additions:

@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed import replay_rule
 from calibrate.diagnosis.replayed.band import Alternative, band_of, level_deviation
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.observations import Observations, level_of
 from calibrate.diagnosis.replayed.parameter_spread import spread_of
+from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection.rounds import Discovery
 from calibrate.diagnosis.twin import stiffening_base
 from calibrate.effects.chain import Additions
@@ -28,8 +30,10 @@ from calibrate.errors import EquigapError
 from forward.errors import ForwardError
 from meshes.errors import MeshError
 from studies.errors import StudyError
+from studies.replay import updated_replay
 from studies.replay.compared_test import ComparedTest, ReplayedModel
 from studies.replay.competing_models import own_probability, rivals
+from studies.replay.flat_rows import observations
 from studies.replay.law_changes import LawChanges
 from studies.replay.parameter_changes import of_parameters
 from studies.replay.replay_rows import SheetRows
@@ -56,6 +60,14 @@ class FiniteElementCheck:
         except FAILURES as error:
             return NoReplayCheck(str(error))
 
+    def updated(self, found: Discovery, one: Everything) -> Updated | NoReplayCheck:
+        """What the equations leave open of a fit, from the forces of its replays; at its own level."""
+        try:
+            new = updated_replay.updated(found.problem, one)
+            return replace(new, replayed=_Check(found).at_own_level(ReplayedModel(new.c, new.present[0])))
+        except FAILURES as error:
+            return NoReplayCheck(str(error))
+
 
 @dataclass(eq=False)
 class _Check:
@@ -72,7 +84,7 @@ class _Check:
         """Raises what the replay of the final model raises."""
         final = self.found.final
         pairs = self._with_equilibrium(self.found.problem, final, self._linearised)
-        raw = self._observations([rows for rows, _ in pairs])
+        raw = observations(self.tests, [rows for rows, _ in pairs])
         level = level_of(raw)
         rows = raw.scaled(level.factor)
         spread = self._spread(final, [changes for _, changes in pairs], level.factor)
@@ -89,7 +101,7 @@ class _Check:
 
     def at_own_level(self, model: ReplayedModel) -> Replayed:
         """Raises what the replay raises."""
-        rows = self._observations([rows for rows, _ in self._linearised(model)])
+        rows = observations(self.tests, [rows for rows, _ in self._linearised(model)])
         level = level_of(rows)
         return Replayed(level, level.deviation, rows.scaled(level.factor))
 
@@ -116,7 +128,9 @@ class _Check:
 
     def _at(self, model: ReplayedModel, like: Observations) -> Observations:
         """Rows of another model, with the noise of the final one."""
-        return replace(self._observations([test.replayed(model, False)[0] for test in self.tests]), noise=like.noise)
+        return replace(
+            observations(self.tests, [test.replayed(model, False)[0] for test in self.tests]), noise=like.noise
+        )
 
     def _alternatives(self, raw: Observations) -> tuple[tuple[Alternative, ...], tuple[str, ...]]:
         """The most probable other explanations at their own levels, and why others are not among them."""
@@ -131,35 +145,14 @@ class _Check:
         whole = own_probability(self.found) + sum(probability for _, probability, _ in made)
         return tuple(Alternative(names, p / whole, rows) for names, p, rows in made), tuple(without)
 
-    def _observations(self, found: Sequence[SheetRows]) -> Observations:
-        """All tests as flat rows."""
-        parts: dict[str, list[Array]] = {
-            key: [] for key in ("test", "increment", "held", "is_force", "measured", "replayed")
-        }
-        labels: list[str] = []
-        size = max(len(test.held) for test in self.tests)
-        squares = np.full((len(found), size), np.nan)
-        for i, (test, rows) in enumerate(zip(self.tests, found, strict=True)):
-            k, r = rows.measured.shape
-            given = (np.full(k * r, i), np.repeat(test.layout.chosen, r), np.repeat(test.held[test.layout.chosen], r),
-                     np.tile(test.layout.is_force, k), rows.measured.ravel(), rows.replayed.ravel())  # fmt: skip
-            for key, values in zip(parts, given, strict=True):
-                parts[key].append(values)
-            labels += test.layout.labels(test.experiment) * k
-            squares[i, test.layout.chosen] = rows.squares
-        noise = _block_diagonal([rows.noise for rows in found])
-        points = np.array([int(np.any(test.layout.weights, axis=0).sum()) for test in self.tests])
-        flat = {key: np.concatenate(values) for key, values in parts.items()}
-        return Observations(**flat, noise=noise, labels=tuple(labels), squares=squares, points=points)  # type: ignore[arg-type]
-
     def _spread(self, fit: Fit, changes: Sequence[LawChanges], level: float) -> Array:
         """(N, q): change of measured minus replayed along a root of the covariance of the parameters."""
         spread = spread_of(self.found.problem, fit)
         if not len(spread.root):
             return np.zeros((sum(one.rows.measured.size for one in changes), 0))
-        return np.concatenate(
-            [of_parameters(test, one, spread, level) for test, one in zip(self.tests, changes, strict=True)]
-        )
+        used = spread.root.any(axis=1)
+        pairs = zip(self.tests, changes, strict=True)
+        return np.concatenate([of_parameters(*pair, spread.directions, level, used) @ spread.root for pair in pairs])
 
     def _beyond(self, rows: Observations) -> Array:
         """(N,): share by which strain or time of a row is beyond what was fitted."""
@@ -176,12 +169,3 @@ class _Check:
             shares = [np.maximum(s, time / last - 1) for s, time in zip(shares, times, strict=True) if time is not None]
         found = np.array([shares[i][k] for i, k in zip(rows.test, rows.increment, strict=True)])
         return np.where(rows.held, np.maximum(found, 0.0), 0.0)
-
-
-def _block_diagonal(blocks: Sequence[Array]) -> Array:
-    size = sum(len(block) for block in blocks)
-    found, start = np.zeros((size, size)), 0
-    for block in blocks:
-        found[start : start + len(block), start : start + len(block)] = block
-        start += len(block)
-    return found

@@ -89,11 +89,12 @@ class SheetRows:
     prescribed: Array = field(repr=False)
 
 
-def sheet_rows(experiment: Experiment, layout: Layout, found: Replay, linear: bool) -> SheetRows:
-    """experiment: as it was; found: its replay, with all or the chosen increments. linear: with noise and virtual fields."""
+def sheet_rows(
+    experiment: Experiment, layout: Layout, found: Replay, solved: NDArray[np.int64], linear: bool
+) -> SheetRows:
+    """experiment: as it was; found: its replay in the increments that were solved, the chosen ones among them. linear: with noise and virtual fields."""
     seen = experiment.select(layout.chosen)
-    place = np.searchsorted(np.arange(experiment.n_increments), layout.chosen)
-    own = place if found.experiment.n_increments == experiment.n_increments else np.arange(len(place))
+    own = np.searchsorted(solved, layout.chosen)
     forces = [found.forces[b.name][own] for b in seen.loaded]
     measured = layout.observe([b.force for b in seen.loaded], seen.displacements)
     replayed = layout.observe(forces, found.displacements[own])

@@ -15,7 +15,7 @@ from studies.output.plain import Plain, StepResult
 from studies.transfer.transferred import ForceAndField, Row, Transferred
 
 NEO_HOOKE, BASE, FOUND = "neo-Hooke", "base", "base and effects found"
-ALL, PLAUSIBLE = "all effects at once", "plausible effects"
+ALL, PLAUSIBLE, UPDATED = "all effects at once", "plausible effects", "plausible effects, updated"
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,13 @@ class ReplayedErrors(Plain):
 
     @classmethod
     def of(cls, found: Mapping[str, Any] | None, plausible: Mapping[str, Any] | None) -> list[Self]:
-        """Of base and final model, and of the plausible effects, from discovery.json; none where they were not replayed."""
+        """Of base and final model, and of the plausible effects as equations and replays have them, from discovery.json; none where they were not replayed."""
         if found is None or "not_made" in found:
             return []
         pairs = [(BASE, found["base"], None), (FOUND, found["final"], found["band"]["force"])]
-        if plausible is not None and "not_made" not in plausible:
-            pairs.append((PLAUSIBLE, plausible, None))
+        if plausible is not None:
+            replays = [(PLAUSIBLE, plausible["replay"]), (UPDATED, (plausible["updated"] or {}).get("replay"))]
+            pairs += [(name, one, None) for name, one in replays if one is not None and "not_made" not in one]
         return [
             cls(
                 name,
@@ -107,7 +108,7 @@ class SheetResult(StepResult):
             implausible=[one["effect"] for one in effects if one["implausible"]],
             discrepancy=None if together is None else together["discrepancy_over_noise"],
             alerts=sorted({one["code"] for one in found["alerts"]}),
-            replays=ReplayedErrors.of(found["replay"], together and (together["plausible"] or together)["replay"]),
+            replays=ReplayedErrors.of(found["replay"], together and (together["plausible"] or together)),
         )
 
     def model(self, name: str) -> ModelErrors:

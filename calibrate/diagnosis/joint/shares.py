@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
+from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.effects import Effect
+from calibrate.effects.chain import Additions
 
+Array = NDArray[np.float64]
 FAR = 3.0  # prior standard deviations that no amplitude should be beyond
 
 
@@ -51,10 +55,20 @@ class Share:
 
 
 @dataclass(frozen=True, eq=False)
+class Usable:
+    """A model to predict with: base c (n,), MPa, effects that are not at their null values, their deviations, and its replay."""
+
+    c: Array
+    additions: Additions
+    deviations: tuple[tuple[float, ...], ...]
+    replayed: Replayed | NoReplayCheck | None
+
+
+@dataclass(frozen=True, eq=False)
 class Everything:
     """The fit of all effects. shares: the most needed first; before, after: errors of the neo-Hookean base and of the fit, on what was fitted and
     on what was held out (None: nothing was). variance: of the discrepancy, over that of noise; dispersion: of the rest, 1 is noise.
-    plausible: without effects beyond their priors, None where there were none. replayed: this model by finite elements; None: not asked for."""
+    plausible: without effects beyond their priors, None where there were none. replayed: this model by finite elements; updated: by the forces of replays; None: not asked for."""
 
     fit: Joint
     shares: tuple[Share, ...]
@@ -64,6 +78,23 @@ class Everything:
     dispersion: float
     plausible: Everything | None = None
     replayed: Replayed | NoReplayCheck | None = None
+    updated: Updated | NoReplayCheck | None = None
+
+    @property
+    def is_updated(self) -> bool:
+        """Whether the updated model takes its place: where it meets the forces that were fitted better, and was replayed."""
+        new = self.updated
+        return isinstance(new, Updated) and isinstance(new.replayed, Replayed) and new.after.force < new.before.force
+
+    @property
+    def usable(self) -> Usable:
+        """The model to predict with."""
+        if self.is_updated:
+            assert isinstance(self.updated, Updated)
+            return Usable(self.updated.c, *self.updated.present, self.updated.replayed)
+        additions = self.fit.present
+        deviations = tuple(self.fit.deviations[a.effect.name] for a in additions)
+        return Usable(self.fit.c, additions, deviations, self.replayed)
 
     @property
     def to_be_used(self) -> Everything:

@@ -1,6 +1,6 @@
 """Covariance of all parameters of a fit: functions of the base, amplitudes and shapes of effects.
 
-In: a `Problem` and a `Fit`. Out: `Spread`: directions and a root of their covariance.
+In: a `Problem` and a `Fit`. Out: `Spread`: `Directions` and a root of their covariance.
 """
 
 from __future__ import annotations
@@ -23,24 +23,38 @@ STEP = 1e-3  # of a size, of finite differences
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
-    """base (n, p): changes of the coefficients. sizes (p + k,): of a small change of each unknown, the weight of a direction, or an amplitude or shape. root (p + k, q): of the
-    covariance of the unknowns."""
+class Directions:
+    """The unknowns of a model: weights of columns base (n, p) in its coefficients c (n,), then amplitudes and shapes of its effects. sizes (p + k,): of a small
+    change of each."""
 
-    fit: Fit
+    c: Array
+    additions: Additions
     base: Array
     sizes: Array
-    root: Array
+
+    @classmethod
+    def of(cls, c: Array, additions: Additions, base: Array, stiffness: float) -> Directions:
+        """stiffness: the largest weight of a column of the base."""
+        scale = Variables(additions).scale if additions else np.zeros(0)
+        return cls(c, additions, base, STEP * np.concatenate([np.full(base.shape[1], stiffness), scale]))
 
     def moved(self, i: int) -> tuple[Array, Additions]:
         """Coefficients (n,) and effects with the i-th unknown larger by its size."""
         p = self.base.shape[1]
         if i < p:
-            return self.fit.c + self.sizes[i] * self.base[:, i], self.fit.additions
-        variables = Variables(self.fit.additions)
+            return self.c + self.sizes[i] * self.base[:, i], self.additions
+        variables = Variables(self.additions)
         values = variables.values.copy()
         values[i - p] += self.sizes[i]
-        return self.fit.c, variables.at(values)
+        return self.c, variables.at(values)
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """root (p + k, q): of the covariance of the unknowns."""
+
+    directions: Directions
+    root: Array
 
 
 def spread_of(problem: Problem, fit: Fit) -> Spread:
@@ -61,8 +75,7 @@ def spread_of(problem: Problem, fit: Fit) -> Spread:
     if fit.additions:
         root[p:] *= _growth(root[p:], scale, fit, variables)[:, None]
         root[p:] *= scale[:, None]
-    sizes = np.concatenate([np.full(p, STEP * weights.max()), STEP * scale])
-    return Spread(fit, base, sizes, root)
+    return Spread(Directions.of(fit.c, fit.additions, base, float(weights.max())), root)
 
 
 def _root(information: Array) -> Array:

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.problem import level_factor
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
+from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Verdict
 from calibrate.effects.chain import Additions
 
@@ -30,6 +32,10 @@ class Check(Protocol):
 
     def of_model(self, found: Discovery, c: Array, additions: Additions) -> Replayed | NoReplayCheck:
         """Of another base (n,) with effects, at its own level."""
+        ...
+
+    def updated(self, found: Discovery, one: Everything) -> Updated | NoReplayCheck:
+        """A fit of several effects, updated by the forces of its replays, and the replay of what it becomes."""
         ...
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from calibrate.diagnosis.joint.shares import Everything, Share
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
+from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.models.addition_json import amplitude_unit
 from studies.output.words import plus_minus
 from studies.reports.discovery.view import BAND
@@ -84,7 +85,21 @@ def everything_record(found: Everything | None) -> dict[str, Any] | None:
     return {
         "effects": shares, "fitted_and_held_out": errors, "discrepancy_over_noise": found.variance**0.5,
         "reduced_chi_square": found.dispersion, "converged": found.fit.converged, "predicts": found.predicts,
-        "plausible": everything_record(found.plausible), "replay": _replayed(found.replayed),
+        "plausible": everything_record(found.plausible), "replay": _replayed(found.replayed), "updated": _updated(found),
+    }  # fmt: skip
+
+
+def _updated(found: Everything) -> dict[str, Any] | None:
+    new = found.updated
+    if not isinstance(new, Updated):
+        return None if new is None else {"not_made": new.reason}
+    effects = [
+        {"effect": a.effect.name, "amplitudes": list(a.amplitudes), "standard_deviations": list(d), "shape": list(a.shape)}
+        for a, d in zip(new.additions, new.deviations, strict=True)
+    ]  # fmt: skip
+    return {
+        "effects": effects, "fitted_before": new.before.to_dict(), "fitted_after": new.after.to_dict(), "converged": new.converged,
+        "used": found.is_updated, "replay": _replayed(new.replayed),
     }  # fmt: skip
 
 

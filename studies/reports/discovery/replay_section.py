@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck, Replayed
+from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection import Discovery
 from studies.output.findings import Finding, Macro
 from studies.output.words import percent, plus_minus
 
 Table = tuple[list[str], list[list[Any]]]
-BASE, FINAL, PLAUSIBLE = "base model", "final model", "plausible effects"
+BASE, FINAL, PLAUSIBLE, UPDATED = "base model", "final model", "plausible effects", "plausible effects, updated"
 
 
 class ReplayCode(Macro):
@@ -28,6 +29,8 @@ class ReplayCode(Macro):
     STAND_IN = "replay_stand_in"
     PLAUSIBLE = "plausible_replayed"
     NO_PLAUSIBLE = "plausible_not_replayed"
+    UPDATED = "plausible_updated"
+    NOT_UPDATED = "plausible_not_updated"
 
 
 def replay_findings(found: Discovery) -> Iterator[Finding]:
@@ -73,7 +76,7 @@ def level_words(check: ReplayCheck) -> list[str]:
 
 def plausible_replay(found: Discovery) -> Replayed | NoReplayCheck | None:
     """Of the model that is to be used where nothing explains the test; None where there is none."""
-    return None if found.everything is None else found.everything.to_be_used.replayed
+    return None if found.everything is None else found.everything.to_be_used.usable.replayed
 
 
 def predicts_better(found: Discovery) -> bool:
@@ -90,6 +93,8 @@ def plausible_findings(found: Discovery) -> Iterator[Finding]:
     one, check = plausible_replay(found), found.replay_check
     if isinstance(one, NoReplayCheck):
         yield _finding(ReplayCode.NO_PLAUSIBLE, reason=one.reason)
+    else:
+        yield from _updated_findings(found)
     if not isinstance(one, Replayed) or found.everything is None:
         return
     other, better = check.final.judged if isinstance(check, ReplayCheck) else None, predicts_better(found)
@@ -100,15 +105,47 @@ def plausible_findings(found: Discovery) -> Iterator[Finding]:
     )  # fmt: skip
 
 
-def replay_table(check: ReplayCheck, plausible: Replayed | None = None) -> Table:
-    """One line a model, and the band. plausible: what is to be used where nothing explains the test."""
+def _updated_findings(found: Discovery) -> Iterator[Finding]:
+    """What forces of replays changed of the plausible effects, or why they changed nothing."""
+    if found.everything is None:
+        return
+    used = found.everything.to_be_used
+    new = used.updated
+    if isinstance(new, NoReplayCheck):
+        yield _finding(ReplayCode.NOT_UPDATED, reason=new.reason)
+    if isinstance(new, Updated):
+        named = {a.effect.name: a for a in new.additions if a.effect.remembers and not a.is_null}
+        remembered = [
+            {"effect": name, "values": [[p.name, v, p.unit] for p, v in
+             zip((*a.effect.amplitudes, *a.effect.shapes), (*a.amplitudes, *a.shape), strict=True)]}
+            for name, a in named.items()
+        ]  # fmt: skip
+        yield _finding(
+            ReplayCode.UPDATED, not (new.converged and used.is_updated), before=new.before.force, after=new.after.force,
+            converged=new.converged, used=used.is_updated, remembered=remembered,
+        )  # fmt: skip
+
+
+def replayed_models(found: Discovery) -> list[tuple[str, Replayed]]:
+    """Of the model that is to be used where nothing explains the test: as the equations have it, and updated; those that were replayed."""
+    if found.everything is None:
+        return []
+    used = found.everything.to_be_used
+    pairs = [
+        (PLAUSIBLE, used.replayed),
+        (UPDATED, used.updated.replayed if isinstance(used.updated, Updated) else None),
+    ]
+    return [(name, one) for name, one in pairs if isinstance(one, Replayed)]
+
+
+def replay_table(check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] = ()) -> Table:
+    """One line a model, and the band. plausible: see `replayed_models`."""
     where = "held out" if check.held_out else "fitted"
     columns = ["model", "level", "force error, fitted", f"force error, {where}", f"field error, {where}, mm", f"smooth part, {where}, mm"]  # fmt: skip
     models = [(BASE, check.base, check.smooth[0])]
     if check.final is not check.base:
         models.append((FINAL, check.final, check.smooth[1]))
-    if plausible is not None:
-        models.append((PLAUSIBLE, plausible, float("nan")))
+    models += [(name, one, float("nan")) for name, one in plausible]
     rows: list[list[Any]] = []
     for name, one, smooth in models:
         level = plus_minus(one.level.factor, INTERVAL * one.level.deviation) if one.level.deviation else "as it was"

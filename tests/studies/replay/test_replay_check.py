@@ -146,7 +146,7 @@ def test_noise_of_grips_field_and_load_cells_makes_the_residual_of_the_true_law(
         test = noisy(clean, seed, noise).select([2, 5])
         made = replay(test, law, check_mesh=False)
         layout = Layout.of(test, np.arange(2), made.judged)
-        rows = sheet_rows(test, layout, made, True)
+        rows = sheet_rows(test, layout, made, np.arange(2), True)
         residual = (rows.measured - rows.replayed).ravel()
         found_squares.append(residual @ np.linalg.solve(rows.noise, residual) / len(residual))
         forces = np.tile(layout.is_force, 2)
@@ -201,7 +201,7 @@ def test_amplitudes_are_as_uncertain_as_the_fit_says():
     spread = spread_of(found(True).problem, found(True).final)
     own = np.linalg.norm(spread.root[-1])
     assert own == pytest.approx(found(True).final.errors[0][0], rel=0.2)
-    c, additions = spread.moved(len(spread.sizes) - 1)
+    c, additions = spread.directions.moved(len(spread.directions.sizes) - 1)
     assert additions[0].amplitudes[0] > found(True).final.additions[0].amplitudes[0]
     np.testing.assert_array_equal(c, found(True).final.c)
 

@@ -1,0 +1,259 @@
+r"""Finite element model updating: what the equations leave open of a model is fitted to the forces of replays (Friswell and Mottershead 1995).
+
+The equilibrium gap weighs equations by noise. Where a model is wrong by far more than noise, thousands of equations of the fields leave the forces no say: an effect that
+hardly shows in the fields, as relaxation, is whatever helps the fields. So with e measured minus replayed forces of the increments that were fitted, V of the noise of the
+camera, of the load cell as stated, and of one of class 0.5 (ISO 7500-1),
+
+.. math:: e^T V^{-1} e + \sum_k (a_k - m_k)^2 / \lambda_k^2
+
+is minimised over a factor on the base, amplitudes a and shapes. Amplitudes have m and lambda of the fit to the equations; those of effects with a memory their prior.
+Nothing that is held out is used.
+
+Between two replays the forces follow the law through the virtual fields of the last one, at its displacements: that is exact there, and not linear in the law.
+
+In: replays, computed elsewhere. Out: `Updated`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from calibrate.diagnosis.parameters import Variables
+from calibrate.diagnosis.replayed.checked_replay import Replayed
+from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors
+from calibrate.diagnosis.replayed.parameter_spread import Directions
+from calibrate.diagnosis.replayed.replay_rule import LOAD_CELL
+from calibrate.effects.chain import Additions
+from calibrate.equations.noise_covariance import cholesky_factor
+from calibrate.errors import FitError
+from calibrate.fitting import gauss_newton
+from calibrate.fitting.gauss_newton import Damping
+from calibrate.fitting.least_squares import bounded
+
+Array = NDArray[np.float64]
+Priors = Mapping[str, tuple[Array, Array]]  # {effect: mean and standard deviation of every amplitude (p,), in its unit}
+REPLAYS, STEPS = 6, 30  # at most; of the fit between two replays
+SMALL = 1.0  # change by one more fit, in standard deviations, at which the last replay is that of the model
+TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances
+FACTOR = 2.0  # by which the base may change in a step
+TRIALS = 3  # replays along a step
+
+
+@dataclass(frozen=True, eq=False)
+class ReplayedRows:
+    """Of the increments that were fitted. near: measured minus replayed (N,) of other coefficients (n,) and effects at these displacements; slopes: its derivatives
+    (N, 1 + k) by the unknowns of `Directions`."""
+
+    rows: Observations
+    near: Callable[[Array, Additions], Array] = field(repr=False)
+    slopes: Callable[[Directions], Array] = field(repr=False)
+
+
+Replays = Callable[[Array, Additions], ReplayedRows | None]  # None where there is no equilibrium
+
+
+@dataclass(frozen=True, eq=False)
+class Updated:
+    """A model after it was updated: c (n,), MPa; deviations: of every amplitude. before, after: errors of the increments that were fitted. converged: whether one more fit
+    would change nothing that matters. replayed: at its level, with what was held out."""
+
+    c: Array
+    additions: Additions
+    deviations: tuple[tuple[float, ...], ...]
+    before: ReplayErrors
+    after: ReplayErrors
+    converged: bool
+    replayed: Replayed | None = None
+
+    @property
+    def present(self) -> tuple[Additions, tuple[tuple[float, ...], ...]]:
+        """Effects that are not at their null values, and their deviations."""
+        pairs = [(a, d) for a, d in zip(self.additions, self.deviations, strict=True) if not a.is_null]
+        return tuple(a for a, _ in pairs), tuple(d for _, d in pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Factor on the base, effects, and forces of unit variance with the prior on the amplitudes after them, r (m + a,)."""
+
+    factor: float
+    additions: Additions
+    r: Array
+
+    @property
+    def objective(self) -> float:
+        return float(self.r @ self.r) if np.isfinite(self.r).all() else np.inf
+
+    @property
+    def values(self) -> Array:
+        """Unknowns (1 + k,)."""
+        return np.concatenate([[self.factor], Variables(self.additions).values])
+
+
+@dataclass(frozen=True, eq=False)
+class _Objective:
+    """About a replay. c (n,): of the base at the factor 1; lower (m, m): of the covariance of forces."""
+
+    replayed: ReplayedRows
+    c: Array
+    priors: Priors
+    lower: Array
+
+    def at(self, factor: float, additions: Additions) -> _Point:
+        """Another law, at the displacements of the replay."""
+        return self.of(factor, additions, self.replayed.near(factor * self.c, additions))
+
+    def of(self, factor: float, additions: Additions, e: Array) -> _Point:
+        """A law whose measured minus replayed is e (N,)."""
+        pulls = []
+        for a in additions:
+            mean, deviation = self.priors[a.effect.name]
+            pulls.append((np.array(a.amplitudes) - mean) / deviation)
+        return _Point(factor, additions, np.concatenate([self._white(e), *pulls]))
+
+    def slopes(self, point: _Point) -> Array:
+        """Derivatives of `_Point.r` (m + a, 1 + k)."""
+        directions = Directions.of(point.factor * self.c, point.additions, self.c[:, None], point.factor)
+        own = self._white(self.replayed.slopes(directions))
+        pulls = [np.concatenate([1 / self.priors[a.effect.name][1], np.zeros(len(a.shape))]) for a in point.additions]
+        pull = np.diag(np.concatenate([np.zeros(1), *pulls]))[1:]
+        return np.concatenate([own, pull[~Variables(point.additions).is_shape]])
+
+    def _white(self, rows: Array) -> Array:
+        """Forces (m, ...) of unit variance, of all rows (N, ...)."""
+        forces = rows[_used(self.replayed.rows)]
+        return np.asarray(scipy.linalg.solve_triangular(self.lower, forces, lower=True))
+
+
+@dataclass(frozen=True, eq=False)
+class _Linearised:
+    """The forces linearised about a point, see `gauss_newton.Linearised`."""
+
+    objective: _Objective
+    point: _Point
+    slack: float = 0.0
+
+    @cached_property
+    def scale(self) -> Array:
+        """Of the unknowns (1 + k,)."""
+        return np.concatenate([[self.point.factor], Variables(self.point.additions).scale])
+
+    @cached_property
+    def J(self) -> Array:
+        """By the unknowns over their scale."""
+        return self.objective.slopes(self.point) * self.scale
+
+    def solve(self, damping: float) -> Array:
+        """Unknowns (1 + k,); what changes nothing stays."""
+        J, now = self.J, self.point.values / self.scale
+        size = np.linalg.norm(J, axis=0)
+        moves = size > 1e-12 * size.max()
+        A = np.concatenate([J, np.sqrt(damping) * np.diag(size)])[:, moves] / size[moves]
+        target = np.concatenate([-self.point.r, np.zeros(len(size))])
+        low, high = (((end / self.scale - now) * size)[moves] for end in self._bounds())
+        now[moves] += bounded(A, target, low, high) / size[moves]
+        return now * self.scale
+
+    def _bounds(self) -> tuple[Array, Array]:
+        """Lower and upper (1 + k,)."""
+        factor = self.point.factor
+        low, high = Variables(self.point.additions).bounds
+        return np.concatenate([[factor / FACTOR], low]), np.concatenate([[factor * FACTOR], high])
+
+    def moved(self, unknowns: Array, fraction: float) -> _Point:
+        """Steps are damped, not cut."""
+        return self.objective.at(float(unknowns[0]), Variables(self.point.additions).at(unknowns[1:]))
+
+    def is_small(self, unknowns: Array, moved: _Point) -> bool:
+        """Whether the objective hardly fell."""
+        return self.point.objective - moved.objective < TOLERANCE
+
+    def is_minimum(self, unknowns: Array) -> bool:
+        """Whether the step that was asked for promises no more."""
+        after = self.point.r + self.J @ ((unknowns - self.point.values) / self.scale)
+        return bool(self.point.objective - float(after @ after) < TOLERANCE)
+
+
+def update(replays: Replays, c: Array, additions: Additions, priors: Priors) -> Updated | None:
+    """From coefficients c (n,), which are changed by a factor, as those of neo-Hooke are, and effects. None where the start has no equilibrium.
+    Raises `FitError` where no force is known."""
+    replayed = replays(c, additions)
+    if replayed is None:
+        return None
+    if not _used(replayed.rows).any():
+        raise FitError("no force of an increment that was fitted is known, so that no model can be updated by forces")
+    lower, before = cholesky_factor(covariance(replayed.rows)), _errors(replayed)
+    factor, converged, made = 1.0, False, 1
+    while True:
+        objective = _Objective(replayed, c, priors, lower)
+        start = objective.of(factor, additions, replayed.rows.residual)
+        end = gauss_newton.minimise(partial(_linearised, objective), start, Damping(), STEPS).point
+        converged = bool(np.linalg.norm(end.r - start.r) < SMALL)
+        moved = None if converged else _along(partial(_trial, replays, objective), start, end, REPLAYS - made)
+        if moved is None:
+            break
+        (factor, additions, replayed), trials = moved
+        made += trials
+    deviations = _deviations(objective.slopes(start), additions)
+    return Updated(factor * c, additions, deviations, before, _errors(replayed), converged)
+
+
+def _linearised(objective: _Objective, point: _Point, count: int) -> _Linearised:
+    return _Linearised(objective, point)
+
+
+Trial = tuple[float, Additions, ReplayedRows]
+
+
+def _trial(replays: Replays, objective: _Objective, factor: float, additions: Additions) -> tuple[Trial, float] | None:
+    """A law replayed, and its objective."""
+    replayed = replays(factor * objective.c, additions)
+    if replayed is None:
+        return None
+    return (factor, additions, replayed), objective.of(factor, additions, replayed.rows.residual).objective
+
+
+def _along(
+    trial: Callable[[float, Additions], tuple[Trial, float] | None], start: _Point, end: _Point, most: int
+) -> tuple[Trial, int] | None:
+    """The first replay on the way back from the end whose objective is below that of the start, and how many it took; None without one."""
+    for k in range(min(TRIALS, most)):
+        values = start.values + 0.5**k * (end.values - start.values)
+        made = trial(float(values[0]), Variables(start.additions).at(values[1:]))
+        if made is not None and made[1] < start.objective:
+            return made[0], k + 1
+    return None
+
+
+def _errors(replayed: ReplayedRows) -> ReplayErrors:
+    return ReplayErrors.of(replayed.rows, ~replayed.rows.held)
+
+
+def _deviations(J: Array, additions: Additions) -> tuple[tuple[float, ...], ...]:
+    """Of the amplitudes, from the information J^T J with the prior."""
+    size = np.linalg.norm(J, axis=0)
+    own, seen = np.zeros(len(size)), size > 0
+    A = J[:, seen] / size[seen]
+    own[seen] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(A.T @ A)), 0.0)) / size[seen]
+    found, start = [], 1
+    for a in additions:
+        found.append(tuple(map(float, own[start : start + len(a.amplitudes)])))
+        start += len(a.amplitudes) + len(a.shape)
+    return tuple(found)
+
+
+def covariance(rows: Observations) -> Array:
+    """(m, m) of measured minus replayed forces."""
+    used = _used(rows)
+    return np.asarray(rows.noise[np.ix_(used, used)] + np.diag((LOAD_CELL * rows.measured[used]) ** 2))
+
+
+def _used(rows: Observations) -> NDArray[np.bool_]:
+    """Forces (N,) of increments that were fitted."""
+    return rows.is_force & ~rows.held

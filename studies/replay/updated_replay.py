@@ -1,0 +1,74 @@
+"""Replays that the parameters of a model are updated by, see `calibrate.diagnosis.replayed.updating`.
+
+In: a `Discovery` and a fit of its effects. Out: `Updated`. Only increments that were fitted are solved, and those before them that a history needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis.joint.shares import Everything, Share
+from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.replayed.parameter_spread import Directions
+from calibrate.diagnosis.replayed.updating import ReplayedRows, Updated, update
+from calibrate.effects.chain import Additions
+from forward.errors import ForwardError
+from studies.errors import OptionError
+from studies.replay.compared_test import ComparedTest, ReplayedModel, is_solved
+from studies.replay.flat_rows import observations
+from studies.replay.parameter_changes import of_change, of_parameters
+
+Array = NDArray[np.float64]
+EACH = 12  # increments of a test that are compared
+
+
+def updated(problem: Problem, one: Everything) -> Updated:
+    """Effects of a fit that are not at their null values, and all with a memory. Raises `OptionError` where the model as it was fitted cannot be
+    solved, and the errors of `ComparedTest.replayed`."""
+    replays = _Replays([ComparedTest(part, EACH, False) for part in problem.trained])
+    additions = tuple(
+        a for a in one.fit.additions if not a.is_null or (a.effect.remembers and is_solved(a.effect.name))
+    )
+    found = update(replays, one.fit.c, additions, {share.effect.name: _prior(share) for share in one.shares})
+    if found is None:
+        raise OptionError(f"the plausible effects have no equilibrium to start from: {replays.failure}")
+    return found
+
+
+def _prior(share: Share) -> tuple[Array, Array]:
+    """Mean and standard deviations of its amplitudes: those of the fit to the equations, or before the test where it has a memory."""
+    if share.effect.remembers:
+        return np.array([p.null for p in share.effect.amplitudes]), np.array(share.priors)
+    return np.array(share.amplitudes), np.array(share.deviations)
+
+
+@dataclass(eq=False)
+class _Replays:
+    """As `update` calls them."""
+
+    tests: list[ComparedTest]
+    failure: str = field(default="", init=False)
+
+    def __call__(self, c: Array, additions: Additions) -> ReplayedRows | None:
+        """A law that cannot be solved has no rows."""
+        model = ReplayedModel(c, tuple(a for a in additions if not a.is_null))
+        try:
+            pairs = [test.replayed(model, True) for test in self.tests]
+        except ForwardError as error:
+            self.failure = str(error)
+            return None
+        rows = observations(self.tests, [rows for rows, _ in pairs])
+        each = list(zip(self.tests, (changes for _, changes in pairs), strict=True))
+
+        def near(c: Array, others: Additions) -> Array:
+            moved = [of_change(*one, (model.c, additions), (c, others)) for one in each]
+            return rows.residual + np.concatenate(moved)
+
+        def slopes(directions: Directions) -> Array:
+            every = np.ones(len(directions.sizes), bool)
+            return np.concatenate([of_parameters(*one, directions, 1.0, every) for one in each])
+
+        return ReplayedRows(rows, near, slopes)
