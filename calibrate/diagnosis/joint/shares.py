@@ -87,14 +87,19 @@ class Everything:
         return isinstance(new, Updated) and isinstance(new.replayed, Replayed) and new.after.force < new.before.force
 
     @property
+    def usable_replay(self) -> Replayed | NoReplayCheck | None:
+        """Of the model to predict with."""
+        return self.updated.replayed if self.is_updated and isinstance(self.updated, Updated) else self.replayed
+
+    @property
     def usable(self) -> Usable:
         """The model to predict with."""
         if self.is_updated:
             assert isinstance(self.updated, Updated)
-            return Usable(self.updated.c, *self.updated.present, self.updated.replayed)
+            return Usable(self.updated.c, *self.updated.present, self.usable_replay)
         additions = self.fit.present
         deviations = tuple(self.fit.deviations[a.effect.name] for a in additions)
-        return Usable(self.fit.c, additions, deviations, self.replayed)
+        return Usable(self.fit.c, additions, deviations, self.usable_replay)
 
     @property
     def to_be_used(self) -> Everything:

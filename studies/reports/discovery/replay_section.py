@@ -76,7 +76,7 @@ def level_words(check: ReplayCheck) -> list[str]:
 
 def plausible_replay(found: Discovery) -> Replayed | NoReplayCheck | None:
     """Of the model that is to be used where nothing explains the test; None where there is none."""
-    return None if found.everything is None else found.everything.to_be_used.usable.replayed
+    return None if found.everything is None else found.everything.to_be_used.usable_replay
 
 
 def predicts_better(found: Discovery) -> bool:

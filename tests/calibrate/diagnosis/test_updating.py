@@ -71,13 +71,13 @@ class Replays:
         return ReplayedRows(rows, near, slopes)
 
 
-@pytest.mark.parametrize("g, tau", [(0.3, 6.0), (2.0, 0.5), (0.75, 60.0)])
+@pytest.mark.parametrize(("g", "tau"), [(0.3, 6.0), (2.0, 0.5), (0.75, 60.0)])
 @pytest.mark.parametrize("wrong", [0.0, 0.2])
 def test_relaxation_is_that_of_the_forces_wherever_the_equations_left_it(g, tau, wrong):
     """Also where the forces between two replays are off by a fifth of their change."""
     replays = Replays(wrong)
     found = update(replays, np.array([1.5]), start(g, tau), PRIORS)
-    visco, second = found.additions
+    visco = found.additions[0]
     assert found.converged and replays.made <= 6
     assert found.before.force > 0.02 and found.after.force < 2e-3
     assert found.c[0] == pytest.approx(STIFFNESS, rel=0.03)
@@ -96,7 +96,10 @@ def test_what_forces_do_not_see_is_what_the_equations_say():
 def test_a_model_that_meets_the_forces_stays_as_it_is():
     """One replay, and no step."""
     replays = Replays()
-    priors = PRIORS | {"viscoelasticity": (np.full(1, G), np.ones(1)), "second invariant": (np.full(1, 0.04), np.ones(1))}
+    priors = PRIORS | {
+        "viscoelasticity": (np.full(1, G), np.ones(1)),
+        "second invariant": (np.full(1, 0.04), np.ones(1)),
+    }
     found = update(replays, np.array([STIFFNESS]), start(G, TAU), priors)
     assert replays.made == 1 and found.converged
     assert found.c[0] == STIFFNESS and found.additions == start(G, TAU)

@@ -27,10 +27,14 @@ from calibrate.diagnosis.evidence.power import Finding as Power
 from calibrate.diagnosis.joint.shares import Everything, Share
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
+from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
+from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.selection.rounds import Doubt, Refusal, RefusalReason
+from calibrate.effects.chain import Addition
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.stiffness_gradient import StiffnessGradient
+from calibrate.effects.viscosity import Viscosity
 from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.noise_check import NoiseCheck
 from calibrate.models.fitness import Fitness, Use
@@ -235,6 +239,19 @@ def of_plausible_replay(wrong: float = 0.0) -> Findings:
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(1.0))))
 
 
+def of_updated(converged: bool = True, after: float = 0.001) -> Findings:
+    """Plausible effects whose replay misses 1 N of forces held out, and after an update by replays none of them."""
+    errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(0.05, 0.05, 2.0, 100), None)
+    fit: Any = SimpleNamespace(converged=True)
+    before, new = (check(observations(only_held(wrong))).final for wrong in (1.0, 0.0))
+    relaxation = Addition(Viscosity(), (0.9,), (1.2,))
+    updated = Updated(
+        np.ones(4), (relaxation,), ((0.1,),), *(ErrorsOfReplay(e, 0.02) for e in (0.04, after)), converged, new
+    )
+    found = Everything(fit, (), *errors, 24.0, 1.0, replayed=before, updated=updated)
+    return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(0.5))))
+
+
 def of_own(values: tuple[float, ...], errors: tuple[float, ...]) -> Findings:
     """Two tests with a gradient each."""
     effect = StiffnessGradient()
@@ -319,6 +336,19 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
             24.0,
             1.0,
             replayed=NoReplayCheck("unmeasured strip: no law has it"),
+        )
+    ),
+    "discovery.plausible_updated": of_updated,
+    "discovery.plausible_not_updated": lambda: of_nothing(
+        everything=Everything(
+            SimpleNamespace(converged=True),  # type: ignore[arg-type]
+            (),
+            (Misfit(0.1, 0.05, 9.0, 100), None),
+            (Misfit(0.05, 0.05, 2.0, 100), None),
+            24.0,
+            1.0,
+            replayed=check(observations()).final,
+            updated=NoReplayCheck("no force of an increment that was fitted is known"),
         )
     ),
     "discovery.plane_strain": lambda: with_patch("bulk_modulus", lambda problem, fit: (100.0, 5.0)),
@@ -434,6 +464,7 @@ RAISED: dict[str, Callable[[], Findings]] = {
     "E407": lambda: of_everything(0.9),
     "E409": lambda: of_plausible(0.2),
     "R614": lambda: of_plausible_replay(9.0),
+    "R616": lambda: of_updated(False),
     "R609": lambda: of_explained(replay_check=check(observations(only_held(9.0)), observations())),
     "P501": lambda: curves(USELESS),
     "P505": lambda: bands(False),
@@ -623,6 +654,16 @@ def test_all_effects_are_told_where_only_the_final_model_fails(
     codes = {one.alert.code for one in of_plausible()}
     assert ({"E407", "E409"} <= codes) is told
     assert "E402" not in codes
+
+
+def test_the_model_that_replays_updated_is_the_one_to_predict_with() -> None:
+    """It misses none of the forces held out, as it was 1 N and the final model half of that; where the update met the fitted forces no better it is not used."""
+    told = {one.alert.code: one for one in of_updated()}
+    assert "4 % -> 0.1 %; viscoelasticity g = 0.9, tau = 1.2 s." in told["R616"].text
+    assert "model to predict with" in told["R614"].text
+    refused = {one.alert.code: one for one in of_updated(after=0.05)}
+    assert refused["R616"].text.endswith("it is not used.")
+    assert "no better" in refused["R614"].text
 
 
 def test_the_plausible_effects_are_offered_only_where_their_replay_is_better() -> None:
