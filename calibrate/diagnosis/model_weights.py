@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calibrate.diagnosis.problem import OwnSignature, Part, Problem, loads, residual
 from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Additions, Chain
+from calibrate.effects.chain.true_surface import is_expressed
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.noise_covariance import EquationNoise
@@ -108,18 +109,29 @@ def amplifying(problem: Problem, additions: Additions) -> Additions:
     return tuple(
         a
         for a in additions
-        if (a.effect.rough or a.effect.in_material)
+        if (a.effect.rough or a.effect.in_material or a.effect.mixes)
         and any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
     )
 
 
 def reweighted(problem: Problem, c: Array, additions: Additions) -> Problem:
     """The same equations with the weights of a fit (c (n,), effects): those of its base, as stiff as base and effects are; and with its dispersion."""
+    return _weighted(problem, c, additions, amplifying(problem, additions))
+
+
+def as_stiff(problem: Problem, c: Array, additions: Additions) -> Problem:
+    """The same, but what effects do to noise stays as it is, except where they mix that of several increments."""
+    kept = tuple(a for a in problem.amplifying if not a.effect.mixes)
+    return _weighted(problem, c, additions, (*kept, *(a for a in amplifying(problem, additions) if a.effect.mixes)))
+
+
+def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions) -> Problem:
+    """With weights of a fit, as the effects amplify the noise that are known. Effects of the measurement make no material stiffer."""
+    measured = tuple(a for a in additions if is_expressed(a.effect))
     fitted, load = c, loads(problem, additions)
     whole = residual(problem, c, additions) + load
-    base = residual(problem, c, ()) + loads(problem)
+    base = residual(problem, c, measured) + load
     c = c * float(load @ whole) / float(load @ base)
-    known = amplifying(problem, additions)
     parts = [
         weighted_part(
             p.chain,

@@ -103,6 +103,11 @@ class Effect:
         return self.stage in ("set", "softening", "relaxation")
 
     @property
+    def mixes(self) -> bool:
+        """Whether the displacements that it makes of an increment depend on others, see `mixture`."""
+        return type(self).mixture is not Effect.mixture
+
+    @property
     def of_forces(self) -> bool:
         """Whether it is seen in measured forces only."""
         return self.stage in ("clock", "load")
@@ -130,6 +135,10 @@ class Effect:
     def displacements(self, data: Data, u: Any, a: Any, shape: Any) -> Any:
         """Displacements (t, n, 2), mm, from the measured places of the reference to true places, of those to measured ones."""
         return u
+
+    def mixture(self, data: Data, a: Any, shape: Any) -> Any:
+        """Weights (t, t) of the measured displacements of all increments in those that it makes of each."""
+        raise NotImplementedError
 
     def time(self, time: Any, a: Any) -> Any:
         """True times (t,), s, of the forces, of those that were recorded."""

@@ -44,6 +44,9 @@ class Lag(Effect):
         return time + a[0]
 
     def displacements(self, data, u, a, shape):
+        return jnp.einsum("ts,sni->tni", self.mixture(data, a, shape), u)
+
+    def mixture(self, data, a, shape):
         after = jnp.where(a[0] > 0, 1.0, jnp.where(a[0] < 0, 0.0, 0.5 * (1.0 + shape[0])))
         rate, bend = after * data.motion[0] + (1.0 - after) * data.motion[1]
-        return u + jnp.einsum("ts,sni->tni", a[0] * rate + a[0] ** 2 * bend, u)
+        return jnp.eye(len(rate)) + a[0] * rate + a[0] ** 2 * bend

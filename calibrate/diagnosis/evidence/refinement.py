@@ -6,7 +6,8 @@ evidence is Laplace's approximation there (MacKay 1992):
     ln Z = -1/2 chi^2 - 1/2 |a / L|^2 - 1/2 ln |1 + L S^T S L| + ln prior odds
 
 with chi^2 of what the base cannot absorb, allowing for the error of the formulas. All have weights and columns of one model, that which leaves
-least, and are refitted: with its own, a model would judge itself.
+least, and are refitted: with its own, a model would judge itself. But noise of the displacements makes errors of the equations in proportion to the stiffness, and what
+is interpolated between pictures has the noise of several: each model has the stiffness of its own base in them, and its own interpolation, or a softer one would win.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from calibrate.diagnosis import effect_fit, weighted_fit
+from calibrate.diagnosis import effect_fit, model_weights, weighted_fit
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
@@ -68,8 +69,11 @@ def alternatives(
     chosen = [_additions(problem, linear, one, known, priors) for one in subsets if one.members]
     own = [found for found in (_fitted(problem, base, additions) for additions in chosen) if found is not None]
     weights, best = min(own, key=lambda pair: pair[1].free_loss) if own else (problem, base)
-    fits = [effect_fit.refit(weights, fit.c, fit.additions) for fit in (base, *(fit for _, fit in own))]
-    refits = [_measured(weights, best.chains, fit, shares, linear.log_odds, priors) for fit in fits]
+    refits = []
+    for fit in (base, *(fit for _, fit in own)):
+        its = model_weights.as_stiff(weights, fit.c, fit.additions)
+        again = effect_fit.refit(its, fit.c, fit.additions)
+        refits.append(_measured(its, best.chains, again, shares, linear.log_odds, priors))
     noise = max(1.0, min(one.fit.reduced_chi_square for one in refits))
     found = []
     for refit in refits:

@@ -175,12 +175,22 @@ class Chain:
         What an increment has of the noise of others is taken for more of its own.
         """
         correction = self._run(displacement_stages(additions), (), self._start)
+        larger, still = self._of_mixtures(additions), tuple(a for a in additions if not a.effect.mixes)
+        seen = bool(displacement_stages(still))
         for i, modulus in zip(increments, self._moduli(correction, c, additions, increments), strict=True):
             blocks = self.system.stiffness(modulus)
             rows = np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks])
-            if correction.steps:
-                rows = self._by_seen(rows, int(i), additions)
-            yield np.hstack([rows[..., k] @ factor for k in range(2)])
+            if seen:
+                rows = self._by_seen(rows, int(i), still)
+            yield larger[i] * np.hstack([rows[..., k] @ factor for k in range(2)])
+
+    def _of_mixtures(self, additions: Additions) -> Array:
+        """Standard deviations (t,) of the noise of displacements that effects make of several increments, over that of one."""
+        found = np.ones(len(self.data.u))
+        for a in additions:
+            if a.effect.mixes:
+                found *= np.linalg.norm(a.effect.mixture(self.data, np.array(a.amplitudes), np.array(a.shape)), axis=1)
+        return found
 
     @property
     def _start(self) -> Quantities:
