@@ -15,7 +15,7 @@ from made_up import made_up_chain
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, effect_fit, model_weights, signature_noise, weighted_fit
 from calibrate.diagnosis.problem import all_rows, signature
-from calibrate.effects import Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
+from calibrate.effects import Lag, Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
 from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.support.effect_data import Data
 from calibrate.equations import noise_covariance
@@ -78,24 +78,25 @@ def test_spread_of_noise_is_the_derivative_of_the_residual():
         assert np.einsum("nk,nk", back[i], factor @ white) == pytest.approx(expected, rel=1e-9)
 
 
-IN_THE_MATERIAL = {
+AMPLIFYING = {
     "viscoelasticity": Addition(Viscosity(), (0.4,), (1.5,)),
     "Mullins softening": Addition(Mullins(), (0.3,)),
     "permanent set": Addition(PermanentSet(), (0.1,)),
+    "lag between force and image": Addition(Lag(), (0.1,), (0.0,)),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("plane", ["stress", "strain"])
-@pytest.mark.parametrize("name", IN_THE_MATERIAL)
-def test_noise_that_a_material_amplifies(name, plane):
-    """K of an increment is the derivative by its own displacements, as much larger as those of earlier ones ask for."""
+@pytest.mark.parametrize("name", AMPLIFYING)
+def test_noise_that_an_effect_amplifies(name, plane):
+    """K of an increment is the derivative by its own displacements, as much larger as those of others ask for: of a history, or of those between which a lag interpolates."""
     chain = made_up_chain(plane)
     c = neo_hooke(chain.basis, 0.3, *([2.0] if plane == "strain" else []))
     factor = noise_covariance.noise_factor(chain.system.experiment.points, NOISE)
     white = np.random.default_rng(2).standard_normal((factor.shape[1], 2))
     field = factor @ white
-    additions = (IN_THE_MATERIAL[name], Addition(SecondInvariant(), (0.02,)))
+    additions = (AMPLIFYING[name], Addition(SecondInvariant(), (0.02,)))
     n = chain.system.experiment.n_increments
 
     def slope(u):

@@ -1,0 +1,70 @@
+"""Weights of a model: noise of the displacements makes errors of the equations in proportion to the stiffness, so that no law is likelier because it is softer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import synthetic
+
+from calibrate.data.experiment import Noise
+from calibrate.diagnosis import base_fit, model_weights
+from calibrate.diagnosis.problem import all_rows
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
+
+EFFECTS = {effect.name: effect for effect in CATALOGUE}
+NOISE = Noise(0.01, 3.0)
+
+
+def inside(problem, c, additions=()):
+    """Chi-square of the equations of virtual fields that vanish where forces act, which hold for every stiffness."""
+    (part,) = problem.parts
+    free = np.tile(part.system.fields.boundary < 0, 2)
+    r = np.where(free, part.chain.residual(c, additions), 0.0)
+    white = part.train(r)
+    return float(white @ white)
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    e = synthetic.with_noise(synthetic.plate_experiment(n_increments=4), NOISE, 1)
+    return base_fit.prepare([replace(e, time=np.arange(1.0, 5.0))], [all_rows], with_discrepancy=False)
+
+
+def test_a_stiffer_law_with_the_same_shape_of_errors_is_as_likely(prepared):
+    """All stresses times 1.2, and the noise that they make."""
+    problem, base = prepared
+    softer, stiffer = (model_weights.as_stiff(problem, s * base.c, ()) for s in (1.0, 1.2))
+    assert stiffer.c == pytest.approx(1.2 * softer.c, rel=1e-12)
+    chi = [inside(one, s * base.c) for one, s in ((softer, 1.0), (stiffer, 1.2))]
+    assert chi[1] == pytest.approx(chi[0], rel=1e-6)
+    assert inside(softer, 1.2 * base.c) == pytest.approx(1.44 * chi[0], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "amplitude"), [("force offset", 0.5), ("lag between force and image", 0.2), ("lens distortion", 0.01)]
+)
+def test_what_belongs_to_the_measurement_makes_no_law_stiffer(prepared, name, amplitude):
+    problem, base = prepared
+    addition = Addition(EFFECTS[name], (amplitude,), tuple(p.lower for p in EFFECTS[name].shapes))
+    found = model_weights.reweighted(problem, base.c, (addition,))
+    np.testing.assert_allclose(found.c, base.c, rtol=1e-12)
+
+
+def test_what_belongs_to_the_law_does(prepared):
+    """By as much as the work of the loads rises."""
+    problem, base = prepared
+    found = model_weights.reweighted(problem, base.c, (Addition(EFFECTS["second invariant"], (0.2 * base.c[0],)),))
+    assert (found.c > 1.05 * base.c).all()
+
+
+def test_an_explanation_keeps_what_the_best_one_does_to_noise_but_for_its_own_interpolation(prepared):
+    problem, base = prepared
+    rough = Addition(EFFECTS["subset smoothing"], (0.5,), (1.0,))
+    lag = Addition(EFFECTS["lag between force and image"], (0.2,), (1.0,))
+    best = model_weights.reweighted(problem, base.c, (rough,))
+    assert best.amplifying == (rough,)
+    assert set(model_weights.as_stiff(best, base.c, (lag,)).amplifying) == {rough, lag}
+    assert model_weights.as_stiff(model_weights.reweighted(problem, base.c, (lag,)), base.c, ()).amplifying == ()
