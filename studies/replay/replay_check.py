@@ -20,7 +20,7 @@ from calibrate.diagnosis.replayed import replay_rule
 from calibrate.diagnosis.replayed.band import Alternative, band_of, level_deviation
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.observations import Observations, level_of
-from calibrate.diagnosis.replayed.parameter_spread import spread_of
+from calibrate.diagnosis.replayed.parameter_spread import Spread, spread_of
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection.rounds import Discovery
 from calibrate.diagnosis.twin import stiffening_base
@@ -64,7 +64,7 @@ class FiniteElementCheck:
         """What the equations leave open of a fit, from the forces of its replays; at its own level."""
         try:
             new = updated_replay.updated(found.problem, one)
-            return replace(new, replayed=_Check(found).at_own_level(ReplayedModel(new.c, new.present[0])))
+            return replace(new, check=_Check(found).of_updated(new))
         except FAILURES as error:
             return NoReplayCheck(str(error))
 
@@ -87,7 +87,7 @@ class _Check:
         raw = observations(self.tests, [rows for rows, _ in pairs])
         level = level_of(raw)
         rows = raw.scaled(level.factor)
-        spread = self._spread(final, [changes for _, changes in pairs], level.factor)
+        spread = self._spread(spread_of(self.found.problem, final), [changes for _, changes in pairs], level.factor)
         base = self._base(raw)
         base_rows = rows if base is None else base.rows
         alternatives, without = self._alternatives(raw)
@@ -104,6 +104,20 @@ class _Check:
         rows = observations(self.tests, [rows for rows, _ in self._linearised(model)])
         level = level_of(rows)
         return Replayed(level, level.deviation, rows.scaled(level.factor))
+
+    def of_updated(self, new: Updated) -> ReplayCheck:
+        """Beside the base of the diagnosis, with a band of its own. Raises what the replay raises."""
+        pairs = self._linearised(ReplayedModel(new.c, new.present[0]))
+        raw = observations(self.tests, [rows for rows, _ in pairs])
+        level = level_of(raw)
+        rows = raw.scaled(level.factor)
+        spread = self._spread(new.spread, [changes for _, changes in pairs], level.factor)
+        known = self.found.replay_check
+        base = known.base if isinstance(known, ReplayCheck) else Replayed(level, level.deviation, rows)
+        band = band_of(rows, base.rows, level, spread, (), self._beyond(rows))
+        own = Replayed(level, level_deviation(level, rows, base.rows, spread), rows)
+        judgement = replay_rule.judge(base.rows, rows, band.covariance, self.found.problem.noise_is_known)
+        return ReplayCheck(base, own, band, judgement)
 
     def _base(self, raw: Observations) -> Replayed | None:
         """The base at its own level; None where it is the final model."""
@@ -145,13 +159,11 @@ class _Check:
         whole = own_probability(self.found) + sum(probability for _, probability, _ in made)
         return tuple(Alternative(names, p / whole, rows) for names, p, rows in made), tuple(without)
 
-    def _spread(self, fit: Fit, changes: Sequence[LawChanges], level: float) -> Array:
+    def _spread(self, spread: Spread, changes: Sequence[LawChanges], level: float) -> Array:
         """(N, q): change of measured minus replayed along a root of the covariance of the parameters."""
-        spread = spread_of(self.found.problem, fit)
         if not len(spread.root):
             return np.zeros((sum(one.rows.measured.size for one in changes), 0))
-        used = spread.root.any(axis=1)
-        pairs = zip(self.tests, changes, strict=True)
+        used, pairs = spread.root.any(axis=1), zip(self.tests, changes, strict=True)
         return np.concatenate([of_parameters(*pair, spread.directions, level, used) @ spread.root for pair in pairs])
 
     def _beyond(self, rows: Observations) -> Array:

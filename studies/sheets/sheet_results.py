@@ -30,7 +30,7 @@ class ModelErrors(Plain):
 @dataclass(frozen=True)
 class ReplayedErrors(Plain):
     """A model replayed from the motion of the grips. level: factor on its stiffness; errors of forces, relative, in the increments that were fitted and held out; field: mm, held out;
-    band: half of the 95 % band of the force error, None of the base."""
+    band: half of the 95 % band of the force error; None of the base and of plausible effects that were not updated."""
 
     name: str
     level: float
@@ -47,7 +47,12 @@ class ReplayedErrors(Plain):
         pairs = [(BASE, found["base"], None), (FOUND, found["final"], found["band"]["force"])]
         if plausible is not None:
             replays = [(PLAUSIBLE, plausible["replay"]), (UPDATED, (plausible["updated"] or {}).get("replay"))]
-            pairs += [(name, one, None) for name, one in replays if one is not None and "not_made" not in one]
+            band = ((plausible["updated"] or {}).get("check") or {}).get("band", {}).get("force")
+            pairs += [
+                (name, one, band if name == UPDATED else None)
+                for name, one in replays
+                if one is not None and "not_made" not in one
+            ]
         return [
             cls(
                 name,

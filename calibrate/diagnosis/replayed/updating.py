@@ -25,9 +25,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.parameters import Variables
-from calibrate.diagnosis.replayed.checked_replay import Replayed
+from calibrate.diagnosis.replayed.checked_replay import ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors
-from calibrate.diagnosis.replayed.parameter_spread import Directions
+from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.replay_rule import LOAD_CELL
 from calibrate.effects.chain import Additions
 from calibrate.equations.noise_covariance import cholesky_factor
@@ -42,6 +42,7 @@ REPLAYS, STEPS = 6, 30  # at most; of the fit between two replays
 SMALL = 1.0  # change by one more fit, in standard deviations, at which the last replay is that of the model
 TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances
 FACTOR = 2.0  # by which the base may change in a step
+SINGULAR = 1e-12  # of the largest eigenvalue
 TRIALS = 3  # replays along a step
 
 
@@ -60,16 +61,38 @@ Replays = Callable[[Array, Additions], ReplayedRows | None]  # None where there 
 
 @dataclass(frozen=True, eq=False)
 class Updated:
-    """A model after it was updated: c (n,), MPa; deviations: of every amplitude. before, after: errors of the increments that were fitted. converged: whether one more fit
-    would change nothing that matters. replayed: at its level, with what was held out."""
+    """A model after it was updated: spread: its coefficients, effects and their covariance. before, after: errors of the increments that were fitted. converged: whether one more fit
+    would change nothing that matters. check: its replay beside that of the base of the diagnosis, with band and what was held out."""
 
-    c: Array
-    additions: Additions
-    deviations: tuple[tuple[float, ...], ...]
+    spread: Spread
     before: ReplayErrors
     after: ReplayErrors
     converged: bool
-    replayed: Replayed | None = None
+    check: ReplayCheck | None = None
+
+    @property
+    def c(self) -> Array:
+        """(n,), MPa."""
+        return self.spread.directions.c
+
+    @property
+    def additions(self) -> Additions:
+        """Effects, those at their null values with them."""
+        return self.spread.directions.additions
+
+    @property
+    def deviations(self) -> tuple[tuple[float, ...], ...]:
+        """Of every amplitude."""
+        own, found, start = np.linalg.norm(self.spread.root, axis=1), [], 1
+        for a in self.additions:
+            found.append(tuple(map(float, own[start : start + len(a.amplitudes)])))
+            start += len(a.amplitudes) + len(a.shape)
+        return tuple(found)
+
+    @property
+    def replayed(self) -> Replayed | None:
+        """At its level, with what was held out."""
+        return None if self.check is None else self.check.final
 
     @property
     def present(self) -> tuple[Additions, tuple[tuple[float, ...], ...]]:
@@ -200,8 +223,8 @@ def update(replays: Replays, c: Array, additions: Additions, priors: Priors) -> 
             break
         (factor, additions, replayed), trials = moved
         made += trials
-    deviations = _deviations(objective.slopes(start), additions)
-    return Updated(factor * c, additions, deviations, before, _errors(replayed), converged)
+    directions = Directions.of(factor * c, additions, c[:, None], factor)
+    return Updated(Spread(directions, _root(objective.slopes(start))), before, _errors(replayed), converged)
 
 
 def _linearised(objective: _Objective, point: _Point, count: int) -> _Linearised:
@@ -235,17 +258,15 @@ def _errors(replayed: ReplayedRows) -> ReplayErrors:
     return ReplayErrors.of(replayed.rows, ~replayed.rows.held)
 
 
-def _deviations(J: Array, additions: Additions) -> tuple[tuple[float, ...], ...]:
-    """Of the amplitudes, from the information J^T J with the prior."""
+def _root(J: Array) -> Array:
+    """Of the covariance of the unknowns (1 + k, q), from the information J^T J with the prior; nothing of those that change nothing."""
     size = np.linalg.norm(J, axis=0)
-    own, seen = np.zeros(len(size)), size > 0
-    A = J[:, seen] / size[seen]
-    own[seen] = np.sqrt(np.maximum(np.diag(np.linalg.pinv(A.T @ A)), 0.0)) / size[seen]
-    found, start = [], 1
-    for a in additions:
-        found.append(tuple(map(float, own[start : start + len(a.amplitudes)])))
-        start += len(a.amplitudes) + len(a.shape)
-    return tuple(found)
+    seen = size > 0
+    values, vectors = np.linalg.eigh((J.T @ J)[np.ix_(seen, seen)] / np.outer(size[seen], size[seen]))
+    keep = values > SINGULAR * values.max()
+    found = np.zeros((len(size), int(keep.sum())))
+    found[seen] = vectors[:, keep] / np.sqrt(values[keep]) / size[seen][:, None]
+    return found
 
 
 def covariance(rows: Observations) -> Array:

@@ -99,7 +99,7 @@ def _updated(found: Everything) -> dict[str, Any] | None:
     ]  # fmt: skip
     return {
         "effects": effects, "fitted_before": new.before.to_dict(), "fitted_after": new.after.to_dict(), "converged": new.converged,
-        "used": found.is_updated, "replay": _replayed(new.replayed),
+        "used": found.is_updated, "replay": _replayed(new.replayed), "check": None if new.check is None else new.check.to_dict(),
     }  # fmt: skip
 
 

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck, Replayed
+from calibrate.diagnosis.replayed.observations import ReplayErrors
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection import Discovery
 from studies.output.findings import Finding, Macro
@@ -101,8 +103,15 @@ def plausible_findings(found: Discovery) -> Iterator[Finding]:
     yield _finding(
         ReplayCode.PLAUSIBLE, not better, held=bool(one.rows.held.any()), level=plus_minus(one.level.factor, INTERVAL * one.level.deviation),
         force=None if np.isnan(one.judged.force) else one.judged.force, field=one.judged.field,
-        other=None if other is None else other.to_dict(), better=better, all=found.everything.plausible is None,
+        other=None if other is None else other.to_dict(), better=better, all=found.everything.plausible is None, band=_band(found.everything.to_be_used),
     )  # fmt: skip
+
+
+def _band(used: Everything) -> dict[str, Any] | None:
+    """Of the updated model; None where it is not used, which alone has one."""
+    if not (used.is_updated and isinstance(used.updated, Updated) and used.updated.check is not None):
+        return None
+    return {**used.updated.check.expected.to_dict(), "outside": used.updated.check.judgement.outside}
 
 
 def _updated_findings(found: Discovery) -> Iterator[Finding]:
@@ -126,6 +135,12 @@ def _updated_findings(found: Discovery) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+def updated_band(found: Discovery) -> ReplayErrors | None:
+    """Half of the band of the updated model, None where there is none."""
+    new = None if found.everything is None else found.everything.to_be_used.updated
+    return new.check.expected if isinstance(new, Updated) and new.check is not None else None
+
+
 def replayed_models(found: Discovery) -> list[tuple[str, Replayed]]:
     """Of the model that is to be used where nothing explains the test: as the equations have it, and updated; those that were replayed."""
     if found.everything is None:
@@ -138,8 +153,10 @@ def replayed_models(found: Discovery) -> list[tuple[str, Replayed]]:
     return [(name, one) for name, one in pairs if isinstance(one, Replayed)]
 
 
-def replay_table(check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] = ()) -> Table:
-    """One line a model, and the band. plausible: see `replayed_models`."""
+def replay_table(
+    check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] = (), updated: ReplayErrors | None = None
+) -> Table:
+    """One line a model, and the bands. plausible: see `replayed_models`; updated: half of the band of the updated model."""
     where = "held out" if check.held_out else "fitted"
     columns = ["model", "level", "force error, fitted", f"force error, {where}", f"field error, {where}, mm", f"smooth part, {where}, mm"]  # fmt: skip
     models = [(BASE, check.base, check.smooth[0])]
@@ -162,7 +179,7 @@ def replay_table(check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] =
         )
     rows.append(
         [
-            f"95 % band of the {FINAL if check.final is not check.base else BASE}",
+            f"half of the 95 % band of the {FINAL if check.final is not check.base else BASE}",
             "",
             None,
             _share(check.expected.force),
@@ -170,6 +187,10 @@ def replay_table(check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] =
             _mm(check.expected.field),
         ]
     )
+    if updated is not None:
+        rows.append(
+            [f"half of the 95 % band of the {UPDATED}", "", None, _share(updated.force), None, _mm(updated.field)]
+        )
     return columns, rows
 
 

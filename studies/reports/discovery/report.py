@@ -22,7 +22,7 @@ from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.everything_table import errors_table, shares_table
 from studies.reports.discovery.own_effects_table import own_effects_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
-from studies.reports.discovery.replay_section import band_fields, band_rows, replay_table, replayed_models
+from studies.reports.discovery.replay_section import band_fields, band_rows, replay_table, replayed_models, updated_band
 from studies.reports.discovery.statement import reservations, untestable, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
@@ -71,7 +71,7 @@ def _results(report: Report, folder: Path, view: View) -> None:
     if view.discovery.problem.noise_is_known:
         report.heading("Residual against noise").table(*misfit_table(view), WORDS.misfit_caption())
     if isinstance(view.discovery.replay_check, ReplayCheck):
-        table = replay_table(view.discovery.replay_check, replayed_models(view.discovery))
+        table = replay_table(view.discovery.replay_check, replayed_models(view.discovery), updated_band(view.discovery))
         report.heading("Replay").table(*table, WORDS.replay_caption())
     if view.weighing is not None and discovery_headline(view).verdict is not Use.NOT:
         report.heading("All explanations").table(*alternatives_table(view.weighing), WORDS.alternatives_caption())

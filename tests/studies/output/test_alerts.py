@@ -28,6 +28,7 @@ from calibrate.diagnosis.joint.shares import Everything, Share
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
 from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
+from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.selection.rounds import Doubt, Refusal, RefusalReason
@@ -243,12 +244,11 @@ def of_updated(converged: bool = True, after: float = 0.001) -> Findings:
     """Plausible effects whose replay misses 1 N of forces held out, and after an update by replays none of them."""
     errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(0.05, 0.05, 2.0, 100), None)
     fit: Any = SimpleNamespace(converged=True)
-    before, new = (check(observations(only_held(wrong))).final for wrong in (1.0, 0.0))
+    before, new = (check(observations(only_held(wrong))) for wrong in (1.0, 0.0))
     relaxation = Addition(Viscosity(), (0.9,), (1.2,))
-    updated = Updated(
-        np.ones(4), (relaxation,), ((0.1,),), *(ErrorsOfReplay(e, 0.02) for e in (0.04, after)), converged, new
-    )
-    found = Everything(fit, (), *errors, 24.0, 1.0, replayed=before, updated=updated)
+    spread = Spread(Directions.of(np.ones(4), (relaxation,), np.ones((4, 1)), 1.0), 0.1 * np.eye(3))
+    updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, after)), converged, new)
+    found = Everything(fit, (), *errors, 24.0, 1.0, replayed=before.final, updated=updated)
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(0.5))))
 
 
@@ -660,7 +660,7 @@ def test_the_model_that_replays_updated_is_the_one_to_predict_with() -> None:
     """It misses none of the forces held out, as it was 1 N and the final model half of that; where the update met the fitted forces no better it is not used."""
     told = {one.alert.code: one for one in of_updated()}
     assert "4 % -> 0.1 %; viscoelasticity g = 0.9, tau = 1.2 s." in told["R616"].text
-    assert "model to predict with" in told["R614"].text
+    assert "model to predict with" in told["R614"].text and "half of its 95 % band" in told["R614"].text
     refused = {one.alert.code: one for one in of_updated(after=0.05)}
     assert refused["R616"].text.endswith("it is not used.")
     assert "no better" in refused["R614"].text
