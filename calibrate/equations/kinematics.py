@@ -86,3 +86,17 @@ def nominal_stress(energy, F: jax.Array) -> jax.Array:
     unit."""
     psi = lambda f: energy(invariants(f))  # noqa: E731
     return jax.vmap(jax.grad(psi))(F.reshape(-1, 2, 2)).reshape(F.shape)
+
+
+def gradient_axes(gradient: sp.csr_array, factor: sp.csr_array) -> Array:
+    """Axes (m, 2, 2), in columns, of the covariance of a displacement component's gradient in each triangle.
+
+    gradient (2 m, n): operator; factor (n, s): see `noise_factor`.
+    """
+    spread = sp.csr_array(gradient @ factor)
+    x, y = spread[0::2], spread[1::2]
+    xy = np.asarray((x * y).sum(axis=1)).ravel()
+    square = [np.asarray((part * part).sum(axis=1)).ravel() for part in (x, y)]
+    covariance = np.stack([np.stack([square[0], xy], axis=1), np.stack([xy, square[1]], axis=1)], axis=1)
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]

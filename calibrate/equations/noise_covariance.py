@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -60,20 +59,6 @@ def noise_factor(points: Array, noise: Noise) -> sp.csr_array:
     factor = factor[:, np.asarray(factor.sum(axis=0)).ravel() > 0]
     scale = std / np.sqrt(np.asarray((factor**2).sum(axis=1)).ravel())
     return sp.csr_array(sp.diags_array(scale) @ factor)
-
-
-def gradient_axes(gradient: sp.csr_array, factor: Any) -> Array:
-    """Axes (m, 2, 2), in columns, of the covariance of a displacement component's gradient in each triangle.
-
-    gradient (2 m, n): operator; factor (n, s): see `noise_factor`.
-    """
-    spread = sp.csr_array(gradient @ factor)
-    x, y = spread[0::2], spread[1::2]
-    xy = np.asarray((x * y).sum(axis=1)).ravel()
-    square = [np.asarray((part * part).sum(axis=1)).ravel() for part in (x, y)]
-    covariance = np.stack([np.stack([square[0], xy], axis=1), np.stack([xy, square[1]], axis=1)], axis=1)
-    values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
 
 
 def sample(factor: sp.csr_array, rng: np.random.Generator, n_increments: int) -> Array:
@@ -196,10 +181,12 @@ class EquationNoise:
         """Covariance (r, r), N^2, of the residuals of an increment by all noise."""
         return (self.own[i, i] + self.common[i] @ self.common[i]) * self._product(i, i) + self._of_forces(i)
 
-    @property
-    def variance(self) -> Array:
-        """Of each residual (t, r), N^2."""
-        return np.array([np.diag(self.increment(i)) for i in range(len(self.shares))])
+    def variance(self, rows: NDArray[np.bool_]) -> Array:
+        """Of each residual (t, r), N^2; 0 of those that are not used (t, r)."""
+        found, size = np.zeros(rows.shape), np.diag(self.own) + (self.common**2).sum(axis=1)
+        for i in np.flatnonzero(rows.any(axis=1)).tolist():
+            found[i] = size[i] * self._squares(i) + self.deviations[i] ** 2
+        return np.where(rows, found, 0.0)
 
     def own_covariance(self, i: int, j: int) -> Array:
         """Covariance (r, r), N^2, of the residuals of two increments without `sources`."""
@@ -220,9 +207,10 @@ class EquationNoise:
         ends = np.append(0, np.cumsum(rows.sum(axis=1)))
         cells, factors = self._of_cells()[rows], self.common @ self.common.T
         found = np.zeros(2 * cells.shape[:1])
-        for i, j in ((i, j) for i in some for j in some if factors[i, j]):
-            block = self._product(i, j)[np.ix_(rows[i], rows[j])]
-            found[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = factors[i, j] * block
+        for i, j in ((i, j) for i in some for j in some if i <= j and factors[i, j]):
+            block = factors[i, j] * self._product(i, j)[np.ix_(rows[i], rows[j])]
+            found[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = block
+            found[ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.T
         return found + cells @ cells.T
 
     @cached_property
@@ -259,15 +247,25 @@ class EquationNoise:
         return np.einsum("tk,krs,ts->tr", self.shares, spreads, numbers, optimize=True)
 
     def _of_samples(self, k: int, j: int) -> Array:
+        if k > j:
+            return self._of_samples(j, k).T
         if (k, j) not in self._products:
             self._products[k, j] = self.spreads[k] @ self.spreads[j].T
         return self._products[k, j]
 
     def _product(self, i: int, j: int) -> Array:
-        pairs = (
-            (k, l) for k in np.flatnonzero(self.shares[i]).tolist() for l in np.flatnonzero(self.shares[j]).tolist()
-        )
+        pairs = ((k, l) for k in self._samples_of(i) for l in self._samples_of(j))
         return np.asarray(sum(self.shares[i, k] * self.shares[j, l] * self._of_samples(k, l) for k, l in pairs))
+
+    def _squares(self, i: int) -> Array:
+        """Diagonal (r,) of `_product` of an increment with itself, which costs much less."""
+        some = self._samples_of(i)
+        mixed = np.tensordot(self.shares[i, some], self.spreads[some], 1)
+        return np.asarray((mixed**2).sum(axis=1))
+
+    def _samples_of(self, i: int) -> list[int]:
+        """Those that an increment is made of."""
+        return np.flatnonzero(self.shares[i]).tolist()
 
     def _of_forces(self, i: int) -> Array:
         return np.asarray(self.correlation * np.outer(self.deviations[i], self.deviations[i]))

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from calibrate import errors
 from calibrate.data.experiment import Noise
 from calibrate.data.load_path import samples
-from calibrate.equations import noise_covariance
+from calibrate.equations import kinematics, noise_covariance
 from calibrate.equations.basis import Basis, PlaneStrainBasis
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke
 from calibrate.equations.noise_covariance import EquationNoise
@@ -120,8 +120,8 @@ class Assembled:
 
     @cached_property
     def noise_axes(self) -> Array:
-        """Of the noise of gradients (m, 2, 2), see `noise_covariance.gradient_axes`."""
-        return noise_covariance.gradient_axes(self.system.gradient, self.noise_factor)
+        """Of the noise of gradients (m, 2, 2), see `kinematics.gradient_axes`."""
+        return kinematics.gradient_axes(self.system.gradient, self.noise_factor)
 
     @cached_property
     def linear_change(self) -> Array:

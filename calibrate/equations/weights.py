@@ -118,7 +118,7 @@ def weights_of(noise: EquationNoise, rows: Mask, sources: Array | None = None) -
     """Weights for the equations `rows` (t, 2 v) with a noise and the sources (t, 2 v, s) of a discrepancy common to all."""
     n, blocks = int(rows.sum()), tuple(_blocks(noise, rows))
     common = _common(blocks, noise, rows) if n and not noise.is_new_in_each else None
-    plain = Weights(rows, np.where(rows, noise.variance, 0.0), blocks, common, np.zeros((n, 0)), np.zeros(0))
+    plain = Weights(rows, noise.variance(rows), blocks, common, np.zeros((n, 0)), np.zeros(0))
     if sources is None or n == 0:
         return plain
     V = plain(np.moveaxis(sources, -1, 0)).T

@@ -26,7 +26,7 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.effects import Viscosity
 from calibrate.effects.chain import Additions, Chain
-from calibrate.equations import noise_covariance
+from calibrate.equations import kinematics, noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.equations.kinematics import invariants_and_derivatives
@@ -146,7 +146,7 @@ class ExtendedModel:
             noise = noise_covariance.default_noise(experiment, system.fields.spacing)
         variances = np.diag(noise_covariance.between_increments(experiment, noise))
         factor = noise_covariance.noise_factor(experiment.points, noise)
-        shift = chain.noise_shift(self.c, noise_covariance.gradient_axes(system.gradient, factor), variances)
+        shift = chain.noise_shift(self.c, kinematics.gradient_axes(system.gradient, factor), variances)
         return Applied(self.only(additions), chain, shift)
 
     def predict(self, experiment: Experiment, spacing: float | None = None) -> Prediction:

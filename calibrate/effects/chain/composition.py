@@ -151,7 +151,7 @@ class Chain:
     def noise_shift(self, c: Any, axes: Array, variances: Any = 1.0) -> Array:
         """Mean change (t, 2 v), N, that displacement noise brings into the residual: second order in the noise.
 
-        axes (m, 2, 2): of the noise of gradients, see `noise_covariance.gradient_axes`; variances (t,): of each increment, over that of the axes.
+        axes (m, 2, 2): of the noise of gradients, see `kinematics.gradient_axes`; variances (t,): of each increment, over that of the axes.
         """
         shift = sum(
             block.work(noise_spread.stress_shift(self.base, self.constants(c, block), axes[block.places]))

@@ -188,7 +188,7 @@ def test_mean_shift_is_that_of_many_draws():
         noise = noise_covariance.sample(factor, rng, e.n_increments)
         mean += 0.5 * (chain.disturbed(noise).residual(c) + chain.disturbed(-noise).residual(c)) - base
     mean /= draws
-    shift = chain.noise_shift(c, noise_covariance.gradient_axes(system.gradient, factor))
+    shift = chain.noise_shift(c, kinematics.gradient_axes(system.gradient, factor))
     slope = (mean * shift).sum() / (shift**2).sum()
     assert slope == pytest.approx(1, abs=0.1)
 

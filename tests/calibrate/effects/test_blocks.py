@@ -12,7 +12,7 @@ from calibrate.data.experiment import Noise
 from calibrate.effects import KNOWN
 from calibrate.effects.chain import Addition
 from calibrate.effects.chain.blocks import blocks
-from calibrate.equations import noise_covariance
+from calibrate.equations import kinematics, noise_covariance
 
 EFFECTS = {effect.name: effect for effect in KNOWN}
 CASES = {
@@ -54,7 +54,7 @@ def test_noise_and_forces_pulled_back(both):
     c = 0.1 + 0.05 * np.linspace(0, 1, whole.basis.n_functions) ** 2
     additions = added(whole, "viscoelasticity")
     factor = noise_covariance.noise_factor(whole.system.experiment.points, Noise(1e-3, 2.0))
-    axes = noise_covariance.gradient_axes(whole.system.gradient, factor)
+    axes = kinematics.gradient_axes(whole.system.gradient, factor)
     np.testing.assert_allclose(parts.noise_shift(c, axes), whole.noise_shift(c, axes), rtol=1e-9, atol=1e-15)
     forces = np.random.default_rng(0).standard_normal(whole.system.loads.shape)
     np.testing.assert_allclose(
