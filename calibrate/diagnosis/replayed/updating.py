@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck, Replayed
-from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors
+from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors, level_of
 from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.replay_rule import LOAD_CELL
 from calibrate.effects.chain import Additions
@@ -61,7 +61,7 @@ Replays = Callable[[Array, Additions], ReplayedRows | None]  # None where there 
 
 @dataclass(frozen=True, eq=False)
 class Updated:
-    """A model after it was updated: spread: its coefficients, effects and their covariance. before, after: errors of the increments that were fitted. converged: whether one more fit
+    """A model after it was updated: spread: its coefficients, effects and their covariance. before, after: errors of the increments that were fitted, each at its own level. converged: whether one more fit
     would change nothing that matters. check: its replay beside that of the base of the diagnosis, with band and what was held out."""
 
     spread: Spread
@@ -255,7 +255,9 @@ def _along(
 
 
 def _errors(replayed: ReplayedRows) -> ReplayErrors:
-    return ReplayErrors.of(replayed.rows, ~replayed.rows.held)
+    """At its own level."""
+    rows = replayed.rows.scaled(level_of(replayed.rows).factor)
+    return ReplayErrors.of(rows, ~rows.held)
 
 
 def _root(J: Array) -> Array:

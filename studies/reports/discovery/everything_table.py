@@ -23,8 +23,7 @@ def shares_table(found: Everything, unit: str) -> Table:
 
 def _row(one: Share, unit: str) -> list[Any]:
     i = one.largest
-    own = amplitude_unit(one.effect.amplitudes[i], unit)
-    symbol = one.effect.amplitudes[i].name if own == "1" else f"{one.effect.amplitudes[i].name} ({own})"
+    symbol = _symbol(one.effect.amplitudes[i].name, amplitude_unit(one.effect.amplitudes[i], unit))
     said = "not needed" if not one.is_seen else "implausible" if one.is_far else "needed"
     value = plus_minus(one.amplitudes[i], BAND * one.deviations[i])
     return [
@@ -46,6 +45,29 @@ def _errors(misfit: Misfit | None) -> list[float | None]:
     if misfit is None:
         return [None, None]
     return [100 * misfit.force if misfit.force == misfit.force else None, 100 * misfit.field]
+
+
+def updated_table(found: Everything, unit: str) -> Table | None:
+    """Amplitudes and shapes as the equations and as the forces of replays have them; None where nothing was updated."""
+    new = found.updated
+    if not isinstance(new, Updated):
+        return None
+    own = {one.effect.name: one for one in found.shares}
+    rows: list[list[Any]] = []
+    for a, deviations in zip(new.additions, new.deviations, strict=True):
+        share = own[a.effect.name]
+        for p, old, old_deviation, value, deviation in zip(
+            a.effect.amplitudes, share.amplitudes, share.deviations, a.amplitudes, deviations, strict=True
+        ):
+            pair = (plus_minus(old, BAND * old_deviation), plus_minus(value, BAND * deviation))
+            rows.append([a.effect.name, _symbol(p.name, amplitude_unit(p, unit)), *pair])
+        for p, old, value in zip(a.effect.shapes, share.shape, a.shape, strict=True):
+            rows.append([a.effect.name, _symbol(p.name, p.unit), f"{old:.3g}", f"{value:.3g}"])
+    return ["effect", "amplitude or shape", "by the equations", "updated"], rows
+
+
+def _symbol(name: str, unit: str) -> str:
+    return name if unit == "1" else f"{name} ({unit})"
 
 
 def everything_data(found: Everything) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.observations import ReplayErrors
+from calibrate.diagnosis.replayed.replay_rule import LEVEL
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection import Discovery
 from studies.output.findings import Finding, Macro
@@ -111,7 +112,10 @@ def _band(used: Everything) -> dict[str, Any] | None:
     """Of the updated model; None where it is not used, which alone has one."""
     if not (used.is_updated and isinstance(used.updated, Updated) and used.updated.check is not None):
         return None
-    return {**used.updated.check.expected.to_dict(), "outside": used.updated.check.judgement.outside}
+    check = used.updated.check
+    within = {f"{name}_within": None if test is None else test.p_value >= LEVEL
+              for name, test in (("force", check.judgement.force), ("field", check.judgement.field))}  # fmt: skip
+    return {**check.expected.to_dict(), **within}
 
 
 def _updated_findings(found: Discovery) -> Iterator[Finding]:

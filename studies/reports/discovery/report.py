@@ -19,7 +19,7 @@ from studies.reports.discovery import figures
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
-from studies.reports.discovery.everything_table import errors_table, shares_table
+from studies.reports.discovery.everything_table import errors_table, shares_table, updated_table
 from studies.reports.discovery.own_effects_table import own_effects_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
 from studies.reports.discovery.replay_section import band_fields, band_rows, replay_table, replayed_models, updated_band
@@ -82,6 +82,9 @@ def _results(report: Report, folder: Path, view: View) -> None:
         report.table(*shares_table(view.discovery.everything, view.unit), WORDS.everything_caption())
         if view.discovery.everything.plausible is not None:
             report.heading("Plausible effects").table(*shares_table(view.discovery.everything.plausible, view.unit))
+        updated = updated_table(view.discovery.everything.to_be_used, view.unit)
+        if updated is not None:
+            report.heading("Updated by the forces of replays").table(*updated, WORDS.updated_caption())
     if view.discovery.own:
         report.heading("What each test has for itself")
         report.table(*own_effects_table(view.discovery.own, view.unit), WORDS.own_caption())

@@ -13,6 +13,9 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.joint import everything
+from calibrate.diagnosis.joint.shares import Everything, Share
+from calibrate.diagnosis.misfit import Misfit
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
@@ -23,6 +26,7 @@ from forward.sheet.thin_sheet import Prony, Sheet
 from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
 from studies.replay.updated_replay import updated
+from studies.reports.discovery.everything_table import everything_record, updated_table
 from studies.synthetic import camera
 
 STRIP = SPECIMENS["strip"]()
@@ -66,3 +70,17 @@ def test_nothing_that_is_held_out_is_used():
     own, other = update_of(), update_of(1.3)
     np.testing.assert_allclose(own.c, other.c, rtol=1e-9)
     assert own.additions[0].amplitudes == pytest.approx(other.additions[0].amplitudes, rel=1e-9)
+
+
+def test_the_report_has_what_was_updated_beside_what_the_equations_said():
+    """Values, units and the record of discovery.json."""
+    share = Share(VISCO, (0.3,), (0.05,), (1.0,), (20.0,), 5.0, 0.2)
+    misfits = (Misfit(0.1, 0.05, 9.0, 100), None)
+    one = Everything(SimpleNamespace(converged=True), (share,), misfits, misfits, 1.0, 1.0, updated=update_of())
+    columns, rows = updated_table(one, "MPa")
+    assert columns[2:] == ["by the equations", "updated"]
+    assert [row[:2] for row in rows] == [["viscoelasticity", "g"], ["viscoelasticity", "tau (s)"]]
+    assert float(rows[1][2]) == 20.0 and float(rows[1][3]) == pytest.approx(TAU, rel=0.1)
+    record = everything_record(one)["updated"]
+    assert record["converged"] and record["replay"] is None and not record["used"]  # not replayed at its level here
+    assert updated_table(replace(one, updated=NoReplayCheck("no force is known")), "MPa") is None
