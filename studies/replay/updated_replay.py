@@ -1,11 +1,12 @@
 """Replays that the parameters of a model are updated by, see `calibrate.diagnosis.replayed.updating`.
 
-In: a `Discovery` and a fit of its effects. Out: `Updated`. Only increments that were fitted are solved, and those before them that a history needs.
+In: a `Discovery` and a fit of its effects. Out: `Updated`. An effect that neither the forward model nor a correction of what was measured has is left out, and what it
+does to the forces is left to the others. Only increments that were fitted are solved, and those before them that a history needs.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed.parameter_spread import Directions
 from calibrate.diagnosis.replayed.updating import ReplayedRows, Updated, update
 from calibrate.effects.chain import Additions
+from calibrate.effects.chain.true_surface import is_expressed
 from forward.errors import ForwardError
 from studies.errors import OptionError
 from studies.replay.compared_test import ComparedTest, ReplayedModel, is_solved
@@ -29,13 +31,15 @@ def updated(problem: Problem, one: Everything) -> Updated:
     """Effects of a fit that are not at their null values, and all with a memory. Raises `OptionError` where the model as it was fitted cannot be
     solved, and the errors of `ComparedTest.replayed`."""
     replays = _Replays([ComparedTest(part, EACH, False) for part in problem.trained])
-    additions = tuple(
-        a for a in one.fit.additions if not a.is_null or (a.effect.remembers and is_solved(a.effect.name))
-    )
+    there = [a for a in one.fit.additions if not a.is_null]
+    has_law = {a.effect.name for a in one.fit.additions if is_solved(a.effect.name) or is_expressed(a.effect)}
+    used = {a.effect.name for a in there} | {a.effect.name for a in one.fit.additions if a.effect.remembers}
+    additions = tuple(a for a in one.fit.additions if a.effect.name in used & has_law)
+    left_out = tuple(a.effect.name for a in there if a.effect.name not in has_law)
     found = update(replays, one.fit.c, additions, {share.effect.name: _prior(share) for share in one.shares})
     if found is None:
         raise OptionError(f"the plausible effects have no equilibrium to start from: {replays.failure}")
-    return found
+    return replace(found, left_out=left_out)
 
 
 def _prior(share: Share) -> tuple[Array, Array]:

@@ -42,6 +42,7 @@ REPLAYS, STEPS = 6, 30  # at most; of the fit between two replays
 SMALL = 1.0  # change by one more fit, in standard deviations, at which the last replay is that of the model
 TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances
 FACTOR = 2.0  # by which the base may change in a step
+ANGLE = 0.5  # rad
 SINGULAR = 1e-12  # of the largest eigenvalue
 TRIALS = 3  # replays along a step
 
@@ -62,12 +63,13 @@ Replays = Callable[[Array, Additions], ReplayedRows | None]  # None where there 
 @dataclass(frozen=True, eq=False)
 class Updated:
     """A model after it was updated: spread: its coefficients, effects and their covariance. before, after: errors of the increments that were fitted, each at its own level. converged: whether one more fit
-    would change nothing that matters. check: its replay beside that of the base of the diagnosis, with band and what was held out."""
+    would change nothing that matters. left_out: effects that finite elements do not have. check: its replay beside that of the base of the diagnosis, with band and what was held out."""
 
     spread: Spread
     before: ReplayErrors
     after: ReplayErrors
     converged: bool
+    left_out: tuple[str, ...] = ()
     check: ReplayCheck | None = None
 
     @property
@@ -224,7 +226,8 @@ def update(replays: Replays, c: Array, additions: Additions, priors: Priors) -> 
         (factor, additions, replayed), trials = moved
         made += trials
     directions = Directions.of(factor * c, additions, c[:, None], factor)
-    return Updated(Spread(directions, _root(objective.slopes(start))), before, _errors(replayed), converged)
+    root = _root(np.concatenate([objective.slopes(start), _reach(additions)]))
+    return Updated(Spread(directions, root), before, _errors(replayed), converged)
 
 
 def _linearised(objective: _Objective, point: _Point, count: int) -> _Linearised:
@@ -258,6 +261,14 @@ def _errors(replayed: ReplayedRows) -> ReplayErrors:
     """At its own level."""
     rows = replayed.rows.scaled(level_of(replayed.rows).factor)
     return ReplayErrors.of(rows, ~rows.held)
+
+
+def _reach(additions: Additions) -> Array:
+    """Rows (s, 1 + k) of the information on shapes that forces do not see: an angle is uncertain by half a radian, a time by itself."""
+    variables = Variables(additions)
+    sizes = np.array([ANGLE if p.unit == "rad" else max(abs(value), 1e-12) for p, value in variables.parameters])
+    rows = np.diag(np.concatenate([np.zeros(1), 1 / sizes]))[1:]
+    return np.asarray(rows[variables.is_shape])
 
 
 def _root(J: Array) -> Array:

@@ -120,7 +120,7 @@ def _updated(found: Everything) -> dict[str, Any] | None:
         for a, d in zip(new.additions, new.deviations, strict=True)
     ]  # fmt: skip
     return {
-        "effects": effects, "fitted_before": new.before.to_dict(), "fitted_after": new.after.to_dict(), "converged": new.converged,
+        "effects": effects, "fitted_before": new.before.to_dict(), "fitted_after": new.after.to_dict(), "converged": new.converged, "left_out": list(new.left_out),
         "used": found.is_updated, "replay": _replayed(new.replayed), "check": None if new.check is None else new.check.to_dict(),
     }  # fmt: skip
 

@@ -135,7 +135,7 @@ def _updated_findings(found: Discovery) -> Iterator[Finding]:
         ]  # fmt: skip
         yield _finding(
             ReplayCode.UPDATED, not (new.converged and used.is_updated), before=new.before.force, after=new.after.force,
-            converged=new.converged, used=used.is_updated, remembered=remembered,
+            converged=new.converged, used=used.is_updated, remembered=remembered, left_out=list(new.left_out),
         )  # fmt: skip
 
 

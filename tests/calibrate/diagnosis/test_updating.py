@@ -115,3 +115,10 @@ def test_without_an_equilibrium_or_a_force_nothing_is_updated():
     assert update(Replays(softest=9.0), np.array([1.5]), start(0.5, 3.0), PRIORS) is None
     with pytest.raises(FitError, match="no force"):
         update(Replays(is_force=False), np.array([1.5]), start(0.5, 3.0), PRIORS)
+
+
+def test_a_shape_that_forces_do_not_see_is_uncertain_by_itself():
+    """Relaxation of no strength, whose time is anything."""
+    priors = PRIORS | {"viscoelasticity": (np.zeros(1), np.full(1, 1e-9))}
+    found = update(Replays(), np.array([1.5]), start(0.0, 3.0), priors)
+    assert np.linalg.norm(found.spread.root[2]) == pytest.approx(3.0, rel=1e-3)

@@ -247,7 +247,7 @@ def of_updated(converged: bool = True, after: float = 0.001) -> Findings:
     before, new = (check(observations(only_held(wrong))) for wrong in (1.0, 0.0))
     relaxation = Addition(Viscosity(), (0.9,), (1.2,))
     spread = Spread(Directions.of(np.ones(4), (relaxation,), np.ones((4, 1)), 1.0), 0.1 * np.eye(3))
-    updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, after)), converged, new)
+    updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, after)), converged, check=new)
     found = Everything(fit, (), *errors, 24.0, 1.0, replayed=before.final, updated=updated)
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(0.5))))
 

@@ -30,7 +30,9 @@ from studies.reports.discovery.everything_table import everything_record, update
 from studies.synthetic import camera
 
 STRIP = SPECIMENS["strip"]()
-VISCO = next(effect for effect in CATALOGUE if effect.name == "viscoelasticity")
+VISCO, STRIP_BESIDE = (
+    next(effect for effect in CATALOGUE if effect.name == name) for name in ("viscoelasticity", "unmeasured strip")
+)
 G, TAU, C10 = 0.8, 1.5, 0.2
 FITTED = 6.0  # s
 
@@ -45,7 +47,7 @@ def ramp() -> Experiment:
 
 
 @cache
-def update_of(held_out_forces: float = 1.0) -> Updated:
+def update_of(held_out_forces: float = 1.0, strip: bool = False) -> Updated:
     """From relaxation so slow and a base so soft that forces are 10 % off; forces after `FITTED` are a factor larger."""
     test = ramp()
     later = np.where(test.time > FITTED, held_out_forces, 1.0)[:, None]
@@ -53,7 +55,8 @@ def update_of(held_out_forces: float = 1.0) -> Updated:
     problem, base = base_fit.prepare([test], [HoldOut.parse(f"after:{FITTED:g}", 0).training], base="neo-Hooke")
     addition = Addition(VISCO, (0.3,), (20.0,))
     share = SimpleNamespace(effect=VISCO, amplitudes=(0.3,), deviations=(0.05,), priors=(1.0,))
-    fit = SimpleNamespace(c=0.8 * base.c, additions=(addition,))
+    more = (Addition(STRIP_BESIDE, (0.5,)),) if strip else ()
+    fit = SimpleNamespace(c=0.8 * base.c, additions=(addition, *more))
     return updated(everything.simple_base(problem), SimpleNamespace(fit=fit, shares=(share,)))
 
 
@@ -70,6 +73,13 @@ def test_nothing_that_is_held_out_is_used():
     own, other = update_of(), update_of(1.3)
     np.testing.assert_allclose(own.c, other.c, rtol=1e-9)
     assert own.additions[0].amplitudes == pytest.approx(other.additions[0].amplitudes, rel=1e-9)
+
+
+def test_what_finite_elements_do_not_have_is_left_out_and_said():
+    own, other = update_of(), update_of(strip=True)
+    assert (own.left_out, other.left_out) == ((), ("unmeasured strip",))
+    assert other.c == pytest.approx(own.c)
+    assert other.additions[0].amplitudes == pytest.approx(own.additions[0].amplitudes)
 
 
 def test_the_report_has_what_was_updated_beside_what_the_equations_said():

@@ -316,7 +316,7 @@ def test_a_replay_is_said_and_its_level_is_that_of_the_amplitudes():
     values = [float(text.split("=")[1].split("+-")[0]) for text in (before, after)]
     assert values[1] == pytest.approx(values[0] / 1.07, rel=1e-2)
     rows = replay_table(found.replay_check)[1]
-    assert [row[0] for row in rows] == ["base model", "final model", "95 % band of the final model"]
+    assert [row[0] for row in rows] == ["base model", "final model", "half of the 95 % band of the final model"]
     assert len(band_rows(found.replay_check, ["plate"], [None])[1]) == INCREMENTS
     fields = band_fields(found.replay_check, ["plate"])[1]
     assert len(fields) == INCREMENTS and all(row[-1] > 0 for row in fields)
