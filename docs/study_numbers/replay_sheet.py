@@ -9,7 +9,12 @@ from typing import Any
 from studies.output.words import percent
 
 SHEETS = {"Soft_Homo": "soft", "Stiff2_Homo": "stiff", "Stiff2_Hetero": "hetero"}
-KEYS = {"base": "base", "plausible effects": "plausible", "plausible effects, updated": "updated"}
+KEYS = {
+    "neo-Hooke": "neo_hooke",
+    "base": "base",
+    "plausible effects": "plausible",
+    "plausible effects, updated": "updated",
+}
 COLUMNS = ["sheet", "model", "level", "force error before 15 s", "after 15 s", "half of its 95 % band", "displacements after 15 s, mm"]  # fmt: skip
 
 
@@ -49,8 +54,8 @@ def _models(found: dict[str, Any]) -> list[tuple[str, dict[str, Any], float | No
     updated = used.get("updated") or {}
     band = ((updated.get("check") or {}).get("band") or {}).get("force")
     own = check["band"]["force"] if check.get("base") == check.get("final") else None
-    replays = [check.get("base"), used.get("replay"), updated.get("replay")]
-    models = list(zip(KEYS, replays, (own, None, band), strict=True))
+    replays = [used.get("neo_hooke"), check.get("base"), used.get("replay"), updated.get("replay")]
+    models = list(zip(KEYS, replays, (None, own, None, band), strict=True))
     return [one for one in models if one[1] is not None and "not_made" not in one[1]]
 
 

@@ -46,7 +46,11 @@ class ReplayedErrors(Plain):
             return []
         pairs = [(BASE, found["base"], None), (FOUND, found["final"], found["band"]["force"])]
         if plausible is not None:
-            replays = [(PLAUSIBLE, plausible["replay"]), (UPDATED, (plausible["updated"] or {}).get("replay"))]
+            replays = [
+                (NEO_HOOKE, plausible.get("neo_hooke")),
+                (PLAUSIBLE, plausible["replay"]),
+                (UPDATED, (plausible["updated"] or {}).get("replay")),
+            ]
             band = ((plausible["updated"] or {}).get("check") or {}).get("band", {}).get("force")
             pairs += [
                 (name, one, band if name == UPDATED else None)

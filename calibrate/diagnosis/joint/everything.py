@@ -111,7 +111,9 @@ class _Search:
             (_misfit(self.problem, c, some, held=False), misfit(self.problem, c, some, held=True))
             for c, some in ((self.base.c, ()), (fit.c, fit.additions))
         )
-        return Everything(fit, _shares(fit, self.widths), before_it, after_it, left, fit.dispersion)
+        return Everything(
+            fit, _shares(fit, self.widths), before_it, after_it, left, fit.dispersion, neo_hooke=self.base.c
+        )
 
     def plausible(self, found: Everything) -> Everything | None:
         """The fit of effects of which none is beyond what its prior allows: those that are go, all at once, until none is. What a more general one held

@@ -68,7 +68,8 @@ class Usable:
 class Everything:
     """The fit of all effects. shares: the most needed first; before, after: errors of the neo-Hookean base and of the fit, on what was fitted and
     on what was held out (None: nothing was). variance: of the discrepancy, over that of noise; dispersion: of the rest, 1 is noise.
-    plausible: without effects beyond their priors, None where there were none. replayed: this model by finite elements; updated: by the forces of replays; None: not asked for."""
+    plausible: without effects beyond their priors, None where there were none. replayed: this model by finite elements; updated: by the forces of replays; None: not asked for.
+    neo_hooke (n,), MPa: coefficients of the base alone; simple: its replay, which every other has to be better than."""
 
     fit: Joint
     shares: tuple[Share, ...]
@@ -79,6 +80,8 @@ class Everything:
     plausible: Everything | None = None
     replayed: Replayed | NoReplayCheck | None = None
     updated: Updated | NoReplayCheck | None = None
+    neo_hooke: Array | None = None
+    simple: Replayed | NoReplayCheck | None = None
 
     @property
     def is_updated(self) -> bool:

@@ -107,7 +107,7 @@ def everything_record(found: Everything | None) -> dict[str, Any] | None:
     return {
         "effects": shares, "fitted_and_held_out": errors, "discrepancy_over_noise": found.variance**0.5,
         "reduced_chi_square": found.dispersion, "converged": found.fit.converged, "predicts": found.predicts,
-        "plausible": everything_record(found.plausible), "replay": _replayed(found.replayed), "updated": _updated(found),
+        "plausible": everything_record(found.plausible), "replay": _replayed(found.replayed), "updated": _updated(found), "neo_hooke": _replayed(found.simple),
     }  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from studies.output.words import percent, plus_minus
 
 Table = tuple[list[str], list[list[Any]]]
 BASE, FINAL, PLAUSIBLE, UPDATED = "base model", "final model", "plausible effects", "plausible effects, updated"
+SIMPLE = "neo-Hooke"
 
 
 class ReplayCode(Macro):
@@ -83,12 +84,13 @@ def plausible_replay(found: Discovery) -> Replayed | NoReplayCheck | None:
 
 
 def predicts_better(found: Discovery) -> bool:
-    """Whether neither force nor field of what was held out is missed by more than the final model misses them, in the replay of that model."""
+    """Whether neither force nor field of what was held out is missed by more than the final model misses them, nor than neo-Hooke does, in the replay of that model."""
     one, check = plausible_replay(found), found.replay_check
-    if not isinstance(one, Replayed) or not isinstance(check, ReplayCheck):
-        return isinstance(one, Replayed)
-    other = check.final.judged
-    return not one.judged.force > other.force and one.judged.field <= other.field
+    if not isinstance(one, Replayed):
+        return False
+    others = [check.final] if isinstance(check, ReplayCheck) else []
+    others += [other for name, other in replayed_models(found) if name == SIMPLE]
+    return all(not one.judged.force > other.judged.force and one.judged.field <= other.judged.field for other in others)
 
 
 def plausible_findings(found: Discovery) -> Iterator[Finding]:
@@ -104,8 +106,13 @@ def plausible_findings(found: Discovery) -> Iterator[Finding]:
     yield _finding(
         ReplayCode.PLAUSIBLE, not better, held=bool(one.rows.held.any()), level=plus_minus(one.level.factor, INTERVAL * one.level.deviation),
         force=None if np.isnan(one.judged.force) else one.judged.force, field=one.judged.field,
-        other=None if other is None else other.to_dict(), better=better, all=found.everything.plausible is None, band=_band(found.everything.to_be_used),
+        other=None if other is None else other.to_dict(), better=better, all=found.everything.plausible is None, band=_band(found.everything.to_be_used), simple=_simple(found),
     )  # fmt: skip
+
+
+def _simple(found: Discovery) -> dict[str, Any] | None:
+    """Errors of neo-Hooke."""
+    return next((one.judged.to_dict() for name, one in replayed_models(found) if name == SIMPLE), None)
 
 
 def _band(used: Everything) -> dict[str, Any] | None:
@@ -146,11 +153,12 @@ def updated_band(found: Discovery) -> ReplayErrors | None:
 
 
 def replayed_models(found: Discovery) -> list[tuple[str, Replayed]]:
-    """Of the model that is to be used where nothing explains the test: as the equations have it, and updated; those that were replayed."""
+    """Of neo-Hooke, and of the model that is to be used where nothing explains the test: as the equations have it, and updated; those that were replayed."""
     if found.everything is None:
         return []
     used = found.everything.to_be_used
     pairs = [
+        (SIMPLE, used.simple),
         (PLAUSIBLE, used.replayed),
         (UPDATED, used.updated.replayed if isinstance(used.updated, Updated) else None),
     ]

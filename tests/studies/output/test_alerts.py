@@ -240,15 +240,15 @@ def of_plausible_replay(wrong: float = 0.0) -> Findings:
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(1.0))))
 
 
-def of_updated(converged: bool = True, after: float = 0.001) -> Findings:
+def of_updated(converged: bool = True, after: float = 0.001, simple: Any = None, wrong: float = 0.0) -> Findings:
     """Plausible effects whose replay misses 1 N of forces held out, and after an update by replays none of them."""
     errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(0.05, 0.05, 2.0, 100), None)
     fit: Any = SimpleNamespace(converged=True)
-    before, new = (check(observations(only_held(wrong))) for wrong in (1.0, 0.0))
+    before, new = (check(observations(only_held(wrong))) for wrong in (1.0, wrong))
     relaxation = Addition(Viscosity(), (0.9,), (1.2,))
     spread = Spread(Directions.of(np.ones(4), (relaxation,), np.ones((4, 1)), 1.0), 0.1 * np.eye(3))
     updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, after)), converged, check=new)
-    found = Everything(fit, (), *errors, 24.0, 1.0, replayed=before.final, updated=updated)
+    found = Everything(fit, (), *errors, 24.0, 1.0, replayed=before.final, updated=updated, simple=simple)
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(0.5))))
 
 
@@ -664,6 +664,15 @@ def test_the_model_that_replays_updated_is_the_one_to_predict_with() -> None:
     refused = {one.alert.code: one for one in of_updated(after=0.05)}
     assert refused["R616"].text.endswith("it is not used.")
     assert "no better" in refused["R614"].text
+
+
+def test_a_model_that_replays_worse_than_neo_hooke_is_not_offered() -> None:
+    """Neo-Hooke misses none of the forces that were held out, the updated model a fifth of a standard deviation, the final model half of one."""
+    findings = of_updated(simple=check(observations()).final, wrong=0.2)
+    told = next(one for one in findings if one.alert.code == "R614")
+    assert "neo-Hooke at its level" in told.text and "no better" in told.text and "model_plausible" not in told.text
+    better = of_updated(simple=check(observations(only_held(0.5))).final, wrong=0.2)
+    assert "model to predict with" in next(one.text for one in better if one.alert.code == "R614")
 
 
 def test_the_plausible_effects_are_offered_only_where_their_replay_is_better() -> None:
