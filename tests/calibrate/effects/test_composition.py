@@ -44,6 +44,15 @@ COARSE = {
 """Where second derivatives at edges, or those of fourth polynomials, converge slowly with the mesh."""
 
 
+STRIP = "unmeasured strip"
+BESIDE_A_STRIP = pytest.param(
+    STRIP,
+    marks=pytest.mark.xfail(
+        strict=True, reason="a warp is off by 0.4 %, a 3D effect by 0.3 %, on every mesh (docs/limits.md)"
+    ),
+)
+
+
 @cache
 def sheet(fine):
     chain = made_up_chain(fine=fine)
@@ -103,7 +112,7 @@ def test_signature_beside_another(name, beside):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("beside", [None, *EFFECTS])
+@pytest.mark.parametrize("beside", [None, *(name for name in EFFECTS if name != STRIP), BESIDE_A_STRIP])
 def test_every_signature_beside_every_effect(beside):
     """On a mesh of half a millimetre."""
     errors = {name: error_of_signature(name, beside, 2) for name in EFFECTS if name != beside}
