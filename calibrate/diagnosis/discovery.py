@@ -125,7 +125,7 @@ def _with_everything(
         say("plausible effects updated by the forces of their replays")
         used = replace(used, updated=check.updated(found, used))
         if used.neo_hooke is not None:
-            used = replace(used, simple=check.of_model(found, used.neo_hooke, ()))
+            used = replace(used, neo_hooke_replayed=check.of_model(found, used.neo_hooke, ()))
         everything = used if everything.plausible is None else replace(everything, plausible=used)
     return replace(found, everything=everything)
 

@@ -1,4 +1,5 @@
-"""Replays of measured sheets in their diagnoses: ``SHEET/discovery.json`` of `equigap measured`."""
+"""Replays of measured sheets in their diagnoses, and the transfer to the sheet with an inclusion: the folder of `equigap measured`, in which the loops on
+homogeneous tests need not be there."""
 
 from __future__ import annotations
 
@@ -6,30 +7,23 @@ import json
 from pathlib import Path
 from typing import Any
 
+from sheets import SHORT
+from wording import share
+
 from studies.output.words import percent
 
-SHEETS = {"Soft_Homo": "soft", "Stiff2_Homo": "stiff", "Stiff2_Hetero": "hetero"}
-KEYS = {
-    "neo-Hooke": "neo_hooke",
-    "base": "base",
-    "plausible effects": "plausible",
-    "plausible effects, updated": "updated",
-}
 COLUMNS = ["sheet", "model", "level", "force error before 15 s", "after 15 s", "half of its 95 % band", "displacements after 15 s, mm"]  # fmt: skip
+MODELS = {"neo_hooke": "neo-Hooke", "base": "base", "plausible": "plausible effects", "updated": "plausible effects, updated"}  # fmt: skip
+VARIANTS = {"neo-Hooke, fitted to the forces": "neo_hooke", "stiffness map": "map"}
 
 
 def take(folder: Path) -> dict[str, Any]:
-    """Errors of base and plausible effects, as the equations have them and updated, each at the level of its replay; of the sheets that were diagnosed."""
+    """Errors of neo-Hooke, base and plausible effects, as the equations have them and updated, each at the level of its replay; of the map of stiffness."""
     numbers: dict[str, Any] = {}
     rows: list[list[str]] = [COLUMNS]
-    for name, short in SHEETS.items():
-        path = folder / name / "discovery.json"
-        if not path.exists():
-            continue
-        found = json.loads(path.read_text())
-        numbers |= {f"{short}_{key}": value for key, value in _relaxation(found).items()}
-        for model, one, band in _models(found):
-            key = f"{short}_{KEYS[model]}"
+    for name, short in SHORT.items():
+        found = json.loads((folder / name / "discovery.json").read_text())
+        for model, (one, band) in _replays(found).items():
             values = {
                 "level": f"{one['level']:.3f}",
                 "fitted": percent(one["fitted"]["force"]),
@@ -37,8 +31,14 @@ def take(folder: Path) -> dict[str, Any]:
                 "band": "" if band is None else percent(band),
                 "mm": f"{one['judged']['field']:.3f}",
             }
-            numbers |= {f"{key}_{what}": value for what, value in values.items() if value}
-            rows.append([name, model, *values.values()])
+            numbers |= {f"{short}_{model}_{what}": value for what, value in values.items() if value}
+            rows.append([name, MODELS[model], *values.values()])
+        numbers |= {f"{short}_{key}": value for key, value in _relaxation(found).items()}
+    transfer = json.loads((folder / "steps" / "transfer_Stiff2_Hetero.json").read_text())
+    for row in transfer["rows"]:
+        if row["name"] in VARIANTS:
+            key = f"transfer_{VARIANTS[row['name']]}"
+            numbers |= {f"{key}_{kind}": share(row["held_out"][kind]) for kind in ("force", "field")}
     return {
         "command": "equigap measured",
         "how": "measured sheets, 24 pictures each; those before 15 s fitted, six held out of them compared; prior of the base, level, the rule of R614 and the update by replays committed before",
@@ -47,22 +47,31 @@ def take(folder: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _models(found: dict[str, Any]) -> list[tuple[str, dict[str, Any], float | None]]:
-    """Name, replay, and half of the band of the force error; of those that were made."""
-    check, together = found["replay"], found["all_effects"]
-    used = {} if together is None else together["plausible"] or together
-    updated = used.get("updated") or {}
-    band = ((updated.get("check") or {}).get("band") or {}).get("force")
-    own = check["band"]["force"] if check.get("base") == check.get("final") else None
-    replays = [used.get("neo_hooke"), check.get("base"), used.get("replay"), updated.get("replay")]
-    models = list(zip(KEYS, replays, (None, own, None, band), strict=True))
-    return [one for one in models if one[1] is not None and "not_made" not in one[1]]
+def _used(found: dict[str, Any]) -> dict[str, Any]:
+    """Of discovery.json what is to be used where nothing explains the test."""
+    together = found["all_effects"]
+    used: dict[str, Any] = together["plausible"] or together
+    return used
+
+
+def _replays(found: dict[str, Any]) -> dict[str, tuple[dict[str, Any], float | None]]:
+    """Replays by the keys of `MODELS`, with half of the band of the force error; those that were made."""
+    used, check = _used(found), found["replay"]
+    updated = used["updated"].get("replay") or {}
+    made = {
+        "neo_hooke": (used["neo_hooke"], None),
+        "base": (check.get("base"), check["band"]["force"] if check.get("base") == check.get("final") else None),
+        "plausible": (used["replay"], None),
+        "updated": (updated.get("final"), updated.get("band", {}).get("force")),
+    }
+    return {key: (one, band) for key, (one, band) in made.items() if one is not None and "not_made" not in one}
 
 
 def _relaxation(found: dict[str, Any]) -> dict[str, str]:
-    """g and tau, s, of the updated model, where it has any."""
-    together = found["all_effects"] or {}
-    updated = (together.get("plausible") or together).get("updated") or {}
-    branches = [one for one in updated.get("effects", ()) if one["effect"] == "viscoelasticity"]
-    return {key: value for one in branches for key, value in
-            (("g", f"{one['amplitudes'][0]:.2f}"), ("tau", f"{one['shape'][0]:.1f}"))}  # fmt: skip
+    """g and tau, s, by the equations and updated, where there is any."""
+    numbers = {}
+    for prefix, effects in (("equations_", _used(found)["effects"]), ("", _used(found)["updated"].get("effects", ()))):
+        for one in effects:
+            if one["effect"] == "viscoelasticity":
+                numbers |= {f"{prefix}g": f"{one['amplitudes'][0]:.2f}", f"{prefix}tau": f"{one['shape'][0]:.1f}"}
+    return numbers

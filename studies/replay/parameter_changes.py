@@ -1,12 +1,13 @@
-"""What the parameters of a model do to a replay, to first order.
+"""What a change of a model does to a replay, and its parameters to first order.
 
-In: a test with its rows, and the `Directions` of a model. Out: derivatives of measured minus replayed. Functions of the base, and amplitudes and shapes of the material, change
+In: a test with its rows, and the `Directions` of a model. Out: changes and derivatives of measured minus replayed. Functions of the base, and amplitudes and shapes of the material, change
 the law (`law_changes`); amplitudes of camera, clock and load cell change what was measured.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,30 +21,37 @@ from studies.replay.replay_rows import SheetRows
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Model = tuple[Array, Additions]  # coefficients (n,) and effects
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """A model of a test that was replayed, c (n,) and effects, from which another one differs; level: of the forces of both."""
+
+    test: ComparedTest
+    changes: LawChanges
+    c: Array
+    additions: Additions
+    level: float = 1.0
+
+    @cached_property
+    def _stress(self) -> Array:
+        return self.changes.stress(self.c, _solved(self.test.part.valid(self.additions)))
+
+    def to(self, c: Array, additions: Additions) -> Array:
+        """Change (k rows,) of measured minus replayed, at the same displacements."""
+        before, after = (self.test.part.valid(some) for some in (self.additions, additions))
+        scale = np.where(self.test.layout.is_force, self.level, 1.0)
+        change = -scale * self.changes.of(self.changes.stress(c, _solved(after)) - self._stress)
+        return (change + _of_correction(self.test, self.changes.rows, after, before)).ravel()
 
 
 def of_parameters(test: ComparedTest, changes: LawChanges, directions: Directions, level: float, used: Mask) -> Array:
     """Derivatives (k rows, p + k) of measured minus replayed of one test by the unknowns; zero for those that are not used (p + k,)."""
-    rows, layout = changes.rows, test.layout
-    scale = np.where(layout.is_force, level, 1.0)
-    before = changes.stress(directions.c, _solved(test.part.valid(directions.additions)))
-    columns = np.zeros((rows.measured.size, len(directions.sizes)))
-    for i in np.flatnonzero(used):
-        c, additions = directions.moved(int(i))
-        own = test.part.valid(additions)
-        change = -scale * changes.of(changes.stress(c, _solved(own)) - before)
-        if i >= directions.base.shape[1]:
-            change = change + _of_correction(test, rows, own, test.part.valid(directions.additions))
-        columns[:, i] = change.ravel() / directions.sizes[i]
+    start = Departure(test, changes, directions.c, directions.additions, level)
+    columns = np.zeros((changes.rows.measured.size, len(directions.sizes)))
+    for i in np.flatnonzero(used).tolist():
+        columns[:, i] = start.to(*directions.moved(i)) / directions.sizes[i]
     return columns
-
-
-def of_change(test: ComparedTest, changes: LawChanges, before: Model, after: Model) -> Array:
-    """Change (k rows,) of measured minus replayed of one test from one model to another, at the same displacements."""
-    (c, old), (d, new) = ((c, test.part.valid(additions)) for c, additions in (before, after))
-    change = -changes.of(changes.stress(d, _solved(new)) - changes.stress(c, _solved(old)))
-    return (change + _of_correction(test, changes.rows, new, old)).ravel()
 
 
 def _solved(additions: Additions) -> Additions:

@@ -85,39 +85,41 @@ class _Check:
         final = self.found.final
         pairs = self._with_equilibrium(self.found.problem, final, self._linearised)
         raw = observations(self.tests, [rows for rows, _ in pairs])
+        base = self._base(raw)
+        alternatives, without = self._alternatives(raw)
+        found = self._judged(pairs, spread_of(self.found.problem, final), base, alternatives)
+        base_fit, final_fit = (any(one is fit for one in self.convex) for fit in (self.found.base, final))
+        return replace(found, without=without, stand_ins=(base_fit, final_fit))
+
+    def of_updated(self, new: Updated) -> ReplayCheck:
+        """Beside the base of the diagnosis, where it was replayed. Raises what the replay raises."""
+        known = self.found.replay_check
+        base = known.base if isinstance(known, ReplayCheck) else None
+        return self._judged(self._linearised(ReplayedModel(new.c, new.present[0])), new.spread, base)
+
+    def _judged(
+        self,
+        pairs: Sequence[tuple[SheetRows, LawChanges]],
+        spread: Spread,
+        base: Replayed | None,
+        alternatives: Sequence[Alternative] = (),
+    ) -> ReplayCheck:
+        """A model at its own level, with its band. base: to be compared with, None where it is the model itself."""
+        raw = observations(self.tests, [rows for rows, _ in pairs])
         level = level_of(raw)
         rows = raw.scaled(level.factor)
-        spread = self._spread(spread_of(self.found.problem, final), [changes for _, changes in pairs], level.factor)
-        base = self._base(raw)
         base_rows = rows if base is None else base.rows
-        alternatives, without = self._alternatives(raw)
-        band = band_of(rows, base_rows, level, spread, alternatives, self._beyond(rows))
-        own = Replayed(level, level_deviation(level, rows, base_rows, spread), rows)
+        changes = self._changes(spread, [one for _, one in pairs], level.factor)
+        band = band_of(rows, base_rows, level, changes, alternatives, self._beyond(rows))
+        own = Replayed(level, level_deviation(level, rows, base_rows, changes), rows)
         judgement = replay_rule.judge(base_rows, rows, band.covariance, self.found.problem.noise_is_known)
-        names = tuple(one.names for one in alternatives)
-        base_fit, final_fit = (any(one is fit for one in self.convex) for fit in (self.found.base, final))
-        stand_ins = (base_fit, final_fit)
-        return ReplayCheck(base or own, own, band, judgement, names, without, stand_ins)
+        return ReplayCheck(base or own, own, band, judgement, tuple(one.names for one in alternatives))
 
     def at_own_level(self, model: ReplayedModel) -> Replayed:
         """Raises what the replay raises."""
         rows = observations(self.tests, [rows for rows, _ in self._linearised(model)])
         level = level_of(rows)
         return Replayed(level, level.deviation, rows.scaled(level.factor))
-
-    def of_updated(self, new: Updated) -> ReplayCheck:
-        """Beside the base of the diagnosis, with a band of its own. Raises what the replay raises."""
-        pairs = self._linearised(ReplayedModel(new.c, new.present[0]))
-        raw = observations(self.tests, [rows for rows, _ in pairs])
-        level = level_of(raw)
-        rows = raw.scaled(level.factor)
-        spread = self._spread(new.spread, [changes for _, changes in pairs], level.factor)
-        known = self.found.replay_check
-        base = known.base if isinstance(known, ReplayCheck) else Replayed(level, level.deviation, rows)
-        band = band_of(rows, base.rows, level, spread, (), self._beyond(rows))
-        own = Replayed(level, level_deviation(level, rows, base.rows, spread), rows)
-        judgement = replay_rule.judge(base.rows, rows, band.covariance, self.found.problem.noise_is_known)
-        return ReplayCheck(base, own, band, judgement)
 
     def _base(self, raw: Observations) -> Replayed | None:
         """The base at its own level; None where it is the final model."""
@@ -159,7 +161,7 @@ class _Check:
         whole = own_probability(self.found) + sum(probability for _, probability, _ in made)
         return tuple(Alternative(names, p / whole, rows) for names, p, rows in made), tuple(without)
 
-    def _spread(self, spread: Spread, changes: Sequence[LawChanges], level: float) -> Array:
+    def _changes(self, spread: Spread, changes: Sequence[LawChanges], level: float) -> Array:
         """(N, q): change of measured minus replayed along a root of the covariance of the parameters."""
         if not len(spread.root):
             return np.zeros((sum(one.rows.measured.size for one in changes), 0))

@@ -1,6 +1,6 @@
 """Replays that the parameters of a model are updated by, see `calibrate.diagnosis.replayed.updating`.
 
-In: a `Discovery` and a fit of its effects. Out: `Updated`. An effect that neither the forward model nor a correction of what was measured has is left out, and what it
+In: the `Problem` of a diagnosis and a fit of its effects. Out: `Updated`. An effect that neither the forward model nor a correction of what was measured has is left out, and what it
 does to the forces is left to the others. Only increments that were fitted are solved, and those before them that a history needs.
 """
 
@@ -21,7 +21,7 @@ from forward.errors import ForwardError
 from studies.errors import OptionError
 from studies.replay.compared_test import ComparedTest, ReplayedModel, is_solved
 from studies.replay.flat_rows import observations
-from studies.replay.parameter_changes import of_change, of_parameters
+from studies.replay.parameter_changes import Departure, of_parameters
 
 Array = NDArray[np.float64]
 EACH = 12  # increments of a test that are compared
@@ -66,10 +66,10 @@ class _Replays:
             return None
         rows = observations(self.tests, [rows for rows, _ in pairs])
         each = list(zip(self.tests, (changes for _, changes in pairs), strict=True))
+        starts = [Departure(*one, c, additions) for one in each]
 
-        def near(c: Array, others: Additions) -> Array:
-            moved = [of_change(*one, (model.c, additions), (c, others)) for one in each]
-            return rows.residual + np.concatenate(moved)
+        def near(other: Array, others: Additions) -> Array:
+            return rows.residual + np.concatenate([start.to(other, others) for start in starts])
 
         def slopes(directions: Directions) -> Array:
             every = np.ones(len(directions.sizes), bool)

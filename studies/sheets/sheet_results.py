@@ -46,17 +46,10 @@ class ReplayedErrors(Plain):
             return []
         pairs = [(BASE, found["base"], None), (FOUND, found["final"], found["band"]["force"])]
         if plausible is not None:
-            replays = [
-                (NEO_HOOKE, plausible.get("neo_hooke")),
-                (PLAUSIBLE, plausible["replay"]),
-                (UPDATED, (plausible["updated"] or {}).get("replay")),
-            ]
-            band = ((plausible["updated"] or {}).get("check") or {}).get("band", {}).get("force")
-            pairs += [
-                (name, one, band if name == UPDATED else None)
-                for name, one in replays
-                if one is not None and "not_made" not in one
-            ]
+            updated = (plausible["updated"] or {}).get("replay") or {}
+            pairs += [(name, one, None) for name, one in ((NEO_HOOKE, plausible["neo_hooke"]), (PLAUSIBLE, plausible["replay"]))
+                      if one is not None and "not_made" not in one]  # fmt: skip
+            pairs += [(UPDATED, updated["final"], updated["band"]["force"])] if updated else []
         return [
             cls(
                 name,

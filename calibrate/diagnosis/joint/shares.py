@@ -69,7 +69,7 @@ class Everything:
     """The fit of all effects. shares: the most needed first; before, after: errors of the neo-Hookean base and of the fit, on what was fitted and
     on what was held out (None: nothing was). variance: of the discrepancy, over that of noise; dispersion: of the rest, 1 is noise.
     plausible: without effects beyond their priors, None where there were none. replayed: this model by finite elements; updated: by the forces of replays; None: not asked for.
-    neo_hooke (n,), MPa: coefficients of the base alone; simple: its replay, which every other has to be better than."""
+    neo_hooke (n,), MPa: coefficients of the base alone; neo_hooke_replayed: its replay, which every other has to be better than."""
 
     fit: Joint
     shares: tuple[Share, ...]
@@ -81,25 +81,28 @@ class Everything:
     replayed: Replayed | NoReplayCheck | None = None
     updated: Updated | NoReplayCheck | None = None
     neo_hooke: Array | None = None
-    simple: Replayed | NoReplayCheck | None = None
+    neo_hooke_replayed: Replayed | NoReplayCheck | None = None
 
     @property
-    def is_updated(self) -> bool:
-        """Whether the updated model takes its place: where it meets the forces that were fitted better, and was replayed."""
+    def update_in_use(self) -> Updated | None:
+        """The updated model where it takes the place of this one: it meets the forces that were fitted better, and was replayed."""
         new = self.updated
-        return isinstance(new, Updated) and isinstance(new.replayed, Replayed) and new.after.force < new.before.force
+        if not isinstance(new, Updated) or new.replayed is None:
+            return None
+        return new if new.after.force < new.before.force else None
 
     @property
     def usable_replay(self) -> Replayed | NoReplayCheck | None:
         """Of the model to predict with."""
-        return self.updated.replayed if self.is_updated and isinstance(self.updated, Updated) else self.replayed
+        new = self.update_in_use
+        return self.replayed if new is None else new.replayed
 
     @property
     def usable(self) -> Usable:
         """The model to predict with."""
-        if self.is_updated:
-            assert isinstance(self.updated, Updated)
-            return Usable(self.updated.c, *self.updated.present, self.usable_replay)
+        new = self.update_in_use
+        if new is not None:
+            return Usable(new.c, *new.present, self.usable_replay)
         additions = self.fit.present
         deviations = tuple(self.fit.deviations[a.effect.name] for a in additions)
         return Usable(self.fit.c, additions, deviations, self.usable_replay)

@@ -71,14 +71,14 @@ def spread_of(problem: Problem, fit: Fit) -> Spread:
     if fit.additions:
         J = np.hstack([J, equations.signatures(problem, fit.chains, fit.c, fit.additions) * scale])
     information = J.T @ J / max(1.0, fit.reduced_chi_square)
-    root = _root(information)
+    root = covariance_root(information)
     if fit.additions:
         root[p:] *= _growth(root[p:], scale, fit, variables)[:, None]
         root[p:] *= scale[:, None]
     return Spread(Directions.of(fit.c, fit.additions, base, float(weights.max())), root)
 
 
-def _root(information: Array) -> Array:
+def covariance_root(information: Array) -> Array:
     """R (k, q) with R R^T the inverse of an information (k, k); what it does not constrain is held."""
     size = np.sqrt(np.diag(information))
     used = size > 0

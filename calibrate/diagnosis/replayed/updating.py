@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors, level_of
-from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
+from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread, covariance_root
 from calibrate.diagnosis.replayed.replay_rule import LOAD_CELL
 from calibrate.effects.chain import Additions
 from calibrate.equations.noise_covariance import cholesky_factor
@@ -43,7 +43,6 @@ SMALL = 1.0  # change by one more fit, in standard deviations, at which the last
 TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances
 FACTOR = 2.0  # by which the base may change in a step
 ANGLE = 0.5  # rad
-SINGULAR = 1e-12  # of the largest eigenvalue
 TRIALS = 3  # replays along a step
 
 
@@ -226,8 +225,8 @@ def update(replays: Replays, c: Array, additions: Additions, priors: Priors) -> 
         (factor, additions, replayed), trials = moved
         made += trials
     directions = Directions.of(factor * c, additions, c[:, None], factor)
-    root = _root(np.concatenate([objective.slopes(start), _reach(additions)]))
-    return Updated(Spread(directions, root), before, _errors(replayed), converged)
+    J = np.concatenate([objective.slopes(start), _reach(additions)])
+    return Updated(Spread(directions, covariance_root(J.T @ J)), before, _errors(replayed), converged)
 
 
 def _linearised(objective: _Objective, point: _Point, count: int) -> _Linearised:
@@ -269,17 +268,6 @@ def _reach(additions: Additions) -> Array:
     sizes = np.array([ANGLE if p.unit == "rad" else max(abs(value), 1e-12) for p, value in variables.parameters])
     rows = np.diag(np.concatenate([np.zeros(1), 1 / sizes]))[1:]
     return np.asarray(rows[variables.is_shape])
-
-
-def _root(J: Array) -> Array:
-    """Of the covariance of the unknowns (1 + k, q), from the information J^T J with the prior; nothing of those that change nothing."""
-    size = np.linalg.norm(J, axis=0)
-    seen = size > 0
-    values, vectors = np.linalg.eigh((J.T @ J)[np.ix_(seen, seen)] / np.outer(size[seen], size[seen]))
-    keep = values > SINGULAR * values.max()
-    found = np.zeros((len(size), int(keep.sum())))
-    found[seen] = vectors[:, keep] / np.sqrt(values[keep]) / size[seen][:, None]
-    return found
 
 
 def covariance(rows: Observations) -> Array:

@@ -107,7 +107,7 @@ def everything_record(found: Everything | None) -> dict[str, Any] | None:
     return {
         "effects": shares, "fitted_and_held_out": errors, "discrepancy_over_noise": found.variance**0.5,
         "reduced_chi_square": found.dispersion, "converged": found.fit.converged, "predicts": found.predicts,
-        "plausible": everything_record(found.plausible), "replay": _replayed(found.replayed), "updated": _updated(found), "neo_hooke": _replayed(found.simple),
+        "plausible": everything_record(found.plausible), "replay": _replayed(found.replayed), "updated": _updated(found), "neo_hooke": _replayed(found.neo_hooke_replayed),
     }  # fmt: skip
 
 
@@ -121,7 +121,7 @@ def _updated(found: Everything) -> dict[str, Any] | None:
     ]  # fmt: skip
     return {
         "effects": effects, "fitted_before": new.before.to_dict(), "fitted_after": new.after.to_dict(), "converged": new.converged, "left_out": list(new.left_out),
-        "used": found.is_updated, "replay": _replayed(new.replayed), "check": None if new.check is None else new.check.to_dict(),
+        "used": found.update_in_use is not None, "replay": None if new.check is None else new.check.to_dict(),
     }  # fmt: skip
 
 

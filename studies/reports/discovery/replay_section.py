@@ -18,7 +18,7 @@ from studies.output.words import percent, plus_minus
 
 Table = tuple[list[str], list[list[Any]]]
 BASE, FINAL, PLAUSIBLE, UPDATED = "base model", "final model", "plausible effects", "plausible effects, updated"
-SIMPLE = "neo-Hooke"
+NEO_HOOKE = "neo-Hooke"
 
 
 class ReplayCode(Macro):
@@ -89,7 +89,7 @@ def predicts_better(found: Discovery) -> bool:
     if not isinstance(one, Replayed):
         return False
     others = [check.final] if isinstance(check, ReplayCheck) else []
-    others += [other for name, other in replayed_models(found) if name == SIMPLE]
+    others += [other for name, other in replayed_models(found) if name == NEO_HOOKE]
     return all(not one.judged.force > other.judged.force and one.judged.field <= other.judged.field for other in others)
 
 
@@ -106,20 +106,20 @@ def plausible_findings(found: Discovery) -> Iterator[Finding]:
     yield _finding(
         ReplayCode.PLAUSIBLE, not better, held=bool(one.rows.held.any()), level=plus_minus(one.level.factor, INTERVAL * one.level.deviation),
         force=None if np.isnan(one.judged.force) else one.judged.force, field=one.judged.field,
-        other=None if other is None else other.to_dict(), better=better, all=found.everything.plausible is None, band=_band(found.everything.to_be_used), simple=_simple(found),
+        other=None if other is None else other.to_dict(), better=better, all=found.everything.plausible is None, band=_band(found.everything.to_be_used), neo_hooke=_neo_hooke(found),
     )  # fmt: skip
 
 
-def _simple(found: Discovery) -> dict[str, Any] | None:
+def _neo_hooke(found: Discovery) -> dict[str, Any] | None:
     """Errors of neo-Hooke."""
-    return next((one.judged.to_dict() for name, one in replayed_models(found) if name == SIMPLE), None)
+    return next((one.judged.to_dict() for name, one in replayed_models(found) if name == NEO_HOOKE), None)
 
 
 def _band(used: Everything) -> dict[str, Any] | None:
     """Of the updated model; None where it is not used, which alone has one."""
-    if not (used.is_updated and isinstance(used.updated, Updated) and used.updated.check is not None):
+    check = None if used.update_in_use is None else used.update_in_use.check
+    if check is None:
         return None
-    check = used.updated.check
     within = {f"{name}_within": None if test is None else test.p_value >= LEVEL
               for name, test in (("force", check.judgement.force), ("field", check.judgement.field))}  # fmt: skip
     return {**check.expected.to_dict(), **within}
@@ -141,8 +141,8 @@ def _updated_findings(found: Discovery) -> Iterator[Finding]:
             for name, a in named.items()
         ]  # fmt: skip
         yield _finding(
-            ReplayCode.UPDATED, not (new.converged and used.is_updated), before=new.before.force, after=new.after.force,
-            converged=new.converged, used=used.is_updated, remembered=remembered, left_out=list(new.left_out),
+            ReplayCode.UPDATED, not (new.converged and used.update_in_use), before=new.before.force, after=new.after.force,
+            converged=new.converged, used=used.update_in_use is not None, remembered=remembered, left_out=list(new.left_out),
         )  # fmt: skip
 
 
@@ -158,7 +158,7 @@ def replayed_models(found: Discovery) -> list[tuple[str, Replayed]]:
         return []
     used = found.everything.to_be_used
     pairs = [
-        (SIMPLE, used.simple),
+        (NEO_HOOKE, used.neo_hooke_replayed),
         (PLAUSIBLE, used.replayed),
         (UPDATED, used.updated.replayed if isinstance(used.updated, Updated) else None),
     ]

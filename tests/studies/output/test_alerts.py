@@ -214,41 +214,38 @@ def of_explained(**changes: Any) -> Findings:
     return remarks(seen(replace(explained(), **changes)))
 
 
-def of_everything(value: float = 0.1) -> Findings:
-    """A fit of all effects with one of this amplitude, whose prior has a standard deviation of 0.1."""
-    share = Share(SecondInvariant(), (value,), (0.01,), (0.1,), (), 500.0, 0.1)
-    errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(0.02, 0.04, 2.0, 100), None)
+def of_all(force: float = 0.05, field: float = 0.05, **changes: Any) -> Everything:
+    """A fit of all effects with these errors, neo-Hooke having 0.1 and 0.05."""
+    errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(force, field, 2.0, 100), None)
     fit: Any = SimpleNamespace(converged=True)
-    return of_nothing(everything=Everything(fit, (share,), *errors, 24.0, 1.0))
+    return replace(Everything(fit, (), *errors, 24.0, 1.0), **changes)
+
+
+def of_everything(value: float = 0.1) -> Findings:
+    """With one effect of this amplitude, whose prior has a standard deviation of 0.1."""
+    share = Share(SecondInvariant(), (value,), (0.01,), (0.1,), (), 500.0, 0.1)
+    return of_nothing(everything=of_all(0.02, 0.04, shares=(share,)))
 
 
 def of_plausible(force: float = 0.05) -> Findings:
     """The same with a second fit of this force error, neo-Hooke having 0.1."""
-    errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(force, 0.05, 2.0, 100), None)
-    fit: Any = SimpleNamespace(converged=True)
-    found = Everything(fit, (), *errors, 24.0, 1.0)
     share = Share(SecondInvariant(), (0.9,), (0.01,), (0.1,), (), 500.0, 0.1)
-    return of_nothing(everything=replace(found, shares=(share,), plausible=found))
+    return of_nothing(everything=of_all(force, shares=(share,), plausible=of_all(force)))
 
 
 def of_plausible_replay(wrong: float = 0.0) -> Findings:
     """Plausible effects that were replayed, with forces held out wrong by so much, N, beside a final model that is replayed with 1 N."""
-    errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(0.05, 0.05, 2.0, 100), None)
-    fit: Any = SimpleNamespace(converged=True)
-    replayed = check(observations(only_held(wrong))).final
-    found = Everything(fit, (), *errors, 24.0, 1.0, replayed=replayed)
+    found = of_all(replayed=check(observations(only_held(wrong))).final)
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(1.0))))
 
 
-def of_updated(converged: bool = True, after: float = 0.001, simple: Any = None, wrong: float = 0.0) -> Findings:
+def of_updated(converged: bool = True, after: float = 0.001, neo_hooke: Any = None, wrong: float = 0.0) -> Findings:
     """Plausible effects whose replay misses 1 N of forces held out, and after an update by replays none of them."""
-    errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(0.05, 0.05, 2.0, 100), None)
-    fit: Any = SimpleNamespace(converged=True)
     before, new = (check(observations(only_held(wrong))) for wrong in (1.0, wrong))
     relaxation = Addition(Viscosity(), (0.9,), (1.2,))
     spread = Spread(Directions.of(np.ones(4), (relaxation,), np.ones((4, 1)), 1.0), 0.1 * np.eye(3))
     updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, after)), converged, check=new)
-    found = Everything(fit, (), *errors, 24.0, 1.0, replayed=before.final, updated=updated, simple=simple)
+    found = of_all(replayed=before.final, updated=updated, neo_hooke_replayed=neo_hooke)
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(0.5))))
 
 
@@ -328,28 +325,11 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.replay_beyond": lambda: of_nothing(replay_check=check(observations(), beyond=0.5)),
     "discovery.plausible_replayed": of_plausible_replay,
     "discovery.plausible_not_replayed": lambda: of_nothing(
-        everything=Everything(
-            SimpleNamespace(converged=True),  # type: ignore[arg-type]
-            (),
-            (Misfit(0.1, 0.05, 9.0, 100), None),
-            (Misfit(0.05, 0.05, 2.0, 100), None),
-            24.0,
-            1.0,
-            replayed=NoReplayCheck("unmeasured strip: no law has it"),
-        )
+        everything=of_all(replayed=NoReplayCheck("unmeasured strip: no law has it"))
     ),
     "discovery.plausible_updated": of_updated,
     "discovery.plausible_not_updated": lambda: of_nothing(
-        everything=Everything(
-            SimpleNamespace(converged=True),  # type: ignore[arg-type]
-            (),
-            (Misfit(0.1, 0.05, 9.0, 100), None),
-            (Misfit(0.05, 0.05, 2.0, 100), None),
-            24.0,
-            1.0,
-            replayed=check(observations()).final,
-            updated=NoReplayCheck("no force of an increment that was fitted is known"),
-        )
+        everything=of_all(replayed=check(observations()).final, updated=NoReplayCheck("no force is known"))
     ),
     "discovery.plane_strain": lambda: with_patch("bulk_modulus", lambda problem, fit: (100.0, 5.0)),
 }
@@ -668,10 +648,10 @@ def test_the_model_that_replays_updated_is_the_one_to_predict_with() -> None:
 
 def test_a_model_that_replays_worse_than_neo_hooke_is_not_offered() -> None:
     """Neo-Hooke misses none of the forces that were held out, the updated model a fifth of a standard deviation, the final model half of one."""
-    findings = of_updated(simple=check(observations()).final, wrong=0.2)
+    findings = of_updated(neo_hooke=check(observations()).final, wrong=0.2)
     told = next(one for one in findings if one.alert.code == "R614")
     assert "neo-Hooke at its level" in told.text and "no better" in told.text and "model_plausible" not in told.text
-    better = of_updated(simple=check(observations(only_held(0.5))).final, wrong=0.2)
+    better = of_updated(neo_hooke=check(observations(only_held(0.5))).final, wrong=0.2)
     assert "model to predict with" in next(one.text for one in better if one.alert.code == "R614")
 
 

@@ -121,8 +121,11 @@ def test_a_trial_runs_and_goes_on_where_it_was(tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True, reason="15.9: the offset is hidden, too, and since the base has a prior more of it is seen"
+)
 def test_an_effect_may_get_its_score_from_another(tmp_path):
-    """A force offset, hidden too, stands in for a second invariant that is not in the model yet; beside it hardly anything of its score is left."""
+    """A force offset stands in for a second invariant that is not in the model yet; beside it nothing is left."""
     blind_data.write(draw(9015, "second invariant", "force offset"), tmp_path)
     experiment = Experiment.load(tmp_path / "experiment.npz")
     problem, base = base_fit.prepare([experiment], [HoldOut().training])
@@ -130,4 +133,4 @@ def test_an_effect_may_get_its_score_from_another(tmp_path):
     alone = next(s.score for s in scores if s.effect == ForceOffset())
     beside = blind_case.beside(tmp_path)
     assert alone > 1000 and beside["second invariant"] > 1000
-    assert beside["force offset"] < 0.02 * alone
+    assert beside["force offset"] < 10
