@@ -38,15 +38,13 @@ Start = tuple[Array, Additions]  # base and effects
 NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
 # left out: ten smooth amplitudes without a law are a second discrepancy, and neither can be told from the other
 SMOOTH = {"initial warp"}
-MOST = 60  # increments of a test with a memory: derivatives of several histories at once take memory that grows faster than they do
 FIRST, STEPS = 5, 30  # steps from every start, and from the best
 
 
 def fit_everything(
     problem: Problem, effects: Sequence[Effect], priors: Priors, say: Say = lambda text: None
 ) -> Everything:
-    """Of the training rows of a problem, with its weights. Raises `FitError` where a fit has no finite start, nothing can be tested, or a test has too
-    many increments."""
+    """Of the training rows of a problem, with its weights. Raises `FitError` where a fit has no finite start or nothing can be tested."""
     problem = simple_base(problem)
     effects = [effect for effect in effects if effect.name not in SMOOTH]
     base = effect_fit.refit(problem, base_functions.first_guess([part.assembled for part in problem.trained]), ())
@@ -54,11 +52,6 @@ def fit_everything(
     additions = candidates(list(scores.values()), [name for name, general in NESTED.items() if general in scores])
     if not additions:
         raise errors.FitError("no effect of the catalogue can be tested with these data, so that none can be fitted")
-    longest = max(part.experiment.n_increments for part in problem.parts)
-    if longest > MOST and any(a.effect.remembers for a in additions):
-        raise errors.FitError(
-            f"{longest} increments need more memory than a computer may have where effects have a history; give at most {MOST}"
-        )
     widths = {name: prior_deviations(problem, score.effect, priors) for name, score in scores.items()}
     search = _Search(problem, base, scores, widths, discrepancy.directions(problem), say)
     found = search.to_the_end(search.best_start(additions))

@@ -35,8 +35,9 @@ class Directions:
     @classmethod
     def of(cls, c: Array, additions: Additions, base: Array, stiffness: float) -> Directions:
         """stiffness: the largest weight of a column of the base."""
-        scale = Variables(additions).scale if additions else np.zeros(0)
-        return cls(c, additions, base, STEP * np.concatenate([np.full(base.shape[1], stiffness), scale]))
+        return cls(
+            c, additions, base, STEP * np.concatenate([np.full(base.shape[1], stiffness), Variables(additions).scale])
+        )
 
     def moved(self, i: int) -> tuple[Array, Additions]:
         """Coefficients (n,) and effects with the i-th unknown larger by its size."""

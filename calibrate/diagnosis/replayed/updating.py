@@ -213,16 +213,16 @@ def update(replays: Replays, c: Array, additions: Additions, priors: Priors) -> 
     if not _used(replayed.rows).any():
         raise FitError("no force of an increment that was fitted is known, so that no model can be updated by forces")
     lower, before = cholesky_factor(covariance(replayed.rows)), _errors(replayed)
-    factor, converged, made = 1.0, False, 1
+    factor, made = 1.0, 1
     while True:
         objective = _Objective(replayed, c, priors, lower)
         start = objective.of(factor, additions, replayed.rows.residual)
         end = gauss_newton.minimise(partial(_linearised, objective), start, Damping(), STEPS).point
         converged = bool(np.linalg.norm(end.r - start.r) < SMALL)
-        moved = None if converged else _along(partial(_trial, replays, objective), start, end, REPLAYS - made)
+        moved = None if converged else _along(replays, objective, start, end, REPLAYS - made)
         if moved is None:
             break
-        (factor, additions, replayed), trials = moved
+        factor, additions, replayed, trials = moved
         made += trials
     directions = Directions.of(factor * c, additions, c[:, None], factor)
     J = np.concatenate([objective.slopes(start), _reach(additions)])
@@ -233,26 +233,18 @@ def _linearised(objective: _Objective, point: _Point, count: int) -> _Linearised
     return _Linearised(objective, point)
 
 
-Trial = tuple[float, Additions, ReplayedRows]
-
-
-def _trial(replays: Replays, objective: _Objective, factor: float, additions: Additions) -> tuple[Trial, float] | None:
-    """A law replayed, and its objective."""
-    replayed = replays(factor * objective.c, additions)
-    if replayed is None:
-        return None
-    return (factor, additions, replayed), objective.of(factor, additions, replayed.rows.residual).objective
-
-
 def _along(
-    trial: Callable[[float, Additions], tuple[Trial, float] | None], start: _Point, end: _Point, most: int
-) -> tuple[Trial, int] | None:
-    """The first replay on the way back from the end whose objective is below that of the start, and how many it took; None without one."""
+    replays: Replays, objective: _Objective, start: _Point, end: _Point, most: int
+) -> tuple[float, Additions, ReplayedRows, int] | None:
+    """Factor, effects and their replay, the first on the way back from the end whose objective is below that of the start, and how many replays that took; None without one."""
     for k in range(min(TRIALS, most)):
         values = start.values + 0.5**k * (end.values - start.values)
-        made = trial(float(values[0]), Variables(start.additions).at(values[1:]))
-        if made is not None and made[1] < start.objective:
-            return made[0], k + 1
+        factor, additions = float(values[0]), Variables(start.additions).at(values[1:])
+        replayed = replays(factor * objective.c, additions)
+        if replayed is None:
+            continue
+        if objective.of(factor, additions, replayed.rows.residual).objective < start.objective:
+            return factor, additions, replayed, k + 1
     return None
 
 

@@ -22,8 +22,8 @@ PRIORS = {
 
 def ramp(c: np.ndarray, additions: tuple[Addition, ...]) -> np.ndarray:
     """Forces (t,) of a ramp of unit rate: linear viscoelasticity, and an effect that no force of this test sees."""
-    (visco,) = [a for a in additions if a.effect.name == "viscoelasticity"]
-    (g,), (tau,) = visco.amplitudes, visco.shape
+    visco = [a for a in additions if a.effect.name == "viscoelasticity"]
+    (g,), (tau,) = (visco[0].amplitudes, visco[0].shape) if visco else ((0.0,), (1.0,))
     return c[0] * (TIMES + g * tau * (1 - np.exp(-TIMES / tau)))
 
 
@@ -122,3 +122,11 @@ def test_a_shape_that_forces_do_not_see_is_uncertain_by_itself():
     priors = PRIORS | {"viscoelasticity": (np.zeros(1), np.full(1, 1e-9))}
     found = update(Replays(), np.array([1.5]), start(0.0, 3.0), priors)
     assert np.linalg.norm(found.spread.root[2]) == pytest.approx(3.0, rel=1e-3)
+
+
+def test_without_effects_the_base_alone_is_updated():
+    """The factor that meets the forces best, by their weights."""
+    found = update(Replays(), np.array([1.5]), (), PRIORS)
+    variance = 1e-6 + (0.005 * TRUE) ** 2
+    assert found.c[0] == pytest.approx((TRUE * TIMES / variance).sum() / (TIMES**2 / variance).sum(), rel=1e-6)
+    assert found.present == ((), ())

@@ -232,6 +232,14 @@ def test_relaxation_is_three_dimensional(chain, mode, stretch, too_small):
         assert 1 - condensed / found[0] == pytest.approx(too_small, abs=0.006)
 
 
+def test_the_program_of_a_history_does_not_grow_with_its_increments():
+    """Unrolled, 119 increments took two minutes and 10 GB to compile."""
+    sizes = [
+        len(jax.make_jaxpr(convolved)(np.ones((t, 3, 2, 2)), np.linspace(0.1, 1, t), 0.5).eqns) for t in (5, 100)
+    ]
+    assert sizes[0] == sizes[1]
+
+
 def test_an_offset_points_along_the_largest_force(chain):
     """Not along the last one, which after unloading may be anything."""
     loads = jnp.array([[[2.0], [0.0]], [[4.0], [3.0]], [[-0.1], [0.0]]])
