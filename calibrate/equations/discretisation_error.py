@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from calibrate.data.load_path import turning_points
 from calibrate.data.triangulation import unique_edges
@@ -28,7 +29,7 @@ from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
 
 Array = NDArray[np.float64]
-NEGLIGIBLE = 1e-9  # variance of a source over that of the largest
+NEGLIGIBLE = 1e-9  # variance that is left of an equation, over the largest of any
 KEPT = 0.99  # share of the squared corrections; the smallest are left out
 REMAINDER = 0.2  # of a discretisation error, that a twin misses: docs/discover_method.md, "Weights"
 
@@ -138,10 +139,16 @@ def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
     for group in (corrections.groups, corrections.kinds):
         together = single @ np.eye(group.max(initial=0) + 1)[group]
         covariance += together @ together.T
-    values, vectors = np.linalg.eigh(covariance)
-    keep = values > NEGLIGIBLE * max(values.max(initial=0.0), 1e-300)
-    columns = vectors[:, keep] * np.sqrt(values[keep])
+    columns = _root(covariance)
     return np.tensordot(shares, columns.reshape(len(chosen), -1, columns.shape[1]), 1)
+
+
+def _root(covariance: Array) -> Array:
+    """Columns (r, k), as many as it has a rank, whose products make a covariance (r, r): Cholesky with pivots (LAPACK's dpstrf)."""
+    lower, order, rank, _ = lapack.dpstrf(covariance, lower=1, tol=NEGLIGIBLE * covariance.diagonal().max(initial=0.0))
+    columns = np.zeros((len(covariance), rank))
+    columns[order - 1] = np.tril(lower)[:, :rank]
+    return columns
 
 
 def remainder(system: Equilibrium, basis: Basis, c: Array, twin: Array) -> Array:

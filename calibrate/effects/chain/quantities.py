@@ -22,7 +22,8 @@ CURVED = "mean deformation"  # (t, m, 2, 2), of which the stress is the mean ove
 VOLUME = "volume ratio"  # J (t, m)
 DEFORMATION = "deformation of laws"  # (t, m, 2, 2), of an incompressible sheet
 STRESS = "stress"  # P (t, m, 2, 2), MPa
-CURVED_BESIDE = "mean deformation of the strip"  # (t, m, 2, 2), in the strip beside the measured region
+ELASTIC_BESIDE = "elastic deformation gradients of the strip"  # (t, m, 2, 2), in the strip beside the measured region
+CURVED_BESIDE = "mean deformation of the strip"  # (t, m, 2, 2)
 STRESS_BESIDE = "stress of the strip"  # P (t, m, 2, 2), MPa
 LOADS = "loads"  # (t, 2, b), N, as effects correct them
 

@@ -24,6 +24,7 @@ from calibrate.effects.chain.quantities import (
     CURVED_BESIDE,
     DEFORMATION,
     ELASTIC,
+    ELASTIC_BESIDE,
     GRADIENTS,
     STRESS,
     STRESS_BESIDE,
@@ -89,16 +90,27 @@ def material_stages(base: Base, additions: Additions) -> Stages:
         found.append(Stage(motion.MeanDeformation(effect), (a,), (place,), names))
     found += _material(base, additions, names)
     found += [Stage(stress.MeanStress(effect), (a,), (place,), names) for place, a, effect in thick]
-    for place, a, strip in _of(UnmeasuredStrip, additions):
-        found.append(Stage(motion.StripDeformation(strip), (a,), (place,), names))
-        found += _material(base, additions, _inside_strip(names))
-        found.append(Stage(stress.WithStrip(strip), (a,), (place,)))
+    for one in _of(UnmeasuredStrip, additions):
+        found += _strip(base, additions, names, *one)
     return (*found, *([Stage(stress.MeasuredReference())] if moved_places else []))
 
 
 def are_local(additions: Additions) -> bool:
     """Whether `material_stages` act in every triangle for itself, as all do but those of the thickness."""
     return not _of(Thickness, additions)
+
+
+def _strip(base: Base, additions: Additions, names: Names, place: int, a: Addition, strip: UnmeasuredStrip) -> Stages:
+    """The load of the strip beside the measured region: the same sheet at the deformation there."""
+    beside = _inside_strip(names)
+    found = [Stage(motion.StripDeformation(strip), (a,), (place,), names), *_material(base, additions, beside)]
+    for of_thickness, thick, effect in _of(Thickness, additions):
+        elastic = {CURVED: ELASTIC, CURVED_BESIDE: ELASTIC_BESIDE}
+        found.append(Stage(motion.StripDeformation(strip), (a,), (place,), elastic))
+        found.append(
+            Stage(stress.MeanStress(effect), (thick,), (of_thickness,), {**beside, ELASTIC: ELASTIC_BESIDE})
+        )
+    return (*found, Stage(stress.WithStrip(strip), (a,), (place,)))
 
 
 def _inside_strip(names: Names) -> Names:
