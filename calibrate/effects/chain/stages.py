@@ -107,9 +107,7 @@ def _strip(base: Base, additions: Additions, names: Names, place: int, a: Additi
     for of_thickness, thick, effect in _of(Thickness, additions):
         elastic = {CURVED: ELASTIC, CURVED_BESIDE: ELASTIC_BESIDE}
         found.append(Stage(motion.StripDeformation(strip), (a,), (place,), elastic))
-        found.append(
-            Stage(stress.MeanStress(effect), (thick,), (of_thickness,), {**beside, ELASTIC: ELASTIC_BESIDE})
-        )
+        found.append(Stage(stress.MeanStress(effect), (thick,), (of_thickness,), {**beside, ELASTIC: ELASTIC_BESIDE}))
     return (*found, Stage(stress.WithStrip(strip), (a,), (place,)))
 
 

@@ -234,9 +234,7 @@ def test_relaxation_is_three_dimensional(chain, mode, stretch, too_small):
 
 def test_the_program_of_a_history_does_not_grow_with_its_increments():
     """Unrolled, 119 increments took two minutes and 10 GB to compile."""
-    sizes = [
-        len(jax.make_jaxpr(convolved)(np.ones((t, 3, 2, 2)), np.linspace(0.1, 1, t), 0.5).eqns) for t in (5, 100)
-    ]
+    sizes = [len(jax.make_jaxpr(convolved)(np.ones((t, 3, 2, 2)), np.linspace(0.1, 1, t), 0.5).eqns) for t in (5, 100)]
     assert sizes[0] == sizes[1]
 
 
