@@ -50,12 +50,11 @@ from studies.reports.alert_table import alert_lines
 from studies.reports.discovery.discovery_findings import no_time
 from studies.reports.discovery.discovery_findings import remarks as all_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
-from studies.reports.discovery.replay_section import predicts_better
+from studies.reports.discovery.replay_section import ALL_EFFECTS, PLAUSIBLE_FILE, predicts_better, to_predict_with
 from studies.reports.discovery.report import write
-from studies.reports.discovery.statement import network_words, reservations, verdict
+from studies.reports.discovery.statement import network_words, use_of_models, verdict
 from studies.reports.discovery.view import View
 
-ALL_EFFECTS, PLAUSIBLE = "model_all_effects.json", "model_plausible.json"  # files
 INTERVAL = 20.0  # s between lines of progress in a log
 
 
@@ -93,11 +92,11 @@ class Discovered(Outcome):
     def lines(self) -> Iterable[str]:
         """The verdict, what to know of it, and the files."""
         yield f"{verdict(self.view)}."
-        yield from reservations(self.view)
+        yield from use_of_models(self.view)
         yield from alert_lines(all_remarks(self.view))
         found = self.view.discovery
         if predicts_better(found):
-            yield f"to predict with: {self.folder / (PLAUSIBLE if found.everything and found.everything.plausible else ALL_EFFECTS)}"
+            yield f"to predict with: {self.folder / to_predict_with(found)}"
         yield f"model: {self.folder / 'model.json'}"
         yield f"report: {self.report}"
 
@@ -234,7 +233,9 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
 
 def of_all_effects(found: Discovery, hold_out: str, record: dict[str, Any]) -> dict[str, ExtendedModel]:
     """Fits of all effects, and of the plausible ones, as model files without a network, by their names; those that were made."""
-    fits = {} if found.everything is None else {ALL_EFFECTS: found.everything, PLAUSIBLE: found.everything.plausible}
+    fits = (
+        {} if found.everything is None else {ALL_EFFECTS: found.everything, PLAUSIBLE_FILE: found.everything.plausible}
+    )
     return {name: _without_network(found, one, hold_out, record) for name, one in fits.items() if one is not None}
 
 

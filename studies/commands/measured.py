@@ -20,13 +20,14 @@ from cyclopts import Parameter
 from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import Count, OutputFolder, Overwrite, Positive, default_folder
 from studies.commandline.outcome import Outcome
-from studies.commands.discover import ALL_EFFECTS, PLAUSIBLE, Diagnosis, Stages, discover
+from studies.commands.discover import Diagnosis, Stages, discover
 from studies.commands.import_data import Frames, NoiseChoice, import_experiment
 from studies.commands.transfer import transfer
 from studies.importers import measured_data
 from studies.output import Manifest, open_output_folder
 from studies.output.plain import StepResult
 from studies.output.writing import write_json
+from studies.reports.discovery.replay_section import ALL_EFFECTS, PLAUSIBLE_FILE
 from studies.sheets import measured_control
 from studies.sheets.homogeneous import measured_homogeneous
 from studies.sheets.homogeneous.homogeneous_loops import Loop, loops
@@ -154,7 +155,7 @@ class Steps:
 
     def transferred(self, name: str) -> TransferResult:
         """What `equigap transfer` says of a sheet with the first one's model: with all effects, where that was fitted."""
-        candidates = [self.folder / SHEETS[0] / file for file in (PLAUSIBLE, ALL_EFFECTS, "model.json")]
+        candidates = [self.folder / SHEETS[0] / file for file in (PLAUSIBLE_FILE, ALL_EFFECTS, "model.json")]
         model = next(path for path in candidates if path.exists())
         output = self.folder / f"transfer_{name}"
         done = transfer(model, self.sheet(name), hold_out=self.options.hold_out, output=output, overwrite=True)

@@ -61,12 +61,13 @@ class Alternatives:
 
 
 class Finding(StrEnum):
-    """What a test shows of an effect; open: significant, but not in the model."""
+    """What a test shows of an effect; open: significant, but not in the model; undecided: a limit beside a model that leaves more than noise is none."""
 
     FOUND = "found"
     OPEN = "significant, not in the model"
     EXCLUDED = "excluded above"
     INVISIBLE = "invisible in this test"
+    UNDECIDED = "undecided, as the model leaves more than noise"
     MEASURED = "measured otherwise"
 
 
@@ -87,6 +88,11 @@ class Power:
     def needed(self) -> str:
         """What would show it."""
         return ", ".join(self.missing) or self.effect.decided_by
+
+    @property
+    def beside_a_misfit(self) -> Power:
+        """Of a model that leaves more than noise: what it excludes may be part of that."""
+        return replace(self, finding=Finding.UNDECIDED, limit=None) if self.finding is Finding.EXCLUDED else self
 
 
 @dataclass(frozen=True, eq=False)

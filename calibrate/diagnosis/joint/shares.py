@@ -113,8 +113,13 @@ class Everything:
         return self.plausible or self
 
     @property
-    def predicts(self) -> bool:
-        """Whether neither force nor field error of what was held out (fitted, where nothing was) is larger than that of the base."""
+    def worse(self) -> tuple[str, ...]:
+        """Which error of what was held out (fitted, where nothing was) is larger than that of the base: of 'force' and 'field'."""
         pairs = [(a, b) for a, b in zip(self.before, self.after, strict=True) if a is not None and b is not None]
         before, after = pairs[-1]
-        return after.field <= before.field and not after.force > before.force
+        return tuple(name for name in ("force", "field") if getattr(after, name) > getattr(before, name))
+
+    @property
+    def predicts(self) -> bool:
+        """Whether neither is."""
+        return not self.worse

@@ -62,12 +62,13 @@ Replays = Callable[[Array, Additions], ReplayedRows | None]  # None where there 
 @dataclass(frozen=True, eq=False)
 class Updated:
     """A model after it was updated: spread: its coefficients, effects and their covariance. before, after: errors of the increments that were fitted, each at its own level. converged: whether one more fit
-    would change nothing that matters. left_out: effects that finite elements do not have. check: its replay beside that of the base of the diagnosis, with band and what was held out."""
+    would change nothing that matters. forces: how many were fitted. left_out: effects that finite elements do not have. check: its replay beside that of the base of the diagnosis, with band and what was held out."""
 
     spread: Spread
     before: ReplayErrors
     after: ReplayErrors
     converged: bool
+    forces: int
     left_out: tuple[str, ...] = ()
     check: ReplayCheck | None = None
 
@@ -84,11 +85,19 @@ class Updated:
     @property
     def deviations(self) -> tuple[tuple[float, ...], ...]:
         """Of every amplitude."""
-        own, found, start = np.linalg.norm(self.spread.root, axis=1), [], 1
-        for a in self.additions:
-            found.append(tuple(map(float, own[start : start + len(a.amplitudes)])))
-            start += len(a.amplitudes) + len(a.shape)
-        return tuple(found)
+        return tuple(own[: len(a.amplitudes)] for a, own in zip(self.additions, self._deviations, strict=True))
+
+    @property
+    def shape_deviations(self) -> tuple[tuple[float, ...], ...]:
+        """Of every shape."""
+        return tuple(own[len(a.amplitudes) :] for a, own in zip(self.additions, self._deviations, strict=True))
+
+    @property
+    def _deviations(self) -> tuple[tuple[float, ...], ...]:
+        """Of amplitudes and shapes of each effect."""
+        sizes = [len(a.amplitudes) + len(a.shape) for a in self.additions]
+        own = np.linalg.norm(self.spread.root, axis=1)[1:]
+        return tuple(tuple(map(float, some)) for some in np.split(own, np.cumsum(sizes)[:-1])) if sizes else ()
 
     @property
     def replayed(self) -> Replayed | None:
@@ -226,7 +235,8 @@ def update(replays: Replays, c: Array, additions: Additions, priors: Priors) -> 
         made += trials
     directions = Directions.of(factor * c, additions, c[:, None], factor)
     J = np.concatenate([objective.slopes(start), _reach(additions)])
-    return Updated(Spread(directions, covariance_root(J.T @ J)), before, _errors(replayed), converged)
+    spread = Spread(directions, covariance_root(J.T @ J))
+    return Updated(spread, before, _errors(replayed), converged, int(_used(replayed.rows).sum()))
 
 
 def _linearised(objective: _Objective, point: _Point, count: int) -> _Linearised:

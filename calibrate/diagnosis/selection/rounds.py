@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.evidence.explanations import Weighing
+from calibrate.diagnosis.evidence.explanations import Power, Weighing
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.misfit import Misfit
@@ -189,6 +189,12 @@ class Discovery:
     without_twin: tuple[str, ...] = ()
     own: tuple[OwnEffect, ...] = ()
     replay_check: ReplayCheck | NoReplayCheck | None = field(default=None, repr=False)
+
+    @property
+    def powers(self) -> tuple[Power, ...]:
+        """What the test shows of every effect; nothing where explanations were not weighed."""
+        found = () if self.weighing is None else self.weighing.powers
+        return tuple(one.beside_a_misfit for one in found) if self.verdict is Verdict.NOT_EXPLAINED else found
 
     @property
     def base(self) -> Fit:

@@ -142,11 +142,11 @@ def _of_all_effects(view: View) -> Iterator[Finding]:
     """Of fits that have a base of their own, whatever the forces of the final model are."""
     if view.discovery.everything is not None:
         data = everything_data(view.discovery.everything)
-        yield _finding(DiscoveryCode.EVERYTHING, bool(data["implausible"]) or not data["predicts"], **data)
+        yield _finding(DiscoveryCode.EVERYTHING, bool(data["implausible"] or data["worse"]), **data)
         if view.discovery.everything.plausible is not None:
             data = everything_data(view.discovery.everything.plausible)
-            keys = ("needed", "held", "predicts", "before", "after")
-            yield _finding(DiscoveryCode.PLAUSIBLE, not data["predicts"], **{key: data[key] for key in keys})
+            keys = ("needed", "held", "worse", "before", "after")
+            yield _finding(DiscoveryCode.PLAUSIBLE, bool(data["worse"]), **{key: data[key] for key in keys})
         yield from plausible_findings(view.discovery)
     if view.discovery.without_everything:
         yield _finding(DiscoveryCode.WITHOUT_EVERYTHING, reason=view.discovery.without_everything)

@@ -54,15 +54,15 @@ def updated_table(found: Everything, unit: str) -> Table | None:
         return None
     own = {one.effect.name: one for one in found.shares}
     rows: list[list[Any]] = []
-    for a, deviations in zip(new.additions, new.deviations, strict=True):
+    for a, deviations, of_shapes in zip(new.additions, new.deviations, new.shape_deviations, strict=True):
         share = own[a.effect.name]
         for p, old, old_deviation, value, deviation in zip(
             a.effect.amplitudes, share.amplitudes, share.deviations, a.amplitudes, deviations, strict=True
         ):
             pair = (plus_minus(old, BAND * old_deviation), plus_minus(value, BAND * deviation))
             rows.append([a.effect.name, _symbol(p.name, amplitude_unit(p, unit)), *pair])
-        for p, old, value in zip(a.effect.shapes, share.shape, a.shape, strict=True):
-            rows.append([a.effect.name, _symbol(p.name, p.unit), f"{old:.3g}", f"{value:.3g}"])
+        for p, old, value, deviation in zip(a.effect.shapes, share.shape, a.shape, of_shapes, strict=True):
+            rows.append([a.effect.name, _symbol(p.name, p.unit), f"{old:.3g}", plus_minus(value, BAND * deviation)])
     return ["effect", "amplitude or shape", "by the equations", "updated"], rows
 
 
@@ -81,7 +81,7 @@ def everything_data(found: Everything) -> dict[str, Any]:
         "needed": [one.effect.name for one in seen if not one.is_far],
         "implausible": [one.effect.name for one in seen if one.is_far],
         "held": bool(which),
-        "predicts": found.predicts,
+        "worse": list(found.worse),
         "before": {"force": before.force, "field": before.field},
         "after": {"force": after.force, "field": after.field},
         "smooth": float((1 + found.variance) ** 0.5),
@@ -116,11 +116,11 @@ def _updated(found: Everything) -> dict[str, Any] | None:
     if not isinstance(new, Updated):
         return None if new is None else {"not_made": new.reason}
     effects = [
-        {"effect": a.effect.name, "amplitudes": list(a.amplitudes), "standard_deviations": list(d), "shape": list(a.shape)}
-        for a, d in zip(new.additions, new.deviations, strict=True)
+        {"effect": a.effect.name, "amplitudes": list(a.amplitudes), "standard_deviations": list(d), "shape": list(a.shape), "shape_standard_deviations": list(s)}
+        for a, d, s in zip(new.additions, new.deviations, new.shape_deviations, strict=True)
     ]  # fmt: skip
     return {
-        "effects": effects, "fitted_before": new.before.to_dict(), "fitted_after": new.after.to_dict(), "converged": new.converged, "left_out": list(new.left_out),
+        "effects": effects, "fitted_before": new.before.to_dict(), "fitted_after": new.after.to_dict(), "converged": new.converged, "forces": new.forces, "left_out": list(new.left_out),
         "used": found.update_in_use is not None, "replay": None if new.check is None else new.check.to_dict(),
     }  # fmt: skip
 

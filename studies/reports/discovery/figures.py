@@ -12,12 +12,15 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.problem import Part
+from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
+from calibrate.diagnosis.replayed.observations import Observations
 from calibrate.diagnosis.selection.rounds import Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects.chain import Addition
 from calibrate.models.addition_json import amplitude_unit
 from studies.output import style
 from studies.reports.discovery.candidate_outcome import WORDS
+from studies.reports.discovery.replay_section import BASE, FINAL, NEO_HOOKE, PLAUSIBLE, UPDATED, replayed_models
 from studies.reports.discovery.view import BAND, View, decorrelated, held_increments, nodal
 from studies.reports.force_record import COMPONENTS, worth_drawing
 
@@ -25,8 +28,11 @@ Array = NDArray[np.float64]
 HELD_OUT = "0.9"
 LEVELS = (0, 1, 1.5, 2, 3, 5, 10, 20, 50, 100)
 LOOKS = {
-    "base model": {"color": style.COLOURS["vermilion"], "linestyle": "--", "marker": "x", "ms": 4},
-    "final model": {"color": style.COLOURS["blue"], "linestyle": "-", "marker": ".", "ms": 5},
+    BASE: {"color": style.COLOURS["vermilion"], "linestyle": "--", "marker": "x", "ms": 4},
+    FINAL: {"color": style.COLOURS["blue"], "linestyle": "-", "marker": ".", "ms": 5},
+    NEO_HOOKE: {"color": "0.5", "linestyle": ":", "marker": "+", "ms": 5},
+    PLAUSIBLE: {"color": style.COLOURS["orange"], "linestyle": "-.", "marker": "^", "ms": 3},
+    UPDATED: {"color": style.COLOURS["green"], "linestyle": "-", "marker": "s", "ms": 3},
 }
 
 
@@ -38,7 +44,8 @@ def residual_map(view: View, part: Part) -> Figure:
     maps = {name: nodal(part, decorrelated(problem, part, fit)) for name, fit in view.models.items()}
     width, height = np.ptp(part.experiment.points, axis=0)
     panel = 2.6 * min(1.5, max(0.4, height / width))
-    titles = [f"increment {i + 1}" for i in chosen] + ["root mean square of all"]
+    held = held_increments(part)
+    titles = [f"increment {i + 1}{' (held out)' if held[i] else ''}" for i in chosen] + ["root mean square of all"]
     titles = titles if t > 1 else titles[:1]
     points = part.experiment.points
     mesh = Triangulation(points[:, 0], points[:, 1], part.experiment.triangles)
@@ -171,8 +178,56 @@ def _intervals(
     ax.set_xlabel("amplitude" + ("" if label == "1" else f", {label}"), fontsize=8)
 
 
+def replayed_forces(view: View) -> Figure | None:
+    """Force of every test over time or increments, measured and replayed by each model, and the differences over the largest; held-out
+    increments shaded. Measured: as the effects of the measurement in each model correct it. None where nothing was replayed."""
+    check = view.discovery.replay_check
+    if not isinstance(check, ReplayCheck) or not check.final.rows.is_force.any():
+        return None
+    models = [(BASE, check.base)] + ([] if check.final is check.base else [(FINAL, check.final)])
+    models += replayed_models(view.discovery)
+    tests = [
+        i
+        for i in range(len(view.discovery.problem.parts))
+        if (check.final.rows.test[check.final.rows.is_force] == i).any()
+    ]
+    with style.figure(max(4.8, 3.4 * len(tests)), 4.8) as figure:
+        axes = figure.subplots(2, len(tests), squeeze=False, sharex="col", height_ratios=(2, 1.4))
+        for (top, bottom), i in zip(axes.T, tests, strict=True):
+            experiment = view.discovery.problem.parts[i].experiment
+            x, label = style.over(experiment.time, experiment.n_increments)
+            shown, measured = increment_forces(check.final.rows, i, replayed=False)
+            top.plot(x[shown], measured, "o", color="black", mfc="none", ms=6, label="measured")
+            for name, one in models:
+                own, forces = (increment_forces(one.rows, i, replayed)[1] for replayed in (False, True))
+                top.plot(x[shown], forces, lw=1.1, label=name, **LOOKS[name])
+                bottom.plot(x[shown], 100 * (forces - own) / own.max(), lw=0.9, **LOOKS[name])
+            bottom.axhline(0, color="0.4", lw=0.6)
+            for ax in (top, bottom):
+                _shade(ax, x, held_increments(view.discovery.problem.parts[i]))
+            top.set_title(experiment.name)
+            bottom.set_xlabel(label)
+        axes[0, 0].set_ylabel("force, N")
+        axes[1, 0].set_ylabel("difference, % of the largest")
+        axes[0, 0].legend(fontsize=7)
+        return figure
+
+
+def increment_forces(rows: Observations, test: int, replayed: bool) -> tuple[NDArray[np.int64], Array]:
+    """Increments (k,) of a test with forces, and the root mean square over its grips of the size of their forces (k,), N."""
+    own = rows.is_force & (rows.test == test)
+    grips = len({rows.labels[i].rsplit(" ", 1)[0] for i in np.flatnonzero(own)})
+    values = (rows.replayed if replayed else rows.measured)[own] ** 2
+    shown, which = np.unique(rows.increment[own], return_inverse=True)
+    return shown, np.sqrt(np.bincount(which, values) / grips)
+
+
 OF_A_TEST: dict[str, Callable[[View, Part], Figure]] = {"residual_map": residual_map, "forces": force_history}
-OF_ALL: dict[str, Callable[[View], Figure | None]] = {"scores": scores, "amplitudes": intervals}
+OF_ALL: dict[str, Callable[[View], Figure | None]] = {
+    "replayed_forces": replayed_forces,
+    "scores": scores,
+    "amplitudes": intervals,
+}
 
 
 def caption(name: str, **values: str) -> str:

@@ -12,13 +12,15 @@ from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck,
 from calibrate.diagnosis.replayed.observations import ReplayErrors
 from calibrate.diagnosis.replayed.replay_rule import LEVEL
 from calibrate.diagnosis.replayed.updating import Updated
-from calibrate.diagnosis.selection import Discovery
+from calibrate.diagnosis.selection import Discovery, Verdict
 from studies.output.findings import Finding, Macro
 from studies.output.words import percent, plus_minus
+from studies.reports.discovery.candidate_outcome import WORDS
 
 Table = tuple[list[str], list[list[Any]]]
 BASE, FINAL, PLAUSIBLE, UPDATED = "base model", "final model", "plausible effects", "plausible effects, updated"
 NEO_HOOKE = "neo-Hooke"
+ALL_EFFECTS, PLAUSIBLE_FILE = "model_all_effects.json", "model_plausible.json"
 
 
 class ReplayCode(Macro):
@@ -93,6 +95,33 @@ def predicts_better(found: Discovery) -> bool:
     return all(not one.judged.force > other.judged.force and one.judged.field <= other.judged.field for other in others)
 
 
+def recommendation(found: Discovery) -> str:
+    """Which model file to predict with, and what it misses by finite elements."""
+    explained, check = found.verdict is not Verdict.NOT_EXPLAINED, found.replay_check
+    final = check.final if isinstance(check, ReplayCheck) else None
+    plausible = plausible_replay(found)
+    best = final if explained else plausible if isinstance(plausible, Replayed) else None
+    file = "model.json" if explained else to_predict_with(found) if predicts_better(found) else None
+    return WORDS.to_predict_with(
+        file=file,
+        one=_judged(best),
+        final=None if explained else _judged(final),
+        neo_hooke=None if explained else _neo_hooke(found),
+        held=best is not None and bool(best.rows.held.any()),
+        explained=explained,
+    )
+
+
+def _judged(one: Replayed | None) -> dict[str, Any] | None:
+    """Errors of what was held out."""
+    return None if one is None else one.judged.to_dict()
+
+
+def to_predict_with(found: Discovery) -> str:
+    """File of the fit of all effects that is to be used where nothing explains the test."""
+    return ALL_EFFECTS if found.everything is None or found.everything.plausible is None else PLAUSIBLE_FILE
+
+
 def plausible_findings(found: Discovery) -> Iterator[Finding]:
     """Whether that model is to be used, by its replay."""
     one, check = plausible_replay(found), found.replay_check
@@ -134,14 +163,14 @@ def _updated_findings(found: Discovery) -> Iterator[Finding]:
     if isinstance(new, NoReplayCheck):
         yield _finding(ReplayCode.NOT_UPDATED, reason=new.reason)
     if isinstance(new, Updated):
-        named = {a.effect.name: a for a in new.additions if a.effect.remembers and not a.is_null}
         remembered = [
-            {"effect": name, "values": [[p.name, v, p.unit] for p, v in
-             zip((*a.effect.amplitudes, *a.effect.shapes), (*a.amplitudes, *a.shape), strict=True)]}
-            for name, a in named.items()
+            {"effect": a.effect.name, "values": [[p.name, plus_minus(v, INTERVAL * d), p.unit] for p, v, d in
+             zip((*a.effect.amplitudes, *a.effect.shapes), (*a.amplitudes, *a.shape), (*deviations, *shapes), strict=True)]}
+            for a, deviations, shapes in zip(new.additions, new.deviations, new.shape_deviations, strict=True)
+            if a.effect.remembers and not a.is_null
         ]  # fmt: skip
         yield _finding(
-            ReplayCode.UPDATED, not (new.converged and used.update_in_use), before=new.before.force, after=new.after.force,
+            ReplayCode.UPDATED, not (new.converged and used.update_in_use), before=new.before.force, after=new.after.force, forces=new.forces,
             converged=new.converged, used=used.update_in_use is not None, remembered=remembered, left_out=list(new.left_out),
         )  # fmt: skip
 
@@ -170,7 +199,7 @@ def replay_table(
 ) -> Table:
     """One line a model, and the bands. plausible: see `replayed_models`; updated: half of the band of the updated model."""
     where = "held out" if check.held_out else "fitted"
-    columns = ["model", "level", "force error, fitted", f"force error, {where}", f"field error, {where}, mm", f"smooth part, {where}, mm"]  # fmt: skip
+    columns = ["model", "level", "force error, fitted", f"force error, {where}", f"displacement error, {where}, mm", f"smooth part, {where}, mm"]  # fmt: skip
     models = [(BASE, check.base, check.smooth[0])]
     if check.final is not check.base:
         models.append((FINAL, check.final, check.smooth[1]))

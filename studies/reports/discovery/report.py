@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
+from calibrate.equations.basis import SingleBasis, energy_basis
+from calibrate.equations.deformation_modes import largest_stretch
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.fitness import Use
 from calibrate.models.network_model import Model
@@ -23,7 +25,7 @@ from studies.reports.discovery.everything_table import errors_table, shares_tabl
 from studies.reports.discovery.own_effects_table import own_effects_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
 from studies.reports.discovery.replay_section import band_fields, band_rows, replay_table, replayed_models, updated_band
-from studies.reports.discovery.statement import reservations, untestable, verdict
+from studies.reports.discovery.statement import untestable, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
 from studies.reports.discovery.weighing_tables import alternatives_table, power_table
@@ -45,7 +47,7 @@ def write(
     report = Report("Diagnosis", _subtitle(view))
     said = verdict(view)
     report.heading("Verdict").paragraph(said[0].upper() + said[1:] + ".")
-    for text in reservations(view):
+    for text in use_of_models(view):
         report.paragraph(text)
     add_alerts(report, remarks(view))
     _results(report, folder, view)
@@ -112,7 +114,17 @@ def model_words(model: ExtendedModel) -> str:
     names = [a.effect.name for a in model.additions]
     own = [a.effect.name for a in model.additions if not a.effect.of_material]
     remark = model.network_loss["remark"] if isinstance(model.network, Model) else ""
-    return WORDS.model(unit=model.unit, names=names, own=own, remark=remark)
+    end = model.calibrated_range.get("I1", (3.0, 3.0))[1]
+    base = {"moduli": base_moduli(model, end), "largest": end, "stretch": largest_stretch("uniaxial", end)}
+    return WORDS.model(unit=model.unit, names=names, own=own, remark=remark, base=base)
+
+
+def base_moduli(model: ExtendedModel, end: float) -> list[float]:
+    """2 d psi / d I1 of the base at rest and at the I1 `end`: the shear modulus of a neo-Hookean material that is as stiff."""
+    energy = energy_basis(model.basis)
+    assert isinstance(energy, SingleBasis)
+    s = np.sqrt(np.clip(np.array([0.0, end - 3]) / energy.top, 0, 1))
+    return [float(v) for v in 2 * (energy.spline.matrix(s) @ model.c[: energy.n_functions])]
 
 
 def pictures(folder: Path, view: View) -> Iterator[tuple[Path, Any, str]]:

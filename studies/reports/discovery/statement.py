@@ -14,6 +14,7 @@ from studies.output.words import plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words
 from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.records import shape_records
+from studies.reports.discovery.replay_section import recommendation
 from studies.reports.discovery.view import BAND, View
 
 LISTED = 3  # amplitudes that a cell of the table can hold
@@ -115,10 +116,13 @@ def verdict(view: View) -> str:
     return WORDS.verdict(s=Statement.of(view))
 
 
-def reservations(view: View) -> list[str]:
-    """The headline where the model is usable with reservations; where it is not usable, the verdict says so."""
+def use_of_models(view: View) -> list[str]:
+    """Which model to predict with, and what to know of model.json; nothing where the verdict says that it is not to be used."""
     use = discovery_headline(view)
-    return [use.text] if use.verdict is Use.RESERVATIONS else []
+    if use.verdict is Use.NOT and view.discovery.everything is None:
+        return []
+    own = [f"model.json: {use.text[0].lower()}{use.text[1:]}"] if use.verdict is Use.RESERVATIONS else []
+    return [recommendation(view.discovery), *own]
 
 
 def _effects(view: View, names: tuple[str, ...]) -> tuple[NamedEffect, ...]:

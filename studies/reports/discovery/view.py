@@ -5,7 +5,7 @@ In: a `Discovery`. Out: arrays for figures and files; residuals decorrelated, in
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,7 +35,8 @@ class View:
     @property
     def weighing(self) -> Weighing | None:
         """Of all explanations; None where it was not made."""
-        return self.discovery.weighing
+        found = self.discovery.weighing
+        return None if found is None else replace(found, powers=self.discovery.powers)
 
     @property
     def unit(self) -> str:

@@ -25,7 +25,7 @@ def alternatives_table(found: Weighing) -> Table:
     rows: list[list[Any]] = [
         [
             explanation(one),
-            f"{one.probability:.3g}",
+            probability(one.probability),
             f"{one.log_evidence - best:+.1f}",
             "yes" if one.additions else "no",
         ]
@@ -40,12 +40,17 @@ def power_table(found: Weighing, unit: str) -> Table:
     for one in found.powers:
         own = amplitude_unit(one.parameter, unit)
         symbol = one.parameter.name if own == "1" else f"{one.parameter.name} ({own})"
-        probability = found.alternatives.inclusion.get(one.effect.name, 0.0)
+        included = probability(found.alternatives.inclusion.get(one.effect.name, 0.0))
         limit, prior = ("" if v is None else f"{v:.2g}" for v in (one.limit, one.prior))
         value = "" if one.value is None else plus_minus(one.value[0], BAND * one.value[1])
-        needed = one.needed if one.finding in (Finding.INVISIBLE, Finding.OPEN) else ""
-        rows.append([one.effect.name, str(one.finding), symbol, value, limit, prior, f"{probability:.2g}", needed])
+        needed = "" if one.finding in (Finding.FOUND, Finding.EXCLUDED, Finding.MEASURED) else one.needed
+        rows.append([one.effect.name, str(one.finding), symbol, value, limit, prior, included, needed])
     return ["effect", "this test", "amplitude", "value", "limit (95 %)", "prior", "probability", "would show it"], rows
+
+
+def probability(value: float) -> str:
+    """To two digits; what is nearly certain is not told more exactly than priors are known."""
+    return "< 0.001" if value < LEAST else "> 0.999" if value > 1 - LEAST else f"{value:.2g}"
 
 
 def alternatives_data(found: Weighing) -> dict[str, Any]:
@@ -63,8 +68,10 @@ def power_data(found: Weighing) -> dict[str, Any]:
     hidden = [
         one.effect.name for one in found.powers if one.finding is Finding.INVISIBLE and not one.effect.confounded_with
     ]
-    excluded = sum(one.finding is Finding.EXCLUDED for one in found.powers)
-    return {"hidden": hidden, "excluded": excluded}
+    excluded, undecided = (
+        sum(one.finding is kind for one in found.powers) for kind in (Finding.EXCLUDED, Finding.UNDECIDED)
+    )
+    return {"hidden": hidden, "excluded": excluded, "undecided": undecided}
 
 
 def weighing_record(found: Weighing | None, unit: str) -> dict[str, Any] | None:
@@ -82,13 +89,13 @@ def weighing_record(found: Weighing | None, unit: str) -> dict[str, Any] | None:
         "inclusion": found.alternatives.inclusion,
         "not_in_catalogue": found.alternatives.unexplained,
         "spanned_by": {name: list(group) for name, group in found.groups.items()},
-        "power": [_power(one) for one in found.powers],
+        "power": [_power(one, unit) for one in found.powers],
     }  # fmt: skip
 
 
-def _power(one: Power) -> dict[str, Any]:
+def _power(one: Power, unit: str) -> dict[str, Any]:
     return {
         "effect": one.effect.name, "finding": str(one.finding), "amplitude": one.parameter.name,
-        "unit": one.parameter.unit, "value": one.value and one.value[0], "standard_deviation": one.value and one.value[1],
+        "unit": amplitude_unit(one.parameter, unit), "value": one.value and one.value[0], "standard_deviation": one.value and one.value[1],
         "limit_95": one.limit, "prior_standard_deviation": one.prior, "needed": one.needed,
     }  # fmt: skip

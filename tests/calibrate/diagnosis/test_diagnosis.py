@@ -517,6 +517,15 @@ def test_evidence_of_all_explanations():
     assert without.alternatives.unexplained > 0.95
 
 
+def test_nothing_is_excluded_beside_a_model_that_leaves_more_than_noise():
+    quiet = replace(found(0.0), weighing=weighed(0.0))
+    assert quiet.powers == quiet.weighing.powers and any(p.finding is Finding.EXCLUDED for p in quiet.powers)
+    powers = replace(quiet, verdict=Verdict.NOT_EXPLAINED).powers
+    changed = [p for p, before in zip(powers, quiet.powers, strict=True) if before.finding is Finding.EXCLUDED]
+    assert all(p.finding is Finding.UNDECIDED and p.limit is None for p in changed)
+    assert [p.effect for p in powers] == [p.effect for p in quiet.powers]
+
+
 @pytest.mark.slow
 def test_fits_of_the_best_explanations_agree_with_the_linear_evidence():
     linear, fitted = weighed(0.03), weighed(0.03, fitted=True)

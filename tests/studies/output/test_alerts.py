@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 from unittest import mock
 
 import numpy as np
@@ -22,6 +22,7 @@ from skip_network import neo_hooke
 from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.strain_signal import StrainSignal
+from calibrate.diagnosis.evidence.explanations import Weighing
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.evidence.power import Finding as Power
 from calibrate.diagnosis.joint.shares import Everything, Share
@@ -199,7 +200,7 @@ def of_weighing(unexplained: float = 0.7) -> Findings:
             SimpleNamespace(names=(), discrepancy=True, probability=unexplained)]  # fmt: skip
     hidden = SimpleNamespace(effect=SimpleNamespace(name="upturn", confounded_with=""), finding=Power.INVISIBLE)
     alternatives = SimpleNamespace(explanations=said, inclusion={"second invariant": 0.2}, unexplained=unexplained)
-    weighing: Any = SimpleNamespace(fitted=True, groups={}, alternatives=alternatives, powers=[hidden])
+    weighing = Weighing(cast(Any, alternatives), {}, cast(Any, (hidden,)), fitted=True)
     return of_nothing(weighing=weighing)
 
 
@@ -244,7 +245,7 @@ def of_updated(converged: bool = True, after: float = 0.001, neo_hooke: Any = No
     before, new = (check(observations(only_held(wrong))) for wrong in (1.0, wrong))
     relaxation = Addition(Viscosity(), (0.9,), (1.2,))
     spread = Spread(Directions.of(np.ones(4), (relaxation,), np.ones((4, 1)), 1.0), 0.1 * np.eye(3))
-    updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, after)), converged, check=new)
+    updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, after)), converged, 6, check=new)
     found = of_all(replayed=before.final, updated=updated, neo_hooke_replayed=neo_hooke)
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(0.5))))
 
@@ -639,7 +640,7 @@ def test_all_effects_are_told_where_only_the_final_model_fails(
 def test_the_model_that_replays_updated_is_the_one_to_predict_with() -> None:
     """It misses none of the forces held out, as it was 1 N and the final model half of that; where the update met the fitted forces no better it is not used."""
     told = {one.alert.code: one for one in of_updated()}
-    assert "4 % -> 0.1 %; viscoelasticity g = 0.9, tau = 1.2 s." in told["R616"].text
+    assert "4 % -> 0.1 %; viscoelasticity g = 0.90 +- 0.20, tau = 1.20 +- 0.20 s." in told["R616"].text
     assert "model to predict with" in told["R614"].text and "forces are within it" in told["R614"].text
     refused = {one.alert.code: one for one in of_updated(after=0.05)}
     assert refused["R616"].text.endswith("it is not used.")

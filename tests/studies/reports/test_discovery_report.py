@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from discoveries import C01, explained, held, nothing, sheet, view
 from discovery_stand_in import StandInManifest, StandInModel
-from made_up_replay import INCREMENTS, check, observations
+from made_up_replay import HELD, INCREMENTS, check, observations, only_held
 from matplotlib.figure import Figure
 
+from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Discovery, Verdict
@@ -24,8 +25,8 @@ from studies.reports.discovery import figures, report
 from studies.reports.discovery.candidate_outcome import Outcome, outcome, outcome_words, untested_words
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
-from studies.reports.discovery.replay_section import ReplayCode, band_fields, band_rows, replay_table
-from studies.reports.discovery.statement import Statement, reservations, verdict
+from studies.reports.discovery.replay_section import ReplayCode, band_fields, band_rows, recommendation, replay_table
+from studies.reports.discovery.statement import Statement, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, model_table
 from studies.reports.discovery.view import decorrelated, deviations, forces, held_increments, nodal
 from studies.reports.headline import Reason
@@ -176,12 +177,12 @@ def test_a_useless_model_is_said_first_and_no_test_of_an_effect_is_believed():
     doubtful = view(
         replace(explained(), rounds=(explained().rounds[0], replace(last, train=replace(last.train, force=0.08))))
     )
-    assert reservations(doubtful)[0].startswith("Usable with reservations") and verdict(doubtful).startswith(
-        "explained"
-    )
+    assert verdict(doubtful).startswith("explained")
+    first, second = use_of_models(doubtful)
+    assert first.startswith("To predict with: model.json") and second.startswith("model.json: usable with reservations")
     worst = {one.alert.severity for one in remarks(useless)}, {one.alert.severity for one in remarks(doubtful)}
     assert Severity.SERIOUS in worst[0] and Severity.SERIOUS not in worst[1]
-    assert remarks(doubtful)[0].code is Reason.FORCES_MISSED and not reservations(useless)
+    assert remarks(doubtful)[0].code is Reason.FORCES_MISSED and not use_of_models(useless)
 
 
 def test_a_fit_that_has_not_converged_is_said():
@@ -266,6 +267,40 @@ def test_figures_show_both_models():
     assert len(figures.scores(found).axes) == 2
     assert isinstance(figures.intervals(found), Figure)
     assert figures.intervals(view(nothing())) is None
+    assert figures.replayed_forces(found) is None
+
+
+def test_replayed_forces_of_every_model_are_drawn_beside_the_measured_ones():
+    """A base that misses forces held out, and a final model that meets all."""
+    found = replace(explained(), replay_check=check(observations(), observations(only_held(20.0))))
+    figure = figures.replayed_forces(view(found))
+    top, bottom = figure.axes
+    measured, *models = top.lines
+    assert [line.get_label() for line in models] == ["base model", "final model"]
+    np.testing.assert_allclose(measured.get_ydata(), 1.0 + np.arange(INCREMENTS))
+    np.testing.assert_allclose(models[1].get_ydata(), measured.get_ydata(), rtol=1e-6)
+    base = np.abs(bottom.lines[0].get_ydata())
+    assert (base > 1e-3).sum() == len(HELD)
+
+
+def test_the_model_to_predict_with_is_said_first():
+    """Of what was found its replay; of what nothing explains the model that replays best, and none where neo-Hooke does better."""
+    good, bad = (check(observations(only_held(size))) for size in (1.0, 30.0))
+    explained_one = replace(explained(), replay_check=good)
+    assert recommendation(explained_one).startswith("To predict with: model.json. By finite elements")
+    fit = Everything(None, (), (None, None), (None, None), 1.0, 1.0, replayed=good.final, neo_hooke_replayed=bad.final)
+    unexplained = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, everything=fit)
+    assert recommendation(unexplained).startswith("To predict with: model_all_effects.json.")
+    assert "identifies no effect" in recommendation(unexplained)
+    worse = replace(fit, replayed=bad.final, neo_hooke_replayed=good.final)
+    assert recommendation(replace(unexplained, everything=worse)).startswith("Nothing to predict with")
+    assert recommendation(replace(unexplained, everything=None)).startswith("Nothing to predict with: nothing explains")
+
+
+def test_the_moduli_of_a_base_are_those_of_its_energy():
+    """A clamped spline takes its first and last coefficient at its ends."""
+    model = StandInModel()
+    assert report.base_moduli(model, 4.0) == pytest.approx([2 * model.c[0], 2 * model.c[-1]])
 
 
 def test_report_and_data_are_written(tmp_path):
