@@ -91,7 +91,7 @@ def noise_of(chain: Chain, assembled: Assembled, c: Array, additions: Additions)
         return assembled.noise_at(c)
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
-    each = chain.spread_of_noise(c, additions, assembled.noise_factor, increments)
+    each = chain.spread_of_noise(c, additions, assembled.fewest_sources, increments)
     return EquationNoise.of(chain.system, assembled.noise, noise_covariance.stacked(each, len(increments)), shares)
 
 

@@ -80,10 +80,10 @@ def root(between: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr_array) -> Array:
+def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr_array | Array) -> Array:
     """K B (rows, s), N: what independent normal numbers do to the residuals of one increment."""
-    blocks = system.tangent(basis, F, c)
-    return np.concatenate([np.hstack([(block @ factor).toarray() for block in row]) for row in blocks])
+    products = [[block @ factor for block in row] for row in system.tangent(basis, F, c)]
+    return np.concatenate([np.hstack([p.toarray() if sp.issparse(p) else p for p in row]) for row in products])
 
 
 def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise) -> Array:

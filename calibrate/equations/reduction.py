@@ -27,11 +27,12 @@ from calibrate.data.load_path import samples
 from calibrate.equations import kinematics, noise_covariance
 from calibrate.equations.basis import Basis, PlaneStrainBasis
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke
-from calibrate.equations.noise_covariance import EquationNoise
+from calibrate.equations.noise_covariance import EquationNoise, cholesky_factor
 from calibrate.equations.weights import weights_of
 
 Array = NDArray[np.float64]
 SAMPLES = 100  # of noise, for what it adds to squares on average: to sqrt(2 / (100 N)) of N equations
+DENSE = 4000  # nodes up to which a covariance between them is formed
 RELIABLE = 0.5  # share of a combination of both parts of the stress that must be no noise, in plane strain
 Progress = Callable[[int, int], None]
 
@@ -119,6 +120,15 @@ class Assembled:
         return np.diag(self.between)
 
     @cached_property
+    def fewest_sources(self) -> sp.csr_array | Array:
+        """noise_factor, or where it has more sources than there are nodes, as for noise correlated over little more than their distance, the Cholesky
+        factor of the same covariance."""
+        n, s = self.noise_factor.shape
+        if s <= n or n > DENSE:
+            return self.noise_factor
+        return cholesky_factor((self.noise_factor @ self.noise_factor.T).toarray())
+
+    @cached_property
     def noise_axes(self) -> Array:
         """Of the noise of gradients (m, 2, 2), see `kinematics.gradient_axes`."""
         return kinematics.gradient_axes(self.system.gradient, self.noise_factor)
@@ -151,7 +161,7 @@ class Assembled:
 
     def _spreads(self, c: Array) -> Array:
         some = self.system.deformation_gradients[self.samples[0]]
-        each = (noise_covariance.spread(self.system, self.basis, c, F, self.noise_factor) for F in some)
+        each = (noise_covariance.spread(self.system, self.basis, c, F, self.fewest_sources) for F in some)
         return noise_covariance.stacked(each, len(some))
 
     def noise_of_parts(self, c: Array, rows: NDArray[np.bool_] | None = None) -> Array:

@@ -168,7 +168,7 @@ class Chain:
         return _by_measured(correction.pull({DISPLACEMENTS: total}))[0]
 
     def spread_of_noise(
-        self, c: Array, additions: Additions, factor: sp.csr_array, increments: Indices
+        self, c: Array, additions: Additions, factor: sp.csr_array | Array, increments: Indices
     ) -> Iterator[Array]:
         """K B (2 v, 2 s), N, of one of some increments (k,) after the other, with B the factor (n, s) of the noise and K as in `pulled_back`.
 

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
+from calibrate.effects.support.nodal_derivatives import stencil_sum
 from calibrate.equations import kinematics
 
 Array = NDArray[np.float64]
@@ -59,7 +60,7 @@ class Membrane:
         diagonal = mass + length**2 * own.sum(axis=1)[:, None]
 
         def operator(b):
-            inner = jnp.einsum("nk,nkq->nq", self.stiffness, (free * b)[self.nodes])
+            inner = stencil_sum(self.nodes, self.stiffness[:, :, None], (free * b)[None])[0, :, :, 0]
             return free * (mass * b + length**2 * inner) + (1.0 - free) * diagonal * b
 
         found = jax.scipy.sparse.linalg.cg(

@@ -194,8 +194,9 @@ def replayed_forces(view: View) -> Figure | None:
     with style.figure(max(4.8, 3.4 * len(tests)), 4.8) as figure:
         axes = figure.subplots(2, len(tests), squeeze=False, sharex="col", height_ratios=(2, 1.4))
         for (top, bottom), i in zip(axes.T, tests, strict=True):
-            experiment = view.discovery.problem.parts[i].experiment
-            x, label = style.over(experiment.time, experiment.n_increments)
+            part = view.discovery.problem.parts[i]
+            x, label = style.over(part.experiment.time, part.experiment.n_increments)
+            x, held = x[part.experiment.pictures], held_increments(part)[part.experiment.pictures]
             shown, measured = increment_forces(check.final.rows, i, replayed=False)
             top.plot(x[shown], measured, "o", color="black", mfc="none", ms=6, label="measured")
             for name, one in models:
@@ -204,8 +205,8 @@ def replayed_forces(view: View) -> Figure | None:
                 bottom.plot(x[shown], 100 * (forces - own) / own.max(), lw=0.9, **LOOKS[name])
             bottom.axhline(0, color="0.4", lw=0.6)
             for ax in (top, bottom):
-                _shade(ax, x, held_increments(view.discovery.problem.parts[i]))
-            top.set_title(experiment.name)
+                _shade(ax, x, held)
+            top.set_title(part.experiment.name)
             bottom.set_xlabel(label)
         axes[0, 0].set_ylabel("force, N")
         axes[1, 0].set_ylabel("difference, % of the largest")
