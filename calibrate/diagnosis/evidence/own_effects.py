@@ -40,15 +40,22 @@ TOLD = 0.1  # share of the prior variance that a test must take away to count
 def with_own_effects(problem: Problem, effects: Sequence[Effect], priors: Priors) -> tuple[Problem, Fit]:
     """The problem of several tests with weights that allow for the effects of each, and the base fitted again.
 
-    Not for rough ones: second derivatives of the displacements have the noise of the residual in them, whose product would pass for an effect.
+    Not for rough ones: second derivatives of the displacements have the noise of the residual in them, whose product would pass for an effect. Nor for tests
+    without an equation inside, as homogeneous ones: of what varies over the specimen they see one factor on the force, in which a material would hide.
     """
     own = [e for e in effects if belongs_to_one_test(e) and not e.rough and untestable(problem.of_one_test, e) is None]
     parts = []
     for part in problem.parts:
-        known = tuple(_signature(problem, part, effect, priors) for effect in own) if part.train.size else ()
+        seen = own if part.train.size and has_equations_inside(part) else []
+        known = tuple(_signature(problem, part, effect, priors) for effect in seen)
         parts.append(replace(part, own=tuple(one for one in known if np.isfinite(one.sources).all())))
     problem = model_weights.reweighted(replace(problem, parts=tuple(parts)), problem.c, ())
     return problem, refit(problem, problem.c, ())
+
+
+def has_equations_inside(part: Part) -> bool:
+    """Whether any virtual field is one without a load."""
+    return bool((part.system.fields.boundary < 0).any())
 
 
 def _signature(problem: Problem, part: Part, effect: Effect, priors: Priors) -> OwnSignature:

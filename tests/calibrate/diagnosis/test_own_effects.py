@@ -9,12 +9,16 @@ from discoveries import NOISE
 from synthetic import ArrudaBoyce, plate_experiment, with_noise
 
 from calibrate.diagnosis import base_fit, model_weights
+from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.effect_fit import refit
 from calibrate.diagnosis.evidence.own_effects import OwnEffect, own_effects, with_own_effects
 from calibrate.diagnosis.evidence.priors import read_priors
+from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import all_rows
 from calibrate.effects import CATALOGUE
 from calibrate.effects.stiffness_gradient import StiffnessGradient
+from studies.sheets.homogeneous import homogeneous_experiments
+from studies.sheets.homogeneous.homogeneous_experiments import curve
 
 DRAWS = 60
 
@@ -89,3 +93,17 @@ def test_a_test_that_tells_nothing_does_not_count():
     assert not made((0.2, float("nan")), (0.02, float("nan"))).is_common
     assert made((0.2, float("nan")), (0.02, float("nan"))).seen_in == ("test 0",)
     assert made((0.2, 0.19, float("nan")), (0.02, 0.02, float("nan"))).is_common
+
+
+def test_what_no_equation_inside_sees_hides_no_material():
+    """Mooney and Rivlin's stress in two homogeneous tests. What varies over a specimen is one factor on its force there: as an effect of each test it would hide the
+    second invariant, which makes one mode stiffer than the other."""
+    stretch = np.linspace(1.1, 2.5, 15)
+    modes = {"uniaxial": (stretch - stretch**-2, 1 / stretch), "equibiaxial": (stretch - stretch**-5, stretch**2)}
+    noise = homogeneous_experiments.noise(0.002, 1e-4)
+    both = [curve(mode, mode, stretch, 2 * x * (0.2 + 0.02 * y), noise) for mode, (x, y) in modes.items()]
+    plain, _ = base_fit.prepare(both, [all_rows, all_rows])
+    assert [part.own for part in with_own_effects(plain, CATALOGUE, read_priors())[0].parts] == [(), ()]
+    few = tuple(e for e in CATALOGUE if e.name in ("second invariant", "stiffness field", "lens distortion"))
+    found = discover(both, HoldOut("every", 3), effects=few)
+    assert "second invariant" in (*found.named, *found.closest)
