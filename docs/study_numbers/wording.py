@@ -23,7 +23,7 @@ def span(values: Iterable[float], digits: int = 0, sign: bool = False) -> str:
 
 def share(value: float) -> str:
     """'0.42 %' of 0.0042: two digits."""
-    return f"{100 * value:.2g} %" if value < 1 else f"{100 * value:.0f} %"
+    return f"{100 * value:.2g} %" if value < 0.995 else f"{100 * value:.0f} %"
 
 
 def spread(values: list[float]) -> str:

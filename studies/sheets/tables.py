@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from studies.output.words import Words, digits_if_any, percent
+from studies.output.words import Words, digits, digits_if_any, percent
 from studies.sheets.sheet_results import ControlResult, HomogeneousResult, SheetResult, TransferResult
 
 WORDS = Words("measured")
@@ -80,7 +80,14 @@ def control_table(controls: Mapping[str, ControlResult]) -> Table:
         first = max(r.effects, key=lambda e: e.score, default=None)
         highest = first.effect if first is not None else None
         rows.append(
-            [r.name, r.pictures, digits_if_any(r.reduced_chi_square), len(r.effects), r.smallest_adjusted_p, highest]
+            [
+                r.name,
+                r.pictures,
+                digits_if_any(r.reduced_chi_square),
+                len(r.effects),
+                digits(r.smallest_adjusted_p, 2),
+                highest,
+            ]
         )
     return columns, rows
 
