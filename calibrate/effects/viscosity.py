@@ -49,9 +49,7 @@ def convolved(values: Any, time: Any, tau: Any) -> Any:
     some = jnp.where(ratio > 0, ratio, 1.0)
     gain = jnp.where(ratio > 0, -jnp.expm1(-some) / some, 1.0)  # at time 0 the load is there at once
     age = jnp.tril(time[:, None] - time)
-    kernel = (
-        jnp.tril(jnp.exp(-age / tau)) * gain
-    )  # as a product and no recursion: unrolled, 119 increments take 10 GB to compile
+    kernel = jnp.tril(jnp.exp(-age / tau)) * gain  # no recursion: unrolled, 119 increments take 10 GB to compile
     return jnp.tensordot(kernel, jnp.diff(values, axis=0, prepend=0.0), axes=1)
 
 

@@ -12,15 +12,14 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.problem import Part
-from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
-from calibrate.diagnosis.replayed.observations import Observations
 from calibrate.diagnosis.selection.rounds import Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects.chain import Addition
 from calibrate.models.addition_json import amplitude_unit
 from studies.output import style
 from studies.reports.discovery.candidate_outcome import WORDS
-from studies.reports.discovery.replay_section import BASE, FINAL, NEO_HOOKE, PLAUSIBLE, UPDATED, replayed_models
+from studies.reports.discovery.replay_section import BASE, FINAL, NEO_HOOKE, PLAUSIBLE, UPDATED
+from studies.reports.discovery.replayed_forces import force_courses
 from studies.reports.discovery.view import BAND, View, decorrelated, held_increments, nodal
 from studies.reports.force_record import COMPONENTS, worth_drawing
 
@@ -180,47 +179,32 @@ def _intervals(
 
 def replayed_forces(view: View) -> Figure | None:
     """Force of every test over time or increments, measured and replayed by each model, and the differences over the largest; held-out
-    increments shaded. Measured: as the effects of the measurement in each model correct it. None where nothing was replayed."""
-    check = view.discovery.replay_check
-    if not isinstance(check, ReplayCheck) or not check.final.rows.is_force.any():
+    increments shaded. None where no force was replayed."""
+    courses = force_courses(view.discovery)
+    if not courses:
         return None
-    models = [(BASE, check.base)] + ([] if check.final is check.base else [(FINAL, check.final)])
-    models += replayed_models(view.discovery)
-    tests = [
-        i
-        for i in range(len(view.discovery.problem.parts))
-        if (check.final.rows.test[check.final.rows.is_force] == i).any()
-    ]
+    tests = sorted({one.test for one in courses})
     with style.figure(max(4.8, 3.4 * len(tests)), 4.8) as figure:
         axes = figure.subplots(2, len(tests), squeeze=False, sharex="col", height_ratios=(2, 1.4))
-        for (top, bottom), i in zip(axes.T, tests, strict=True):
-            part = view.discovery.problem.parts[i]
-            x, label = style.over(part.experiment.time, part.experiment.n_increments)
-            x, held = x[part.experiment.pictures], held_increments(part)[part.experiment.pictures]
-            shown, measured = increment_forces(check.final.rows, i, replayed=False)
-            top.plot(x[shown], measured, "o", color="black", mfc="none", ms=6, label="measured")
-            for name, one in models:
-                own, forces = (increment_forces(one.rows, i, replayed)[1] for replayed in (False, True))
-                top.plot(x[shown], forces, lw=1.1, label=name, **LOOKS[name])
-                bottom.plot(x[shown], 100 * (forces - own) / own.max(), lw=0.9, **LOOKS[name])
+        for (top, bottom), test in zip(axes.T, tests, strict=True):
+            experiment = view.discovery.problem.parts[test].experiment
+            times, label = style.over(experiment.time, experiment.n_increments)
+            own = [one for one in courses if one.test == test]
+            shown = next((one for one in own if one.model == FINAL), own[0])
+            x = times[experiment.pictures][shown.pictures]
+            top.plot(x, shown.measured, "o", color="black", mfc="none", ms=6, label="measured")
+            for one in own:
+                top.plot(x, one.replayed, lw=1.1, label=one.model, **LOOKS[one.model])
+                bottom.plot(x, 100 * one.difference, lw=0.9, **LOOKS[one.model])
             bottom.axhline(0, color="0.4", lw=0.6)
             for ax in (top, bottom):
-                _shade(ax, x, held)
-            top.set_title(part.experiment.name)
+                _shade(ax, x, shown.held)
+            top.set_title(experiment.name)
             bottom.set_xlabel(label)
         axes[0, 0].set_ylabel("force, N")
         axes[1, 0].set_ylabel("difference, % of the largest")
         axes[0, 0].legend(fontsize=7)
         return figure
-
-
-def increment_forces(rows: Observations, test: int, replayed: bool) -> tuple[NDArray[np.int64], Array]:
-    """Increments (k,) of a test with forces, and the root mean square over its grips of the size of their forces (k,), N."""
-    own = rows.is_force & (rows.test == test)
-    grips = len({rows.labels[i].rsplit(" ", 1)[0] for i in np.flatnonzero(own)})
-    values = (rows.replayed if replayed else rows.measured)[own] ** 2
-    shown, which = np.unique(rows.increment[own], return_inverse=True)
-    return shown, np.sqrt(np.bincount(which, values) / grips)
 
 
 OF_A_TEST: dict[str, Callable[[View, Part], Figure]] = {"residual_map": residual_map, "forces": force_history}

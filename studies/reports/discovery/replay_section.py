@@ -194,18 +194,21 @@ def replayed_models(found: Discovery) -> list[tuple[str, Replayed]]:
     return [(name, one) for name, one in pairs if isinstance(one, Replayed)]
 
 
+def models_of(check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] = ()) -> list[tuple[str, Replayed]]:
+    """Base, final model where it is another one, and further ones."""
+    final = [] if check.final is check.base else [(FINAL, check.final)]
+    return [(BASE, check.base), *final, *plausible]
+
+
 def replay_table(
     check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] = (), updated: ReplayErrors | None = None
 ) -> Table:
     """One line a model, and the bands. plausible: see `replayed_models`; updated: half of the band of the updated model."""
     where = "held out" if check.held_out else "fitted"
     columns = ["model", "level", "force error, fitted", f"force error, {where}", f"displacement error, {where}, mm", f"smooth part, {where}, mm"]  # fmt: skip
-    models = [(BASE, check.base, check.smooth[0])]
-    if check.final is not check.base:
-        models.append((FINAL, check.final, check.smooth[1]))
-    models += [(name, one, float("nan")) for name, one in plausible]
+    smooth = dict(zip((BASE, FINAL), check.smooth, strict=True))
     rows: list[list[Any]] = []
-    for name, one, smooth in models:
+    for name, one in models_of(check, plausible):
         level = plus_minus(one.level.factor, INTERVAL * one.level.deviation) if one.level.deviation else "as it was"
         fitted = None if one.fitted is None else _share(one.fitted.force)
         rows.append(
@@ -215,7 +218,7 @@ def replay_table(
                 fitted,
                 _share(one.judged.force),
                 _mm(one.judged.field),
-                None if np.isnan(smooth) else _mm(smooth),
+                _mm(smooth[name]) if name in smooth else None,
             ]
         )
     rows.append(

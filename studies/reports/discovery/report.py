@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
-from calibrate.equations.basis import SingleBasis, energy_basis
-from calibrate.equations.deformation_modes import largest_stretch
+from calibrate.equations.basis import energy_basis
+from calibrate.equations.deformation_modes import largest_stretch, stretches_to_gradient
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.fitness import Use
 from calibrate.models.network_model import Model
@@ -25,6 +25,7 @@ from studies.reports.discovery.everything_table import errors_table, shares_tabl
 from studies.reports.discovery.own_effects_table import own_effects_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
 from studies.reports.discovery.replay_section import band_fields, band_rows, replay_table, replayed_models, updated_band
+from studies.reports.discovery.replayed_forces import course_rows, force_courses
 from studies.reports.discovery.statement import untestable, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
@@ -122,9 +123,9 @@ def model_words(model: ExtendedModel) -> str:
 def base_moduli(model: ExtendedModel, end: float) -> list[float]:
     """2 d psi / d I1 of the base at rest and at the I1 `end`: the shear modulus of a neo-Hookean material that is as stiff."""
     energy = energy_basis(model.basis)
-    assert isinstance(energy, SingleBasis)
-    s = np.sqrt(np.clip(np.array([0.0, end - 3]) / energy.top, 0, 1))
-    return [float(v) for v in 2 * (energy.spline.matrix(s) @ model.c[: energy.n_functions])]
+    F = stretches_to_gradient("uniaxial", np.array([1.0, largest_stretch("uniaxial", end)]))
+    psi, _ = energy.second(F, model.c[: energy.n_functions])
+    return [float(v) for v in 2 * psi[:, 0]]
 
 
 def pictures(folder: Path, view: View) -> Iterator[tuple[Path, Any, str]]:
@@ -173,18 +174,23 @@ def _data(folder: Path, view: View) -> list[Path]:
 
 
 def _replay_data(folder: Path, view: View) -> list[Path]:
-    """Write replay_forces.csv and replay_fields.csv, where there was a replay."""
+    """Write replay_forces.csv, replay_fields.csv and replayed_forces.csv, where there was a replay."""
     check, tests = view.discovery.replay_check, [part.experiment for part in view.discovery.problem.parts]
     if not isinstance(check, ReplayCheck):
         return []
     names, times = [e.name for e in tests], [None if e.time is None else e.time[e.pictures] for e in tests]
-    paths = [folder / "replay_forces.csv", folder / "replay_fields.csv"]
+    paths = [folder / name for name in ("replay_forces.csv", "replay_fields.csv", "replayed_forces.csv")]
     write_csv(paths[0], *band_rows(check, names, times), ["forces of the grip on the specimen, N, as the effects of the measurement correct them; "
               "half_band: half of the 95 % band; time in s"])  # fmt: skip
     write_csv(
         paths[1],
         *band_fields(check, names),
         ["root mean squares of measured minus replayed displacement, mm; half_band: of smooth_final"],
+    )
+    write_csv(
+        paths[2],
+        *course_rows(force_courses(view.discovery), tests),
+        ["root mean square over the grips of the size of their forces, N; time in s"],
     )
     return paths
 

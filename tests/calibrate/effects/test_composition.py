@@ -40,7 +40,7 @@ COARSE = {
     (THICK, LENS): 0.015,
     (THICK, WARP): 0.04,
     (WARP, THICK): 2e-3,
-    (WARP, STRIP): 6e-3,
+    (WARP, STRIP): 5e-3,
 }
 """Where second derivatives at edges, or those of fourth polynomials, converge slowly with the mesh."""
 

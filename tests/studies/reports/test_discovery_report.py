@@ -26,6 +26,7 @@ from studies.reports.discovery.candidate_outcome import Outcome, outcome, outcom
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
 from studies.reports.discovery.replay_section import ReplayCode, band_fields, band_rows, recommendation, replay_table
+from studies.reports.discovery.replayed_forces import course_rows, force_courses
 from studies.reports.discovery.statement import Statement, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, model_table
 from studies.reports.discovery.view import decorrelated, deviations, forces, held_increments, nodal
@@ -281,6 +282,14 @@ def test_replayed_forces_of_every_model_are_drawn_beside_the_measured_ones():
     np.testing.assert_allclose(models[1].get_ydata(), measured.get_ydata(), rtol=1e-6)
     base = np.abs(bottom.lines[0].get_ydata())
     assert (base > 1e-3).sum() == len(HELD)
+    columns, rows = course_rows(force_courses(found), [part.experiment for part in found.problem.parts])
+    table = {
+        name: [row for row in rows if row[columns.index("model")] == name] for name in ("base model", "final model")
+    }
+    for line, drawn in zip(models, table.values(), strict=True):
+        assert [row[columns.index("replayed")] for row in drawn] == pytest.approx(list(line.get_ydata()))
+        assert [row[columns.index("increment")] for row in drawn] == list(range(1, INCREMENTS + 1))
+        assert np.flatnonzero([row[columns.index("held_out")] for row in drawn]).tolist() == list(HELD)
 
 
 def test_the_model_to_predict_with_is_said_first():
