@@ -190,15 +190,14 @@ def replayed_forces(view: View) -> Figure | None:
             experiment = view.discovery.problem.parts[test].experiment
             times, label = style.over(experiment.time, experiment.n_increments)
             own = [one for one in courses if one.test == test]
-            shown = next((one for one in own if one.model == FINAL), own[0])
-            x = times[experiment.pictures][shown.pictures]
-            top.plot(x, shown.measured, "o", color="black", mfc="none", ms=6, label="measured")
+            x = times[experiment.pictures][own[0].pictures]
+            top.plot(x, own[0].measured, "o", color="black", mfc="none", ms=6, label="measured")
             for one in own:
                 top.plot(x, one.replayed, lw=1.1, label=one.model, **LOOKS[one.model])
                 bottom.plot(x, 100 * one.difference, lw=0.9, **LOOKS[one.model])
             bottom.axhline(0, color="0.4", lw=0.6)
             for ax in (top, bottom):
-                _shade(ax, x, shown.held)
+                _shade(ax, x, own[0].held)
             top.set_title(experiment.name)
             bottom.set_xlabel(label)
         axes[0, 0].set_ylabel("force, N")

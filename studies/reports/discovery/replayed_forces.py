@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ForceCourse:
-    """A model on a test, by its number. pictures (k,): numbers of those that were compared, from 0; held (k,): whether they were held out. measured, as the effects of the
-    measurement in the model correct it, and replayed (k,): root mean square over the grips of the size of their forces, N."""
+    """A model on a test, by its number. pictures (k,): numbers of those that were compared, from 0; held (k,): whether they were held out. measured, as it was read, and
+    replayed, as it should have been read (k,): root mean square over the grips of the size of their forces, N."""
 
     model: str
     test: int
@@ -41,15 +41,16 @@ def force_courses(found: Discovery) -> list[ForceCourse]:
     check = found.replay_check
     if not isinstance(check, ReplayCheck):
         return []
-    return [one for name, model in models_of(check, replayed_models(found)) for one in _courses(name, model.rows)]
+    models, read = models_of(check, replayed_models(found)), check.base.rows.measured  # the base corrects nothing
+    return [one for name, model in models for one in _courses(name, model.rows, read)]
 
 
-def _courses(name: str, rows: Observations) -> Iterator[ForceCourse]:
+def _courses(name: str, rows: Observations, read: Array) -> Iterator[ForceCourse]:
     for test in np.unique(rows.test[rows.is_force]).tolist():
         own = np.flatnonzero(rows.is_force & (rows.test == test))
         grips = len({rows.labels[i].rsplit(" ", 1)[0] for i in own})
         pictures, first, which = np.unique(rows.increment[own], return_index=True, return_inverse=True)
-        sizes = (np.sqrt(np.bincount(which, values[own] ** 2) / grips) for values in (rows.measured, rows.replayed))
+        sizes = (np.sqrt(np.bincount(which, values[own] ** 2) / grips) for values in (read, read - rows.residual))
         yield ForceCourse(name, test, pictures, rows.held[own][first], *sizes)
 
 

@@ -273,7 +273,9 @@ def test_figures_show_both_models():
 
 def test_replayed_forces_of_every_model_are_drawn_beside_the_measured_ones():
     """A base that misses forces held out, and a final model that meets all."""
-    found = replace(explained(), replay_check=check(observations(), observations(only_held(20.0))))
+    right = observations()
+    wrong = replace(right, replayed=right.replayed + 0.02 * only_held(1.0))
+    found = replace(explained(), replay_check=check(right, wrong))
     figure = figures.replayed_forces(view(found))
     top, bottom = figure.axes
     measured, *models = top.lines
@@ -290,6 +292,17 @@ def test_replayed_forces_of_every_model_are_drawn_beside_the_measured_ones():
         assert [row[columns.index("replayed")] for row in drawn] == pytest.approx(list(line.get_ydata()))
         assert [row[columns.index("increment")] for row in drawn] == list(range(1, INCREMENTS + 1))
         assert np.flatnonzero([row[columns.index("held_out")] for row in drawn]).tolist() == list(HELD)
+
+
+def test_a_model_that_corrects_the_load_cell_is_drawn_as_the_cell_reads():
+    """Half a newton too little was read, and the model replays the true force: the line is on the circles."""
+    read = observations()
+    true = replace(read, **{name: getattr(read, name) + 0.5 * read.is_force for name in ("measured", "replayed")})
+    base, final = force_courses(replace(explained(), replay_check=check(true, read)))
+    assert final.measured == pytest.approx(base.measured) and base.measured == pytest.approx(
+        1.0 + np.arange(INCREMENTS)
+    )
+    assert final.replayed == pytest.approx(base.measured) and np.abs(final.difference).max() < 1e-9
 
 
 def test_the_model_to_predict_with_is_said_first():
