@@ -187,18 +187,18 @@ def replayed_forces(view: View) -> Figure | None:
     with style.figure(max(4.8, 3.4 * len(tests)), 4.8) as figure:
         axes = figure.subplots(2, len(tests), squeeze=False, sharex="col", height_ratios=(2, 1.4))
         for (top, bottom), test in zip(axes.T, tests, strict=True):
-            experiment = view.discovery.problem.parts[test].experiment
-            times, label = style.over(experiment.time, experiment.n_increments)
-            own = [one for one in courses if one.test == test]
-            x = times[experiment.pictures][own[0].pictures]
+            part, own = view.discovery.problem.parts[test], [one for one in courses if one.test == test]
+            times, label = style.over(part.experiment.time, part.experiment.n_increments)
+            pictures = part.experiment.pictures
+            x = times[pictures][own[0].pictures]
             top.plot(x, own[0].measured, "o", color="black", mfc="none", ms=6, label="measured")
             for one in own:
                 top.plot(x, one.replayed, lw=1.1, label=one.model, **LOOKS[one.model])
                 bottom.plot(x, 100 * one.difference, lw=0.9, **LOOKS[one.model])
             bottom.axhline(0, color="0.4", lw=0.6)
             for ax in (top, bottom):
-                _shade(ax, x, own[0].held)
-            top.set_title(experiment.name)
+                _shade(ax, times[pictures], held_increments(part)[pictures])
+            top.set_title(part.experiment.name)
             bottom.set_xlabel(label)
         axes[0, 0].set_ylabel("force, N")
         axes[1, 0].set_ylabel("difference, % of the largest")
