@@ -7,17 +7,19 @@ tested and fitted; shapes (a relaxation time, an angle) mean nothing at the null
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.effects.support.effect_data import Data
 from calibrate.equations.tensors import inverse
 
+Array = NDArray[np.float64]
 MATERIAL = ("energy", "set", "stiffness", "softening", "relaxation")
 MEASURED = ("kinematics", "clock", "measurement", "lens", "correlation", "load")
 STAGES = MATERIAL + MEASURED
@@ -71,7 +73,7 @@ class Effect:
     derivative at the null value and mean nothing once the amplitude is known; confounded_with: what it can never be told
     from, or nothing; decided_by: the experiment that tells it from its likes; measured_by: why it is no candidate where it is `excluded`; of_material: holds for
     every specimen of a material, not of one test alone; of_rig: of a camera and grips that several tests share; rough: adds second derivatives of the displacements to them, whose
-    noise the weights of a model with it must know; truncated: its formula is the beginning of a series, so that a small part
+    noise the weights of a model with it must know (`adjoint`); truncated: its formula is the beginning of a series, so that a small part
     of what it explains is left for others.
 
     In the links below a (p,) are the values of the amplitudes, shape those of the shapes, in the units of `Parameter`.
@@ -133,8 +135,14 @@ class Effect:
         return X
 
     def displacements(self, data: Data, u: Any, a: Any, shape: Any) -> Any:
-        """Displacements (t, n, 2), mm, from the measured places of the reference to true places, of those to measured ones."""
+        """Displacements (t, n, 2), mm, from the measured places of the reference to true places, of those to measured ones. At each node of its own
+        displacement, but for what `rough` and `mixture` say; an effect may look at others in data.u, whose noise does not count there."""
         return u
+
+    def adjoint(self, data: Data, places: Any, a: Any, shape: Any) -> Callable[[Array, Array], Array]:
+        """Of a rough effect: the map of u (n, 2), mm, of an increment, and rows (r, n, 2) by displacements as the effect corrects them, to rows by those
+        that it is given. places (n, 2), mm: of the reference, as `places` corrects them."""
+        raise NotImplementedError
 
     def mixture(self, data: Data, a: Any, shape: Any) -> Any:
         """Weights (t, t) of the measured displacements of all increments in those that it makes of each."""

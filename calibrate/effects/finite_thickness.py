@@ -36,11 +36,19 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
 
 from calibrate.data.experiment import Experiment
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 from calibrate.effects.support.effect_data import Data
-from calibrate.effects.support.nodal_derivatives import gradient, reference_gradients, slopes, to_nodes
+from calibrate.effects.support.membrane import membrane_solver
+from calibrate.effects.support.nodal_derivatives import (
+    gradient,
+    gradient_matrices,
+    reference_gradients,
+    slopes,
+    to_nodes,
+)
 from calibrate.equations.tensors import det, inverse
 from calibrate.errors import ConfigError
 
@@ -66,6 +74,18 @@ class Thickness(Effect):
     def of_the_mean(self, data, u, places, a):
         back = inverse(gradient(data, places[None]))
         return u + a[0] * bend(data, gradient(data, data.points + u) @ back, back)
+
+    def adjoint(self, data, places, a, shape):
+        slopes = gradient_matrices(data)
+        transposed = [sp.csr_array(one.T) for one in slopes]
+        smoothed = membrane_solver(data.membrane, RELAXATION * float(data.thickness))
+        true = np.stack([one @ places for one in slopes], axis=-1)
+        back, points = np.linalg.inv(true), np.asarray(data.points)
+
+        def seen(u, rows):
+            return rows + float(a[0]) * _bend_transposed(slopes, transposed, smoothed, points + u, back, rows)
+
+        return seen
 
     def thinning(self, data, F, places):
         """grad a (t, n, 2), 1/mm, at the nodes, of F (t, m, 2, 2) at the centroids."""
@@ -111,6 +131,25 @@ def bend(data: Any, F: Any, back: Any) -> Any:
     steep = jnp.einsum("tnk,tnkj->tnj", gradient(data, thinning), jnp.broadcast_to(back, F.shape))
     raw = thinning[..., None] * jnp.einsum("tnji,tnj->tni", inverse(F), steep)
     return data.membrane.smoothed(raw, RELAXATION * data.thickness)
+
+
+def _bend_transposed(slopes, transposed, smoothed, x, back, rows):
+    """Rows (r, n, 2) by u, of those by `bend`; x (n, 2): deformed places. slopes, transposed: `gradient_matrices`; smoothed: `membrane_solver`."""
+    n, r = len(x), len(rows)
+    F = np.stack([one @ x for one in slopes], axis=-1) @ back
+    a, inv = 1.0 / np.linalg.det(F), np.linalg.inv(F)
+    steep = np.einsum("nk,nkj->nj", np.stack([one @ a for one in slopes], axis=-1), back)
+    w = smoothed(np.moveaxis(rows, 1, 0).reshape(n, -1)).reshape(n, r, 2)
+    bent = np.einsum("nli,nri->nrl", inv, w)  # F^-1 w: by the gradient of a, over a
+    of_gradient = a[:, None, None] * np.einsum("nkj,nrj->nrk", back, bent)
+    of_thinning = sum(transposed[k] @ of_gradient[..., k] for k in range(2)) + np.einsum("nj,nrj->nr", steep, bent)
+    lowered = np.einsum("njc,nj->nc", inv, steep)  # F^-T grad a
+    of_F = -a[:, None, None, None] * (
+        np.einsum("nr,nlc->nrcl", of_thinning, inv) + np.einsum("nc,nrl->nrcl", lowered, bent)
+    )
+    by_measured = np.einsum("nrcl,nkl->nkrc", of_F, back)
+    total = sum(transposed[k] @ by_measured[:, k].reshape(n, -1) for k in range(2))
+    return np.moveaxis(total.reshape(n, r, 2), 0, 1)
 
 
 def at_nodes(data: Any, values: Any) -> Any:

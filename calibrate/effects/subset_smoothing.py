@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
 
 from calibrate.effects.effect import Effect, Parameter
 from calibrate.effects.support.borders import subset_moments
-from calibrate.effects.support.nodal_derivatives import second_derivatives
+from calibrate.effects.support.nodal_derivatives import gradient_matrices, second_derivatives
 
 
 @dataclass(frozen=True)
@@ -37,11 +40,35 @@ class SubsetSmoothing(Effect):
         return [(4 * pitch,), (2 * pitch,), (pitch,), (0.5 * pitch,)]
 
     def displacements(self, data, u, a, shape):
-        known = a[0] > 0
-        side = jnp.where(known, jnp.sqrt(12.0 * jnp.where(known, a[0], 1.0)), shape[0])
-        moments = subset_moments(data.lines, side)
+        moments = subset_moments(data.lines, _side(a[0], shape))
 
         def change(u):
             return 0.5 * a[0] * jnp.einsum("nij,tncij->tnc", moments, second_derivatives(data, u))
 
         return u - change(u - change(u))
+
+    def adjoint(self, data, places, a, shape):
+        moments = np.asarray(_moments(data.lines, _side(a[0], shape)))
+        slopes = gradient_matrices(data)
+        change = sum(
+            sp.diags_array(0.5 * float(a[0]) * moments[:, i, j]) @ slopes[j] @ slopes[i]
+            for i in range(2)
+            for j in range(2)
+        )
+        transposed = sp.csr_array(change.T)
+
+        def seen(u, rows):
+            columns = np.moveaxis(rows, 1, 0).reshape(len(moments), -1)
+            back = columns - transposed @ (columns - transposed @ columns)
+            return np.moveaxis(back.reshape(-1, len(rows), 2), 0, 1)
+
+        return seen
+
+
+def _side(s2, shape):
+    """Of the square, mm."""
+    known = s2 > 0
+    return jnp.where(known, jnp.sqrt(12.0 * jnp.where(known, s2, 1.0)), shape[0])
+
+
+_moments = jax.jit(subset_moments)

@@ -23,6 +23,7 @@ from calibrate.effects.chain.block_run import OF_INCREMENTS, BlockRun
 from calibrate.effects.chain.blocks import Block, blocks, virtual_work
 from calibrate.effects.chain.linearisation import Constants, Linearisation, Quantities, Stage
 from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
+from calibrate.effects.chain.seen_rows import SeenRows
 from calibrate.effects.chain.stages import (
     are_local,
     deformation_name,
@@ -41,7 +42,6 @@ from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-ROWS = 400_000  # points of the rows that are pulled back at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,13 +175,12 @@ class Chain:
         What an increment has of the noise of others is taken for more of its own.
         """
         correction = self._run(displacement_stages(additions), (), self._start)
-        larger, still = self._of_mixtures(additions), tuple(a for a in additions if not a.effect.mixes)
-        seen = bool(displacement_stages(still))
+        larger = self._of_mixtures(additions)
+        seen = SeenRows(correction)
         for i, modulus in zip(increments, self._moduli(correction, c, additions, increments), strict=True):
             blocks = self.system.stiffness(modulus)
             rows = np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks])
-            if seen:
-                rows = self._by_seen(rows, int(i), still)
+            rows = seen(rows, int(i))
             yield larger[i] * np.hstack([rows[..., k] @ factor for k in range(2)])
 
     def _of_mixtures(self, additions: Additions) -> Array:
@@ -250,19 +249,6 @@ class Chain:
         own, others = (sum(getattr(part, name) for part in parts) for name in ("own", "others"))
         for i, factor in enumerate(np.sqrt(1 + others / own)):
             yield np.concatenate([part.moduli[i] for part in parts]) * factor
-
-    def _by_seen(self, rows: Array, increment: int, additions: Additions) -> Array:
-        """Rows (r, n, 2) by the displacements that were seen in an increment, of those by corrected ones: each pulled back through a copy
-        of the increment of its own, some at a time."""
-        start, stages = self._start, displacement_stages(additions)
-        size, found = max(1, min(len(rows), ROWS // rows.shape[1])), np.empty_like(rows)
-        seen = {name: np.repeat(start[name][increment][None], size, axis=0) for name in (MEASURED, DISPLACEMENTS)}
-        copies = replace(self.constants(()), data=replace(self.data, u=seen[MEASURED]))
-        correction = Linearisation.run(stages, copies, start | seen)
-        for first in range(0, len(rows), size):
-            some = slice(min(first, len(rows) - size), min(first + size, len(rows)))
-            found[some] = _by_measured(correction.pull({DISPLACEMENTS: jnp.asarray(rows[some])[None]}))[0]
-        return found
 
     def _changes(self, c: Any, additions: Additions, of: Additions, with_shape: bool) -> Array:
         """d residual / d amplitudes of some additions, and shapes behind those of each, (k, t, 2 v)."""

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
 
 from calibrate.equations import isochoric as plane_strain
 
@@ -64,6 +66,13 @@ def gradient(data, nodal, nodes=None):
     if nodes is None:
         return stencil_sum(data.rings, data.ring_slopes, nodal)
     return stencil_sum(data.rings[nodes], data.ring_slopes[nodes], nodal)
+
+
+def gradient_matrices(data):
+    """Matrices (n, n) along x and y that do what `gradient` does to one nodal value (n,)."""
+    n, q = data.rings.shape
+    nodes, ends = np.asarray(data.rings).ravel(), q * np.arange(n + 1)
+    return [sp.csr_array((np.asarray(data.ring_slopes[:, :, k]).ravel(), nodes, ends), shape=(n, n)) for k in range(2)]
 
 
 def second_derivatives(data, u):

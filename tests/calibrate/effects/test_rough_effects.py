@@ -176,3 +176,21 @@ def test_thickness_is_found_without_bias_in_noise():
     assert 0.3 < np.std(b, ddof=1) / np.mean(errors) < 2.0
     assert np.mean(chi) == pytest.approx(1.0, abs=0.08)
     assert np.mean(plain) > 1.1
+
+
+@pytest.mark.parametrize("effect", [Thickness(), SubsetSmoothing()], ids=lambda one: one.name)
+def test_the_adjoint_of_a_rough_effect_is_the_transpose_of_its_derivative(effect):
+    """By automatic differentiation of what it does to displacements, also by corrected places of the reference."""
+    data = Data.of(smoothed())
+    places = data.points * (1 + 0.01 * jnp.sin(0.1 * data.points[:, ::-1]))
+    a, shape = jnp.array([2.0]), jnp.array([SIDE] * len(effect.shapes))
+
+    def corrected(u):
+        rough = isinstance(effect, Thickness)
+        return effect.of_the_mean(data, u, places, a) if rough else effect.displacements(data, u, a, shape)
+
+    rows = np.random.default_rng(5).standard_normal((3, *data.u.shape[1:]))
+    back = jax.vjp(corrected, data.u[-1:])[1]
+    expected = np.array([np.asarray(back(jnp.asarray(row[None]))[0][0]) for row in rows])
+    found = effect.adjoint(data, np.asarray(places), np.asarray(a), np.asarray(shape))(np.asarray(data.u[-1]), rows)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
