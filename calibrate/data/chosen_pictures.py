@@ -20,7 +20,7 @@ from calibrate.data.experiment import Experiment
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Wanted = Literal["all"] | int | tuple[int, ...] | None
-AFFORDABLE = 60_000  # points times pictures
+AFFORDABLE = 40_000  # points times pictures
 FEWEST = 12  # pictures, however many points there are
 UNSEEN = (
     0.02  # of the largest deformation, by which a specimen may have been deformed more than the chosen pictures show

@@ -59,7 +59,7 @@ def close_loop(
         enough = len(names) >= thresholds.most_named and is_small(rounds[0], now, thresholds)
         if added is None and len(names) < thresholds.most_effects and not enough:
             now, added = extended(model, now, say, thresholds)
-        rounds.append(now)
+        rounds.append(replace(now, candidates=tuple(one.decided for one in now.candidates)))
         if added is None:
             confirmation = confirm(base, model, thresholds) if names else None
             found = conclude(model.problem, tuple(rounds), reviews.get(names, Review()), thresholds, confirmation)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -77,6 +77,11 @@ class Candidate:
     def name(self) -> str:
         """Of the effect."""
         return self.score.effect.name
+
+    @property
+    def decided(self) -> Candidate:
+        """What is kept of it when the round is over: no weights, no chains, from which nothing goes on."""
+        return replace(self, problem=None, fit=None if self.fit is None else replace(self.fit, chains=()))
 
     @property
     def addition(self) -> Addition | None:
