@@ -44,7 +44,7 @@ MATERIAL_INCREMENTS = 12  # of the fit, at most
 MOST_INCREMENTS, FEW_INCREMENTS = 4, 2  # looked at; for the correlation length
 NEIGHBOURS = 2  # before each increment, looked at for what increments have in common
 FEWEST = 200  # values of y
-MOST_ROWS = 800  # looked at for what increments have in common
+MOST_ROWS, AT_ONCE = 800, 50  # looked at for what increments have in common, and so many at a time
 FORCE_STD = 1e-3, 5e-4  # of a load cell whose noise is not stated: of the force, of the largest one
 
 
@@ -190,14 +190,17 @@ class _Fine:
         """What increments have in common of noise with a correlation length, mm; and its drift, where they are given times (k,)."""
         n = self.residuals.shape[1]
         rows = np.unique(np.linspace(0, n - 1, min(n, MOST_ROWS)).round().astype(int))
-        factor = self._factor(length)
-        spreads = np.array([np.hstack([(K[rows] @ factor).toarray() for K in both]) for both in self.tangents])
-        sizes = np.linalg.norm(spreads, axis=2)
-        unit = np.moveaxis(spreads / sizes[:, :, None], 0, 1)
-        repeated = float(((unit[:, -1] @ unit[:, -1].T) ** 2).sum() / len(rows))
-        return common_ratios(
-            (self.residuals[:, rows] / sizes).T, unit @ unit.transpose(0, 2, 1), self.shares, clock, repeated
-        )
+        factor, between, sizes, last = self._factor(length), [], [], []
+        for some in np.array_split(rows, int(np.ceil(len(rows) / AT_ONCE))):
+            spreads = np.array([np.hstack([(K[some] @ factor).toarray() for K in both]) for both in self.tangents])
+            sizes.append(np.linalg.norm(spreads, axis=2))
+            unit = np.moveaxis(spreads / sizes[-1][:, :, None], 0, 1)
+            between.append(unit @ unit.transpose(0, 2, 1))
+            last.append(unit[:, -1].copy())
+        alike = np.concatenate(last)
+        repeated = float(((alike @ alike.T) ** 2).sum() / len(rows))
+        residuals = (self.residuals[:, rows] / np.concatenate(sizes, axis=1)).T
+        return common_ratios(residuals, np.concatenate(between), self.shares, clock, repeated)
 
     @cached_property
     def tangents(self) -> list[list[sp.csr_array]]:

@@ -10,7 +10,7 @@ import numpy as np
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.observations import ReplayErrors
-from calibrate.diagnosis.replayed.replay_rule import LEVEL
+from calibrate.diagnosis.replayed.replay_rule import LEVEL, LOAD_CELL
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection import Discovery, Verdict
 from studies.output.findings import Finding, Macro
@@ -86,13 +86,23 @@ def plausible_replay(found: Discovery) -> Replayed | NoReplayCheck | None:
 
 
 def predicts_better(found: Discovery) -> bool:
-    """Whether neither force nor field of what was held out is missed by more than the final model misses them, nor than neo-Hooke does, in the replay of that model."""
+    """Whether neither force nor field of what was held out is missed by more than the final model misses them, nor than neo-Hooke does, in the replay of that model.
+
+    Below the error of a load cell forces are missed alike, and fields where what one misses more is, as a variance, less than that of the noise.
+    """
     one, check = plausible_replay(found), found.replay_check
     if not isinstance(one, Replayed):
         return False
     others = [check.final] if isinstance(check, ReplayCheck) else []
     others += [other for name, other in replayed_models(found) if name == NEO_HOOKE]
-    return all(not one.judged.force > other.judged.force and one.judged.field <= other.judged.field for other in others)
+    noise = max(
+        (p.experiment.noise.total_std for p in found.problem.trained if p.experiment.noise is not None), default=0.0
+    )
+    return all(
+        not one.judged.force > max(other.judged.force, LOAD_CELL)
+        and one.judged.field**2 <= other.judged.field**2 + noise**2
+        for other in others
+    )
 
 
 def recommendation(found: Discovery) -> str:

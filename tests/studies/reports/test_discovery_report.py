@@ -319,6 +319,18 @@ def test_the_model_to_predict_with_is_said_first():
     assert recommendation(replace(unexplained, everything=None)).startswith("Nothing to predict with: nothing explains")
 
 
+@pytest.mark.parametrize(("more", "file"), [(0.8, "model_all_effects.json"), (1.2, None)])
+def test_fields_that_noise_cannot_tell_apart_refuse_no_model_that_meets_the_forces(more, file):
+    """What one misses more, in quadrature, over the noise of the camera."""
+    good, bad = (check(observations(only_held(size))) for size in (1.0, 30.0))
+    noise = nothing().problem.trained[0].experiment.noise.total_std
+    rows = replace(good.final.rows, squares=good.final.rows.squares + (more * noise) ** 2)
+    fit = Everything(None, (), (None, None), (None, None), 1.0, 1.0, replayed=replace(good.final, rows=rows))
+    found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, everything=fit)
+    said = f"To predict with: {file}." if file else "Nothing to predict with"
+    assert recommendation(found).startswith(said)
+
+
 def test_the_moduli_of_a_base_are_those_of_its_energy():
     """A clamped spline takes its first and last coefficient at its ends."""
     model = StandInModel()
