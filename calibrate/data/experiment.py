@@ -127,6 +127,12 @@ class Experiment:
         return bool(self.provenance.get("zeroed"))
 
     @property
+    def temporal_std(self) -> float:
+        """Standard deviation of what changes in the displacements from one picture to the next, as all pictures show it, mm; 0 where it is unknown."""
+        found = (self.provenance.get("noise") or {}).get("temporal") or {}
+        return float(found.get("std", 0.0))
+
+    @property
     def is_synchronised(self) -> bool:
         """Whether the crosshead's record shows that pictures and forces have one clock, so that there is no lag."""
         return bool((self.provenance.get("clocks") or {}).get("agree"))

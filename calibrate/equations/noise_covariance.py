@@ -175,7 +175,11 @@ class EquationNoise:
     @property
     def is_new_in_each(self) -> bool:
         """Whether increments have no noise in common."""
-        return not (self.common.any() or (self.own - np.diag(np.diag(self.own))).any())
+        return not (self.common.any() or self._drifts)
+
+    @property
+    def _drifts(self) -> bool:
+        return bool((self.own - np.diag(np.diag(self.own))).any())
 
     def increment(self, i: int) -> Array:
         """Covariance (r, r), N^2, of the residuals of an increment by all noise."""
@@ -217,8 +221,7 @@ class EquationNoise:
     def _cells_apart(self) -> NDArray[np.bool_]:
         """(t,): whether the load cells of an increment are sources. Where displacements are correlated between increments their noise, new in each, would
         hide in each increment what the one before tells. Where displacements are known from other increments it keeps the covariance regular."""
-        drift = (self.own - np.diag(np.diag(self.own))).any()
-        return self.pictures & bool(drift)
+        return self.pictures & self._drifts
 
     def _of_common(self) -> Array:
         """(t, r, d), N, of each part in common over its deviation. Of the space of normal numbers they span what matters to a sample and did not to those

@@ -30,9 +30,10 @@ TOLD = 1e-3  # of the variance of an increment: what those further back may tell
 
 
 class Block(NamedTuple):
-    """The rows used of an increment: lower (r, r), their Cholesky factor given the b rows before them, by gain (r, b)."""
+    """The rows used of an increment: root (r, r), the inverse of their Cholesky factor given the b rows before them, by gain (r, b). It is used so often that
+    the inverse pays."""
 
-    lower: Array
+    root: Array
     gain: Array
 
 
@@ -49,23 +50,34 @@ class Whole(NamedTuple):
         """The transposed map (N,)."""
         return _solved(self.lower.T, rows, lower=False)
 
+    @property
+    def log_determinant(self) -> float:
+        """Of the lower factor."""
+        return float(np.log(np.diag(self.lower)).sum())
+
 
 class Common(NamedTuple):
-    """V (N, s) and C = lower (s, s), see the head of this module."""
+    """V (N, s) and inner = (I + C^T)^-1 C^-1 (s, s), see the head of this module. log_determinant: of C."""
 
     V: Array
-    lower: Array
+    inner: Array
+    log_determinant: float
+
+    @classmethod
+    def of(cls, V: Array) -> Common:
+        """Of sources (N, s)."""
+        lower = cholesky_factor(np.eye(V.shape[1]) + V.T @ V)
+        inverse = _solved(lower, np.eye(len(lower)))
+        inner = _solved(np.eye(len(lower)) + lower.T, inverse, lower=False)
+        return cls(V, inner, float(np.log(np.diag(lower)).sum()))
 
     def white(self, rows: Array) -> Array:
         """Rows (..., N) without the covariance of what is in common."""
-        inner = _solved(self.lower, (rows @ self.V).reshape(-1, len(self.lower)).T)
-        inner = _solved(np.eye(len(self.lower)) + self.lower.T, inner, lower=False)
-        return rows - (inner.T @ self.V.T).reshape(rows.shape)
+        return np.asarray(rows - rows @ self.V @ self.inner.T @ self.V.T)
 
     def adjoint(self, rows: Array) -> Array:
         """The transposed map (N,)."""
-        inner = _solved(np.eye(len(self.lower)) + self.lower, self.V.T @ rows)
-        return rows - self.V @ _solved(self.lower.T, inner, lower=False)
+        return np.asarray(rows - self.V @ (self.inner.T @ (self.V.T @ rows)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +108,9 @@ class Weights:
     @property
     def log_determinant(self) -> float:
         """Of the covariance of the residuals used."""
-        lowers = [block.lower for block in self.blocks] + ([self.common.lower] if self.common else [])
-        return 2 * float(sum(np.log(np.diag(lower)).sum() for lower in lowers) - np.log1p(self.shrink).sum())
+        own = -sum(float(np.log(np.diag(block.root)).sum()) for block in self.blocks)
+        common = self.common.log_determinant if self.common else 0.0
+        return 2 * (own + common - float(np.log1p(self.shrink).sum()))
 
     def adjoint(self, white: Array) -> Array:
         """The transposed map: rows (N,) to (t, 2 v)."""
@@ -106,7 +119,7 @@ class Weights:
             white = self.common.adjoint(white)
         flat = np.zeros(len(white))
         for before, own, block in _places(self.blocks):
-            part = _solved(block.lower.T, white[own], lower=False)
+            part = block.root.T @ white[own]
             flat[own] += part
             flat[before] -= block.gain.T @ part
         result = np.zeros(self.rows.shape)
@@ -140,7 +153,7 @@ def _common(blocks: tuple[Block, ...], noise: EquationNoise, rows: Mask) -> Comm
     V = _own_white(blocks, noise.sources[rows])
     if V.shape[1] > len(V):
         V = cholesky_factor(V @ V.T)
-    return Common(V, cholesky_factor(np.eye(V.shape[1]) + V.T @ V))
+    return Common.of(V)
 
 
 def _blocks(noise: EquationNoise, rows: Mask) -> Iterator[Block]:
@@ -151,7 +164,7 @@ def _blocks(noise: EquationNoise, rows: Mask) -> Iterator[Block]:
         covariance = np.block([[noise.own_covariance(i, j)[np.ix_(rows[i], rows[j])] for j in near] for i in near])
         lower, b = cholesky_factor(covariance), len(covariance) - r
         gain = scipy.linalg.solve_triangular(lower[:b, :b], lower[b:, :b].T, lower=True, trans="T").T
-        yield Block(lower[b:, b:].copy(), gain)
+        yield Block(_solved(lower[b:, b:], np.eye(r)), gain)
 
 
 def _starts(own: Array, rows: Mask) -> NDArray[np.int64]:
@@ -195,7 +208,7 @@ def _own_white(blocks: tuple[Block, ...], flat: Array) -> Array:
     """Columns (N, k) without the covariance of the part of its own."""
     found = np.empty(flat.shape)
     for before, own, block in _places(blocks):
-        found[own] = _solved(block.lower, flat[own] - block.gain @ flat[before])
+        found[own] = block.root @ (flat[own] - block.gain @ flat[before])
     return found
 
 

@@ -103,10 +103,23 @@ def _of_stated(stated: Noise, fine: _Fine, ratios: CommonRatios) -> NoiseCheck:
     length = stated.correlation_length
     if any(ratios):
         used = _with_common(replace(stated, displacement_std=fine.std(length, ratios.variances(fine.shares))), ratios)
+        used = with_least_own(used, fine.system.experiment.temporal_std)
         return NoiseCheck(stated, used.total_std, used)
     factor = fine.std(length, stated.variances(fine.shares)) / stated.displacement_std
     used = stated if 1 / AGREES <= factor <= AGREES else stated.scaled(factor)
     return NoiseCheck(stated, factor * stated.total_std, used)
+
+
+def with_least_own(noise: Noise, least: float) -> Noise:
+    """The same variance in all, of which no less than least^2, mm^2, is not common to the increments: a few pictures of one ramp may show hardly any of it, and what
+    changes from picture to picture is known from all of them."""
+    total, common = noise.total_std, float(np.hypot(noise.pattern_std, noise.reference_std))
+    if not noise.displacement_std < least < total:
+        return noise
+    share = float(np.sqrt(total**2 - least**2)) / common
+    return replace(
+        noise, displacement_std=least, pattern_std=share * noise.pattern_std, reference_std=share * noise.reference_std
+    )
 
 
 def _ratios(experiment: Experiment, fine: _Fine, length: float, basis: Basis, c: Array) -> CommonRatios:

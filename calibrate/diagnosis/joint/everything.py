@@ -2,7 +2,8 @@
 
 In: a `Problem`, effects, priors. Out: `Everything`. Beside neo-Hooke, so that no flexible base hides an effect; the upturn and the second
 invariant, with their priors, make it Yeoh's or Mooney and Rivlin's. An effect that ends far beyond its prior stands in for something else, and lets
-others do so: a second fit is without such effects. What none of them explains is a smooth discrepancy (`discrepancy`). Its variance is that of what neo-Hooke leaves: updated with the fit it would grow without
+others do so: a second fit is without such effects. What none of them explains is a smooth discrepancy (`discrepancy`), and larger noise in the equations without a load (`model_weights.field_variance`): a model that is
+wrong in places would else give up the forces, which are measured, for them. Both variances are those of what neo-Hooke leaves: updated with the fit they would grow without
 end, as what is not seen may be fitted badly.
 """
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from calibrate.diagnosis import base_functions, effect_fit, score_tests
+from calibrate.diagnosis import base_functions, effect_fit, model_weights, score_tests
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.priors import Priors
@@ -42,12 +43,19 @@ FIRST, STEPS = 5, 30  # steps from every start, and from the best
 
 
 def fit_everything(
-    problem: Problem, effects: Sequence[Effect], priors: Priors, say: Say = lambda text: None
+    problem: Problem,
+    effects: Sequence[Effect],
+    priors: Priors,
+    say: Say = lambda text: None,
+    field_variance: float | None = None,
 ) -> Everything:
-    """Of the training rows of a problem, with its weights. Raises `FitError` where a fit has no finite start or nothing can be tested."""
+    """Of the training rows of a problem, with its weights. field_variance: over that of noise, None for that of what neo-Hooke leaves. Raises `FitError` where a fit has no finite start or nothing can be tested."""
     problem = simple_base(problem)
     effects = [effect for effect in effects if effect.name not in SMOOTH]
     base = effect_fit.refit(problem, base_functions.first_guess([part.assembled for part in problem.trained]), ())
+    variance = model_weights.field_variance(problem, base.c) if field_variance is None else field_variance
+    problem = model_weights.with_field_variance(problem, variance)
+    base = effect_fit.refit(problem, base.c, ())
     scores = {score.effect.name: score for score in score_tests.score(problem, base, effects) if score.is_tested}
     additions = candidates(list(scores.values()), [name for name, general in NESTED.items() if general in scores])
     if not additions:
@@ -55,7 +63,12 @@ def fit_everything(
     widths = {name: prior_deviations(problem, score.effect, priors) for name, score in scores.items()}
     search = _Search(problem, base, scores, widths, discrepancy.directions(problem), say)
     found = search.to_the_end(search.best_start(additions))
-    return replace(found, plausible=search.plausible(found))
+    plausible = search.plausible(found)
+    return replace(
+        found,
+        plausible=None if plausible is None else replace(plausible, field_variance=variance),
+        field_variance=variance,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +108,14 @@ class _Search:
         return best.c, best.additions
 
     def to_the_end(self, start: Start) -> Everything:
-        """The fit, what it says of each effect, and its errors."""
+        """The fit, what it says of each effect, and its errors. Effects that a few steps left at none wait until the others are at the end: most stay there."""
         c, additions = start
         self.say(f"all {len(additions)} effects at once, to the end")
+        acting = tuple(a for a in additions if not a.is_null)
+        if 0 < len(acting) < len(additions):
+            first = joint_fit.fit(self.with_discrepancy, c, acting, self.widths, STEPS)
+            moved = {a.effect.name: a for a in first.additions}
+            c, additions = first.c, tuple(moved.get(a.effect.name, a) for a in additions)
         fit = joint_fit.fit(self.with_discrepancy, c, additions, self.widths, STEPS)
         left = discrepancy.variance_of(equations.residual(self.problem, fit.c, fit.additions), self.D)
         before_it, after_it = (

@@ -67,7 +67,8 @@ class Usable:
 @dataclass(frozen=True, eq=False)
 class Everything:
     """The fit of all effects. shares: the most needed first; before, after: errors of the neo-Hookean base and of the fit, on what was fitted and
-    on what was held out (None: nothing was). variance: of the discrepancy, over that of noise; dispersion: of the rest, 1 is noise.
+    on what was held out (None: nothing was). variance: of the discrepancy, over that of the rest, whose dispersion is 1 where it is as
+    large as the weights have it: that of noise, in equations without a load times field_variance.
     plausible: without effects beyond their priors, None where there were none. replayed: this model by finite elements; updated: by the forces of replays; None: not asked for.
     neo_hooke (n,), MPa: coefficients of the base alone; neo_hooke_replayed: its replay, which every other has to be better than."""
 
@@ -82,6 +83,7 @@ class Everything:
     updated: Updated | NoReplayCheck | None = None
     neo_hooke: Array | None = None
     neo_hooke_replayed: Replayed | NoReplayCheck | None = None
+    field_variance: float = 1.0
 
     @property
     def update_in_use(self) -> Updated | None:

@@ -1,6 +1,6 @@
 """Close the loop: test the effects, add the best that data held out confirm, test the residual, until nothing is significant.
 
-In: a `Problem` and its base fit. Out: `Discovery` with a round for each model, and a verdict.
+In: a `Problem` and its base fit. Out: `Discovery` with a round for each model, and a verdict. First and last round have a fit with every effect.
 
 An effect is added if its adjusted p-value is small, its amplitude is physically admissible, and the error on equations
 that were not used for fitting falls. Once nothing more is added, each effect is taken out again and the others compete
@@ -52,13 +52,17 @@ def close_loop(
     reviews: dict[frozenset[str], Review] = {}  # of models with more than one effect, by their names
     while True:
         say(f"round {len(rounds) + 1}: testing effects")
-        now = scored_round(model, effects, whole_table, seed, say, thresholds)
+        now = scored_round(model, effects, seed, thresholds)
+        if whole_table and not rounds:
+            now = _with_fits(model, now, thresholds, say)
         added, names = None, frozenset(model.fit.names)
         if len(names) > 1 and names not in reviews:
             now, reviews[names], added = review(model, now, effects, thresholds, seed, say)
         enough = len(names) >= thresholds.most_named and is_small(rounds[0], now, thresholds)
         if added is None and len(names) < thresholds.most_effects and not enough:
             now, added = extended(model, now, say, thresholds)
+        if whole_table and added is None:
+            now = _with_fits(model, now, thresholds, say)
         rounds.append(replace(now, candidates=tuple(one.decided for one in now.candidates)))
         if added is None:
             confirmation = confirm(base, model, thresholds) if names else None
@@ -67,30 +71,33 @@ def close_loop(
         model = _with_own_twins(_without_superfluous(added))
 
 
-def scored_round(
-    model: Model, effects: Sequence[Effect], whole: bool, seed: int, say: Say, thresholds: Thresholds = DEFAULT
-) -> Round:
-    """Test every effect and make the table; whole: with a fit of each."""
+def scored_round(model: Model, effects: Sequence[Effect], seed: int = 0, thresholds: Thresholds = DEFAULT) -> Round:
+    """Test every effect."""
     problem, state = model.problem, model.fit
     scores = score_tests.score(problem, state, effects, seed)
     tested = [s for s in scores if s.is_tested]
     like = score_tests.likeness(tested) if tested else np.zeros((0, 0))
     candidates = []
     for i, one in enumerate(scores):
-        if not one.is_tested:
-            candidates.append(Candidate(one))
-            continue
-        near = ((tested[j].effect.name, float(like[i, j])) for j in np.argsort(-like[i]) if j != i)
-        candidate = Candidate(one, like=tuple((n, v) for n, v in near if v > thresholds.similar))
-        if whole:
-            say(f"fit with {one.effect.name}")
-            candidate = candidate_fit.fitted(model, candidate, thresholds)
-        candidates.append(candidate)
+        order = np.argsort(-like[i]) if one.is_tested else ()
+        near = ((tested[j].effect.name, float(like[i, j])) for j in order if j != i)
+        candidates.append(Candidate(one, like=tuple((n, v) for n, v in near if v > thresholds.similar)))
     train = misfit(problem, state.c, state.additions, False)
     assert train is not None
     held = misfit(problem, state.c, state.additions, True)
     predicted = residual_tests.prediction_test(problem, state.c, state.additions)
     return Round(state, train, held, tuple(candidates), predicted)
+
+
+def _with_fits(model: Model, now: Round, thresholds: Thresholds, say: Say) -> Round:
+    """The round with a fit of every candidate that was tested and has none, for the table."""
+    found = []
+    for one in now.candidates:
+        if one.score.is_tested and one.fit is None:
+            say(f"fit with {one.name}")
+            one = candidate_fit.fitted(model, one, thresholds)
+        found.append(one)
+    return replace(now, candidates=tuple(found))
 
 
 def extended(model: Model, now: Round, say: Say, thresholds: Thresholds = DEFAULT) -> tuple[Round, Model | None]:

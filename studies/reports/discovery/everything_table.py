@@ -84,7 +84,8 @@ def everything_data(found: Everything) -> dict[str, Any]:
         "worse": list(found.worse),
         "before": {"force": before.force, "field": before.field},
         "after": {"force": after.force, "field": after.field},
-        "smooth": float((1 + found.variance) ** 0.5),
+        "smooth": float(((1 + found.variance) * found.field_variance) ** 0.5),
+        "rest": float(found.field_variance**0.5),
     }
 
 
@@ -105,7 +106,7 @@ def everything_record(found: Everything | None) -> dict[str, Any] | None:
         for name, pair in (("before", found.before), ("after", found.after))
     }
     return {
-        "effects": shares, "fitted_and_held_out": errors, "discrepancy_over_noise": found.variance**0.5,
+        "effects": shares, "fitted_and_held_out": errors, "discrepancy_over_noise": (found.variance * found.field_variance) ** 0.5, "fields_over_noise": found.field_variance**0.5,
         "reduced_chi_square": found.dispersion, "converged": found.fit.converged, "predicts": found.predicts,
         "plausible": everything_record(found.plausible), "replay": _replayed(found.replayed), "updated": _updated(found), "neo_hooke": _replayed(found.neo_hooke_replayed),
     }  # fmt: skip

@@ -402,7 +402,7 @@ def test_a_fit_that_runs_away_is_named_and_refuses_its_effect(monkeypatch):
     with pytest.raises(errors.FitError, match="Payne softening"):
         effect_fit.refit(problem, 0 * state.c, (payne,))
     model = Model(problem, state)
-    now = scored_round(model, [effect("second invariant")], False, 0, lambda text: None)
+    now = scored_round(model, [effect("second invariant")])
     right = effect_fit.refit
     monkeypatch.setattr(
         effect_fit, "refit", lambda problem, c, additions, iterations=6: right(problem, 0 * c, (payne,))
@@ -416,7 +416,7 @@ def test_what_is_refused_keeps_its_fit():
     """So that its error on data held out can be seen, also where not every candidate is refitted."""
     problem, state = prepared(0.02)
     model = Model(problem, state)
-    now = scored_round(model, [effect("second invariant")], False, 0, lambda text: None)
+    now = scored_round(model, [effect("second invariant")])
     worse = replace(now, held=replace(now.held, force=0.0, field=0.0, chi_square=0.0))
     refused, fit = extended(model, worse, lambda text: None)
     assert fit is None

@@ -88,3 +88,14 @@ def test_over_seeds_the_error_is_a_few_percent():
     found = np.array([check_noise(sheet(seed, n_radial=12)).found for seed in range(12)]) / NOISE.displacement_std
     assert abs(found.mean() - 1) < 0.03
     assert found.std() < SCALE_ERROR  # as the chi-squares take it
+
+
+def test_no_less_is_new_in_a_picture_than_all_pictures_show():
+    """The variance in all stays; what is above the least stays as it is."""
+    noise = Noise(1e-4, pattern_std=6e-3, reference_std=3e-3, correlation_time=4.0)
+    found = noise_check.with_least_own(noise, 6e-4)
+    assert found.displacement_std == 6e-4
+    assert found.total_std == pytest.approx(noise.total_std)
+    assert found.pattern_std / found.reference_std == pytest.approx(2.0)
+    assert noise_check.with_least_own(noise, 5e-5) is noise
+    assert noise_check.with_least_own(noise, 1.0) is noise
