@@ -90,17 +90,15 @@ def field_variance(problem: Problem, c: Array) -> float:
 
 
 def with_field_variance(problem: Problem, variance: float) -> Problem:
-    """The same equations with weights that allow for noise in those without a load of a variance as many times as large."""
+    """The same equations with weights that allow for errors in those without a load of a variance as many times as that of noise, which the forces do not share: else small
+    differences between both would be known ever so well."""
     parts = []
     for part in problem.parts:
         noise = noise_of(part.chain, part.assembled, problem.c, problem.amplifying if part.train.size else ())
-        scale = np.where(_inside(part), variance**0.5, 1.0)[:, None]
-        given = (
-            EquationNoise.of(part.system, part.assembled.noise, scale * noise.spreads, noise.shares),
-            part.train.rows,
-            part.held.rows,
-            part.common,
-        )
+        more = np.where(_inside(part), (variance - 1) ** 0.5, 0.0)[:, None] * noise.spreads
+        spreads = np.concatenate([noise.spreads, more], axis=2)
+        larger = EquationNoise.of(part.system, part.assembled.noise, spreads, noise.shares)
+        given = larger, part.train.rows, part.held.rows, part.common
         train, held = _weights(*given)
         parts.append(replace(part, train=train, held=held, together=_together(*given)))
     return replace(problem, parts=tuple(parts))
