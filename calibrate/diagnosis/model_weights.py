@@ -79,7 +79,7 @@ def field_variance(problem: Problem, c: Array) -> float:
     own (Helmert 1907; Förstner 1979), by which a model is wrong in places that the forces know nothing of."""
     left, degrees = 0.0, 0
     for part in problem.trained:
-        rows = part.train.rows & _inside(part)
+        rows = part.train.rows & part.inside
         if not rows.any():
             continue
         weights = weights_of(noise_of(part.chain, part.assembled, problem.c, problem.amplifying), rows, part.common)
@@ -95,18 +95,13 @@ def with_field_variance(problem: Problem, variance: float) -> Problem:
     parts = []
     for part in problem.parts:
         noise = noise_of(part.chain, part.assembled, problem.c, problem.amplifying if part.train.size else ())
-        more = np.where(_inside(part), (variance - 1) ** 0.5, 0.0)[:, None] * noise.spreads
+        more = np.where(part.inside, (variance - 1) ** 0.5, 0.0)[:, None] * noise.spreads
         spreads = np.concatenate([noise.spreads, more], axis=2)
         larger = EquationNoise.of(part.system, part.assembled.noise, spreads, noise.shares)
         given = larger, part.train.rows, part.held.rows, part.common
         train, held = _weights(*given)
         parts.append(replace(part, train=train, held=held, together=_together(*given)))
     return replace(problem, parts=tuple(parts))
-
-
-def _inside(part: Part) -> Mask:
-    """(2 v,): equations of virtual fields without a load."""
-    return np.tile(part.system.fields.boundary < 0, 2)
 
 
 def _weights(noise: EquationNoise, train: Mask, held: Mask, common: Array | None) -> tuple[Weights, Weights]:

@@ -80,6 +80,11 @@ class Part:
         return additions if self.train.size else tuple(a for a in additions if a.effect.of_material)
 
     @property
+    def inside(self) -> Mask:
+        """(2 v,): equations of virtual fields without a load."""
+        return np.tile(self.system.fields.boundary < 0, 2)
+
+    @property
     def experiment(self) -> Experiment:
         """The Experiment of the chain."""
         return self.chain.system.experiment

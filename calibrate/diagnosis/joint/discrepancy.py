@@ -36,8 +36,8 @@ class WithDiscrepancy(Problem):
 
 
 def directions(problem: Problem) -> Array:
-    """Smooth body forces (N, k), orthonormal. Forces of the grips are not among them: they are measured."""
-    blocks = [part.train(smooth_body_forces(part, COSINES)).T for part in problem.trained]
+    """Smooth body forces (N, k), orthonormal. They change no force of a grip, as body forces beside it would: those are measured."""
+    blocks = [part.train(np.where(part.inside, smooth_body_forces(part, COSINES), 0.0)).T for part in problem.trained]
     return orthonormal(problem.padded(scipy.linalg.block_diag(*blocks)))
 
 

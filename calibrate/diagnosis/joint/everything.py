@@ -88,9 +88,9 @@ class _Search:
         variance = discrepancy.variance_of(self.base.residual, self.D)
         return discrepancy.with_discrepancy(self.problem, self.D, variance)
 
-    def best_start(self, additions: Additions) -> Start:
-        """A few steps from the shapes of the score tests, and from the shortest of the times that the material remembers: relaxation that is fast
-        beside the increments looks like an offset of force or time to a score."""
+    def best_start(self, additions: Additions, *others: Start) -> Start:
+        """A few steps from the base with the shapes of the score tests, and from the shortest of the times that the material remembers: relaxation that is fast
+        beside the increments looks like an offset of force or time to a score. And from other starts."""
         starts = [additions]
         if any(a.effect.remembers and a.shape for a in additions):
             data = self.problem.trained[0].chain.data
@@ -101,9 +101,10 @@ class _Search:
                 )
             )
         found = []
-        for i, start in enumerate(starts):
-            self.say(f"all {len(additions)} effects at once, start {i + 1} of {len(starts)}")
-            found.append(joint_fit.fit(self.with_discrepancy, self.base.c, start, self.widths, FIRST))
+        every = [*((self.base.c, start) for start in starts), *others]
+        for i, (c, start) in enumerate(every):
+            self.say(f"all {len(additions)} effects at once, start {i + 1} of {len(every)}")
+            found.append(joint_fit.fit(self.with_discrepancy, c, start, self.widths, FIRST))
         best = min(found, key=lambda one: one.objective)
         return best.c, best.additions
 
@@ -128,14 +129,15 @@ class _Search:
 
     def plausible(self, found: Everything) -> Everything | None:
         """The fit of effects of which none is beyond what its prior allows: those that are go, all at once, until none is. What a more general one held
-        takes its place. None where there is nothing to take out, or nothing left."""
+        takes its place. What is left had made up for what went, so that it starts anew, too. None where there is nothing to take out, or nothing left."""
         now = found
         while far := {one.effect.name for one in now.shares if one.is_far}:
             back = [self.scores[name] for name, general in NESTED.items() if general in far and name in self.scores]
             kept = tuple(a for a in now.fit.additions if a.effect.name not in far)
             if not kept and not back:
                 return None
-            now = self.to_the_end((now.fit.c, (*kept, *candidates(back))))
+            anew = candidates([*(self.scores[a.effect.name] for a in kept), *back])
+            now = self.to_the_end(self.best_start(anew, (now.fit.c, (*kept, *candidates(back)))))
         return None if now is found else now
 
 
