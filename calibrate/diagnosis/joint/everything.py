@@ -54,8 +54,9 @@ def fit_everything(
     effects = [effect for effect in effects if effect.name not in SMOOTH]
     base = effect_fit.refit(problem, base_functions.first_guess([part.assembled for part in problem.trained]), ())
     variance = model_weights.field_variance(problem, base.c) if field_variance is None else field_variance
-    problem = model_weights.with_field_variance(problem, variance)
-    base = effect_fit.refit(problem, base.c, ())
+    if variance > 1:
+        problem = model_weights.with_field_variance(problem, variance)
+        base = effect_fit.refit(problem, base.c, ())
     scores = {score.effect.name: score for score in score_tests.score(problem, base, effects) if score.is_tested}
     additions = candidates(list(scores.values()), [name for name, general in NESTED.items() if general in scores])
     if not additions:

@@ -61,7 +61,7 @@ def close_loop(
         enough = len(names) >= thresholds.most_named and is_small(rounds[0], now, thresholds)
         if added is None and len(names) < thresholds.most_effects and not enough:
             now, added = extended(model, now, say, thresholds)
-        if whole_table and added is None:
+        if whole_table and added is None and rounds:
             now = _with_fits(model, now, thresholds, say)
         rounds.append(replace(now, candidates=tuple(one.decided for one in now.candidates)))
         if added is None:
