@@ -13,6 +13,7 @@ from calibrate.diagnosis import base_fit, model_weights
 from calibrate.diagnosis.problem import all_rows
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
+from calibrate.equations.weights import weights_of
 
 EFFECTS = {effect.name: effect for effect in CATALOGUE}
 NOISE = Noise(0.01, 3.0)
@@ -21,9 +22,8 @@ NOISE = Noise(0.01, 3.0)
 def inside(problem, c, additions=()):
     """Chi-square of the equations of virtual fields that vanish where forces act, which hold for every stiffness."""
     (part,) = problem.parts
-    free = np.tile(part.system.fields.boundary < 0, 2)
-    r = np.where(free, part.chain.residual(c, additions), 0.0)
-    white = part.train(r)
+    noise = model_weights.noise_of(part.chain, part.assembled, problem.c, ())
+    white = weights_of(noise, part.train.rows & part.inside)(part.chain.residual(c, additions))
     return float(white @ white)
 
 
