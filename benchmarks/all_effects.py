@@ -24,7 +24,7 @@ from calibrate.effects import CATALOGUE
 from calibrate.effects.effect import distinct
 from calibrate.fitting.noise_check import with_checked_noise
 from studies.output.writing import write_json
-from studies.trials.blind_case import twin_replay
+from studies.replay.twin_replay import twin_replay
 
 COLUMNS = [
     "test",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.problem import OwnSignature, Part, Problem, loads, residual
-from calibrate.diagnosis.residual_tests import PLACE_COSINES, rough_dispersion, smooth_body_forces
+from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Additions, Chain
 from calibrate.effects.chain.true_surface import is_expressed
 from calibrate.equations import discretisation_error, noise_covariance
@@ -21,7 +21,6 @@ from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.noise_covariance import EquationNoise
 from calibrate.equations.reduction import Assembled
 from calibrate.equations.weights import Weights, weights_of
-from calibrate.fitting.least_squares import residual_outside
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -68,25 +67,8 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
     parts = []
     for part in problem.parts:
         noise = noise_of(part.chain, part.assembled, problem.c, found if part.train.size else ())
-        given = noise, part.train.rows, part.held.rows, part.common
-        train, held = _weights(*given)
-        parts.append(replace(part, train=train, held=held, together=_together(*given)))
+        parts.append(_weighted_by(part, noise))
     return replace(problem, parts=tuple(parts), amplifying=found)
-
-
-def field_variance(problem: Problem, c: Array) -> float:
-    """Mean square, over that of noise, of the equations without a load of a base c (n,), at least 1, but for what is smooth over the specimen: a component of variance of its
-    own (Helmert 1907; Förstner 1979), by which a model is wrong in places that the forces know nothing of."""
-    left, degrees = 0.0, 0
-    for part in problem.trained:
-        rows = part.train.rows & part.inside
-        if not rows.any():
-            continue
-        weights = weights_of(noise_of(part.chain, part.assembled, problem.c, problem.amplifying), rows, part.common)
-        smooth = weights(smooth_body_forces(part, PLACE_COSINES)).T
-        rest, n = residual_outside(weights(part.residual(c)), smooth)
-        left, degrees = left + rest, degrees + n
-    return max(1.0, left / degrees) if degrees > 0 else 1.0
 
 
 def with_field_variance(problem: Problem, variance: float) -> Problem:
@@ -97,11 +79,15 @@ def with_field_variance(problem: Problem, variance: float) -> Problem:
         noise = noise_of(part.chain, part.assembled, problem.c, problem.amplifying if part.train.size else ())
         more = np.where(part.inside, (variance - 1) ** 0.5, 0.0)[:, None] * noise.spreads
         spreads = np.concatenate([noise.spreads, more], axis=2)
-        larger = EquationNoise.of(part.system, part.assembled.noise, spreads, noise.shares)
-        given = larger, part.train.rows, part.held.rows, part.common
-        train, held = _weights(*given)
-        parts.append(replace(part, train=train, held=held, together=_together(*given)))
+        parts.append(_weighted_by(part, EquationNoise.of(part.system, part.assembled.noise, spreads, noise.shares)))
     return replace(problem, parts=tuple(parts))
+
+
+def _weighted_by(part: Part, noise: EquationNoise) -> Part:
+    """The same equations with the weights of a noise."""
+    given = noise, part.train.rows, part.held.rows, part.common
+    train, held = _weights(*given)
+    return replace(part, train=train, held=held, together=_together(*given))
 
 
 def _weights(noise: EquationNoise, train: Mask, held: Mask, common: Array | None) -> tuple[Weights, Weights]:

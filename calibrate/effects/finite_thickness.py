@@ -41,7 +41,6 @@ import scipy.sparse as sp
 from calibrate.data.experiment import Experiment
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 from calibrate.effects.support.effect_data import Data
-from calibrate.effects.support.membrane import membrane_solver
 from calibrate.effects.support.nodal_derivatives import (
     gradient,
     gradient_matrices,
@@ -78,7 +77,7 @@ class Thickness(Effect):
     def adjoint(self, data, places, a, shape):
         slopes = gradient_matrices(data)
         transposed = [sp.csr_array(one.T) for one in slopes]
-        smoothed = membrane_solver(data.membrane, RELAXATION * float(data.thickness))
+        smoothed = data.membrane.adjoint(RELAXATION * float(data.thickness))
         true = np.stack([one @ places for one in slopes], axis=-1)
         back, points = np.linalg.inv(true), np.asarray(data.points)
 
@@ -134,7 +133,7 @@ def bend(data: Any, F: Any, back: Any) -> Any:
 
 
 def _bend_transposed(slopes, transposed, smoothed, x, back, rows):
-    """Rows (r, n, 2) by u, of those by `bend`; x (n, 2): deformed places. slopes, transposed: `gradient_matrices`; smoothed: `membrane_solver`."""
+    """Rows (r, n, 2) by u, of those by `bend`; x (n, 2): deformed places. slopes, transposed: `gradient_matrices`; smoothed: `Membrane.adjoint`."""
     n, r = len(x), len(rows)
     F = np.stack([one @ x for one in slopes], axis=-1) @ back
     a, inv = 1.0 / np.linalg.det(F), np.linalg.inv(F)

@@ -46,16 +46,11 @@ def with_own_effects(problem: Problem, effects: Sequence[Effect], priors: Priors
     own = [e for e in effects if belongs_to_one_test(e) and not e.rough and untestable(problem.of_one_test, e) is None]
     parts = []
     for part in problem.parts:
-        seen = own if part.train.size and _has_equations_inside(part) else []
+        seen = own if part.train.size and part.inside.any() else []
         known = tuple(_signature(problem, part, effect, priors) for effect in seen)
         parts.append(replace(part, own=tuple(one for one in known if np.isfinite(one.sources).all())))
     problem = model_weights.reweighted(replace(problem, parts=tuple(parts)), problem.c, ())
     return problem, refit(problem, problem.c, ())
-
-
-def _has_equations_inside(part: Part) -> bool:
-    """Whether any virtual field is one without a load."""
-    return bool((part.system.fields.boundary < 0).any())
 
 
 def _signature(problem: Problem, part: Part, effect: Effect, priors: Priors) -> OwnSignature:

@@ -2,7 +2,7 @@
 
 In: a `Problem`, effects, priors. Out: `Everything`. Beside neo-Hooke, so that no flexible base hides an effect; the upturn and the second
 invariant, with their priors, make it Yeoh's or Mooney and Rivlin's. An effect that ends far beyond its prior stands in for something else, and lets
-others do so: a second fit is without such effects. What none of them explains is a smooth discrepancy (`discrepancy`), and larger noise in the equations without a load (`model_weights.field_variance`): a model that is
+others do so: a second fit is without such effects. What none of them explains is a smooth discrepancy (`discrepancy`), and larger noise in the equations without a load (`discrepancy.field_variance`): a model that is
 wrong in places would else give up the forces, which are measured, for them. Both variances are those of what neo-Hooke leaves: updated with the fit they would grow without
 end, as what is not seen may be fitted badly.
 """
@@ -53,7 +53,7 @@ def fit_everything(
     problem = simple_base(problem)
     effects = [effect for effect in effects if effect.name not in SMOOTH]
     base = effect_fit.refit(problem, base_functions.first_guess([part.assembled for part in problem.trained]), ())
-    variance = model_weights.field_variance(problem, base.c) if field_variance is None else field_variance
+    variance = discrepancy.field_variance(problem, base.c) if field_variance is None else field_variance
     if variance > 1:
         problem = model_weights.with_field_variance(problem, variance)
         base = effect_fit.refit(problem, base.c, ())

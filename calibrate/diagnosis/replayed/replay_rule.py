@@ -86,6 +86,12 @@ def is_worse(base: Observations, final: Observations) -> bool:
     return bool(new > LOAD_CELL and new**2 > max(old**2 - noise, 0.0) + 2 * noise)
 
 
+def misses_more(one: ReplayErrors, other: ReplayErrors, noise: float) -> bool:
+    """Whether a model misses forces or fields by more than another by an amount that matters: forces by more than the error of a load cell, fields by more than noise, mm,
+    of a displacement adds to the other's error."""
+    return bool(one.force > max(other.force, LOAD_CELL) or one.field**2 > other.field**2 + noise**2)
+
+
 def _chi_square(residual: Array, covariance: Array, where: Mask) -> ChiSquare | None:
     if not where.any():
         return None

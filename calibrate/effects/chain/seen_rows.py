@@ -9,13 +9,12 @@ Corrections are slopes at every node by its own displacement; those of rough eff
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.effects.chain.linearisation import Linearisation, Step
+from calibrate.effects.chain.linearisation import Constants, Linearisation, Step
 from calibrate.effects.chain.link import push
 from calibrate.effects.chain.links_of_motion import OfEffect
 from calibrate.effects.chain.quantities import PLACES
@@ -30,42 +29,39 @@ class SeenRows:
     """correction: from measured to corrected displacements."""
 
     def __init__(self, correction: Linearisation) -> None:
-        self.correction = correction
-
-    @cached_property
-    def _steps(self) -> tuple[Transposed, ...]:
-        """The transposed corrections, the last first."""
-        steps = [step for step in reversed(self.correction.steps) if not _effect(step).mixes]
-        return tuple(self._rough(step) if _effect(step).rough else self._at_nodes(step) for step in steps)
+        steps = [step for step in reversed(correction.steps) if not _effect(step).mixes]
+        make = [_rough if _effect(step).rough else _at_nodes for step in steps]
+        self.transposed = tuple(of(correction.constants, step) for of, step in zip(make, steps, strict=True))
 
     def __call__(self, rows: Array, increment: int) -> Array:
         """Rows (r, n, 2) by seen displacements, of rows by corrected ones."""
-        if not self._steps:
+        if not self.transposed:
             return rows
         size, found = max(1, VALUES // rows.shape[1]), np.empty_like(rows)
         for first in range(0, len(rows), size):
             some = rows[first : first + size]
-            for transposed in self._steps:
+            for transposed in self.transposed:
                 some = transposed(increment, some)
             found[first : first + size] = some
         return found
 
-    def _rough(self, step: Step) -> Transposed:
-        link = step.stage.link
-        ((a, shape),) = step.stage.parameters
-        data = self.correction.constants.data
-        places = step.inputs[link.reads.index(PLACES)] if PLACES in link.reads else data.points
-        adjoint = _effect(step).adjoint(data, np.asarray(places), np.asarray(a), np.asarray(shape))
-        u = np.asarray(step.inputs[0])
-        return lambda i, rows: adjoint(u[i], rows)
 
-    def _at_nodes(self, step: Step) -> Transposed:
-        """By slopes (2, t, n, 2): of both components by each."""
-        u, link = step.inputs[0], step.stage.link
-        units = jnp.broadcast_to(jnp.eye(2)[:, None, None, :], (2, *u.shape))
-        given = step.inputs, self.correction.constants.of(link), step.stage.parameters
-        slopes = np.asarray(push(link, *given, (units, *(None for _ in step.inputs[1:]))))
-        return lambda i, rows: np.einsum("rnc,knc->rnk", rows, slopes[:, i])
+def _rough(constants: Constants, step: Step) -> Transposed:
+    link = step.stage.link
+    ((a, shape),) = step.stage.parameters
+    places = step.inputs[link.reads.index(PLACES)] if PLACES in link.reads else constants.data.points
+    adjoint = _effect(step).adjoint(constants.data, np.asarray(places), np.asarray(a), np.asarray(shape))
+    u = np.asarray(step.inputs[0])
+    return lambda i, rows: adjoint(u[i], rows)
+
+
+def _at_nodes(constants: Constants, step: Step) -> Transposed:
+    """By slopes (2, t, n, 2): of both components by each."""
+    u, link = step.inputs[0], step.stage.link
+    units = jnp.broadcast_to(jnp.eye(2)[:, None, None, :], (2, *u.shape))
+    given = step.inputs, constants.of(link), step.stage.parameters
+    slopes = np.asarray(push(link, *given, (units, *(None for _ in step.inputs[1:]))))
+    return lambda i, rows: np.einsum("rnc,knc->rnk", rows, slopes[:, i])
 
 
 def _effect(step: Step) -> Effect:

@@ -17,7 +17,7 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.effects.support.nodal_derivatives import stencil_sum
+from calibrate.effects.support.nodal_derivatives import stencil_matrix, stencil_sum
 from calibrate.equations import kinematics
 
 Array = NDArray[np.float64]
@@ -70,18 +70,15 @@ class Membrane:
         )[0]
         return jnp.moveaxis(found.reshape(len(self.mass), raw.shape[0], 2), 0, 1)
 
-
-def membrane_solver(membrane: Membrane, length: float) -> Callable[[Array], Array]:
-    """The transpose of `smoothed` as a map of columns (n, k), factorised once; the matrix is symmetric."""
-    n, k = membrane.nodes.shape
-    inner = np.asarray(membrane.stiffness).ravel(), np.asarray(membrane.nodes).ravel(), k * np.arange(n + 1)
-    stiffness = sp.csr_array(inner, shape=(n, n))
-    mass, free = np.asarray(membrane.mass), 1.0 - np.asarray(membrane.held)
-    mass, of_free = np.where(mass > 0, mass, 1.0), sp.diags_array(free)
-    held = sp.diags_array((1.0 - free) * mass)
-    matrix = of_free @ (sp.diags_array(mass) + length**2 * stiffness) @ of_free + held
-    factor = scipy.sparse.linalg.splu(sp.csc_array(matrix), permc_spec="MMD_AT_PLUS_A")
-    return lambda columns: (free * mass)[:, None] * factor.solve(columns)
+    def adjoint(self, length: float) -> Callable[[Array], Array]:
+        """The transpose of `smoothed` as a map of columns (n, k); its matrix, which is symmetric, is factorised once. length in mm."""
+        mass, free = np.asarray(self.mass), 1.0 - np.asarray(self.held)
+        mass, only_free = np.where(mass > 0, mass, 1.0), sp.diags_array(free)
+        stiffness = only_free @ stencil_matrix(self.nodes, self.stiffness) @ only_free
+        factor = scipy.sparse.linalg.splu(
+            sp.csc_array(sp.diags_array(mass) + length**2 * stiffness), permc_spec="MMD_AT_PLUS_A"
+        )
+        return lambda columns: (free * mass)[:, None] * factor.solve(columns)
 
 
 def held_nodes(experiment: Experiment) -> Array:

@@ -70,9 +70,13 @@ def gradient(data, nodal, nodes=None):
 
 def gradient_matrices(data):
     """Matrices (n, n) along x and y that do what `gradient` does to one nodal value (n,)."""
-    n, q = data.rings.shape
-    nodes, ends = np.asarray(data.rings).ravel(), q * np.arange(n + 1)
-    return [sp.csr_array((np.asarray(data.ring_slopes[:, :, k]).ravel(), nodes, ends), shape=(n, n)) for k in range(2)]
+    return [stencil_matrix(data.rings, data.ring_slopes[:, :, k]) for k in range(2)]
+
+
+def stencil_matrix(stencil, weights):
+    """The matrix (n, n) of a stencil (n, k) of as many places as nodes, with weights (n, k)."""
+    n, k = stencil.shape
+    return sp.csr_array((np.asarray(weights).ravel(), np.asarray(stencil).ravel(), k * np.arange(n + 1)), shape=(n, n))
 
 
 def second_derivatives(data, u):

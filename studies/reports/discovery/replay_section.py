@@ -10,7 +10,7 @@ import numpy as np
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.observations import ReplayErrors
-from calibrate.diagnosis.replayed.replay_rule import LEVEL, LOAD_CELL
+from calibrate.diagnosis.replayed.replay_rule import LEVEL, misses_more
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection import Discovery, Verdict
 from studies.output.findings import Finding, Macro
@@ -86,10 +86,7 @@ def plausible_replay(found: Discovery) -> Replayed | NoReplayCheck | None:
 
 
 def predicts_better(found: Discovery) -> bool:
-    """Whether neither force nor field of what was held out is missed by more than the final model misses them, nor than neo-Hooke does, in the replay of that model.
-
-    Below the error of a load cell forces are missed alike, and fields where what one misses more is, as a variance, less than that of the noise.
-    """
+    """Whether neither force nor field of what was held out is missed by more (`misses_more`) than the final model misses them, nor than neo-Hooke does, in the replay of that model."""
     one, check = plausible_replay(found), found.replay_check
     if not isinstance(one, Replayed):
         return False
@@ -98,11 +95,7 @@ def predicts_better(found: Discovery) -> bool:
     noise = max(
         (p.experiment.noise.total_std for p in found.problem.trained if p.experiment.noise is not None), default=0.0
     )
-    return all(
-        not one.judged.force > max(other.judged.force, LOAD_CELL)
-        and one.judged.field**2 <= other.judged.field**2 + noise**2
-        for other in others
-    )
+    return not any(misses_more(one.judged, other.judged, noise) for other in others)
 
 
 def recommendation(found: Discovery) -> str:
