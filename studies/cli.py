@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from typing import TYPE_CHECKING
 
-from studies.commandline import compiled_code
+from studies.commandline import compiled_code, threads
 from studies.errors import OptionError, StudyError
 
 if TYPE_CHECKING:
@@ -175,6 +175,7 @@ def run(words: Sequence[str]) -> Outcome | None:
         hint = f"; did you mean {close[0]}?" if close else ""
         raise OptionError(f"unknown command '{name}'{hint}; choose from {', '.join(COMMANDS)}")
     compiled_code.keep()
+    threads.limit()
     application = importlib.import_module("studies.commandline.application")  # cyclopts alone takes 0.3 s
     return application.run(targets(name), words)
 
