@@ -50,7 +50,7 @@ def take(folder: Path, replay: Path, neo_hooke: Path) -> dict[str, Any]:
     numbers["control_smallest_p"] = f"{min(one['smallest_adjusted_p'] for one in controls):.2f}"
     tables = {name: list(csv.reader((folder / f"{name}.csv").read_text().splitlines()))
               for name in ("verdicts", "errors", "transfers", "homogeneous", "control")}  # fmt: skip
-    tables["amplitudes"] = [["sheet", "fit", "effect", "amplitude", "prior standard deviations", "shape", "imitated by the others"],
+    tables["amplitudes"] = [["sheet", "fit", "effect", "amplitude", "prior standard deviations", "shape", "R^2 on the others"],
                             *(row for name in SHORT for row in amplitudes(folder, name))]  # fmt: skip
     numbers |= forces(replay)
     numbers |= {f"{name}_mm": last_field(one) for name, one in (("replay", replay), ("replay_neo_hooke", neo_hooke))}
@@ -78,7 +78,9 @@ def amplitudes(folder: Path, name: str) -> list[list[str]]:
         value = f"{parameter.name} = {one['amplitudes'][k]:.3g} ± {one['standard_deviations'][k]:.1g}"
         value = with_unit(value, amplitude_unit(parameter, found["stress_unit"]))
         shape = ", ".join(f"{p.name} = {v:.2g} {p.unit}" for p, v in zip(effect.shapes, one["shape"], strict=True))
-        rows.append([name, fit, effect.name, value, f"{one['over_prior']:.1f}", shape, share(one["imitated"])])
+        rows.append(
+            [name, fit, effect.name, value, f"{one['over_prior']:.1f}", shape, share(one["r_squared_on_others"])]
+        )
     return rows
 
 

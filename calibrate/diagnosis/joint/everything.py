@@ -179,7 +179,7 @@ def _shares(fit: Joint, widths: Widths) -> tuple[Share, ...]:
             tuple(map(float, widths[a.effect.name])),
             a.shape,
             fit.costs[a.effect.name] / fit.dispersion,
-            fit.imitated[a.effect.name],
+            fit.r_squared[a.effect.name],
         )
         for a in fit.additions
     ]

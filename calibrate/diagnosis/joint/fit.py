@@ -37,7 +37,7 @@ class Joint:
     """A fit. c (n,), MPa; additions: all effects.
 
     loss: |g - f|^2 of n_rows equations by n_base functions of the base; objective: with the prior. deviations: a standard
-    deviation of each amplitude, the prior included. costs: rise of the loss without each effect, to first order. imitated:
+    deviation of each amplitude, the prior included. costs: rise of the loss without each effect, to first order. r_squared:
     share of what each changes that the others could do. stop: why the iteration ended.
     """
 
@@ -49,7 +49,7 @@ class Joint:
     n_base: int
     deviations: dict[str, tuple[float, ...]]
     costs: dict[str, float]
-    imitated: dict[str, float]
+    r_squared: dict[str, float]
     stop: Stop
 
     @property
@@ -173,7 +173,7 @@ def _finished(equations: Equations, point: Point, stop: Stop) -> Joint:
     A = equations.compensated(equations.columns, w) if len(w) > 1 else np.zeros((len(r), 0))
     A = np.concatenate([A, np.zeros((len(variables.values), A.shape[1]))])
     deviations: dict[str, tuple[float, ...]] = {}
-    costs, imitated = {}, {}
+    costs, r_squared = {}, {}
     x = (variables.values - prior.null) / variables.scale
     starts = np.concatenate([[0], np.cumsum(variables.sizes)]).astype(int)
     for a, start, end in zip(additions, starts, starts[1:], strict=False):
@@ -186,7 +186,7 @@ def _finished(equations: Equations, point: Point, stop: Stop) -> Joint:
         deviations[a.effect.name] = tuple(map(float, spread))
         change, whole = outside @ x[own], S[:, own] @ x[own]
         costs[a.effect.name] = float(change @ change)
-        imitated[a.effect.name] = 1 - costs[a.effect.name] / max(float(whole @ whole), 1e-300)
+        r_squared[a.effect.name] = 1 - costs[a.effect.name] / max(float(whole @ whole), 1e-300)
     return Joint(
         equations.problem.cone @ w,
         additions,
@@ -196,6 +196,6 @@ def _finished(equations: Equations, point: Point, stop: Stop) -> Joint:
         len(w),
         deviations,
         costs,
-        imitated,
+        r_squared,
         stop,
     )

@@ -21,7 +21,7 @@ FAR = 3.0  # prior standard deviations that no amplitude should be beyond
 @dataclass(frozen=True)
 class Share:
     """An effect in the fit of all. amplitudes, deviations, priors (p,): values, standard deviations after and before the test, in the units of the
-    effect. rise: of the misfit without it, in dispersions, to first order; imitated: share of its change that others could make."""
+    effect. rise: of the misfit without it, in dispersions, to first order; r_squared: of its change on those of the base and of the others."""
 
     effect: Effect
     amplitudes: tuple[float, ...]
@@ -29,7 +29,7 @@ class Share:
     priors: tuple[float, ...]
     shape: tuple[float, ...]
     rise: float
-    imitated: float
+    r_squared: float
 
     @property
     def largest(self) -> int:

@@ -17,7 +17,16 @@ Table = tuple[list[str], list[list[Any]]]
 
 def shares_table(found: Everything, unit: str) -> Table:
     """Every effect, the most needed first."""
-    columns = ["effect", "amplitude", "value", "prior", "value over prior", "misfit without it", "imitated", "this fit"]
+    columns = [
+        "effect",
+        "amplitude",
+        "value",
+        "prior",
+        "value over prior",
+        "misfit without it",
+        "R² on the others",
+        "this fit",
+    ]
     return columns, [_row(one, unit) for one in found.shares]
 
 
@@ -28,7 +37,7 @@ def _row(one: Share, unit: str) -> list[Any]:
     value = plus_minus(one.amplitudes[i], BAND * one.deviations[i])
     return [
         one.effect.name, symbol, value, f"{one.priors[i]:.2g}", f"{one.over_prior:.1f}", f"{one.rise:+.0f}",
-        f"{one.imitated:.1%}", said,
+        f"{one.r_squared:.1%}", said,
     ]  # fmt: skip
 
 
@@ -97,7 +106,7 @@ def everything_record(found: Everything | None) -> dict[str, Any] | None:
         {
             "effect": one.effect.name, "amplitudes": list(one.amplitudes), "standard_deviations": list(one.deviations),
             "prior_standard_deviations": list(one.priors), "shape": list(one.shape), "over_prior": one.over_prior,
-            "misfit_without_it": one.rise, "imitated": one.imitated, "needed": bool(one.is_seen), "implausible": one.is_far,
+            "misfit_without_it": one.rise, "r_squared_on_others": one.r_squared, "needed": bool(one.is_seen), "implausible": one.is_far,
         }
         for one in found.shares
     ]  # fmt: skip

@@ -114,12 +114,12 @@ def test_stiffness_follows_the_forces() -> None:
     assert values["image rotation"] == pytest.approx(before["image rotation"], rel=0.02)
 
 
-def test_how_much_of_an_effect_the_others_imitate() -> None:
+def test_r_squared_of_an_effect_on_the_others() -> None:
     """A gradient beside a field of stiffness that holds its lowest terms."""
     problem, base = turned_plate()
     additions = (Addition(BY_NAME["stiffness gradient"], (0.0, 0.0)), Addition(BY_NAME["stiffness field"], (0.0,) * 15))
     one = joint_fit.fit(problem, base.c, additions, WIDTHS)
-    assert one.imitated["stiffness gradient"] > 0.8
+    assert one.r_squared["stiffness gradient"] > 0.8
 
 
 def test_the_cost_of_an_effect_is_the_rise_of_the_misfit_without_it() -> None:
