@@ -51,6 +51,7 @@ def discover(
     replay: Replay | None = None,
     readings: int = 0,
     check: Check | None = None,
+    all_effects: bool = True,
 ) -> Discovery:
     """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
 
@@ -74,7 +75,7 @@ def discover(
         problem, state, without_twin = with_twins(problem, state, replay)
     if len(problem.trained) > 1:
         problem, state = with_own_effects(problem, distinct(effects), priors or read_priors())
-    found = diagnose(problem, state, effects, whole_table, seed, say, thresholds, priors, fitted, check)
+    found = diagnose(problem, state, effects, whole_table, seed, say, thresholds, priors, fitted, check, all_effects)
     noise, own = tuple(check for _, check in checked), own_effects(found.problem, found.final)
     return replace(found, noise=noise, without_twin=without_twin, own=own)
 
@@ -90,12 +91,13 @@ def diagnose(
     priors: Priors | None = None,
     fitted: bool = True,
     check: Check | None = None,
+    all_effects: bool = True,
 ) -> Discovery:
     """Rounds from a base fit, the verdict in the light of all explanations, and where none explains the test all effects at once.
 
     whole_table: refit with every effect, not only with those that are tried. priors: of amplitudes, None for the default. fitted: whether
-    the best explanations are fitted and change the verdict, and all effects at once. check: replays base and final model, which may change the verdict, too, and what is to be used
-    where nothing explains the test.
+    the best explanations are fitted and change the verdict. check: replays base and final model, which may change the verdict, too, and what is to be used
+    where nothing explains the test. all_effects: whether they are fitted at once there, which changes no verdict (not without `fitted`).
     """
     effects, priors = distinct(effects), priors or read_priors()
     found = close_loop(problem, base, effects, whole_table, seed, say, thresholds)
@@ -104,7 +106,7 @@ def diagnose(
     if check is not None:
         say("replay of base and final model")
         found = judged_by_replay(found, check(found))
-    return _with_everything(found, effects, priors, say, check) if fitted else found
+    return _with_everything(found, effects, priors, say, check) if fitted and all_effects else found
 
 
 def _with_everything(

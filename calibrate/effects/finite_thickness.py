@@ -137,18 +137,18 @@ def _bend_transposed(slopes, transposed, smoothed, x, back, rows):
     n, r = len(x), len(rows)
     F = np.stack([one @ x for one in slopes], axis=-1) @ back
     a, inv = 1.0 / np.linalg.det(F), np.linalg.inv(F)
-    steep = np.einsum("nk,nkj->nj", np.stack([one @ a for one in slopes], axis=-1), back)
-    w = smoothed(np.moveaxis(rows, 1, 0).reshape(n, -1)).reshape(n, r, 2)
-    bent = np.einsum("nli,nri->nrl", inv, w)  # F^-1 w: by the gradient of a, over a
-    of_gradient = a[:, None, None] * np.einsum("nkj,nrj->nrk", back, bent)
-    of_thinning = sum(transposed[k] @ of_gradient[..., k] for k in range(2)) + np.einsum("nj,nrj->nr", steep, bent)
-    lowered = np.einsum("njc,nj->nc", inv, steep)  # F^-T grad a
-    of_F = -a[:, None, None, None] * (
-        np.einsum("nr,nlc->nrcl", of_thinning, inv) + np.einsum("nc,nrl->nrcl", lowered, bent)
-    )
-    by_measured = np.einsum("nrcl,nkl->nkrc", of_F, back)
-    total = sum(transposed[k] @ by_measured[:, k].reshape(n, -1) for k in range(2))
-    return np.moveaxis(total.reshape(n, r, 2), 0, 1)
+    steep = (np.stack([one @ a for one in slopes], axis=-1)[:, None] @ back)[:, 0]
+    w = smoothed(np.moveaxis(rows, 0, 2).reshape(n, -1)).reshape(n, 2, r)
+    bent = inv @ w  # F^-1 w: by the gradient of a, over a
+    of_gradient = back @ bent
+    of_thinning = (steep[:, None] @ bent)[:, 0]
+    of_thinning += sum(transposed[k] @ (a[:, None] * of_gradient[:, k]) for k in range(2))
+    lowered = (steep[:, None] @ inv)[:, 0]  # F^-T grad a
+    total, stiffening = np.zeros((n, 2 * r)), back @ inv
+    for k in range(2):  # by F_ck, with what the reference does to it
+        of_F = stiffening[:, k, :, None] * of_thinning[:, None] + lowered[..., None] * of_gradient[:, k, None]
+        total -= transposed[k] @ (a[:, None, None] * of_F).reshape(n, -1)
+    return np.moveaxis(total.reshape(n, 2, r), 2, 0)
 
 
 def at_nodes(data: Any, values: Any) -> Any:

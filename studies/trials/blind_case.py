@@ -95,14 +95,18 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
 
     start = time.process_time()
     experiment = Experiment.load(path)
-    found = discovery.discover([experiment], whole_table=False, replay=twin_replay, check=FiniteElementCheck())
+    found = discovery.discover(
+        [experiment], whole_table=False, replay=twin_replay, check=FiniteElementCheck(), all_effects=False
+    )  # the verdict is what is judged
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         assert found.start is not None
         rest = tuple(e for e in CATALOGUE if e.name not in without)
         content["without"] = list(without)
         content["absent"] = described(
-            discovery.diagnose(found.start, found.base, rest, whole_table=False, check=FiniteElementCheck())
+            discovery.diagnose(
+                found.start, found.base, rest, whole_table=False, check=FiniteElementCheck(), all_effects=False
+            )
         )
     return content
 
