@@ -17,6 +17,7 @@ from calibrate.diagnosis.replayed.parameter_spread import Directions
 from calibrate.diagnosis.replayed.updating import ReplayedRows, Updated, update
 from calibrate.effects.chain import Additions
 from calibrate.effects.chain.true_surface import is_expressed
+from calibrate.effects.support.effect_data import Data
 from forward.errors import ForwardError
 from studies.errors import OptionError
 from studies.replay.compared_test import ComparedTest, ReplayedModel, is_solved
@@ -36,10 +37,23 @@ def updated(problem: Problem, one: Everything) -> Updated:
     used = {a.effect.name for a in there} | {a.effect.name for a in one.fit.additions if a.effect.remembers}
     additions = tuple(a for a in one.fit.additions if a.effect.name in used & has_law)
     left_out = tuple(a.effect.name for a in there if a.effect.name not in has_law)
-    found = update(replays, one.fit.c, additions, {share.effect.name: _prior(share) for share in one.shares})
+    priors = {share.effect.name: _prior(share) for share in one.shares}
+    found = update(replays, one.fit.c, additions, priors, _other_times(additions, problem.trained[0].chain.data))
     if found is None:
         raise OptionError(f"the plausible effects have no equilibrium to start from: {replays.failure}")
     return replace(found, left_out=left_out)
+
+
+def _other_times(additions: Additions, data: Data) -> list[Additions]:
+    """The same effects with every other time that the score tests try, of a material that remembers one; its amplitude is left as it is."""
+    found = []
+    for i, a in enumerate(additions):
+        if a.effect.remembers and a.shape:
+            found += [
+                (*additions[:i], replace(a, shape=tuple(shape)), *additions[i + 1 :])
+                for shape in a.effect.shape_values(data)
+            ]
+    return found
 
 
 def _prior(share: Share) -> tuple[Array, Array]:

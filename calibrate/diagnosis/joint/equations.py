@@ -36,10 +36,10 @@ class Point:
 
 
 class Equations:
-    """Whitened equations with the stress scaled to the loads."""
+    """Whitened equations with the stress scaled to the loads. reach: prior standard deviations that no amplitude goes beyond."""
 
-    def __init__(self, problem: Problem, widths: Widths) -> None:
-        self.problem, self.widths = replace(problem, prior=problem.prior[:0]), widths
+    def __init__(self, problem: Problem, widths: Widths, reach: float = np.inf) -> None:
+        self.problem, self.widths, self.reach = replace(problem, prior=problem.prior[:0]), widths, reach
         self.smooth = problem.prior @ problem.cone
         self.chains = [part.chain for part in problem.trained]
         self.loads = equations_of.loads(self.problem)
@@ -95,7 +95,14 @@ class Prior:
         self.smooth = smooth * np.sqrt(self.dispersion)
         nulls = [np.concatenate([[p.null for p in a.effect.amplitudes], a.shape]) for a in variables.additions]
         self.null = np.concatenate([np.zeros(0), *nulls])
-        self.weights = np.where(variables.is_shape, 0.0, np.sqrt(self.dispersion) / _widths(variables, widths))
+        self.widths = _widths(variables, widths)
+        self.weights = np.where(variables.is_shape, 0.0, np.sqrt(self.dispersion) / self.widths)
+
+    def limits(self, variables: Variables, reach: float) -> tuple[Array, Array]:
+        """Lower and upper (k,) of the values: no amplitude further from none than `reach` standard deviations, none outside of its own bounds."""
+        width = np.where(variables.is_shape, np.inf, reach * self.widths * variables.scale)
+        lower, upper = variables.bounds
+        return np.maximum(lower, self.null - width), np.minimum(upper, self.null + width)
 
     def judged(self, point: Point) -> Point:
         """The point with its objective."""

@@ -2,7 +2,7 @@
 
 In: a `Problem`, effects, priors. Out: `Everything`. Beside neo-Hooke, so that no flexible base hides an effect; the upturn and the second
 invariant, with their priors, make it Yeoh's or Mooney and Rivlin's. An effect that ends far beyond its prior stands in for something else, and lets
-others do so: a second fit is without such effects. What none of them explains is a smooth discrepancy (`discrepancy`), and larger noise in the equations without a load (`discrepancy.field_variance`): a model that is
+others do so: in a second fit none may. What none of them explains is a smooth discrepancy (`discrepancy`), and larger noise in the equations without a load (`discrepancy.field_variance`): a model that is
 wrong in places would else give up the forces, which are measured, for them. Both variances are those of what neo-Hooke leaves: updated with the fit they would grow without
 end, as what is not seen may be fitted badly.
 """
@@ -26,7 +26,7 @@ from calibrate.diagnosis.joint import discrepancy
 from calibrate.diagnosis.joint import fit as joint_fit
 from calibrate.diagnosis.joint.equations import Widths
 from calibrate.diagnosis.joint.fit import Joint
-from calibrate.diagnosis.joint.shares import Everything, Share
+from calibrate.diagnosis.joint.shares import FAR, Everything, Share
 from calibrate.diagnosis.misfit import Misfit, misfit
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
@@ -74,7 +74,7 @@ def fit_everything(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Fits of several effects beside a base fit; widths: of the priors; D (N, k): directions of the discrepancy."""
+    """Fits of several effects beside a base fit; widths: of the priors, reach: of these no amplitude goes beyond; D (N, k): directions of the discrepancy."""
 
     problem: Problem
     base: Fit
@@ -82,6 +82,7 @@ class _Search:
     widths: Widths
     D: Array
     say: Say
+    reach: float = np.inf
 
     @cached_property
     def with_discrepancy(self) -> Problem:
@@ -92,20 +93,18 @@ class _Search:
     def best_start(self, additions: Additions, *others: Start) -> Start:
         """A few steps from the base with the shapes of the score tests, and from the shortest of the times that the material remembers: relaxation that is fast
         beside the increments looks like an offset of force or time to a score. And from other starts."""
+        data = self.problem.trained[0].chain.data
+        shortest = tuple(
+            replace(a, shape=a.effect.shape_values(data)[0]) if a.effect.remembers and a.shape else a for a in additions
+        )
         starts = [additions]
-        if any(a.effect.remembers and a.shape for a in additions):
-            data = self.problem.trained[0].chain.data
-            starts.append(
-                tuple(
-                    replace(a, shape=a.effect.shape_values(data)[0]) if a.effect.remembers and a.shape else a
-                    for a in additions
-                )
-            )
+        if any(a.shape != b.shape for a, b in zip(additions, shortest, strict=True)):
+            starts.append(shortest)
         found = []
         every = [*((self.base.c, start) for start in starts), *others]
         for i, (c, start) in enumerate(every):
             self.say(f"all {len(additions)} effects at once, start {i + 1} of {len(every)}")
-            found.append(joint_fit.fit(self.with_discrepancy, c, start, self.widths, FIRST))
+            found.append(joint_fit.fit(self.with_discrepancy, c, start, self.widths, FIRST, self.reach))
         best = min(found, key=lambda one: one.objective)
         return best.c, best.additions
 
@@ -115,10 +114,10 @@ class _Search:
         self.say(f"all {len(additions)} effects at once, to the end")
         acting = tuple(a for a in additions if not a.is_null)
         if 0 < len(acting) < len(additions):
-            first = joint_fit.fit(self.with_discrepancy, c, acting, self.widths, STEPS)
+            first = joint_fit.fit(self.with_discrepancy, c, acting, self.widths, STEPS, self.reach)
             moved = {a.effect.name: a for a in first.additions}
             c, additions = first.c, tuple(moved.get(a.effect.name, a) for a in additions)
-        fit = joint_fit.fit(self.with_discrepancy, c, additions, self.widths, STEPS)
+        fit = joint_fit.fit(self.with_discrepancy, c, additions, self.widths, STEPS, self.reach)
         left = discrepancy.variance_of(equations.residual(self.problem, fit.c, fit.additions), self.D)
         before_it, after_it = (
             (_misfit(self.problem, c, some, held=False), misfit(self.problem, c, some, held=True))
@@ -129,17 +128,12 @@ class _Search:
         )
 
     def plausible(self, found: Everything) -> Everything | None:
-        """The fit of effects of which none is beyond what its prior allows: those that are go, all at once, until none is. What a more general one held
-        takes its place. What is left had made up for what went, so that it starts anew, too. None where there is nothing to take out, or nothing left."""
-        now = found
-        while far := {one.effect.name for one in now.shares if one.is_far}:
-            back = [self.scores[name] for name, general in NESTED.items() if general in far and name in self.scores]
-            kept = tuple(a for a in now.fit.additions if a.effect.name not in far)
-            if not kept and not back:
-                return None
-            anew = candidates([*(self.scores[a.effect.name] for a in kept), *back])
-            now = self.to_the_end(self.best_start(anew, (now.fit.c, (*kept, *candidates(back)))))
-        return None if now is found else now
+        """The same with no amplitude beyond what its prior allows; None where none is. It starts where that fit ended, and anew: other effects make up for what it must not have."""
+        if not any(one.is_far for one in found.shares):
+            return None
+        bounded = replace(self, reach=FAR)
+        anew = candidates([self.scores[a.effect.name] for a in found.fit.additions])
+        return bounded.to_the_end(bounded.best_start(anew, (found.fit.c, found.fit.additions)))
 
 
 def candidates(scores: Sequence[Score], nested: Sequence[str] = ()) -> Additions:

@@ -95,7 +95,7 @@ class _Linearised:
         """New weights of the base and values over their scale (n + k,), in bounds; what is not used stays."""
         variables, prior, A, S, w, r = self.variables, self.prior, self.A, self.S, self.point.w, self.point.r
         scale, n, k = variables.scale, len(w), len(variables.values)
-        lower, upper = (end / scale for end in variables.bounds)
+        lower, upper = (end / scale for end in prior.limits(variables, self.equations.reach))
         x = np.clip(variables.values / scale, lower, upper)
         moves = S.any(axis=0)
         free = np.concatenate([np.full(n, n > 1), moves])  # a single base function has s alone
@@ -138,10 +138,13 @@ def fit(
     additions: Additions,
     widths: Widths,
     steps: int = STEPS,
+    reach: float = np.inf,
 ) -> Joint:
-    """Base, amplitudes and shapes together; c (n,): where it starts. widths: of the prior. Raises `FitError` where the start is not
+    """Base, amplitudes and shapes together; c (n,): where it starts. widths: of the prior; reach: of these no amplitude goes beyond. Raises `FitError` where the start is not
     finite."""
-    equations = Equations(problem, widths)
+    equations = Equations(problem, widths, reach)
+    variables = Variables(additions)
+    additions = variables.at(np.clip(variables.values, *equations.prior(variables, 1.0).limits(variables, reach)))
     w = np.maximum(np.linalg.lstsq(problem.cone, c, rcond=None)[0], 0.0)
     start = equations.scaled(w, additions)
     if not np.isfinite(start.r).all():

@@ -16,6 +16,7 @@ from calibrate.effects.chain import Additions
 
 Array = NDArray[np.float64]
 FAR = 3.0  # prior standard deviations that no amplitude should be beyond
+AT_LIMIT = 0.01  # relative distance from that
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,12 @@ class Share:
     @property
     def is_far(self) -> bool:
         """Whether it is stronger than anyone would believe: it stands in for something else."""
-        return self.over_prior > FAR
+        return self.over_prior > (1 + AT_LIMIT) * FAR
+
+    @property
+    def is_at_limit(self) -> bool:
+        """Whether it is as strong as a fit of plausible effects lets it be: it stands in for something else, too."""
+        return not self.is_far and self.over_prior > (1 - AT_LIMIT) * FAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +75,7 @@ class Everything:
     """The fit of all effects. shares: the most needed first; before, after: errors of the neo-Hookean base and of the fit, on what was fitted and
     on what was held out (None: nothing was). variance: of the discrepancy, over that of the rest, whose dispersion is 1 where it is as
     large as the weights have it: that of noise, in equations without a load times field_variance.
-    plausible: without effects beyond their priors, None where there were none. replayed: this model by finite elements; updated: by the forces of replays; None: not asked for.
+    plausible: with no amplitude beyond its prior, None where none is. replayed: this model by finite elements; updated: by the forces of replays; None: not asked for.
     neo_hooke (n,), MPa: coefficients of the base alone; neo_hooke_replayed: its replay, which every other has to be better than."""
 
     fit: Joint

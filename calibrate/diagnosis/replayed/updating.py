@@ -16,7 +16,7 @@ In: replays, computed elsewhere. Out: `Updated`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -213,9 +213,11 @@ class _Linearised:
         return bool(self.point.objective - float(after @ after) < TOLERANCE)
 
 
-def update(replays: Replays, c: Array, additions: Additions, priors: Priors) -> Updated | None:
-    """From coefficients c (n,), which are changed by a factor, as those of neo-Hooke are, and effects. None where the start has no equilibrium.
-    Raises `FitError` where no force is known."""
+def update(
+    replays: Replays, c: Array, additions: Additions, priors: Priors, others: Sequence[Additions] = ()
+) -> Updated | None:
+    """From coefficients c (n,), which are changed by a factor, as those of neo-Hooke are, and effects. others: the same with other values, from which the first fit starts, too: of a time that the
+    material remembers the misfit has several minima. None where the start has no equilibrium. Raises `FitError` where no force is known."""
     replayed = replays(c, additions)
     if replayed is None:
         return None
@@ -226,7 +228,9 @@ def update(replays: Replays, c: Array, additions: Additions, priors: Priors) -> 
     while True:
         objective = _Objective(replayed, c, priors, lower)
         start = objective.of(factor, additions, replayed.rows.residual)
-        end = gauss_newton.minimise(partial(_linearised, objective), start, Damping(), STEPS).point
+        starts = [start, *(objective.at(factor, other) for other in others)] if made == 1 else [start]
+        found = [gauss_newton.minimise(partial(_linearised, objective), one, Damping(), STEPS) for one in starts]
+        end = min((one.point for one in found), key=lambda point: point.objective)
         converged = bool(np.linalg.norm(end.r - start.r) < SMALL)
         moved = None if converged else _along(replays, objective, start, end, REPLAYS - made)
         if moved is None:

@@ -145,7 +145,7 @@ def _of_all_effects(view: View) -> Iterator[Finding]:
         yield _finding(DiscoveryCode.EVERYTHING, bool(data["implausible"] or data["worse"]), **data)
         if view.discovery.everything.plausible is not None:
             data = everything_data(view.discovery.everything.plausible)
-            keys = ("needed", "held", "worse", "before", "after")
+            keys = ("needed", "at_limit", "held", "worse", "before", "after")
             yield _finding(DiscoveryCode.PLAUSIBLE, bool(data["worse"]), **{key: data[key] for key in keys})
         yield from plausible_findings(view.discovery)
     if view.discovery.without_everything:

@@ -33,11 +33,11 @@ def shares_table(found: Everything, unit: str) -> Table:
 def _row(one: Share, unit: str) -> list[Any]:
     i = one.largest
     symbol = _symbol(one.effect.amplitudes[i].name, amplitude_unit(one.effect.amplitudes[i], unit))
-    said = "not needed" if not one.is_seen else "implausible" if one.is_far else "needed"
+    said = "implausible" if one.is_far else "at its limit" if one.is_at_limit else "needed"
     value = plus_minus(one.amplitudes[i], BAND * one.deviations[i])
     return [
         one.effect.name, symbol, value, f"{one.priors[i]:.2g}", f"{one.over_prior:.1f}", f"{one.rise:+.0f}",
-        f"{one.r_squared:.1%}", said,
+        f"{one.r_squared:.1%}", said if one.is_seen else "not needed",
     ]  # fmt: skip
 
 
@@ -87,7 +87,8 @@ def everything_data(found: Everything) -> dict[str, Any]:
     assert after is not None
     seen = [one for one in found.shares if one.is_seen]
     return {
-        "needed": [one.effect.name for one in seen if not one.is_far],
+        "needed": [one.effect.name for one in seen if not (one.is_far or one.is_at_limit)],
+        "at_limit": [one.effect.name for one in seen if one.is_at_limit],
         "implausible": [one.effect.name for one in seen if one.is_far],
         "held": bool(which),
         "worse": list(found.worse),
@@ -106,7 +107,7 @@ def everything_record(found: Everything | None) -> dict[str, Any] | None:
         {
             "effect": one.effect.name, "amplitudes": list(one.amplitudes), "standard_deviations": list(one.deviations),
             "prior_standard_deviations": list(one.priors), "shape": list(one.shape), "over_prior": one.over_prior,
-            "misfit_without_it": one.rise, "r_squared_on_others": one.r_squared, "needed": bool(one.is_seen), "implausible": one.is_far,
+            "misfit_without_it": one.rise, "r_squared_on_others": one.r_squared, "needed": bool(one.is_seen), "implausible": one.is_far, "at_limit": one.is_at_limit,
         }
         for one in found.shares
     ]  # fmt: skip

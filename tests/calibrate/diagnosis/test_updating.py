@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibrate.diagnosis.replayed import updating
 from calibrate.diagnosis.replayed.observations import Observations
 from calibrate.diagnosis.replayed.updating import ReplayedRows, update
 from calibrate.effects import CATALOGUE
@@ -130,3 +131,12 @@ def test_without_effects_the_base_alone_is_updated():
     variance = 1e-6 + (0.005 * TRUE) ** 2
     assert found.c[0] == pytest.approx((TRUE * TIMES / variance).sum() / (TIMES**2 / variance).sum(), rel=1e-6)
     assert found.present == ((), ())
+
+
+def test_the_best_of_several_times_is_gone_on_from(monkeypatch):
+    """Without a step the fit ends at the start whose forces are closest."""
+    monkeypatch.setattr(updating, "STEPS", 0)
+    others = [start(G, 5.0), start(G, TAU), start(G, 0.2)]
+    found = update(Replays(), np.array([STIFFNESS]), start(0.5, 30.0), PRIORS, others)
+    assert found.additions[0].shape == (TAU,)
+    assert found.after.force < found.before.force
