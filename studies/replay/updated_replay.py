@@ -25,6 +25,7 @@ from studies.replay.flat_rows import observations
 from studies.replay.parameter_changes import Departure, of_parameters
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 EACH = 12  # increments of a test that are compared
 
 
@@ -85,8 +86,7 @@ class _Replays:
         def near(other: Array, others: Additions) -> Array:
             return rows.residual + np.concatenate([start.to(other, others) for start in starts])
 
-        def slopes(directions: Directions) -> Array:
-            every = np.ones(len(directions.sizes), bool)
-            return np.concatenate([of_parameters(*one, directions, 1.0, every) for one in each])
+        def slopes(directions: Directions, used: Mask) -> Array:
+            return np.concatenate([of_parameters(*one, directions, 1.0, used) for one in each])
 
         return ReplayedRows(rows, near, slopes)

@@ -143,8 +143,9 @@ def fit(
     """Base, amplitudes and shapes together; c (n,): where it starts. widths: of the prior; reach: of these no amplitude goes beyond. Raises `FitError` where the start is not
     finite."""
     equations = Equations(problem, widths, reach)
-    variables = Variables(additions)
-    additions = variables.at(np.clip(variables.values, *equations.prior(variables, 1.0).limits(variables, reach)))
+    if np.isfinite(reach):
+        variables = Variables(additions)
+        additions = variables.at(np.clip(variables.values, *equations.prior(variables, 1.0).limits(variables, reach)))
     w = np.maximum(np.linalg.lstsq(problem.cone, c, rcond=None)[0], 0.0)
     start = equations.scaled(w, additions)
     if not np.isfinite(start.r).all():

@@ -17,8 +17,8 @@ In: replays, computed elsewhere. Out: `Updated`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -37,6 +37,7 @@ from calibrate.fitting.gauss_newton import Damping
 from calibrate.fitting.least_squares import bounded
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Priors = Mapping[str, tuple[Array, Array]]  # {effect: mean and standard deviation of every amplitude (p,), in its unit}
 REPLAYS, STEPS = 6, 30  # at most; of the fit between two replays
 SMALL = 1.0  # change by one more fit, in standard deviations, at which the last replay is that of the model
@@ -49,11 +50,11 @@ TRIALS = 3  # replays along a step
 @dataclass(frozen=True, eq=False)
 class ReplayedRows:
     """Of the increments that were fitted. near: measured minus replayed (N,) of other coefficients (n,) and effects at these displacements; slopes: its derivatives
-    (N, 1 + k) by the unknowns of `Directions`."""
+    (N, 1 + k) by the unknowns of `Directions`; zero for those that are not asked for (1 + k,)."""
 
     rows: Observations
     near: Callable[[Array, Additions], Array] = field(repr=False)
-    slopes: Callable[[Directions], Array] = field(repr=False)
+    slopes: Callable[[Directions, Mask], Array] = field(repr=False)
 
 
 Replays = Callable[[Array, Additions], ReplayedRows | None]  # None where there is no equilibrium
@@ -95,7 +96,7 @@ class Updated:
     @property
     def _deviations(self) -> tuple[tuple[float, ...], ...]:
         """Of amplitudes and shapes of each effect."""
-        sizes = [len(a.amplitudes) + len(a.shape) for a in self.additions]
+        sizes = Variables(self.additions).sizes
         own = np.linalg.norm(self.spread.root, axis=1)[1:]
         return tuple(tuple(map(float, some)) for some in np.split(own, np.cumsum(sizes)[:-1])) if sizes else ()
 
@@ -131,12 +132,13 @@ class _Point:
 
 @dataclass(frozen=True, eq=False)
 class _Objective:
-    """About a replay. c (n,): of the base at the factor 1; lower (m, m): of the covariance of forces."""
+    """About a replay. c (n,): of the base at the factor 1; lower (m, m): of the covariance of forces. of_memory: whether the factor and effects with a memory alone are fitted."""
 
     replayed: ReplayedRows
     c: Array
     priors: Priors
     lower: Array
+    of_memory: bool = False
 
     def at(self, factor: float, additions: Additions) -> _Point:
         """Another law, at the displacements of the replay."""
@@ -153,10 +155,11 @@ class _Objective:
     def slopes(self, point: _Point) -> Array:
         """Derivatives of `_Point.r` (m + a, 1 + k)."""
         directions = Directions.of(point.factor * self.c, point.additions, self.c[:, None], point.factor)
-        own = self._white(self.replayed.slopes(directions))
+        used = _of_memory(point.additions) if self.of_memory else np.ones(len(directions.sizes), bool)
+        own = self._white(self.replayed.slopes(directions, used))
         pulls = [np.concatenate([1 / self.priors[a.effect.name][1], np.zeros(len(a.shape))]) for a in point.additions]
         pull = np.diag(np.concatenate([np.zeros(1), *pulls]))[1:]
-        return np.concatenate([own, pull[~Variables(point.additions).is_shape]])
+        return np.concatenate([own, pull[~Variables(point.additions).is_shape]]) * used
 
     def _white(self, rows: Array) -> Array:
         """Forces (m, ...) of unit variance, of all rows (N, ...)."""
@@ -189,7 +192,7 @@ class _Linearised:
         moves = size > 1e-12 * size.max()
         A = np.concatenate([J, np.sqrt(damping) * np.diag(size)])[:, moves] / size[moves]
         target = np.concatenate([-self.point.r, np.zeros(len(size))])
-        low, high = (((end / self.scale - now) * size)[moves] for end in self._bounds())
+        low, high = ((end / self.scale - now)[moves] * size[moves] for end in self._bounds())
         now[moves] += bounded(A, target, low, high) / size[moves]
         return now * self.scale
 
@@ -223,14 +226,12 @@ def update(
         return None
     if not _used(replayed.rows).any():
         raise FitError("no force of an increment that was fitted is known, so that no model can be updated by forces")
-    lower, before = cholesky_factor(covariance(replayed.rows)), _errors(replayed)
-    factor, made = 1.0, 1
+    lower, before, factor, made = cholesky_factor(covariance(replayed.rows)), _errors(replayed), 1.0, 1
     while True:
         objective = _Objective(replayed, c, priors, lower)
         start = objective.of(factor, additions, replayed.rows.residual)
-        starts = [start, *(objective.at(factor, other) for other in others)] if made == 1 else [start]
-        found = [gauss_newton.minimise(partial(_linearised, objective), one, Damping(), STEPS) for one in starts]
-        end = min((one.point for one in found), key=lambda point: point.objective)
+        best = _best_time(objective, start, others) if made == 1 and others else start
+        end = _fitted(objective, best)
         converged = bool(np.linalg.norm(end.r - start.r) < SMALL)
         moved = None if converged else _along(replays, objective, start, end, REPLAYS - made)
         if moved is None:
@@ -243,8 +244,20 @@ def update(
     return Updated(spread, before, _errors(replayed), converged, int(_used(replayed.rows).sum()))
 
 
-def _linearised(objective: _Objective, point: _Point, count: int) -> _Linearised:
-    return _Linearised(objective, point)
+def _best_time(objective: _Objective, start: _Point, others: Sequence[Additions]) -> _Point:
+    """Where the factor and effects with a memory are best, from the start and from the same with other values of them."""
+    few = replace(objective, of_memory=True)
+    starts = [start, *(few.at(start.factor, other) for other in others)]
+    return min((_fitted(few, one) for one in starts), key=lambda point: point.objective)
+
+
+def _fitted(objective: _Objective, start: _Point) -> _Point:
+    return gauss_newton.minimise(lambda point, _: _Linearised(objective, point), start, Damping(), STEPS).point
+
+
+def _of_memory(additions: Additions) -> Mask:
+    """(1 + k,): the factor, and the values of effects with a memory."""
+    return np.array([True, *(a.effect.remembers for a in additions for _ in (*a.amplitudes, *a.shape))])
 
 
 def _along(

@@ -64,9 +64,12 @@ class Replays:
         def near(d, others):
             return rows.residual - (1 + self.wrong) * (ramp(d, others) - here)
 
-        def slopes(directions):
+        def slopes(directions, used):
             columns = []
             for i in range(len(directions.sizes)):
+                if not used[i]:
+                    columns.append(np.zeros(len(TIMES)))
+                    continue
                 moved = near(*directions.moved(i)) - near(directions.c, directions.additions)
                 columns.append(moved / directions.sizes[i])
             return np.array(columns).T
@@ -144,3 +147,12 @@ def test_the_best_of_several_times_is_gone_on_from(monkeypatch):
     found = update(Replays(), np.array([STIFFNESS]), start(0.5, 30.0), PRIORS, others)
     assert found.additions[0].shape == pytest.approx((TAU,))
     assert found.after.force < found.before.force
+
+
+def test_other_times_change_nothing_that_has_one_minimum():
+    """And leave what has no memory to the fit of all."""
+    others = [start(0.5, tau) for tau in (0.3, 3.0, 30.0)]
+    alone, several = (update(Replays(0.1), np.array([1.5]), start(0.5, 8.0), PRIORS, some) for some in ((), others))
+    assert several.additions[0].shape[0] == pytest.approx(alone.additions[0].shape[0], rel=0.02)
+    assert several.additions[0].amplitudes[0] == pytest.approx(alone.additions[0].amplitudes[0], rel=0.02)
+    assert several.additions[1].amplitudes[0] == pytest.approx(PRIORS["second invariant"][0][0], rel=1e-6)
