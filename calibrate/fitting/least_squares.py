@@ -13,8 +13,10 @@ UNSEEN = 1e-4  # size of a column, relative to the largest, that is not fitted
 
 
 def orthonormal(columns: Array) -> Array:
-    """Orthonormal basis (N, r) of the span of columns (N, k), directions without information dropped."""
+    """Orthonormal basis (N, r) of the span of columns (N, k), directions without information dropped; none (N, 0) of columns that are all zero."""
     size = np.linalg.norm(columns, axis=0)
+    if not size.any():
+        return columns[:, :0]
     columns = columns[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
     U, R = np.linalg.qr(columns)
     left, s, _ = np.linalg.svd(R)

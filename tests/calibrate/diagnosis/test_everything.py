@@ -21,6 +21,8 @@ from calibrate.diagnosis.score_tests import Status
 from calibrate.diagnosis.selection import Verdict
 from calibrate.effects import CATALOGUE
 from calibrate.errors import FitError
+from studies.sheets.homogeneous import homogeneous_experiments
+from studies.sheets.homogeneous.homogeneous_experiments import curve
 
 BY_NAME = {effect.name: effect for effect in CATALOGUE}
 KNOWN = ("second invariant", "upturn", "lens distortion", "stiffness gradient")
@@ -148,3 +150,18 @@ def test_no_plausible_effect_goes_beyond_its_limit() -> None:
 
 def test_where_all_is_plausible_there_is_no_second_fit() -> None:
     assert fitted(*KNOWN, "image rotation").plausible is None
+
+
+def test_a_homogeneous_test_has_no_fields_that_could_be_wrong() -> None:
+    """All its equations are of forces, so that neither a smooth discrepancy of the fields nor a variance of their own is left."""
+    stretches = np.linspace(1.05, 1.6, 12)
+    stress = 0.4 * (stretches - stretches**-2) * (1 + 0.1 * np.sin(9 * stretches))
+    noise = homogeneous_experiments.noise(0.002, 1e-4)
+    problem, base = base_fit.prepare(
+        [curve("wavy", "uniaxial", stretches, stress, noise)], [HoldOut("every", 3).training]
+    )
+    assert discrepancy.directions(problem).shape[1] == 0
+    assert discrepancy.field_variance(problem, base.c) == 1.0
+    found = fit_everything(problem, [BY_NAME[name] for name in ("second invariant", "upturn")], read_priors())
+    assert found.variance == 0.0 and found.field_variance == 1.0
+    assert found.after[0].force <= found.before[0].force
