@@ -29,7 +29,13 @@ def close(loop: Loop, say: Callable[[str], None]) -> HomogeneousResult:
 
     training, held = [noisy(e) for e in loop.training], [noisy(e) for e in loop.held_out]
     found = discovery.discover(
-        training, None, held, base="positive", whole_table=False, progress=lambda text: say(f"{loop.name}: {text}")
+        training,
+        None,
+        held,
+        base="positive",
+        whole_table=False,
+        progress=lambda text: say(f"{loop.name}: {text}"),
+        all_effects=False,
     )
     return HomogeneousResult(
         name=loop.name,
