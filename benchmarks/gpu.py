@@ -24,6 +24,7 @@ import jax
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis.discovery import discover
 from calibrate.fitting.calibration import calibrate
+from studies.output.writing import write_json
 
 PLATFORMS = {"CPU": "cpu", "GPU": "cuda"}
 COLUMNS = [
@@ -125,8 +126,7 @@ def main() -> None:
                 ]
             )
             print(*rows[-1], sep="  ", flush=True)
-            given.output.mkdir(parents=True, exist_ok=True)
-            (given.output / "gpu.json").write_text(json.dumps({"columns": COLUMNS, "rows": rows}, indent=1))
+            write_json(given.output / "gpu.json", {"columns": COLUMNS, "rows": rows})
 
 
 def _split(word: str) -> tuple[str, Path]:
