@@ -21,11 +21,10 @@ from calibrate.models.extended_model import ExtendedModel
 from forward.sheet.sheet_run import Options
 from studies.errors import OptionError
 from studies.replay.law_changes import LawChanges
-from studies.replay.model_law import FIELD, Law, law_of
+from studies.replay.model_law import Law, is_solved, law_of
 from studies.replay.replay_rows import Layout, SheetRows, sheet_rows
 from studies.replay.replayed_experiment import BoundaryValues, replay
 from studies.replay.twin_replay import MOST_TRIANGLES
-from studies.synthetic.effect_laws import SOLVED
 
 Array = NDArray[np.float64]
 EACH = 6  # increments that are compared, of those held out and of those fitted
@@ -54,7 +53,7 @@ class ComparedTest:
 
     @cached_property
     def experiment(self) -> Experiment:
-        e = self.part.experiment
+        e = replace(self.part.experiment, record=None)
         return e if e.interpolated is None else e.select(e.pictures)
 
     @cached_property
@@ -92,10 +91,6 @@ def _spread(numbers: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     if len(numbers) <= most:
         return numbers
     return numbers[np.round(np.linspace(0, len(numbers) - 1, most)).astype(int)]
-
-
-def is_solved(name: str) -> bool:
-    return name in SOLVED or name == FIELD
 
 
 def _law(part: Part, c: Array, additions: Additions, true: Experiment) -> Law:

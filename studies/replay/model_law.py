@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from calibrate.data.experiment import Experiment
-from calibrate.effects.chain import Addition
+from calibrate.effects.chain import Addition, Additions
+from calibrate.effects.chain.true_surface import is_expressed, true_surface
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.splines import pieces_of
 from calibrate.errors import ConfigError
@@ -29,12 +30,13 @@ FIELD = "stiffness field"
 
 @dataclass(frozen=True)
 class Law:
-    """sheet: what is solved. title: of the model. effects: that are solved for; left_out: of the measurement, or of other tests. remarks: what
-    the model file says of its own model."""
+    """sheet: what is solved. title: of the model. effects: that are solved for; taken_out: of the measurement of this test, to be taken out of it;
+    left_out: of the measurement of other tests, or neither solved for nor taken out. remarks: what the model file says of its own model."""
 
     sheet: Sheet
     title: str
     effects: tuple[str, ...] = ()
+    taken_out: Additions = ()
     left_out: tuple[str, ...] = ()
     remarks: tuple[Finding, ...] = ()
 
@@ -71,13 +73,15 @@ def material_law(material: Material, title: str, experiment: Experiment) -> Law:
 
 def _extended(model: ExtendedModel, experiment: Experiment) -> Law:
     held = model.for_test(experiment)
-    solved = [a for a in held if a.effect.name in effect_laws.SOLVED or a.effect.name == FIELD]
+    solved = [a for a in held if is_solved(a.effect.name)]
+    taken_out = tuple(a for a in held if a not in solved and is_expressed(a.effect) and not a.is_null)
     beyond = [a.effect.name for a in held if a not in solved and a.effect.of_material]
     if beyond:
         raise OptionError(
             f"{', '.join(beyond)}: the forward model has no law for it, so that this model cannot be replayed"
         )
-    low, high = experiment.points.min(axis=0), experiment.points.max(axis=0)
+    places = true_surface(experiment, taken_out).points
+    low, high = places.min(axis=0), places.max(axis=0)
     fields = [
         laws.CosineField((*low.tolist(), *(high - low).tolist()), a.amplitudes)
         for a in solved
@@ -87,8 +91,13 @@ def _extended(model: ExtendedModel, experiment: Experiment) -> Law:
     effects = [_named(a) for a in solved if a.effect.name != FIELD]
     sheet = effect_laws.sheet(spline_law(model), _thickness(experiment), effects, extent, fields)
     names = tuple(a.effect.name for a in solved)
-    rest = tuple(a.effect.name for a in model.additions if a.effect.name not in names)
-    return Law(sheet, " + ".join(["spline of I1", *names]), names, rest)
+    rest = tuple(a.effect.name for a in model.additions if a not in (*solved, *taken_out) and not a.is_null)
+    return Law(sheet, " + ".join(["spline of I1", *names]), names, taken_out, rest)
+
+
+def is_solved(name: str) -> bool:
+    """Whether the forward model has a law for an effect of that name."""
+    return name in effect_laws.SOLVED or name == FIELD
 
 
 def _named(addition: Addition) -> effect_laws.Law:

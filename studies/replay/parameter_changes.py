@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from calibrate.diagnosis.replayed.parameter_spread import Directions
 from calibrate.effects.chain import Additions
 from calibrate.effects.chain.true_surface import true_surface
-from studies.replay.compared_test import ComparedTest, is_solved
+from studies.replay.compared_test import ComparedTest
 from studies.replay.law_changes import LawChanges
+from studies.replay.model_law import is_solved
 from studies.replay.replay_rows import SheetRows
 
 Array = NDArray[np.float64]

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment
 from calibrate.data.outline import Outline
 from calibrate.data.triangulation import signed_areas
+from calibrate.effects.chain.true_surface import true_surface
 from calibrate.fitting.calibration import relative_force_error
 from forward.loading import MeasuredMotion
 from forward.sheet.inelastic import solve_history
@@ -56,7 +57,7 @@ class MeshEffect:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """displacements (t, n, 2), mm, at the points of the Experiment; forces: {boundary: (t, 2)} N, of the grips on the specimen.
+    """experiment: without what the law takes out of it. displacements (t, n, 2), mm, at its points; forces: {boundary: (t, 2)} N, of the grips on the specimen.
 
     judged (n,): points that were not prescribed; mesh_effect: None where it was not asked for; refined: how often the
     triangles were divided; record: forces between the pictures, None where the Experiment has no machine record.
@@ -107,11 +108,12 @@ def replay(
     progress: bool = False,
     options: Options = Options(),
 ) -> Replay:
-    """Solve the test. `checkpoint`: as of `solve_history`, from which a killed run goes on; options: of the solution.
+    """Solve the test, less the effects of its measurement that the law takes out. `checkpoint`: as of `solve_history`, from which a killed run goes on; options: of the solution.
 
     Where the mesh matters more than the noise (or `SMALL` of the largest displacement), the whole test is solved on the finer one.
     Raises `LoadingError` where too little of the boundary is held, `MaterialError`, and `ConvergenceError`.
     """
+    experiment = true_surface(experiment, law.taken_out)
     effect, level = None, 0
     if check_mesh:
         effect = mesh_effect(experiment, law)

@@ -29,6 +29,7 @@ class Remark(Macro):
     FIELD = "field_error"
     RECORD = "record_error"
     MESH = "mesh_effect"
+    TAKEN_OUT = "taken_out"
     LEFT_OUT = "left_out"
     PRESCRIBED = "few_free"
 
@@ -51,6 +52,8 @@ def findings(found: Replay) -> list[Finding]:
     if found.mesh_effect is not None:
         effect = found.mesh_effect
         told.append((Remark.MESH, {"field": effect.field, "force": effect.force, "refined": found.refined}))
+    if found.law.taken_out:
+        told.append((Remark.TAKEN_OUT, {"effects": [a.effect.name for a in found.law.taken_out]}))
     if found.law.left_out:
         told.append((Remark.LEFT_OUT, {"effects": list(found.law.left_out)}))
     told.append((Remark.PRESCRIBED, {"share": float((~found.judged).mean())}))

@@ -20,8 +20,9 @@ from calibrate.effects.chain.true_surface import is_expressed
 from calibrate.effects.support.effect_data import Data
 from forward.errors import ForwardError
 from studies.errors import OptionError
-from studies.replay.compared_test import ComparedTest, ReplayedModel, is_solved
+from studies.replay.compared_test import ComparedTest, ReplayedModel
 from studies.replay.flat_rows import observations
+from studies.replay.model_law import is_solved
 from studies.replay.parameter_changes import Departure, of_parameters
 
 Array = NDArray[np.float64]

@@ -1,7 +1,7 @@
 """A test as it was, of what was measured: effects of camera, clock and load cell taken out of an Experiment.
 
 In: an Experiment and effects of the measurement. Out: an Experiment with the true places of the reference, the true displacements from there, the
-times at which the forces were read, and the forces on the specimen. These are the links of the chain that stand before the deformation gradient
+times at which the forces were read, and the forces on the specimen, of the machine record too. These are the links of the chain that stand before the deformation gradient
 (`stages.motion_stages`, `stages.load_stages`), so that a law without the effects meets it as the chain with them meets what was measured.
 """
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.load_record import LoadRecord
 from calibrate.effects.chain.addition import Additions
 from calibrate.effects.chain.linearisation import Constants, Linearisation
 from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, TIME
@@ -31,16 +32,17 @@ def is_expressed(effect: Effect) -> bool:
 
 
 def true_surface(experiment: Experiment, additions: Additions) -> Experiment:
-    """The test without effects that are expressed so; others among the additions change nothing. The machine record is left out.
+    """The test without effects that are expressed so; others among the additions change nothing.
 
-    Where a correction amplifies noise, the noise of the displacements is as much larger. Raises `ExperimentError` where no test is left, as of
-    triangles that are turned inside out.
+    Where a correction amplifies noise, the noise of the displacements is as much larger. The machine record is on the clock of the forces; where that
+    of the pictures, corrected, goes beyond it, it is left out. Raises `ExperimentError` where no test is left, as of triangles that are turned inside out.
     """
     acting = tuple(a for a in additions if is_expressed(a.effect) and not a.is_null)
-    bare = replace(experiment, record=None)
     if not acting:
-        return bare
+        return experiment
+    bare = replace(experiment, record=None)
     found = _corrected(bare, acting)
+    found = replace(found, record=_corrected_record(experiment, found, acting))
     noise = experiment.noise
     if noise is None or not noise.displacement_std > 0:
         return found
@@ -62,6 +64,17 @@ def _corrected(experiment: Experiment, additions: Additions) -> Experiment:
         time=None if data.time is None else np.asarray(run[TIME]),
         loaded=tuple(replace(b, force=loads[..., i]) for i, b in enumerate(experiment.loaded)),
     )
+
+
+def _corrected_record(experiment: Experiment, found: Experiment, additions: Additions) -> LoadRecord | None:
+    """The record with its forces corrected; None where there is none, or the pictures as they are `found` go beyond it."""
+    record, time = experiment.record, found.time
+    if record is None or time is None or time[0] < record.time[0] or time[-1] > record.time[-1]:
+        return None
+    data, forces = Data.of(replace(experiment, record=None)), np.moveaxis(record.force, 0, -1)
+    run = Linearisation.run(load_stages(additions), Constants(data, 0.0, ()), {LOADS: np.nan_to_num(forces)}).quantities
+    loads = np.where(np.isnan(forces), np.nan, np.asarray(run[LOADS]))
+    return replace(record, force=np.moveaxis(loads, -1, 0))
 
 
 def _amplification(experiment: Experiment, noise: Noise, additions: Additions, found: Experiment) -> float:

@@ -358,7 +358,8 @@ def bands(noise_is_known: bool) -> Findings:
 def replayed() -> Findings:
     """A replay as far as its findings look at it."""
     effect = SimpleNamespace(field=0.01, force=0.001)
-    named = SimpleNamespace(remarks=(), left_out=("force offset",))
+    lens = SimpleNamespace(effect=SimpleNamespace(name="lens distortion"))
+    named = SimpleNamespace(remarks=(), left_out=("force offset",), taken_out=(lens,))
     found: Any = SimpleNamespace(
         experiment=sheet(), force_error=0.02, field_error=np.array([0.1]), noise=0.01, mesh_effect=effect, refined=0,
         law=named, judged=np.array([True, False]), record=SimpleNamespace(error=0.03, time=np.arange(9.0), largest=(0.1, 4.0)),
@@ -417,7 +418,7 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
     **dict.fromkeys(
         (
             f"replay.{name}"
-            for name in ("force_error", "field_error", "record_error", "mesh_effect", "left_out", "few_free")
+            for name in ("force_error", "field_error", "record_error", "mesh_effect", "taken_out", "left_out", "few_free")
         ),
         replayed,
     ),

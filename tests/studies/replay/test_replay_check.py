@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.load_record import LoadRecord
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.hold_out import HoldOut
@@ -21,12 +22,15 @@ from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.effects.chain.true_surface import is_expressed, true_surface
 from calibrate.equations import noise_covariance
+from calibrate.equations.basis import SingleBasis
+from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
+from calibrate.models.extended_model import ExtendedModel
 from forward.loading import Loading
 from forward.materials import ArrudaBoyce, MooneyRivlin
 from forward.sheet.plane_stress import solve
 from meshes import PlateWithHole, quads, triangles
 from studies.replay.compared_test import ComparedTest, ReplayedModel
-from studies.replay.model_law import material_law
+from studies.replay.model_law import law_of, material_law
 from studies.replay.replay_check import FiniteElementCheck
 from studies.replay.replay_rows import Layout, sheet_rows
 from studies.replay.replayed_experiment import replay
@@ -272,6 +276,46 @@ def test_effects_of_camera_and_load_cell_are_taken_out_before_a_replay(disturban
     assert corrected.field_error[-1] == pytest.approx(exactly.field_error[-1], rel=1e-2)
     assert corrected.force_error < 1e-4
     assert left_in.force_error > 10 * corrected.force_error
+
+
+@pytest.mark.parametrize("disturbance", SEEN, ids=lambda one: one.name)
+def test_the_replay_of_a_model_takes_its_camera_out_of_the_test_it_was_fitted_to(disturbance):
+    """Of another test, of which the camera may be another, it does not."""
+    seen = observe(solution(False), PLATE, triangles(PLATE, n_nodes=250), [disturbance], name="plate").select([5])
+    camera_too = Addition(BY_NAME[disturbance.name], AMPLITUDES[disturbance.name])
+    null = Addition(BY_NAME["initial warp"], (0.0,) * len(BY_NAME["initial warp"].amplitudes))
+    c = neo_hooke_coefficients(SingleBasis(0, 20.0), 0.4)
+    model = ExtendedModel(SingleBasis(0, 20.0), c, (camera_too, null), ((0.0,), (0.0,) * len(null.amplitudes)), "MPa")
+    own = replace(model, training=({"name": seen.name, "fingerprint": seen.fingerprint},))
+    known, unknown = (law_of(one, seen) for one in (own, model))
+    assert (known.taken_out, known.left_out) == ((camera_too,), ())
+    assert (unknown.taken_out, unknown.left_out) == ((), (disturbance.name,))
+    np.testing.assert_array_equal(
+        replay(seen, known, check_mesh=False).experiment.displacements, true_surface(seen, (camera_too,)).displacements
+    )
+    exactly = replay(exact(False).select([5]), unknown, check_mesh=False)
+    corrected, left_in = (
+        abs(replay(seen, law, check_mesh=False).force_error - exactly.force_error) for law in (known, unknown)
+    )
+    assert left_in > 10 * corrected
+
+
+def test_the_record_is_corrected_with_the_forces_of_the_pictures():
+    """It is on the clock of the forces: a lag moves the pictures, and where these go beyond it, there is none."""
+    seen = replace(exact(False), time=np.arange(1.0, 7.0))
+    times = np.arange(0.0, 8.0)
+    forces = np.stack([np.concatenate([0 * b.force[:1], b.force, b.force[-1:]]) for b in seen.loaded])
+    seen = replace(seen, record=LoadRecord(times, forces))
+    turned, late, later = (Addition(BY_NAME[name], (a,), shape) for name, a, shape in
+                           (("image rotation", 0.02, ()), ("lag between force and image", 0.5, (1.0,)), ("lag between force and image", 1.5, (1.0,))))  # fmt: skip
+    true = true_surface(seen, (turned,))
+    for boundary, force in zip(true.loaded, true.record.force, strict=True):
+        np.testing.assert_allclose(force[1:-1], boundary.force, rtol=1e-12)
+    assert np.abs(true.record.force - seen.record.force).max() > 0.01 * np.abs(forces).max()
+    moved = true_surface(seen, (late,))
+    np.testing.assert_allclose(moved.time, seen.time + 0.5)
+    np.testing.assert_array_equal(moved.record.force, seen.record.force)
+    assert true_surface(seen, (later,)).record is None
 
 
 def test_what_is_left_of_a_corrected_noisy_test_is_its_noise():
