@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -85,8 +86,19 @@ def amplitudes(folder: Path, name: str) -> list[list[str]]:
 
 
 def forces(replay: Path) -> dict[str, str]:
-    """Norm of the force errors of a replay over that of the forces: in all, after `UNTIL`, and in the first picture."""
-    rows = _table(replay / "forces.csv")
+    """Norm of the force errors of a replay over that of the forces: in all, after `UNTIL`, in the first picture, and over the record of the machine."""
+    at_pictures = _errors(replay / "forces.csv")
+    return {
+        "replay_force": at_pictures(lambda time: time > 0),
+        "replay_force_after": at_pictures(lambda time: time > UNTIL),
+        "replay_force_first": at_pictures(lambda time: time == time[0]),
+        "replay_record": _errors(replay / "record.csv")(lambda time: time > 0),
+    }
+
+
+def _errors(path: Path) -> Callable[[Callable[[Any], Any]], str]:
+    """Of a file of forces, the error in rows that are chosen by their time."""
+    rows = _table(path)
     time = np.array([float(row["time"]) for row in rows])
     names = [key.removesuffix("_measured") for key in rows[0] if key.endswith("_measured") and rows[0][key] != ""]
     measured, found = (
@@ -94,17 +106,14 @@ def forces(replay: Path) -> dict[str, str]:
         for kind in ("measured", "predicted")
     )
 
-    def error(part: Any) -> str:
+    def error(chosen: Callable[[Any], Any]) -> str:
+        part = chosen(time)
         known = np.isfinite(measured[part])
         return share(
             float(np.linalg.norm((found[part] - measured[part])[known]) / np.linalg.norm(measured[part][known]))
         )
 
-    return {
-        "replay_force": error(slice(None)),
-        "replay_force_after": error(time > UNTIL),
-        "replay_force_first": error(slice(0, 1)),
-    }
+    return error
 
 
 def last_field(replay: Path) -> str:
