@@ -23,12 +23,12 @@ from studies.errors import OptionError
 from studies.replay.law_changes import LawChanges
 from studies.replay.model_law import Law, is_solved, law_of
 from studies.replay.replay_rows import Layout, SheetRows, sheet_rows
-from studies.replay.replayed_experiment import BoundaryValues, replay
+from studies.replay.replayed_experiment import TOLERANCE, BoundaryValues, replay
 from studies.replay.twin_replay import MOST_TRIANGLES
 
 Array = NDArray[np.float64]
 EACH = 6  # increments that are compared, of those held out and of those fitted
-OPTIONS = Options(max_iterations=12, max_bisections=3)  # a model that fails should do so soon
+OPTIONS = Options(TOLERANCE, max_iterations=12, max_bisections=3)  # a model that fails should do so soon
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,6 +44,9 @@ PARTS, READINGS, MORE = (
     24,
     60,
 )  # of an increment without one; over the record, at least; where the force bends, at most
+TOLERANCE = (
+    1e-7  # imbalance over the reactions: displacements are then right to some 1e-9 of their size, forces to some 1e-9
+)
 SMALL = 1e-3  # of the largest displacement, which the mesh may matter where the noise is unknown
 
 
@@ -106,7 +109,7 @@ def replay(
     checkpoint: Path | None = None,
     check_mesh: bool = True,
     progress: bool = False,
-    options: Options = Options(),
+    options: Options = Options(TOLERANCE),
 ) -> Replay:
     """Solve the test, less the effects of its measurement that the law takes out. `checkpoint`: as of `solve_history`, from which a killed run goes on; options: of the solution.
 

@@ -18,9 +18,9 @@ from forward.sheet.sheet_run import Options
 from meshes.errors import MeshError
 from studies.errors import StudyError
 from studies.replay.model_law import law_of
-from studies.replay.replayed_experiment import Replay, replay
+from studies.replay.replayed_experiment import TOLERANCE, Replay, replay
 
-OPTIONS = Options(max_bisections=3)  # a model that fails is not worth more
+OPTIONS = Options(TOLERANCE, max_bisections=3)  # a model that fails is not worth more
 MOST_TRIANGLES = 12_000
 
 
