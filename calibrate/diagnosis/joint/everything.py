@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 Say = Callable[[str], None]
 Start = tuple[Array, Additions]  # base and effects
 NESTED = {"one fibre family": "two fibre families", "stiffness gradient": "stiffness field"}  # in the more general one
-# left out: ten smooth amplitudes without a law are a second discrepancy, and neither can be told from the other
+# left out but of a fit of plausible effects: ten smooth amplitudes without a law and without a limit are a second discrepancy, and neither can be told from the other
 SMOOTH = {"initial warp"}
 FIRST, STEPS = 5, 30  # steps from every start, and from the best
 
@@ -51,14 +51,16 @@ def fit_everything(
 ) -> Everything:
     """Of the training rows of a problem, with its weights. field_variance: over that of noise, None for that of what neo-Hooke leaves. Raises `FitError` where a fit has no finite start or nothing can be tested."""
     problem = simple_base(problem)
-    effects = [effect for effect in effects if effect.name not in SMOOTH]
     base = effect_fit.refit(problem, base_functions.first_guess([part.assembled for part in problem.trained]), ())
     variance = discrepancy.field_variance(problem, base.c) if field_variance is None else field_variance
     if variance > 1:
         problem = model_weights.with_field_variance(problem, variance)
         base = effect_fit.refit(problem, base.c, ())
     scores = {score.effect.name: score for score in score_tests.score(problem, base, effects) if score.is_tested}
-    additions = candidates(list(scores.values()), [name for name, general in NESTED.items() if general in scores])
+    additions = candidates(
+        [one for name, one in scores.items() if name not in SMOOTH],
+        [name for name, general in NESTED.items() if general in scores],
+    )
     if not additions:
         raise errors.FitError("no effect of the catalogue can be tested with these data, so that none can be fitted")
     widths = {name: prior_deviations(problem, score.effect, priors) for name, score in scores.items()}
@@ -128,12 +130,14 @@ class _Search:
         )
 
     def plausible(self, found: Everything) -> Everything | None:
-        """The same with no amplitude beyond what its prior allows; None where none is. It starts where that fit ended, and anew: other effects make up for what it must not have."""
+        """The same with no amplitude beyond what its prior allows, smooth effects too; None where none is. It starts where that fit ended, and anew: other effects make up for what
+        it must not have."""
         if not any(one.is_far for one in found.shares):
             return None
         bounded = replace(self, reach=FAR)
-        anew = candidates([self.scores[a.effect.name] for a in found.fit.additions])
-        return bounded.to_the_end(bounded.best_start(anew, (found.fit.c, found.fit.additions)))
+        smooth = candidates([self.scores[name] for name in SMOOTH if name in self.scores])
+        anew = (*candidates([self.scores[a.effect.name] for a in found.fit.additions]), *smooth)
+        return bounded.to_the_end(bounded.best_start(anew, (found.fit.c, (*found.fit.additions, *smooth))))
 
 
 def candidates(scores: Sequence[Score], nested: Sequence[str] = ()) -> Additions:
