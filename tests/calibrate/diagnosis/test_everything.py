@@ -148,6 +148,28 @@ def test_no_plausible_effect_goes_beyond_its_limit() -> None:
     assert found.plausible.fit.objective < lacking.fit.objective + FAR**2
 
 
+def test_a_warp_of_the_reference_is_found_among_plausible_effects_alone() -> None:
+    """A sheet that regains strains of up to 0.2 % along the pull; without limits the warp is none of the effects."""
+    warp, true = BY_NAME["initial warp"], turned()
+    a = np.zeros(len(warp.amplitudes))
+    a[[p.name for p in warp.amplitudes].index("a2")] = 0.002
+    seen = true.points
+    for _ in range(20):
+        seen = seen + true.points - np.asarray(warp.places(None, seen, a, ()))
+    test = replace(true, points=seen, displacements=true.points + true.displacements - seen)
+    problem, _ = base_fit.prepare([test], [HoldOut("every", 3).training])
+    found = fit_everything(
+        problem, [BY_NAME[n] for n in (*KNOWN, "image rotation", "initial warp")], sceptical("image rotation")
+    )
+    assert "initial warp" not in {one.effect.name for one in found.shares}
+    assert found.plausible is not None
+    share = next(one for one in found.plausible.shares if one.effect.name == "initial warp")
+    assert not share.is_far and not share.is_at_limit
+    np.testing.assert_array_less(np.abs(np.array(share.amplitudes) - a), 4 * np.array(share.deviations) + 1e-4)
+    k = int(a.argmax())
+    assert share.largest == k and share.amplitudes[k] > 3 * share.deviations[k]
+
+
 def test_where_all_is_plausible_there_is_no_second_fit() -> None:
     assert fitted(*KNOWN, "image rotation").plausible is None
 

@@ -418,7 +418,15 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
     **dict.fromkeys(
         (
             f"replay.{name}"
-            for name in ("force_error", "field_error", "record_error", "mesh_effect", "taken_out", "left_out", "few_free")
+            for name in (
+                "force_error",
+                "field_error",
+                "record_error",
+                "mesh_effect",
+                "taken_out",
+                "left_out",
+                "few_free",
+            )
         ),
         replayed,
     ),
