@@ -160,7 +160,7 @@ def main() -> dict[str, dict[str, Any]]:
         "trials": trials("blind.json", "--seed 20000", "2026-11-22", fixed),
         "trials_of_today": trials("blind_of_today.json", TODAY, "2026-11-25", fixed),
         "foreign_trials": trials(
-            "foreign.json", FOREIGN, "2026-11-26", f"{fixed}; stopped for time after a sixth of the plan"
+            "foreign.json", FOREIGN, "2026-11-26", f"{fixed}; stopped for time after a fifth of the plan"
         ),
         "catalogue": catalogue(),
         "alerts": alerts(),
