@@ -18,13 +18,16 @@ from typing import Any
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.effects import CATALOGUE, Effect
 from studies.output.alerts import Alert, registry
+from studies.trials.foreign import FOREIGN as FOREIGN_FORMS
 from studies.trials.judgement import JudgedTrial, read
 from studies.trials.trial_summary import FIELD, summary
 
 FOLDER = Path(__file__).parent
 FEW, NONE = 5, "none"
 TODAY = '--seed 61000 --trials 1 --nulls 8 --pairs 4 --only "second invariant,viscoelasticity,Mullins softening,one fibre family,stiffness gradient,lens distortion,force offset,image rotation"'
-FOREIGN = "--foreign --seed 64000 --trials 6 --nulls 46 --pairs 40"
+FOREIGN_FILE, FOREIGN = "foreign.json", "--foreign --seed 64000 --trials 6 --nulls 46 --pairs 40"
+AIMS = {"group": "90 %", "amplitudes": "85 %", "explained": "", "pairs": "70 %"}
+AIMS_OF_FOREIGN = {"group": "85 %", "amplitudes": "90 to 98 %", "explained": "at most 10 %", "pairs": "85 %"}
 NEVER = "never: a common factor of modulus, force, thickness and DIC scale"
 
 
@@ -52,21 +55,21 @@ def share(part: int, whole: int) -> str:
     return f"{part} of {whole} ({100 * part / whole:.0f} %)" if whole else NONE
 
 
-def rates(n: dict[str, Any]) -> list[list[str]]:
-    """The table of all trials."""
+def rates(n: dict[str, Any], sought: dict[str, str]) -> list[list[str]]:
+    """The table of all trials, with what is sought."""
     aims = [
         ["nothing hidden: something called significant", share(n["null_detections"], n["nulls"]), "at most 5 %"],
-        ["one strong effect: its group named", share(n["strong_group_named"], n["strong"]), "90 %"],
+        ["one strong effect: its group named", share(n["strong_group_named"], n["strong"]), sought["group"]],
         ["- named right, and nothing else", share(n["right"], n["strong"]), ""],
         ["- named right, with a wrong name beside it", share(n["beside"], n["strong"]), ""],
         ["- right only through a group: one that the data cannot tell from it is named", share(n["group"], n["strong"]), ""],
         ["one strong effect: not named", share(n["missed"], n["strong"]), ""],
         ["one strong effect: a wrong name only", share(n["wrong"], n["strong"]), ""],
-        ["amplitude within its 95 % interval", share(n["amplitudes_within"], n["amplitudes"]), "85 %"],
+        ["amplitude within its 95 % interval", share(n["amplitudes_within"], n["amplitudes"]), sought["amplitudes"]],
         ["effect removed from the catalogue: a name that is no declared look-alike", share(n["absent_wrong"], n["absent"]), "at most 15 %"],
-        ["strong effect removed: verdict *explained*, by whatever name", share(n["removed_explained"], n["removed"]), ""],
+        ["strong effect removed: verdict *explained*, by whatever name", share(n["removed_explained"], n["removed"]), sought["explained"]],
         ["- of these by a declared look-alike, which the line above excuses", share(n["removed_alike"], n["removed"]), ""],
-        ["two effects, each strong beside the other: both named", share(n["pairs_found"], n["pairs"]), "70 %"],
+        ["two effects, each strong beside the other: both named", share(n["pairs_found"], n["pairs"]), sought["pairs"]],
         ["two effects, each strong before either is found: both named", share(n["pairs_at_first_found"], n["pairs_at_first"]), ""],
         ["both in the model, named or too small beside the other to be named", share(n["pairs_in_model"], n["pairs"]), ""],
         ["stiffness field: correlation with the hidden one, median", NONE if n["field_correlation"] is None else f"{n['field_correlation']:.2f}", ""],
@@ -90,7 +93,7 @@ def effects(trials: list[JudgedTrial]) -> list[list[str]]:
     return [head, *rows]
 
 
-def trials(file: str, seed: str, made: str, how: str) -> dict[str, Any]:
+def trials(file: str, seed: str, made: str, how: str, sought: dict[str, str] = AIMS) -> dict[str, Any]:
     """`trials.json`, or that of another file of judged trials."""
     judged = read(FOLDER / file)
     n = numbers(judged)
@@ -99,8 +102,19 @@ def trials(file: str, seed: str, made: str, how: str) -> dict[str, Any]:
         "made": made,
         "how": how,
         "numbers": n,
-        "tables": {"rates": rates(n), "effects": effects(judged)},
+        "tables": {"rates": rates(n, sought), "effects": effects(judged)},
     }
+
+
+def foreign_trials() -> dict[str, Any]:
+    """`foreign_trials.json`, which tells forms that are foreign from those that are foreign in base and noise alone."""
+    how = "looked at after 33 and after 40, the diagnosis unchanged; stopped for time after a fifth of the plan"
+    found = trials(FOREIGN_FILE, FOREIGN, "2026-11-26", how, AIMS_OF_FOREIGN)
+    single = [one for one in read(FOLDER / FOREIGN_FILE) if one.strong and len(one.hidden) == 1]
+    for name, is_foreign in (("foreign_form", True), ("own_form", False)):
+        some = [one for one in single if (one.hidden[0] in FOREIGN_FORMS) == is_foreign]
+        found["numbers"] |= {name: len(some), f"{name}_named": sum(one.hit[0] for one in some)}
+    return found
 
 
 def catalogue() -> dict[str, Any]:
@@ -159,9 +173,7 @@ def main() -> dict[str, dict[str, Any]]:
     return {
         "trials": trials("blind.json", "--seed 20000", "2026-11-22", fixed),
         "trials_of_today": trials("blind_of_today.json", TODAY, "2026-11-25", fixed),
-        "foreign_trials": trials(
-            "foreign.json", FOREIGN, "2026-11-26", f"{fixed}; stopped for time after a fifth of the plan"
-        ),
+        "foreign_trials": foreign_trials(),
         "catalogue": catalogue(),
         "alerts": alerts(),
     }

@@ -44,9 +44,7 @@ PARTS, READINGS, MORE = (
     24,
     60,
 )  # of an increment without one; over the record, at least; where the force bends, at most
-TOLERANCE = (
-    1e-7  # imbalance over the reactions: displacements are then right to some 1e-9 of their size, forces to some 1e-9
-)
+TOLERANCE = 1e-7  # imbalance over the reactions: displacements and forces are then right to 1e-8 of their size
 SMALL = 1e-3  # of the largest displacement, which the mesh may matter where the noise is unknown
 
 
@@ -63,7 +61,8 @@ class Replay:
     """experiment: without what the law takes out of it. displacements (t, n, 2), mm, at its points; forces: {boundary: (t, 2)} N, of the grips on the specimen.
 
     judged (n,): points that were not prescribed; mesh_effect: None where it was not asked for; refined: how often the
-    triangles were divided; record: forces between the pictures, None where the Experiment has no machine record.
+    triangles were divided; record: forces between the pictures, None where the Experiment has no machine record; lost_record: that of the test is not
+    compared, since its pictures, corrected, go beyond it.
     """
 
     experiment: Experiment
@@ -75,6 +74,7 @@ class Replay:
     mesh_effect: MeshEffect | None = None
     refined: int = 0
     record: ReplayedRecord | None = None
+    lost_record: bool = False
 
     @property
     def measured(self) -> dict[str, Array]:
@@ -116,6 +116,7 @@ def replay(
     Where the mesh matters more than the noise (or `SMALL` of the largest displacement), the whole test is solved on the finer one.
     Raises `LoadingError` where too little of the boundary is held, `MaterialError`, and `ConvergenceError`.
     """
+    has_record = experiment.record is not None
     experiment = true_surface(experiment, law.taken_out)
     effect, level = None, 0
     if check_mesh:
@@ -140,6 +141,7 @@ def replay(
         effect,
         level,
         None if experiment.record is None else ReplayedRecord.of(experiment, solution),
+        has_record and experiment.record is None,
     )
 
 

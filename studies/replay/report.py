@@ -53,7 +53,12 @@ def findings(found: Replay) -> list[Finding]:
         effect = found.mesh_effect
         told.append((Remark.MESH, {"field": effect.field, "force": effect.force, "refined": found.refined}))
     if found.law.taken_out:
-        told.append((Remark.TAKEN_OUT, {"effects": [a.effect.name for a in found.law.taken_out]}))
+        told.append(
+            (
+                Remark.TAKEN_OUT,
+                {"effects": [a.effect.name for a in found.law.taken_out], "lost_record": found.lost_record},
+            )
+        )
     if found.law.left_out:
         told.append((Remark.LEFT_OUT, {"effects": list(found.law.left_out)}))
     told.append((Remark.PRESCRIBED, {"share": float((~found.judged).mean())}))

@@ -362,7 +362,7 @@ def replayed() -> Findings:
     named = SimpleNamespace(remarks=(), left_out=("force offset",), taken_out=(lens,))
     found: Any = SimpleNamespace(
         experiment=sheet(), force_error=0.02, field_error=np.array([0.1]), noise=0.01, mesh_effect=effect, refined=0,
-        law=named, judged=np.array([True, False]), record=SimpleNamespace(error=0.03, time=np.arange(9.0), largest=(0.1, 4.0)),
+        law=named, lost_record=True, judged=np.array([True, False]), record=SimpleNamespace(error=0.03, time=np.arange(9.0), largest=(0.1, 4.0)),
     )  # fmt: skip
     return replay_report.findings(found)
 

@@ -21,6 +21,7 @@ from forward.materials import ArrudaBoyce, NeoHooke
 from forward.sheet.additions import MooneyPart
 from forward.sheet.inelastic import solve_history
 from forward.sheet.plane_stress import solve
+from forward.sheet.sheet_run import Options
 from forward.sheet.thin_sheet import Prony, Sheet
 from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
@@ -64,6 +65,15 @@ def test_the_true_law_meets_a_test_of_another_mesh_the_better_the_finer_the_came
     assert fine < 1e-3  # mm, of 20
     assert found[1].force_error < 1e-4
     assert found[1].force_error < found[0].force_error
+
+
+def test_a_smaller_imbalance_changes_nothing_that_could_be_measured():
+    plate = experiment(250)
+    law = material_law(ArrudaBoyce(), "", plate)
+    found, exact = replay(plate, law, check_mesh=False), replay(plate, law, check_mesh=False, options=Options(1e-12))
+    np.testing.assert_allclose(found.displacements, exact.displacements, rtol=0, atol=1e-8 * 20.0)
+    for name, force in exact.forces.items():
+        np.testing.assert_allclose(found.forces[name], force, rtol=0, atol=1e-8 * np.abs(force).max())
 
 
 def test_a_hole_is_no_polygon(monkeypatch):
