@@ -39,6 +39,7 @@ def numbers(trials: list[JudgedTrial]) -> dict[str, Any]:
         del plain[name]
     return {
         **plain,
+        "traced": sum(bool(one.dominant or (one.absent and one.absent.dominant)) for one in trials),
         "strong": endings.strong,
         "strong_group_named": endings.group_named,
         "strong_named": endings.named,
@@ -48,6 +49,8 @@ def numbers(trials: list[JudgedTrial]) -> dict[str, Any]:
         "removed_explained": removed.explained,
         "removed_alike": removed.alike,
         "removed_wrong": removed.wrong,
+        "removed_dominant": removed.dominant,
+        "removed_dominant_alike": removed.dominant_alike,
     }
 
 
@@ -63,12 +66,14 @@ def rates(n: dict[str, Any], sought: dict[str, str]) -> list[list[str]]:
         ["- named right, and nothing else", share(n["right"], n["strong"]), ""],
         ["- named right, with a wrong name beside it", share(n["beside"], n["strong"]), ""],
         ["- right only through a group: one that the data cannot tell from it is named", share(n["group"], n["strong"]), ""],
+        ["one strong effect: not explained, but the dominant effect", share(n["dominant"], n["strong"]) if n["traced"] else NONE, ""],
         ["one strong effect: not named", share(n["missed"], n["strong"]), ""],
         ["one strong effect: a wrong name only", share(n["wrong"], n["strong"]), ""],
         ["amplitude within its 95 % interval", share(n["amplitudes_within"], n["amplitudes"]), sought["amplitudes"]],
         ["effect removed from the catalogue: a name that is no declared look-alike", share(n["absent_wrong"], n["absent"]), "at most 15 %"],
         ["strong effect removed: verdict *explained*, by whatever name", share(n["removed_explained"], n["removed"]), sought["explained"]],
-        ["- of these by a declared look-alike, which the line above excuses", share(n["removed_alike"], n["removed"]), ""],
+        ["- not explained, but with another as the dominant effect", share(n["removed_dominant"], n["removed"]) if n["traced"] else NONE, ""],
+        ["- explained by a declared look-alike, which the line on names excuses", share(n["removed_alike"], n["removed"]), ""],
         ["two effects, each strong beside the other: both named", share(n["pairs_found"], n["pairs"]), sought["pairs"]],
         ["two effects, each strong before either is found: both named", share(n["pairs_at_first_found"], n["pairs_at_first"]), ""],
         ["both in the model, named or too small beside the other to be named", share(n["pairs_in_model"], n["pairs"]), ""],
@@ -80,7 +85,7 @@ def rates(n: dict[str, Any], sought: dict[str, str]) -> list[list[str]]:
 
 def effects(trials: list[JudgedTrial]) -> list[list[str]]:
     """A line for each effect: how the strong ones ended, intervals, and what happens without it in the catalogue."""
-    head = ["hidden", "strong", "right", "wrong name beside", "only its group", "missed", "wrong", "amplitude within", "rms pull",
+    head = ["hidden", "strong", "right", "wrong name beside", "only its group", "dominant", "missed", "wrong", "amplitude within", "rms pull",
             "removed: explained (strong)", "removed: wrong name (all)"]  # fmt: skip
     rows = []
     for one in summary(trials).effects:
@@ -90,7 +95,9 @@ def effects(trials: list[JudgedTrial]) -> list[list[str]]:
         wrong = f"{one.absent_wrong} of {one.absent}"
         rms = "" if one.rms_pull is None else f"{one.rms_pull:.1f}"
         rows.append([one.effect, str(one.endings.strong), *counts, inside, rms, explained, wrong])
-    return [head, *rows]
+    place = head.index("dominant")
+    kept = [k for k in range(len(head)) if k != place or any(row[place] != "0" for row in rows)]
+    return [[row[k] for k in kept] for row in (head, *rows)]
 
 
 def trials(file: str, seed: str, made: str, how: str, sought: dict[str, str] = AIMS) -> dict[str, Any]:

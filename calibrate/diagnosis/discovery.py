@@ -22,6 +22,7 @@ from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.joint.everything import fit_everything
 from calibrate.diagnosis.problem import Mask, Problem
 from calibrate.diagnosis.replayed.replay_verdict import Check, judged_by_replay
+from calibrate.diagnosis.selection.dominant_effect import dominant_effect
 from calibrate.diagnosis.selection.loop import close_loop
 from calibrate.diagnosis.selection.rounds import Discovery, Verdict
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
@@ -106,6 +107,8 @@ def diagnose(
     if check is not None:
         say("replay of base and final model")
         found = judged_by_replay(found, check(found))
+    if fitted:
+        found = replace(found, dominant=dominant_effect(found, say))
     return _with_everything(found, effects, priors, say, check) if fitted and all_effects else found
 
 

@@ -129,6 +129,7 @@ def described(found: Discovery) -> dict[str, Any]:
         "verdict": found.verdict,
         "named": list(found.named),
         "closest": list(found.closest),
+        "dominant": None if found.dominant is None else asdict(found.dominant),
         "groups": {k: list(v) for k, v in found.groups.items()},
         "additions": additions,
         "replay": replay_record(found.replay_check),

@@ -37,13 +37,14 @@ class JudgedAmplitude:
 
 @dataclass(frozen=True)
 class JudgedWithout:
-    """The same test diagnosed without the hidden effect in the catalogue. partners: its look-alikes; wrong: other names."""
+    """The same test diagnosed without the hidden effect in the catalogue. partners: its look-alikes; wrong: other names. dominant: see `JudgedTrial`."""
 
     verdict: Verdict
     named: list[str]
     closest: list[str]
     wrong: list[str]
     partners: list[str]
+    dominant: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class JudgedTrial:
 
     hit, exact: of each hidden effect, whether its group, and it itself, is named. scores: of each before anything is found;
     beside: with the other one in the model. strong: the lesser of these is above `GLOBAL_LIMIT`. field: correlation of
-    fitted and hidden stiffness over the specimen. seconds: CPU time.
+    fitted and hidden stiffness over the specimen. seconds: CPU time. dominant: the dominant effect of what is not explained and those that leave little more.
     """
 
     trial: str
@@ -69,6 +70,7 @@ class JudgedTrial:
     seconds: float
     beside: dict[str, float] | None = None
     absent: JudgedWithout | None = None
+    dominant: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, without what was not done."""
@@ -109,6 +111,7 @@ def judge(home: Path) -> JudgedTrial:
         field=[_field(h, full["additions"], home) for h in hidden],
         seconds=content["seconds"],
         absent=_without(content["absent"], first.get(names[0], {}).get("like", {})) if "absent" in content else None,
+        dominant=_dominant(full),
     )
 
 
@@ -120,7 +123,15 @@ def _is_foreign(hidden: Mapping[str, Any], label: Mapping[str, Any]) -> bool:
 def _without(content: Mapping[str, Any], alike: Mapping[str, float]) -> JudgedWithout:
     partners = sorted(name for name, value in alike.items() if value > ALIKE)
     wrong = [name for name in content["named"] if name not in partners]
-    return JudgedWithout(Verdict(content["verdict"]), content["named"], content["closest"], wrong, partners)
+    return JudgedWithout(
+        Verdict(content["verdict"]), content["named"], content["closest"], wrong, partners, _dominant(content)
+    )
+
+
+def _dominant(content: Mapping[str, Any]) -> tuple[str, ...]:
+    """The dominant effect, then those that leave little more; none where there is none."""
+    found = content.get("dominant")
+    return () if found is None else (found["effect"], *found["like"])
 
 
 def _field(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]], home: Path) -> float | None:

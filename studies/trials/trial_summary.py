@@ -22,11 +22,13 @@ FIELD = "stiffness field"
 
 class Ending(StrEnum):
     """How a trial with one effect ended: named right, and nothing else; right with a wrong name beside it; only an effect named that
-    the data cannot tell from it; nothing named; a wrong name only."""
+    the data cannot tell from it; not explained, and the dominant effect, or one that leaves little more; nothing named; a wrong name only, named or
+    dominant."""
 
     RIGHT = "right"
     BESIDE = "beside"
     GROUP = "group"
+    DOMINANT = "dominant"
     MISSED = "missed"
     WRONG = "wrong"
 
@@ -37,7 +39,9 @@ def ending(one: JudgedTrial) -> Ending:
         return Ending.BESIDE if set(one.named) - set(one.hidden) else Ending.RIGHT
     if one.hit[0]:
         return Ending.GROUP
-    return Ending.WRONG if one.named else Ending.MISSED
+    if one.named or not one.dominant:
+        return Ending.WRONG if one.named else Ending.MISSED
+    return Ending.DOMINANT if one.hidden[0] in one.dominant else Ending.WRONG
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,7 @@ class Endings:
     right: int = 0
     beside: int = 0
     group: int = 0
+    dominant: int = 0
     missed: int = 0
     wrong: int = 0
 
@@ -58,7 +63,7 @@ class Endings:
     @property
     def strong(self) -> int:
         """All of them."""
-        return self.right + self.beside + self.group + self.missed + self.wrong
+        return self.group_named + self.dominant + self.missed + self.wrong
 
     @property
     def named(self) -> int:
@@ -74,12 +79,14 @@ class Endings:
 @dataclass(frozen=True)
 class Removed:
     """Strong trials diagnosed once more without their effect in the catalogue. explained: with this verdict; alike: of these by the
-    name of a declared look-alike; wrong: with a name that is none."""
+    name of a declared look-alike; wrong: with a name that is none. dominant: not explained, with a dominant effect; dominant_alike: of these a declared look-alike."""
 
     trials: int
     explained: int
     alike: int
     wrong: int
+    dominant: int = 0
+    dominant_alike: int = 0
 
     @classmethod
     def of(cls, strong: Sequence[JudgedTrial]) -> Removed:
@@ -87,7 +94,8 @@ class Removed:
         absent = [one.absent for one in strong if one.absent is not None]
         explained = [a for a in absent if a.verdict == Verdict.EXPLAINED]
         alike = sum(not a.wrong for a in explained)
-        return cls(len(absent), len(explained), alike, sum(bool(a.wrong) for a in absent))
+        traced = [a.dominant[0] in a.partners for a in absent if a.dominant]
+        return cls(len(absent), len(explained), alike, sum(bool(a.wrong) for a in absent), len(traced), sum(traced))
 
 
 @dataclass(frozen=True)
@@ -125,14 +133,14 @@ class EffectSummary:
         """A line of the table, see `EFFECT_COLUMNS`."""
         e = self.endings
         return [
-            self.effect, self.trials, e.strong, e.right, e.beside, e.group, e.missed, e.wrong, self.wrong, self.unnamed,
+            self.effect, self.trials, e.strong, e.right, e.beside, e.group, e.dominant, e.missed, e.wrong, self.wrong, self.unnamed,
             self.amplitudes, self.amplitudes_within, self.rms_pull, self.removed.trials, self.removed.explained, self.absent,
             self.absent_wrong,
         ]  # fmt: skip
 
 
 EFFECT_COLUMNS = [
-    "effect", "trials", "strong", "named right (strong)", "with a wrong name beside", "only its group", "missed", "wrong only",
+    "effect", "trials", "strong", "named right (strong)", "with a wrong name beside", "only its group", "dominant only", "missed", "wrong only",
     "wrong (all)", "not named (all)", "amplitudes", "within 95 %", "rms pull", "removed: strong", "removed: explained (strong)",
     "removed: trials", "removed: wrong name",
 ]  # fmt: skip

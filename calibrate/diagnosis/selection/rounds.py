@@ -164,6 +164,16 @@ class Confirmation:
         }
 
 
+@dataclass(frozen=True)
+class DominantEffect:
+    """What most of a misfit is traced to that nothing explains. share: of the misfit beyond noise, that the effect alone takes; like: effects that
+    alone leave little more, best first."""
+
+    effect: str
+    share: float
+    like: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Discovery:
     """Result of `discover`.
@@ -174,7 +184,7 @@ class Discovery:
     explanations. replaced: effects that the rounds had found before a more probable explanation took their place. everything: the fit of all
     effects at once, where no few of them explain the test; without_everything: why it could not be made. without_twin: why tests were not replayed. own: what
     every one of several tests has for itself.
-    replay_check: of base and final model; None where it was not asked for.
+    replay_check: of base and final model; None where it was not asked for. dominant: of a test that is not explained; None where nothing is.
     """
 
     problem: Problem = field(repr=False)
@@ -194,6 +204,7 @@ class Discovery:
     without_twin: tuple[str, ...] = ()
     own: tuple[OwnEffect, ...] = ()
     replay_check: ReplayCheck | NoReplayCheck | None = field(default=None, repr=False)
+    dominant: DominantEffect | None = None
 
     @property
     def powers(self) -> tuple[Power, ...]:

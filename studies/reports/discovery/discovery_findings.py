@@ -42,6 +42,7 @@ class DiscoveryCode(Macro):
     ALTERNATIVES = "alternatives"
     REPLACED = "replaced"
     NO_EXPLANATION = "no_explanation"
+    DOMINANT = "traced"
     TIE = "tie"
     POWER = "power"
     EVERYTHING = "everything"
@@ -166,6 +167,8 @@ def _of_verdict(found: Discovery) -> Iterator[Finding]:
         errors = {"force_after": found.confirmation.after.force, "force_allowed": found.confirmation.force_allowed}
         doubts = [str(doubt) for doubt in found.confirmation.doubts]
         yield _finding(DiscoveryCode.NO_EXPLANATION, names=list(found.closest), doubts=doubts, c=errors)
+    if found.dominant is not None:
+        yield _finding(DiscoveryCode.DOMINANT, **asdict(found.dominant))
     for name in found.named:
         like = list(found.groups.get(name, (name,))[1:])
         if like:

@@ -254,6 +254,7 @@ def content(view: View) -> dict[str, Any]:
         "named": list(found.named),
         "closest": list(found.closest),
         "groups": {name: list(group) for name, group in found.groups.items()},
+        "dominant": None if found.dominant is None else asdict(found.dominant),
         "replaced": None if found.replaced is None else list(found.replaced),
         "hold_out": view.hold_out,
         "noise_is_known": found.problem.noise_is_known,

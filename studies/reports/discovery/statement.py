@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from calibrate.diagnosis.distillation import Distilled
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.selection import Verdict
-from calibrate.diagnosis.selection.rounds import Doubt, Round
+from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Round
 from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.fitness import Use
 from studies.output.words import plus_minus
@@ -68,7 +68,7 @@ class BestCandidate:
 class Statement:
     """All that the verdict says. last_step: of a last fit that has not converged, in standard deviations of an equation.
     doubts: why what is closest is no explanation; force_allowed: force error that one may leave. level_is_nominal: whether only ratios
-    of stiffness are known. against: why the model is not to be used, and no test of an effect is to be believed."""
+    of stiffness are known. dominant: what most of a misfit that is not explained is traced to. against: why the model is not to be used, and no test of an effect is to be believed."""
 
     verdict: Verdict
     named: tuple[NamedEffect, ...]
@@ -83,6 +83,7 @@ class Statement:
     force_allowed: float = float("nan")
     level_is_nominal: bool = False
     against: tuple[str, ...] = ()
+    dominant: DominantEffect | None = None
 
     @property
     def force_after(self) -> float:
@@ -108,6 +109,7 @@ class Statement:
             float("nan") if found.confirmation is None else found.confirmation.force_allowed,
             found.problem.level_is_nominal,
             use.in_words if use.verdict is Use.NOT else (),
+            found.dominant,
         )
 
 

@@ -32,7 +32,7 @@ from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfRe
 from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.residual_tests import ChiSquare
-from calibrate.diagnosis.selection.rounds import Doubt, Refusal, RefusalReason
+from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Refusal, RefusalReason
 from calibrate.effects.chain import Addition
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.stiffness_gradient import StiffnessGradient
@@ -311,6 +311,9 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.of_one_test": lambda: of_own((0.20, 0.01), (0.02, 0.02)),
     "discovery.replaced": lambda: replaced("second invariant"),
     "discovery.no_explanation": doubtful,
+    "discovery.traced": lambda: of_explained(
+        named=(), closest=explained().named, dominant=DominantEffect("second invariant", 0.95, ("upturn",))
+    ),
     "discovery.tie": lambda: of_explained(groups={"second invariant": ("second invariant", "upturn")}),
     "discovery.no_thickness": lambda: of_experiment(lambda e: replace(e, thickness=None)),
     "discovery.attenuated": lambda: with_patch("discovery_quality", lambda view: replace(GOOD, attenuation=1.2)),

@@ -17,7 +17,7 @@ from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Discovery, Verdict
-from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason
+from calibrate.diagnosis.selection.rounds import DominantEffect, Refusal, RefusalReason
 from calibrate.effects import CATALOGUE
 from studies.output.alerts import Severity
 from studies.reports.alert_table import in_order
@@ -165,6 +165,16 @@ def test_not_explained_says_how_much_is_left():
     loud = replace(alone.rounds[-1], predicted=ChiSquare(100.0, 10))
     loud = view(replace(alone, rounds=(*alone.rounds[:-1], loud)))
     assert not Statement.of(loud).may_be_false_alarm and Statement.of(loud).residual.more_than_noise
+
+
+def test_the_dominant_effect_of_what_is_not_explained_is_said_with_those_that_leave_little_more():
+    found = replace(explained(), verdict=Verdict.NOT_EXPLAINED, named=(), closest=("second invariant",))
+    traced = replace(found, dominant=DominantEffect("second invariant", 0.934, ("upturn",)))
+    said = " ".join(verdict(view(traced)).split())
+    assert "significant, not explained; dominant effect: second invariant or upturn (alone 93 % of" in said
+    assert "dominant" not in verdict(view(found))
+    assert content(view(traced))["dominant"] == {"effect": "second invariant", "share": 0.934, "like": ("upturn",)}
+    assert content(view(found))["dominant"] is None
 
 
 def test_a_useless_model_is_said_first_and_no_test_of_an_effect_is_believed():

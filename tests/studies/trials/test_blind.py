@@ -21,6 +21,7 @@ from studies.errors import OptionError
 from studies.trials import blind_case, blind_data, blind_plans, blind_report, judgement
 from studies.trials.blind_case import Plan
 from studies.trials.blind_data import draw
+from studies.trials.trial_summary import ending, summary
 
 
 def plans(*words):
@@ -61,8 +62,9 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     text = blind_report.write_report(tmp_path, homes, {})
     numbers = json.loads((tmp_path / "summary.json").read_text())
     assert (numbers["nulls"], numbers["null_detections"], numbers["null_names"]) == (2, 1, 0)
-    assert numbers["endings"] == {"right": 1, "beside": 0, "group": 1, "missed": 0, "wrong": 1}
-    assert numbers["removed"] == {"trials": 2, "explained": 2, "alike": 1, "wrong": 1}
+    assert numbers["endings"] == {"right": 1, "beside": 0, "group": 1, "dominant": 0, "missed": 0, "wrong": 1}
+    removed = {"trials": 2, "explained": 2, "alike": 1, "wrong": 1, "dominant": 0, "dominant_alike": 0}
+    assert numbers["removed"] == removed
     assert (numbers["amplitudes"], numbers["amplitudes_within"]) == (1, 1)
     assert (numbers["absent"], numbers["absent_wrong"]) == (2, 1)
     assert (numbers["pairs"], numbers["pairs_found"], numbers["pairs_in_model"]) == (3, 1, 2)
@@ -78,6 +80,23 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     assert known[homes[0].name] == judged
     elsewhere = [tmp_path / "elsewhere" / home.name for home in homes]
     assert blind_report.write_report(tmp_path / "again", elsewhere, {}, known) == text
+
+
+def test_a_dominant_effect_is_counted_apart_from_names(tmp_path):
+    """It, or one that leaves little more, is no name and no miss; another than what is hidden is wrong."""
+    open_verdict = {"verdict": "significant, not explained"}
+    homes = [
+        trial(tmp_path, "dominant", ["x"], dominant=["x"], absent=[], absent_dominant="y", **open_verdict),
+        trial(tmp_path, "like", ["x"], dominant=["y", "x"], absent=[], absent_dominant="twin", **open_verdict),
+        trial(tmp_path, "other", ["x"], dominant=["y"], absent=[], **open_verdict),
+        trial(tmp_path, "none", ["x"], **open_verdict),
+    ]
+    judged = [judgement.judge(home) for home in homes]
+    assert [ending(one) for one in judged] == ["dominant", "dominant", "wrong", "missed"]
+    found = summary(judged)
+    assert (found.endings.group_named, found.endings.dominant, found.endings.strong) == (0, 2, 4)
+    assert (found.removed.trials, found.removed.explained) == (3, 0)
+    assert (found.removed.dominant, found.removed.dominant_alike) == (2, 1)
 
 
 @pytest.mark.parametrize(
