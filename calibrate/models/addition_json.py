@@ -41,12 +41,13 @@ def addition_from_dict(content: dict[str, Any]) -> tuple[Addition, tuple[float, 
     if content["effect"] not in known:
         raise ValueError(f"effect '{content['effect']}' unknown; this version knows {', '.join(known)}")
     effect = known[content["effect"]]
+    former = effect.former_shape if not content["shape"] else ()
     for key, parameters in (("amplitudes", effect.amplitudes), ("shape", effect.shapes)):
         names, found = [p.name for p in parameters], [str(p["name"]) for p in content[key]]
-        if found != names:
+        if found != names and not (key == "shape" and former):
             raise ValueError(f"{effect.name}: {key} {found}, but it has {names}")
     amplitudes = tuple(float(p["value"]) for p in content["amplitudes"])
-    shape = tuple(float(p["value"]) for p in content["shape"])
+    shape = former or tuple(float(p["value"]) for p in content["shape"])
     if not np.isfinite([*amplitudes, *shape]).all():
         raise ValueError(f"{effect.name}: amplitudes {amplitudes} and shape {shape} must be finite numbers")
     return Addition(effect, amplitudes, shape), tuple(float(p["standard_deviation"]) for p in content["amplitudes"])

@@ -170,13 +170,26 @@ class Patch(Addition):
 
 @dataclass(frozen=True)
 class Mullins(Addition):
-    """P (1 - r (1 - x / x_max)): softer the further below the largest deformation so far."""
+    """P (1 - r erf((x_max - x) / (m + beta x_max)) / erf(1 / beta)): softer the further below the largest deformation so far; the form of Ogden and
+    Roxburgh (1999; beta: Mars 2004) in x in the place of the energy. As it stands here without m and beta: 1 - r (1 - x / x_max), within 1e-5 of r.
+
+    m >= 0, beta > 0. The energy in the place of x: `damage_and_dispersion.OgdenRoxburgh`.
+    """
 
     r: float
+    m: float = 0.0
+    beta: float = 100.0
     name: ClassVar[str] = "Mullins"
+    positive: ClassVar[tuple[str, ...]] = ("beta",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.m < 0:
+            raise MaterialError(f"{self.name}: m = {self.m}; give m >= 0")
 
     def factor(self, x, largest, p):
-        return 1 - p[0] * (1 - x / ufl.max_value(largest, 1e-12))
+        below = (largest - x) / (p[1] + p[2] * ufl.max_value(largest, 1e-12))
+        return 1 - p[0] * ufl.erf(below) / ufl.erf(1 / p[2])
 
 
 @dataclass(frozen=True)

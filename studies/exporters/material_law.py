@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.effects.chain import Addition, ordered
+from calibrate.effects.mullins import SHARPEST
 from calibrate.equations.basis import SingleBasis, energy_basis
 from calibrate.equations.deformation_modes import MODES, largest_stretch
 from calibrate.models.extended_model import ExtendedModel
@@ -54,7 +55,7 @@ class Branch:
 class MaterialLaw:
     """terms: of W(I1, I2). bulk_modulus of kappa / 2 (J - 1)^2, None: incompressible.
 
-    fibres, branches, mullins (r), payne (r, x0): what is beside the energy. top: largest (I1, I2) of the calibration.
+    fibres, branches, mullins (r, m, beta), payne (r, x0): what is beside the energy. top: largest (I1, I2) of the calibration.
     invariants_used: those that the range holds for. left_out: effects that are not of the material. origin: lines on the data.
     stress: P (t, n, 2, 2) of the model itself in plane stress, of histories F (t, n, 2, 2) at times (t,), s, as if incompressible,
     to be differentiated by JAX.
@@ -68,7 +69,7 @@ class MaterialLaw:
     bulk_modulus: float | None = None
     fibres: tuple[Fibres, ...] = ()
     branches: tuple[Branch, ...] = ()
-    mullins: float | None = None
+    mullins: tuple[float, float, float] | None = None
     payne: tuple[float, float] | None = None
     left_out: tuple[str, ...] = ()
     origin: tuple[str, ...] = ()
@@ -184,7 +185,7 @@ _ADDED: dict[str, Callable[..., dict[str, Any]]] = {
     },
     "viscoelasticity": lambda law, a, s: {"branches": (*law.branches, Branch(a[0], s[0]))},
     "second relaxation time": lambda law, a, s: {"branches": (*law.branches, Branch(a[0], s[0]))},
-    "Mullins softening": lambda law, a, s: {"mullins": a[0]},
+    "Mullins softening": lambda law, a, s: {"mullins": (a[0], s[0], max(s[1], SHARPEST))},
     "Payne softening": lambda law, a, s: {"payne": (a[0], s[0])},
 }
 

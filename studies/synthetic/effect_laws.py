@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from calibrate.effects.mullins import SHARPEST
 from forward.materials import Material
 from forward.sheet import additions as laws
 from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
@@ -31,7 +32,7 @@ ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {
     "one fibre family": lambda a, s, extent: laws.Fibres(a["k"], (s["angle"],)),
     "two fibre families": lambda a, s, extent: laws.Fibres(a["k"], (s["axis"] + s["half"], s["axis"] - s["half"])),
     "stiffness gradient": lambda a, s, extent: laws.Gradient(a["gx"], a["gy"], extent.size, *extent.centre),
-    "Mullins softening": lambda a, s, extent: laws.Mullins(a["r"]),
+    "Mullins softening": lambda a, s, extent: laws.Mullins(a["r"], s["m"], max(s["beta"], SHARPEST)),
     "Payne softening": lambda a, s, extent: laws.Payne(a["r"], s["x0"]),
 }
 CHANGES: Mapping[str, Callable[[Values, Values], dict[str, Any]]] = {

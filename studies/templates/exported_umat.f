@@ -36,7 +36,7 @@
       DOUBLE PRECISION F(3, 3), FI(3, 3), DET, BB(3, 3), B2(3, 3)
       DOUBLE PRECISION I1, I2, D(6), KAPPA, T(3, 3), C(3, 3, 3, 3)
       DOUBLE PRECISION G1(3, 3), G2(3, 3), E(3, 3), SYM, BSB
-      DOUBLE PRECISION X, XMAX, PHI, DPHI, R, H, GAIN, TD(3, 3)
+      DOUBLE PRECISION X, XMAX, PHI, DPHI, R, S, H, GAIN, TD(3, 3)
       DOUBLE PRECISION Q, M(3), OVER(3, 3), V(3, 3), EQGAIN
       DOUBLE PRECISION CD(3, 3, 3, 3)
       DATA IV /1, 2, 3, 1, 1, 2/
@@ -119,10 +119,15 @@
       PHI = 1.0D0
       DPHI = 0.0D0
 {% if law.mullins %}
-      R = {{ law.mullins | fortran }}
-      Q = 1.0D0 - R*(1.0D0 - X/MAX(XMAX, 1.0D-9))
+      R = {{ law.mullins[0] | fortran }}
+      S = {{ law.mullins[1] | fortran }}
+      H = {{ law.mullins[2] | fortran }}
+      R = R/ERF(1.0D0/H)
+      S = S + H*MAX(XMAX, 1.0D-9)
+      Q = 1.0D0 - R*ERF((XMAX - X)/S)
       H = 0.0D0
-      IF (X .LT. XMAX) H = R/MAX(XMAX, 1.0D-9)
+      IF (X .LT. XMAX) H = EXP(-((XMAX - X)/S)**2)/S
+      H = H*R*2.0D0/SQRT(ACOS(-1.0D0))
       DPHI = DPHI*Q + PHI*H
       PHI = PHI*Q
 {% endif %}

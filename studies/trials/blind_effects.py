@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibrate.effects.mullins import LINEAR
 from studies.errors import OptionError
 
 
@@ -78,7 +79,7 @@ def _viscoelasticity(rng, s):
 
 
 def _mullins(rng, s):
-    return {"r": log_uniform(rng, 0.02, 0.5)}, {}, {}
+    return {"r": log_uniform(rng, 0.02, 0.5)}, dict(zip(("m", "beta"), LINEAR, strict=True)), {}
 
 
 def _payne(rng, s):

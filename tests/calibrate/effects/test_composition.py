@@ -29,6 +29,7 @@ SHAPES = {
     "two fibre families": (0.2, 0.5),
     "viscoelasticity": (2.0,),
     "second relaxation time": (0.4,),
+    "Mullins softening": (0.05, 0.3),
     "Payne softening": (0.1,),
     "subset smoothing": (1.2**0.5,),
     "lag between force and image": (0.0,),

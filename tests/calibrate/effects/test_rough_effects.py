@@ -80,7 +80,7 @@ def test_spread_of_noise_is_the_derivative_of_the_residual():
 
 AMPLIFYING = {
     "viscoelasticity": Addition(Viscosity(), (0.4,), (1.5,)),
-    "Mullins softening": Addition(Mullins(), (0.3,)),
+    "Mullins softening": Addition(Mullins(), (0.3,), (0.02, 0.2)),
     "permanent set": Addition(PermanentSet(), (0.1,)),
     "lag between force and image": Addition(Lag(), (0.1,), (0.0,)),
 }

@@ -16,6 +16,7 @@ from calibrate.diagnosis.distillation import distil, quadratic
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.effects.effect import Parameter
+from calibrate.effects.mullins import LINEAR
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import neo_hooke
 from calibrate.errors import ConfigError, DataNotFoundError, ModelFileError
@@ -201,3 +202,17 @@ def test_one_front_reads_every_kind_of_model(tmp_path):
     (tmp_path / "other.json").write_text('{"format": "other"}')
     with pytest.raises(ModelFileError, match="other.json"):
         load_model(tmp_path / "other.json")
+
+
+def test_softening_of_a_file_written_before_it_had_a_shape_is_the_linear_one(tmp_path):
+    path = tmp_path / "model.json"
+    neo_hookean(Addition(BY_NAME["Mullins softening"], (0.3,), LINEAR)).save(path)
+    content = json.loads(path.read_text())
+    content["additions"][0]["shape"] = []
+    path.write_text(json.dumps(content))
+    assert ExtendedModel.load(path).additions[0].shape == LINEAR
+    stretch = np.array([1.1, 1.4, 1.2])
+    F = np.stack([np.diag([s, s**-0.5]) for s in stretch])[:, None]
+    P = BY_NAME["Mullins softening"].stress(None, F, np.ones_like(F), (0.3,), LINEAR)
+    x = stretch**2 + 2 / stretch - 3
+    np.testing.assert_allclose(P[:, 0, 0, 0], 1 - 0.3 * (1 - x / np.maximum.accumulate(x)), atol=1e-5)

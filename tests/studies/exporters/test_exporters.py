@@ -44,7 +44,7 @@ HISTORY = (
     ("two fibre families", (0.05,), (0.4, 0.2)),
     ("viscoelasticity", (0.3,), (2.0,)),
     ("second relaxation time", (0.2,), (0.3,)),
-    ("Mullins softening", (0.2,), ()),
+    ("Mullins softening", (0.2,), (0.05, 0.3)),
     ("Payne softening", (0.3,), (0.1,)),
 )
 LAWS = {

@@ -163,7 +163,7 @@ def test_sheets_take_the_drawn_numbers():
         "two fibre families": lambda a, s, m: Fibres(a["k"], (s["axis"] + s["half"], s["axis"] - s["half"])),
         "stiffness gradient": lambda a, s, m: Gradient(a["gx"], a["gy"], 60.0),
         "stiffness field": lambda a, s, m: Patch(m["height"], m["x"], m["y"], m["width"]),
-        "Mullins softening": lambda a, s, m: Mullins(a["r"]),
+        "Mullins softening": lambda a, s, m: Mullins(a["r"], s["m"], s["beta"]),
         "Payne softening": lambda a, s, m: Payne(a["r"], s["x0"]),
     }
     for name, make_addition in expected.items():
