@@ -1,7 +1,7 @@
 """What the diagnosis says of the fibrous data: fibre effects of the catalogue beside the second invariant.
 
-In: an Experiment of the Holzapfel solid. Out: verdict, what was named, its amplitudes and angles, time. The catalogue's fibres are of
-standard reinforcement, k/2 (I4 - 1)^2, so that the exponential of the truth is a near neighbour, not a member.
+In: an Experiment of the Holzapfel solid. Out: verdict, what was named, its amplitudes and angles, time. The catalogue's fibres have
+the exponential of the truth, but also bear compression, and have no dispersion.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.
 
     name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report; source: of the formula;
-    amplitudes; shapes; former_shape: of model files that were written when it had none; shapes_vary: False where they only choose a
+    amplitudes; shapes; former_shape: values of the last shapes in model files that were written without them; shapes_vary: False where they only choose a
     derivative at the null value and mean nothing once the amplitude is known; confounded_with: what it can never be told
     from, or nothing; decided_by: the experiment that tells it from its likes; measured_by: why it is no candidate where it is `excluded`; of_material: holds for
     every specimen of a material, not of one test alone; of_rig: of a camera and grips that several tests share; rough: adds second derivatives of the displacements to them, whose

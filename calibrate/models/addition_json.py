@@ -41,13 +41,14 @@ def addition_from_dict(content: dict[str, Any]) -> tuple[Addition, tuple[float, 
     if content["effect"] not in known:
         raise ValueError(f"effect '{content['effect']}' unknown; this version knows {', '.join(known)}")
     effect = known[content["effect"]]
-    former = effect.former_shape if not content["shape"] else ()
+    n = len(effect.shapes) - len(effect.former_shape)
+    former = effect.former_shape if len(content["shape"]) == n < len(effect.shapes) else ()
     for key, parameters in (("amplitudes", effect.amplitudes), ("shape", effect.shapes)):
         names, found = [p.name for p in parameters], [str(p["name"]) for p in content[key]]
-        if found != names and not (key == "shape" and former):
+        if found != (names[:n] if key == "shape" and former else names):
             raise ValueError(f"{effect.name}: {key} {found}, but it has {names}")
     amplitudes = tuple(float(p["value"]) for p in content["amplitudes"])
-    shape = former or tuple(float(p["value"]) for p in content["shape"])
+    shape = (*(float(p["value"]) for p in content["shape"]), *former)
     if not np.isfinite([*amplitudes, *shape]).all():
         raise ValueError(f"{effect.name}: amplitudes {amplitudes} and shape {shape} must be finite numbers")
     return Addition(effect, amplitudes, shape), tuple(float(p["standard_deviation"]) for p in content["amplitudes"])

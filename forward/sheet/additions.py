@@ -85,22 +85,30 @@ class CubicPart(Addition):
 
 @dataclass(frozen=True)
 class Fibres(Addition):
-    """psi + k / 2 sum (I4 - 1)^2, I4 = M . C M, of families at `angles` (rad) to x; k in MPa (Qiu and Pence 1997)."""
+    """psi + k / (2 k2) sum (exp(k2 (I4 - 1)^2) - 1), I4 = M . C M, of families at `angles` (rad) to x; k in MPa (Holzapfel, Gasser and Ogden 2000), here in
+    compression, too. k2 = 0: k / 2 sum (I4 - 1)^2 (Qiu and Pence 1997).
+    """
 
     k: float
     angles: tuple[float, ...]
+    k2: float = 0.0
     name: ClassVar[str] = "fibres"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.k2 < 0:
+            raise MaterialError(f"{self.name}: k2 = {self.k2}; give k2 >= 0")
 
     @property
     def values(self) -> tuple[float, ...]:
-        return (self.k, *self.angles)
+        return (self.k, max(self.k2, 1e-8), *self.angles)
 
     def energy(self, I1, I2, C, p):
         families = []
         for i in range(len(self.angles)):
-            M = ufl.as_vector([ufl.cos(p[1 + i]), ufl.sin(p[1 + i])])
-            families.append((ufl.dot(M, C * M) - 1) ** 2)
-        return p[0] / 2 * sum(families)
+            M = ufl.as_vector([ufl.cos(p[2 + i]), ufl.sin(p[2 + i])])
+            families.append(ufl.exp(p[1] * (ufl.dot(M, C * M) - 1) ** 2) - 1)
+        return p[0] / (2 * p[1]) * sum(families)
 
 
 @dataclass(frozen=True)

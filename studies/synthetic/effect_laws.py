@@ -29,8 +29,10 @@ class Extent:
 ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {
     "second invariant": lambda a, s, extent: laws.MooneyPart(a["c01"]),
     "upturn": lambda a, s, extent: laws.CubicPart(a["c30"]),
-    "one fibre family": lambda a, s, extent: laws.Fibres(a["k"], (s["angle"],)),
-    "two fibre families": lambda a, s, extent: laws.Fibres(a["k"], (s["axis"] + s["half"], s["axis"] - s["half"])),
+    "one fibre family": lambda a, s, extent: laws.Fibres(a["k"], (s["angle"],), s["k2"]),
+    "two fibre families": lambda a, s, extent: laws.Fibres(
+        a["k"], (s["axis"] + s["half"], s["axis"] - s["half"]), s["k2"]
+    ),
     "stiffness gradient": lambda a, s, extent: laws.Gradient(a["gx"], a["gy"], extent.size, *extent.centre),
     "Mullins softening": lambda a, s, extent: laws.Mullins(a["r"], s["m"], max(s["beta"], SHARPEST)),
     "Payne softening": lambda a, s, extent: laws.Payne(a["r"], s["x0"]),

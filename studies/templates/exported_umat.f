@@ -107,11 +107,13 @@
       END DO
       SSE = D(1) + KAPPA/2.0D0*(DET - 1.0D0)**2
 {% for f in law.fibres %}
-!     fibres: {{ f.k }}/2 (I4 - 1)**2 along this unit vector
+!     fibres: k = {{ f.k }}, k2 = {{ f.k2 }}, along this unit vector
       M(1) = {{ cosines[loop.index0][0] | fortran }}
       M(2) = {{ cosines[loop.index0][1] | fortran }}
       M(3) = 0.0D0
-      CALL EQFIBR({{ f.k | fortran }}, M, F, T, C, SSE)
+      H = {{ f.k | fortran }}
+      S = {{ f.k2 | fortran }}
+      CALL EQFIBR(H, S, M, F, T, C, SSE)
 {% endfor %}
       X = MAX(I1 - 3.0D0, 0.0D0)
       XMAX = MAX(STATEV(1), X)
@@ -227,25 +229,30 @@
       END DO
       END
 
-      SUBROUTINE EQFIBR(K, M, F, T, C, W)
-!     adds K/2 (I4 - 1)**2, I4 = |F M|**2
+      SUBROUTINE EQFIBR(K, K2, M, F, T, C, W)
+!     adds K/(2 K2) (exp(K2 E**2) - 1), E = I4 - 1, I4 = |F M|**2
       IMPLICIT NONE
-      DOUBLE PRECISION K, M(3), F(3, 3), T(3, 3), C(3, 3, 3, 3), W
-      DOUBLE PRECISION V(3), I4
+      DOUBLE PRECISION K, K2, M(3), F(3, 3), T(3, 3), C(3, 3, 3, 3), W
+      DOUBLE PRECISION V(3), I4, G, H
       INTEGER I, J, A, B
       I4 = 0.0D0
       DO I = 1, 3
         V(I) = F(I, 1)*M(1) + F(I, 2)*M(2) + F(I, 3)*M(3)
         I4 = I4 + V(I)**2
       END DO
-      W = W + K/2.0D0*(I4 - 1.0D0)**2
+      G = K2*(I4 - 1.0D0)**2
+      H = (I4 - 1.0D0)**2*(1.0D0 + G/2.0D0)
+      IF (G .GT. 1.0D-6) H = (EXP(G) - 1.0D0)/K2
+      W = W + K/2.0D0*H
+      H = 4.0D0*K*EXP(G)*(1.0D0 + 2.0D0*G)
+      G = 2.0D0*K*EXP(G)*(I4 - 1.0D0)
       DO I = 1, 3
         DO J = 1, 3
-          T(I, J) = T(I, J) + 2.0D0*K*(I4 - 1.0D0)*V(I)*V(J)
+          T(I, J) = T(I, J) + G*V(I)*V(J)
           DO A = 1, 3
             DO B = 1, 3
               C(I, J, A, B) = C(I, J, A, B)
-     1          + 4.0D0*K*V(I)*V(J)*V(A)*V(B)
+     1          + H*V(I)*V(J)*V(A)*V(B)
             END DO
           END DO
         END DO

@@ -25,8 +25,8 @@ STRONG = {
     "subset smoothing": (0.1,),
 }
 SHAPES = {
-    "one fibre family": (0.5,),
-    "two fibre families": (0.2, 0.5),
+    "one fibre family": (0.5, 0.4),
+    "two fibre families": (0.2, 0.5, 0.4),
     "viscoelasticity": (2.0,),
     "second relaxation time": (0.4,),
     "Mullins softening": (0.05, 0.3),

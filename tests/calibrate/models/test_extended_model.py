@@ -204,6 +204,20 @@ def test_one_front_reads_every_kind_of_model(tmp_path):
         load_model(tmp_path / "other.json")
 
 
+def test_fibres_of_a_file_written_before_they_stiffened_are_of_standard_reinforcement(tmp_path):
+    path = tmp_path / "model.json"
+    neo_hookean(Addition(BY_NAME["one fibre family"], (0.05,), (0.4, 0.0))).save(path)
+    content = json.loads(path.read_text())
+    (addition,) = content["additions"]
+    addition["shape"] = addition["shape"][:1]
+    path.write_text(json.dumps(content))
+    assert ExtendedModel.load(path).additions[0].shape == (0.4, 0.0)
+    addition["shape"] = []
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelFileError, match="angle"):
+        ExtendedModel.load(path)
+
+
 def test_softening_of_a_file_written_before_it_had_a_shape_is_the_linear_one(tmp_path):
     path = tmp_path / "model.json"
     neo_hookean(Addition(BY_NAME["Mullins softening"], (0.3,), LINEAR)).save(path)

@@ -76,22 +76,24 @@ def test_mooney_part_is_mooney_rivlin(strip):
     np.testing.assert_allclose(found.reactions["right"], expected.reactions["right"], atol=1e-9)
 
 
-def fibre_stress(k, angles, F):
-    """2 k (I4 - 1) F M x M, MPa, summed over the families."""
+def fibre_stress(k, angles, F, k2=0.0):
+    """2 k E exp(k2 E^2) F M x M with E = I4 - 1, MPa, summed over the families."""
     total = np.zeros((2, 2))
     for angle in angles:
         M = np.array([np.cos(angle), np.sin(angle)])
         FM = F @ M
-        total += 2 * k * (FM @ FM - 1) * np.outer(FM, M)
+        E = FM @ FM - 1
+        total += 2 * k * E * np.exp(k2 * E**2) * np.outer(FM, M)
     return total
 
 
+@pytest.mark.parametrize("k2", [0.0, 0.7])
 @pytest.mark.parametrize("angles", [(0.6,), (0.3, -1.1)], ids=["one family", "two families"])
-def test_fibres_add_their_stress(angles):
+def test_fibres_add_their_stress(angles, k2):
     F = np.array([[1.4, 0.25], [-0.1, 0.9]])
     base = affine(Sheet(NEO, H), F)
-    reinforced = affine(Sheet(NEO, H, (Fibres(0.03, angles),)), F)
-    P = fibre_stress(0.03, angles, F)
+    reinforced = affine(Sheet(NEO, H, (Fibres(0.03, angles, k2),)), F)
+    P = fibre_stress(0.03, angles, F, k2)
     for side, column in (("right", 0), ("top", 1)):
         np.testing.assert_allclose(traction(reinforced, side) - traction(base, side), P[:, column], atol=1e-12)
 
@@ -306,6 +308,7 @@ def test_additions_add_up(strip):
     "make",
     [
         lambda: Fibres(np.nan, (0.1,)),
+        lambda: Fibres(0.1, (0.1,), -0.5),
         lambda: Fibres(0.1, (np.inf,)),
         lambda: Patch(0.1, 0, 0, 0.0),
         lambda: Payne(0.1, -1.0),

@@ -41,7 +41,7 @@ def extended(additions=(), k=0):
 
 ENERGY = (("second invariant", (0.03,), ()), ("upturn", (0.001,), ()))
 HISTORY = (
-    ("two fibre families", (0.05,), (0.4, 0.2)),
+    ("two fibre families", (0.05,), (0.4, 0.2, 0.6)),
     ("viscoelasticity", (0.3,), (2.0,)),
     ("second relaxation time", (0.2,), (0.3,)),
     ("Mullins softening", (0.2,), (0.05, 0.3)),
