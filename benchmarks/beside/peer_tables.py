@@ -179,10 +179,11 @@ def fibre_numbers(found: Row) -> Row:
     numbers = {"fibres_verdict": found.get("verdict", "refused"), "fibres_s": f"{found['cpu_seconds']:.0f}"}
     for addition in found.get("additions", []):
         if addition["effect"] == "two fibre families":
-            axis, half = np.degrees(addition["shape"])
+            axis, half = np.degrees(addition["shape"][:2])
             numbers |= {
                 "fibres_axis": f"{axis:.2f}",
                 "fibres_half": f"{half:.1f}",
                 "fibres_k": f"{addition['amplitudes'][0]:.2f}",
+                "fibres_k2": f"{addition['shape'][2]:.2f}",
             }
     return numbers
