@@ -265,16 +265,19 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
 
 
 def _errors(problem: Problem, linear: _Linearised, fit: Fit) -> tuple[tuple[float, ...], ...]:
-    """A standard deviation of each amplitude: of noise, times the dispersion, and of what the kinematics may miss."""
-    outside, base, scale, sizes = linear.outside, linear.base, linear.scale, linear.variables.sizes
+    """A standard deviation of each amplitude: of noise, times the dispersion, and of what the kinematics may miss; shapes are as uncertain as before
+    the test at most (`Variables.reach`)."""
+    base, scale, sizes = linear.base, linear.scale, linear.variables.sizes
+    dispersion = max(1.0, fit.free_loss / max(fit.degrees, 1))
+    known = np.diag(np.sqrt(dispersion) * scale / linear.variables.reach)
+    outside = np.concatenate([linear.outside, known])
     M = outside.T @ outside
     values, vectors = np.linalg.eigh(subtract(M, _noise_of_signatures(problem, linear, fit)))
     inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
-    spread = np.linalg.norm(outside @ inverse, axis=0) * scale
-    spread = spread * np.sqrt(max(1.0, fit.free_loss / max(fit.degrees, 1)))
-    free = np.full(len(scale), np.inf)
+    spread = np.linalg.norm(outside @ inverse, axis=0) * scale * np.sqrt(dispersion)
+    free, nothing = np.full(len(scale), np.inf), np.zeros(len(scale))
     shifts = [
-        bounded(outside, wrong - base @ (base.T @ wrong), -free, free) * scale
+        bounded(outside, np.concatenate([wrong - base @ (base.T @ wrong), nothing]), -free, free) * scale
         for wrong in residual_tests.kinematic_errors(problem, linear.chains, fit.c, fit.additions)
     ]
     deviations = np.linalg.norm([spread, *shifts], axis=0)

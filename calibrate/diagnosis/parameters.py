@@ -12,6 +12,7 @@ from calibrate.effects import Parameter
 from calibrate.effects.chain import Addition, Additions
 
 Array = NDArray[np.float64]
+ANGLE = 0.5  # rad, by which an angle is uncertain before a test
 
 
 def n_parameters(addition: Addition) -> int:
@@ -72,6 +73,13 @@ class Variables:
         for (p, value), shape in zip(self.parameters, self.is_shape, strict=True):
             sizes.append((0.1 if p.unit == "rad" else max(abs(value), 1e-12)) if shape else p.typical)
         return np.array(sizes)
+
+    @property
+    def reach(self) -> Array:
+        """Standard deviation (k,) of every shape before a test, in its unit: an angle is uncertain by half a radian, another shape by itself; infinite for amplitudes. Where
+        a shape hardly shows, an amplitude would else be as uncertain as values of the shape that mean nothing make it."""
+        sizes = [ANGLE if p.unit == "rad" else max(abs(value), 1e-12) for p, value in self.parameters]
+        return np.where(self.is_shape, sizes, np.inf)
 
     @property
     def values(self) -> Array:

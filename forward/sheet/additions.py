@@ -17,6 +17,9 @@ from typing import Any, ClassVar
 from forward._dolfinx import ufl
 from forward.errors import MaterialError
 
+LINEAR_BETA = 100.0  # of Mullins softening, from which on it is linear
+STRAIGHT = 1e-6  # k2 E^2 of fibres, below which they are of standard reinforcement
+
 
 @dataclass(frozen=True)
 class Addition:
@@ -107,8 +110,10 @@ class Fibres(Addition):
         families = []
         for i in range(len(self.angles)):
             M = ufl.as_vector([ufl.cos(p[2 + i]), ufl.sin(p[2 + i])])
-            families.append(ufl.exp(p[1] * (ufl.dot(M, C * M) - 1) ** 2) - 1)
-        return p[0] / (2 * p[1]) * sum(families)
+            square = (ufl.dot(M, C * M) - 1) ** 2
+            curved = (ufl.exp(p[1] * square) - 1) / p[1]
+            families.append(ufl.conditional(ufl.lt(p[1] * square, STRAIGHT), square * (1 + p[1] * square / 2), curved))
+        return p[0] / 2 * sum(families)
 
 
 @dataclass(frozen=True)
@@ -179,14 +184,14 @@ class Patch(Addition):
 @dataclass(frozen=True)
 class Mullins(Addition):
     """P (1 - r erf((x_max - x) / (m + beta x_max)) / erf(1 / beta)): softer the further below the largest deformation so far; the form of Ogden and
-    Roxburgh (1999; beta: Mars 2004) in x in the place of the energy. As it stands here without m and beta: 1 - r (1 - x / x_max), within 1e-5 of r.
+    Roxburgh (1999; beta: Mars 2004) in x in the place of the energy. As it stands here without m and beta: 1 - r (1 - x / x_max), within 2e-5 of r. Give both or neither.
 
     m >= 0, beta > 0. The energy in the place of x: `damage_and_dispersion.OgdenRoxburgh`.
     """
 
     r: float
     m: float = 0.0
-    beta: float = 100.0
+    beta: float = LINEAR_BETA
     name: ClassVar[str] = "Mullins"
     positive: ClassVar[tuple[str, ...]] = ("beta",)
 
@@ -194,6 +199,10 @@ class Mullins(Addition):
         super().__post_init__()
         if self.m < 0:
             raise MaterialError(f"{self.name}: m = {self.m}; give m >= 0")
+        if self.m > 0 and self.beta >= LINEAR_BETA:
+            raise MaterialError(
+                f"{self.name}: m = {self.m} shows only beside a beta; give beta, such as 0.1 (0.001 is that of Ogden and Roxburgh)"
+            )
 
     def factor(self, x, largest, p):
         below = (largest - x) / (p[1] + p[2] * ufl.max_value(largest, 1e-12))

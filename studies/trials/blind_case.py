@@ -131,6 +131,7 @@ def described(found: Discovery) -> dict[str, Any]:
         "closest": list(found.closest),
         "dominant": None if found.dominant is None else asdict(found.dominant),
         "groups": {k: list(v) for k, v in found.groups.items()},
+        "doubts": [] if found.confirmation is None else [str(doubt) for doubt in found.confirmation.doubts],
         "additions": additions,
         "replay": replay_record(found.replay_check),
         "rounds": [_round(now) for now in found.rounds],

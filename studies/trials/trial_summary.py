@@ -1,6 +1,6 @@
 """How often the diagnosis was right in blind trials: judged trials in, counts over all and for each effect out.
 
-A strong effect is one with a score above `GLOBAL_LIMIT`. Those that were hidden alone end in one of five ways, see `Ending`.
+A strong effect is one with a score above `GLOBAL_LIMIT`. Those that were hidden alone end in one of six ways, see `Ending`.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Endings:
 @dataclass(frozen=True)
 class Removed:
     """Strong trials diagnosed once more without their effect in the catalogue. explained: with this verdict; alike: of these by the
-    name of a declared look-alike; wrong: with a name that is none. dominant: not explained, with a dominant effect; dominant_alike: of these a declared look-alike."""
+    name of a declared look-alike; wrong: with a name that is none. dominant: not explained, with a dominant effect; dominant_alike: of these a declared look-alike, or with one that leaves little more."""
 
     trials: int
     explained: int
@@ -94,7 +94,7 @@ class Removed:
         absent = [one.absent for one in strong if one.absent is not None]
         explained = [a for a in absent if a.verdict == Verdict.EXPLAINED]
         alike = sum(not a.wrong for a in explained)
-        traced = [a.dominant[0] in a.partners for a in absent if a.dominant]
+        traced = [bool(set(a.dominant) & set(a.partners)) for a in absent if a.dominant]
         return cls(len(absent), len(explained), alike, sum(bool(a.wrong) for a in absent), len(traced), sum(traced))
 
 
@@ -124,7 +124,7 @@ class EffectSummary:
         rms = float(np.sqrt(np.mean(np.square(every)))) if every else None
         absent = [one.absent for one in own if one.absent is not None]
         return cls(
-            effect, len(own), Endings.of(strong), sum(bool(one.named) and not one.hit[0] for one in own),
+            effect, len(own), Endings.of(strong), sum(ending(one) == Ending.WRONG for one in own),
             sum(not one.named for one in own), len(found), sum(abs(p) < 1.96 for p in found), rms, Removed.of(strong),
             len(absent), sum(bool(a.wrong) for a in absent),
         )  # fmt: skip

@@ -95,7 +95,7 @@ def test_every_trial_is_counted_once() -> None:
     trials = judgement.read(DOCS / "blind.json")
     assert len({one.trial for one in trials}) == len(trials)
     n = script("derive_numbers").numbers(trials)
-    assert n["right"] + n["beside"] + n["group"] + n["missed"] + n["wrong"] == n["strong"]
+    assert n["right"] + n["beside"] + n["group"] + n["dominant"] + n["missed"] + n["wrong"] == n["strong"]
     assert n["right"] + n["beside"] == n["strong_named"] and n["strong_named"] + n["group"] == n["strong_group_named"]
     assert n["removed_explained"] == n["removed_alike"] + n["removed_wrong"]
 

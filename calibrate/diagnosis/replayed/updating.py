@@ -43,7 +43,6 @@ REPLAYS, STEPS = 6, 30  # at most; of the fit between two replays
 SMALL = 1.0  # change by one more fit, in standard deviations, at which the last replay is that of the model
 TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances
 FACTOR = 2.0  # by which the base may change in a step
-ANGLE = 0.5  # rad
 TRIALS = 3  # replays along a step
 
 
@@ -282,10 +281,9 @@ def _errors(replayed: ReplayedRows) -> ReplayErrors:
 
 
 def _reach(additions: Additions) -> Array:
-    """Rows (s, 1 + k) of the information on shapes that forces do not see: an angle is uncertain by half a radian, a time by itself."""
+    """Rows (s, 1 + k) of the information on shapes that forces do not see."""
     variables = Variables(additions)
-    sizes = np.array([ANGLE if p.unit == "rad" else max(abs(value), 1e-12) for p, value in variables.parameters])
-    rows = np.diag(np.concatenate([np.zeros(1), 1 / sizes]))[1:]
+    rows = np.diag(np.concatenate([np.zeros(1), 1 / variables.reach]))[1:]
     return np.asarray(rows[variables.is_shape])
 
 

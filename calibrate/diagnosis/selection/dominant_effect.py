@@ -1,7 +1,7 @@
 """The dominant effect of a test that is not explained: what most of its misfit is traced to, though more than noise is left.
 
-In: a `Discovery`. Out: `DominantEffect` or None. An effect whose true form is none of the catalogue's, or that has a small one beside it, leaves more
-than noise; the one effect that still takes nearly all of the misfit tells where to look. It is no explanation: something that acts like it may do the same.
+In: a `Discovery`. Out: `DominantEffect` or None. An effect whose true form is none of the catalogue's, or that has a small one beside it, is not explained; the one
+effect that still takes nearly all of the misfit tells where to look. It is no explanation: something that acts like it may do the same.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def _alone(found: Discovery, say: Say) -> Iterator[tuple[str, Fit]]:
         if known is not None and candidate.name == known.names[0]:
             continue
         say(f"{candidate.name} alone")
-        one = candidate_fit.fitted(base, replace(candidate, fit=None), thresholds, compared=True)
+        score = candidate_fit.at_best_shape(base, candidate.score)
+        one = candidate_fit.fitted(base, replace(candidate, score=score, fit=None), thresholds, compared=True)
         if one.fit is not None and candidate_fit.objection(base, first, one, thresholds) is None:
             yield one.name, one.fit
 

@@ -7,8 +7,10 @@ from dataclasses import replace
 import pytest
 from discoveries import explained, nothing
 
+from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.selection import Discovery, Verdict
+from calibrate.diagnosis.selection import dominant_effect as module
 from calibrate.diagnosis.selection.dominant_effect import dominant_effect
 
 NAME = "second invariant"
@@ -51,9 +53,40 @@ def test_what_is_explained_or_cannot_be_judged_has_none() -> None:
     assert dominant_effect(replace(unknown, problem=replace(unknown.problem, noise_is_known=False))) is None
 
 
+def with_misfits(*values: float, degrees: int = 20000) -> list[Fit]:
+    """Fits of the last model with these chi-squares per degree of freedom."""
+    fit = explained().rounds[1].fit
+    tests = (ChiSquare(value * degrees, degrees) for value in values)
+    return [replace(fit, misfits=fit.misfits._replace(everything=test)) for test in tests]
+
+
 def test_an_alarm_beside_a_misfit_as_noise_is_traced_to_nothing() -> None:
-    first = explained().rounds[0]
-    fit = replace(
-        first.fit, misfits=first.fit.misfits._replace(everything=ChiSquare(first.fit.degrees, first.fit.degrees))
-    )
-    assert dominant_effect(open_verdict(rounds=(replace(first, fit=fit), *explained().rounds[1:]))) is None
+    """A chi-square of 1.12, which noise that is known to 5 % makes, however much of it an effect takes."""
+    first, last = explained().rounds
+    for size, is_dominant in ((1.12, False), (3.0, True)):
+        before, after = with_misfits(size, 1.0)
+        rounds = (replace(first, fit=replace(before, additions=(), errors=())), replace(last, fit=after))
+        assert (dominant_effect(open_verdict(rounds=rounds)) is not None) == is_dominant
+
+
+def test_effects_that_leave_little_more_are_told_best_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    a, b, c, d = with_misfits(1.4, 1.8, 1.7, 1.9)
+    found = {NAME: a, "upturn": b, "compressibility": c, "image rotation": d}
+    monkeypatch.setattr(module, "_alone", lambda *_: found.items())
+    first, last = explained().rounds
+    (before,) = with_misfits(9.0)
+    rounds = (replace(first, fit=replace(before, additions=(), errors=())), last)
+    traced = dominant_effect(open_verdict(rounds=rounds))
+    assert traced is not None
+    assert (traced.effect, traced.like) == (NAME, ("compressibility", "upturn"))
+    assert traced.share == pytest.approx(0.95)
+
+
+def test_without_a_round_of_one_effect_every_likely_one_is_fitted_alone() -> None:
+    """As where the rounds were run on from an explanation of several."""
+    first, last = explained().rounds
+    several = replace(last, fit=replace(last.fit, additions=last.fit.additions * 2))
+    found = dominant_effect(open_verdict(rounds=(first, several)))
+    assert found is not None
+    assert found.effect == NAME
+    assert found.share > 0.95

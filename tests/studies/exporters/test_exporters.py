@@ -72,8 +72,10 @@ def test_exported_energy_stress_and_tangent_are_those_of_the_model(name):
 
 
 @needs_gfortran
-def test_umat_at_a_material_point():
-    errors = targets()["umat"].export(law_of(extended(HISTORY[:1]), "law")).errors
+@pytest.mark.parametrize("k2", [0.0, 0.6])
+def test_umat_at_a_material_point(k2):
+    fibres = ("two fibre families", (0.05,), (0.4, 0.2, k2))
+    errors = targets()["umat"].export(law_of(extended((fibres,)), "law")).errors
     assert errors.energy < 1e-9 and errors.stress < 1e-10 and errors.tangent < 1e-8
 
 

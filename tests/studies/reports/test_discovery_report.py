@@ -171,7 +171,10 @@ def test_the_dominant_effect_of_what_is_not_explained_is_said_with_those_that_le
     found = replace(explained(), verdict=Verdict.NOT_EXPLAINED, named=(), closest=("second invariant",))
     traced = replace(found, dominant=DominantEffect("second invariant", 0.934, ("upturn",)))
     said = " ".join(verdict(view(traced)).split())
-    assert "significant, not explained; dominant effect: second invariant or upturn (alone 93 % of" in said
+    assert (
+        "significant, not explained; dominant effect: second invariant (alone takes 93 % of the misfit beyond noise; upturn little less)"
+        in said
+    )
     assert "dominant" not in verdict(view(found))
     assert content(view(traced))["dominant"] == {"effect": "second invariant", "share": 0.934, "like": ("upturn",)}
     assert content(view(found))["dominant"] is None
