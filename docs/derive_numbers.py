@@ -11,6 +11,7 @@ not explained, and the dominant effect; missed; and a wrong name, or a wrong dom
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.effects import CATALOGUE, Effect
 from studies.output.alerts import Alert, registry
 from studies.trials.foreign import FOREIGN as FOREIGN_FORMS
+from studies.trials.foreign import NEARLY
 from studies.trials.judgement import JudgedTrial, read
 from studies.trials.trial_summary import FIELD, Ending, ending, summary
 
@@ -113,12 +115,13 @@ def trials(file: str, seed: str, made: str, how: str, sought: dict[str, str] = A
     }
 
 
-def foreign_trials(file: str, seed: int, how: str) -> dict[str, Any]:
-    """`foreign_trials.json`, which tells forms that are foreign from those that are foreign in base and noise alone."""
+def foreign_trials(file: str, seed: int, how: str, nearly: Sequence[str] = ()) -> dict[str, Any]:
+    """`foreign_trials.json`, which tells forms that are foreign from those that are nearly the catalogue's, and from those that are foreign in base and noise alone."""
     found = trials(file, FOREIGN.format(seed), "2026-11-26", how, AIMS_OF_FOREIGN)
     single = [one for one in read(FOLDER / file) if one.strong and len(one.hidden) == 1]
-    for name, is_foreign in (("foreign_form", True), ("own_form", False)):
-        some = [one for one in single if (one.hidden[0] in FOREIGN_FORMS) == is_foreign]
+    kinds = {"foreign_form": set(FOREIGN_FORMS) - set(nearly), "near_form": set(nearly), "own_form": {one.hidden[0] for one in single} - set(FOREIGN_FORMS)}
+    for name, effects_of_kind in kinds.items():
+        some = [one for one in single if one.hidden[0] in effects_of_kind]
         named, dominant = (
             sum(ends) for ends in ((one.hit[0] for one in some), (ending(one) == Ending.DOMINANT for one in some))
         )
@@ -183,7 +186,7 @@ def main() -> dict[str, dict[str, Any]]:
         "trials": trials("blind.json", "--seed 20000", "2026-11-22", fixed),
         "trials_of_today": trials("blind_of_today.json", TODAY, "2026-11-25", fixed),
         "foreign_trials": foreign_trials(
-            "foreign.json", 65000, "looked at while it ran, the diagnosis unchanged; stopped for time"
+            "foreign.json", 67000, "looked at while it ran, the diagnosis unchanged; stopped for time", NEARLY
         ),
         "foreign_trials_before": foreign_trials(
             "foreign_before.json", 64000, "looked at after 33 and after 40, the diagnosis unchanged; stopped for time"

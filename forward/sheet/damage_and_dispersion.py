@@ -1,7 +1,8 @@
-"""Additions that no effect of the diagnosis has the formula of: damage by the energy, fibres that are not all parallel, a power of the principal
+"""Additions that no effect of the diagnosis has the whole formula of: damage by the energy, fibres that are not all parallel, a power of the principal
 stretches, and an inclusion with a sharp edge.
 
-A diagnosis that meets them meets a law that it cannot follow exactly, beside its own softening and fibres.
+A diagnosis that meets them meets a law that it cannot follow exactly; its own softening follows damage by the energy on a neo-Hookean sheet alone, its own fibres
+those without dispersion in tension.
 """
 
 from __future__ import annotations
