@@ -119,7 +119,11 @@ def foreign_trials(file: str, seed: int, how: str, nearly: Sequence[str] = ()) -
     """`foreign_trials.json`, which tells forms that are foreign from those that are nearly the catalogue's, and from those that are foreign in base and noise alone."""
     found = trials(file, FOREIGN.format(seed), "2026-11-26", how, AIMS_OF_FOREIGN)
     single = [one for one in read(FOLDER / file) if one.strong and len(one.hidden) == 1]
-    kinds = {"foreign_form": set(FOREIGN_FORMS) - set(nearly), "near_form": set(nearly), "own_form": {one.hidden[0] for one in single} - set(FOREIGN_FORMS)}
+    kinds = {
+        "foreign_form": set(FOREIGN_FORMS) - set(nearly),
+        "near_form": set(nearly),
+        "own_form": {one.hidden[0] for one in single} - set(FOREIGN_FORMS),
+    }
     for name, effects_of_kind in kinds.items():
         some = [one for one in single if one.hidden[0] in effects_of_kind]
         named, dominant = (

@@ -3,7 +3,7 @@
 In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that both allow. The rule:
 
 1. Where the rounds end without an explanation and a fitted one is more than 20 times as probable as their final model, they are run on from
-   it, and what they end with takes the place of that model.
+   it, and what they end with takes the place of that model; not where it explains the test no better and predicts what was held out worse.
 2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
    that take its place in explanations of more than 5 %, and those in whose span alone it lies.
 
@@ -20,6 +20,7 @@ from calibrate.diagnosis import weighted_fit
 from calibrate.diagnosis.evidence.explanations import CERTAIN, TIE, Alternatives, Explanation, Weighing
 from calibrate.diagnosis.evidence.power import powers
 from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.misfit import is_larger
 from calibrate.diagnosis.selection.candidate_fit import Model
 from calibrate.diagnosis.selection.loop import close_loop
 from calibrate.diagnosis.selection.rounds import Confirmation, Discovery, Doubt, Verdict
@@ -65,9 +66,18 @@ def _run_on(
         scores = {c.name: c.score.score for c in found.rounds[0].candidates if c.score.is_tested}
         added = max(best.names, key=lambda name: scores.get(name, 0.0))
         first = replace(found.rounds[0], added=added, group=(added,))
-        return close_loop(found.start, found.base, effects, False, seed, say, found.thresholds, (first, model))
+        other = close_loop(found.start, found.base, effects, False, seed, say, found.thresholds, (first, model))
     except FitError:
         return None
+    return None if _predicts_worse(other, found) else other
+
+
+def _predicts_worse(other: Discovery, found: Discovery) -> bool:
+    """Whether a model that explains nothing has larger errors held out than that of the rounds: its evidence is that of what was fitted."""
+    before, after = found.rounds[-1].held, other.rounds[-1].held
+    if other.verdict is Verdict.EXPLAINED or before is None:
+        return False
+    return is_larger(before, after, found.thresholds.worse)
 
 
 def _best_fitted(alternatives: Alternatives) -> Explanation | None:

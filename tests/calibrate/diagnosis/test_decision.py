@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import synthetic
+from discoveries import explained
 
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis.discovery import discover
+from calibrate.diagnosis.evidence import decision
 from calibrate.diagnosis.evidence.decision import decided
 from calibrate.diagnosis.evidence.explanations import UNKNOWN, Alternatives, Explanation, Weighing
 from calibrate.diagnosis.evidence.priors import read_priors
@@ -72,3 +75,25 @@ def test_the_rounds_are_run_on_from_a_far_better_explanation():
     assert result.replaced == missed.final.names
     (c01,) = result.final.additions[0].amplitudes
     assert abs(c01 - 0.03) < 3 * result.final.errors[0][0]
+
+
+def test_a_model_that_explains_nothing_and_predicts_worse_takes_no_place(monkeypatch):
+    """Evidence is that of what was fitted: an exponential that stiffens where nothing was fitted may have more of it."""
+    good = explained()
+    first, last = good.rounds
+    missed = replace(good, rounds=(first,), verdict=Verdict.NOT_EXPLAINED, named=(), closest=())
+    known = [Explanation((HIDDEN,), 0.0, False, additions=good.final.additions), Explanation((), -9.0, False)]
+    weighing = Weighing(Alternatives.of(known), {}, (), True)
+    for factor, verdict, names in (
+        (0.5, Verdict.NOT_EXPLAINED, (HIDDEN,)),
+        (3.0, Verdict.NOT_EXPLAINED, ()),
+        (3.0, Verdict.EXPLAINED, (HIDDEN,)),
+    ):
+        worse = replace(
+            last, held=replace(first.held, force=factor * first.held.force, field=factor * first.held.field)
+        )
+        other = replace(good, rounds=(first, worse), verdict=verdict, named=(HIDDEN,) if verdict == "explained" else ())
+        monkeypatch.setattr(decision, "close_loop", lambda *_, other=other: other)
+        result = decided(missed, weighing, read_priors(), FEW)
+        assert result.final.names == names, (factor, verdict)
+        assert (result.replaced is None) == (not names)
