@@ -1,0 +1,39 @@
+"""Shapes that bend a curve, fitted to sheets solved by finite elements: the stiffening of fibres, and how fast a softened material recovers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from calibrate.diagnosis import base_fit, weighted_fit
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
+from studies.trials.blind_data import draw, record
+from studies.trials.blind_solution import clean_experiment
+
+CASES = {
+    "one fibre family": ({"k": 0.03}, {"angle": 0.7, "k2": 0.8}, (0.6, 0.1)),
+    "Mullins softening": ({"r": 0.4}, {"m": 0.1, "beta": 0.2}, (0.02, 0.1)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_amplitude_and_shape_are_found_from_another_start(name: str) -> None:
+    """A plate pulled to a nominal stretch of 1.5, its noise 1e-4 of its length; from a tenth of the amplitude."""
+    amplitudes, shape, start = CASES[name]
+    drawn = next(trial for trial in (draw(seed, name) for seed in range(40)) if trial.specimen == "plate")
+    (hidden,) = drawn.effects
+    hidden = replace(hidden, amplitudes=amplitudes, shape=shape)
+    trial = replace(drawn, effects=(hidden,), stretch=1.5, displacement_std=0.006, force_relative=3e-4)
+    effect = next(e for e in CATALOGUE if e.name == name)
+    problem, base = base_fit.prepare([record(trial, clean_experiment(trial))], [HoldOut().training])
+    (true,) = amplitudes.values()
+    _, fit = weighted_fit.fit_with_own_weights(problem, base.c, (Addition(effect, (0.1 * true,), start),))
+    (found,) = fit.additions
+    assert fit.reduced_chi_square < 1.3
+    assert abs(found.amplitudes[0] - true) < max(3 * fit.errors[0][0], 0.03 * true)
+    assert fit.errors[0][0] < 0.1 * true
+    assert found.shape == pytest.approx(tuple(shape.values()), rel=0.15)
