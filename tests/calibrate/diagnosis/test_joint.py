@@ -144,11 +144,16 @@ def test_the_prior_on_the_base_counts_in_what_is_minimised() -> None:
     assert bound.objective < plain.loss + (100 * stiffening[0]) ** 2
 
 
-def test_a_start_that_pushes_where_the_grips_pull_is_named() -> None:
+def test_a_start_that_pushes_where_the_grips_pull_is_taken_back() -> None:
+    """It ends where a small start ends; a base without any stiffness cannot be, and is named."""
     problem, base = plate()
-    additions = (Addition(BY_NAME["second invariant"], (-10.0,)),)
+
+    def fitted(c01: float) -> joint_fit.Joint:
+        return joint_fit.fit(problem, base.c, (Addition(BY_NAME["second invariant"], (c01,)),), WIDTHS)
+
+    assert fitted(-10.0).objective == pytest.approx(fitted(-1e-3).objective, rel=1e-3)
     with pytest.raises(FitError, match="finite"):
-        joint_fit.fit(problem, base.c, additions, WIDTHS)
+        joint_fit.fit(problem, 0.0 * base.c, (), WIDTHS)
 
 
 @pytest.mark.parametrize("at_minimum", [True, False])
