@@ -266,10 +266,10 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
 
 def _errors(problem: Problem, linear: _Linearised, fit: Fit) -> tuple[tuple[float, ...], ...]:
     """A standard deviation of each amplitude: of noise, times the dispersion, and of what the kinematics may miss; shapes are as uncertain as before
-    the test at most (`Variables.reach`)."""
+    the test at most (`Variables.shape_deviations`)."""
     base, scale, sizes = linear.base, linear.scale, linear.variables.sizes
     dispersion = max(1.0, fit.free_loss / max(fit.degrees, 1))
-    known = np.diag(np.sqrt(dispersion) * scale / linear.variables.reach)
+    known = np.diag(np.sqrt(dispersion) * scale / linear.variables.shape_deviations)
     outside = np.concatenate([linear.outside, known])
     M = outside.T @ outside
     values, vectors = np.linalg.eigh(subtract(M, _noise_of_signatures(problem, linear, fit)))

@@ -75,7 +75,7 @@ class Variables:
         return np.array(sizes)
 
     @property
-    def reach(self) -> Array:
+    def shape_deviations(self) -> Array:
         """Standard deviation (k,) of every shape before a test, in its unit: an angle is uncertain by half a radian, another shape by itself; infinite for amplitudes. Where
         a shape hardly shows, an amplitude would else be as uncertain as values of the shape that mean nothing make it."""
         sizes = [ANGLE if p.unit == "rad" else max(abs(value), 1e-12) for p, value in self.parameters]

@@ -34,7 +34,8 @@ class OneFibreFamily(Effect):
     decided_by = "the same sheet cut and pulled in another direction"
 
     def shape_values(self, data):
-        return [(float(angle), start(data)) for angle in np.arange(ANGLES) * np.pi / ANGLES]
+        k2 = first_stiffening(data)
+        return [(float(angle), k2) for angle in np.arange(ANGLES) * np.pi / ANGLES]
 
     def stress(self, data, F, P, a, shape):
         return P + a[0] * reinforcement(F, shape[0], shape[1])
@@ -58,8 +59,9 @@ class TwoFibreFamilies(Effect):
     decided_by = "the same sheet cut and pulled in two other directions"
 
     def shape_values(self, data):
+        k2 = first_stiffening(data)
         return [
-            (float(axis), float(half), start(data))
+            (float(axis), float(half), k2)
             for axis in np.arange(-4, 4) * np.pi / 8
             for half in np.arange(1, 5) * np.pi / 16
         ]
@@ -75,8 +77,8 @@ class TwoFibreFamilies(Effect):
         return a[0] * sum(both)
 
 
-def start(data) -> float:
-    """Of k2. Of the strain the mean over the sheet counts in each direction, as noise makes single triangles large."""
+def first_stiffening(data) -> float:
+    """k2 that is tried. Of the strain the mean over the sheet counts in each direction, as noise makes single triangles large."""
     mean = np.asarray(law_gradients(data, data.u)).mean(axis=1)
     largest = float(np.linalg.svd(mean, compute_uv=False).max()) ** 2 - 1
     return float(np.clip(START / largest**2, 0.01, 10.0)) if largest > 0 else START

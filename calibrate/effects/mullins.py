@@ -10,7 +10,7 @@ from jax.scipy.special import erf
 from calibrate.effects.effect import Effect, Parameter
 from calibrate.effects.support.largest_deformation import excess, lacks_unloading
 
-SHARPEST = 1e-3  # of beta, that can be told from none
+SHARPEST = 1e-3  # beta, as good as none, which Ogden and Roxburgh have
 LINEAR = (0.0, 100.0)  # m and beta of a softening that is linear in x / x_max, within 2e-5 of r
 
 
@@ -28,7 +28,7 @@ class Mullins(Effect):
     formula = "P (1 - r erf((x_max - x) / (m + beta x_max)) / erf(1 / beta)), x = I1 - 3"
     source = "Mullins 1969; Ogden and Roxburgh 1999"
     amplitudes = (Parameter("r", "1", lower=0.0, upper=1.0, typical=0.2),)
-    shapes = (Parameter("m", "1", lower=0.0, upper=5.0), Parameter("beta", "1", lower=0.0, upper=LINEAR[1]))
+    shapes = (Parameter("m", "1", lower=0.0, upper=5.0), Parameter("beta", "1", lower=SHARPEST, upper=LINEAR[1]))
     former_shape = LINEAR
     decided_by = "unloading and reloading"
 
@@ -40,6 +40,6 @@ class Mullins(Effect):
 
     def stress(self, data, F, P, a, shape):
         value, largest = excess(F)
-        beta = jnp.maximum(shape[1], SHARPEST)
-        below = (largest - value) / (shape[0] + beta * jnp.maximum(largest, 1e-9))
+        m, beta = shape
+        below = (largest - value) / (m + beta * jnp.maximum(largest, 1e-9))
         return P * (1.0 - a[0] * erf(below) / erf(1.0 / beta))[..., None, None]

@@ -41,11 +41,12 @@ def addition_from_dict(content: dict[str, Any]) -> tuple[Addition, tuple[float, 
     if content["effect"] not in known:
         raise ValueError(f"effect '{content['effect']}' unknown; this version knows {', '.join(known)}")
     effect = known[content["effect"]]
-    n = len(effect.shapes) - len(effect.former_shape)
-    former = effect.former_shape if len(content["shape"]) == n < len(effect.shapes) else ()
-    for key, parameters in (("amplitudes", effect.amplitudes), ("shape", effect.shapes)):
+    written = effect.shapes[: len(content["shape"])]
+    former = effect.former_shape if len(effect.shapes) == len(written) + len(effect.former_shape) else ()
+    shapes = written if former else effect.shapes
+    for key, parameters in (("amplitudes", effect.amplitudes), ("shape", shapes)):
         names, found = [p.name for p in parameters], [str(p["name"]) for p in content[key]]
-        if found != (names[:n] if key == "shape" and former else names):
+        if found != names:
             raise ValueError(f"{effect.name}: {key} {found}, but it has {names}")
     amplitudes = tuple(float(p["value"]) for p in content["amplitudes"])
     shape = (*(float(p["value"]) for p in content["shape"]), *former)

@@ -184,7 +184,7 @@ class Patch(Addition):
 @dataclass(frozen=True)
 class Mullins(Addition):
     """P (1 - r erf((x_max - x) / (m + beta x_max)) / erf(1 / beta)): softer the further below the largest deformation so far; the form of Ogden and
-    Roxburgh (1999; beta: Mars 2004) in x in the place of the energy. As it stands here without m and beta: 1 - r (1 - x / x_max), within 2e-5 of r. Give both or neither.
+    Roxburgh (1999; beta: Mars 2004) in x in the place of the energy. As it stands here without m and beta: 1 - r (1 - x / x_max), within 2e-5 of r.
 
     m >= 0, beta > 0. The energy in the place of x: `damage_and_dispersion.OgdenRoxburgh`.
     """
@@ -199,10 +199,6 @@ class Mullins(Addition):
         super().__post_init__()
         if self.m < 0:
             raise MaterialError(f"{self.name}: m = {self.m}; give m >= 0")
-        if self.m > 0 and self.beta >= LINEAR_BETA:
-            raise MaterialError(
-                f"{self.name}: m = {self.m} shows only beside a beta; give beta, such as 0.1 (0.001 is that of Ogden and Roxburgh)"
-            )
 
     def factor(self, x, largest, p):
         below = (largest - x) / (p[1] + p[2] * ufl.max_value(largest, 1e-12))

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.effects.chain import Addition, ordered
-from calibrate.effects.mullins import SHARPEST
 from calibrate.equations.basis import SingleBasis, energy_basis
 from calibrate.equations.deformation_modes import MODES, largest_stretch
 from calibrate.models.extended_model import ExtendedModel
@@ -186,7 +185,7 @@ _ADDED: dict[str, Callable[..., dict[str, Any]]] = {
     },
     "viscoelasticity": lambda law, a, s: {"branches": (*law.branches, Branch(a[0], s[0]))},
     "second relaxation time": lambda law, a, s: {"branches": (*law.branches, Branch(a[0], s[0]))},
-    "Mullins softening": lambda law, a, s: {"mullins": (a[0], s[0], max(s[1], SHARPEST))},
+    "Mullins softening": lambda law, a, s: {"mullins": (a[0], *s)},
     "Payne softening": lambda law, a, s: {"payne": (a[0], s[0])},
 }
 

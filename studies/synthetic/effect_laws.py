@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from calibrate.effects.mullins import SHARPEST
 from forward.materials import Material
 from forward.sheet import additions as laws
 from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
@@ -34,7 +33,7 @@ ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {
         a["k"], (s["axis"] + s["half"], s["axis"] - s["half"]), s["k2"]
     ),
     "stiffness gradient": lambda a, s, extent: laws.Gradient(a["gx"], a["gy"], extent.size, *extent.centre),
-    "Mullins softening": lambda a, s, extent: laws.Mullins(a["r"], s["m"], max(s["beta"], SHARPEST)),
+    "Mullins softening": lambda a, s, extent: laws.Mullins(a["r"], s["m"], s["beta"]),
     "Payne softening": lambda a, s, extent: laws.Payne(a["r"], s["x0"]),
 }
 CHANGES: Mapping[str, Callable[[Values, Values], dict[str, Any]]] = {

@@ -105,6 +105,10 @@ def _addition(table: Mapping[str, Any]) -> laws.Addition:
         raise OptionError(
             f"[[addition]] law '{name}' is unknown{nearest(str(name), ADDITIONS)}; choose from {', '.join(ADDITIONS)}"
         )
+    if name == laws.Mullins.name and ("m" in values) != ("beta" in values):
+        raise OptionError(
+            "[[addition]] Mullins: give m and beta together, or neither (beta = 0.001 is that of Ogden and Roxburgh, without one)"
+        )
     return _made(f"[[addition]] {name}", ADDITIONS[name], values)
 
 

@@ -13,7 +13,7 @@ is interpolated between pictures has the noise of several: each model has the st
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,17 +105,12 @@ def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem,
     for _ in range(SHARES):
         if equations.loss(problem, base.c, start) < base.loss:
             break
-        start = tuple(_toward_null(a) for a in start)
+        start = tuple(a.nearer_null(START) for a in start)
     try:
         own, fit = weighted_fit.fit_with_own_weights(problem, base.c, start)
     except errors.FitError:
         return None
     return (own, fit) if fit.free_loss < WORSE * base.free_loss else None
-
-
-def _toward_null(one: Addition) -> Addition:
-    null = [p.null for p in one.effect.amplitudes]
-    return replace(one, amplitudes=tuple(n + START * (a - n) for a, n in zip(one.amplitudes, null, strict=True)))
 
 
 def _measured(

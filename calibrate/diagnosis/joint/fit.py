@@ -13,7 +13,7 @@ scaled by the factor s that makes internal and external work agree, s = f.f / g.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,14 @@ from calibrate import errors
 from calibrate.diagnosis.joint.equations import Equations, Point, Prior, Widths
 from calibrate.diagnosis.parameters import Variables, n_parameters
 from calibrate.diagnosis.problem import Problem
-from calibrate.effects.chain import Addition, Additions
+from calibrate.effects.chain import Additions
 from calibrate.fitting import gauss_newton, least_squares
 from calibrate.fitting.gauss_newton import Damping
 from calibrate.fitting.stopping import Stop
 
 Array = NDArray[np.float64]
 STEPS = 100
-RETREATS, NEARER = 4, 0.1  # from a start that is not finite, and the share of its amplitudes that is left each time
+STARTS = (1.0, 0.1, 0.01, 1e-3, 1e-4)  # shares of the amplitudes that a fit starts with, the first that is finite
 TOLERANCE = 0.02  # fall of the misfit in a step, over the dispersion
 
 
@@ -148,22 +148,19 @@ def fit(
         variables = Variables(additions)
         additions = variables.at(np.clip(variables.values, *equations.prior(variables, 1.0).limits(variables, reach)))
     w = np.maximum(np.linalg.lstsq(problem.cone, c, rcond=None)[0], 0.0)
-    start = equations.scaled(w, additions)
-    for _ in range(RETREATS):
-        if np.isfinite(start.r).all():
-            break
-        additions = tuple(_nearer_null(a) for a in additions)
-        start = equations.scaled(w, additions)
-    if not np.isfinite(start.r).all():
-        raise errors.FitError("the joint fit has no finite start: check forces and their signs")
+    start = _finite_start(equations, w, additions)
     found = gauss_newton.minimise(lambda point, _: _linearised(equations, point), start, Damping(), steps)
     return _finished(equations, found.point, found.reason)
 
 
-def _nearer_null(one: Addition) -> Addition:
-    """Typical amplitudes together may be too much: fibres that stiffen, where smoothing makes strains at holes larger still."""
-    pairs = zip(one.effect.amplitudes, one.amplitudes, strict=True)
-    return replace(one, amplitudes=tuple(p.null + NEARER * (a - p.null) for p, a in pairs))
+def _finite_start(equations: Equations, w: Array, additions: Additions) -> Point:
+    """Typical amplitudes together may be too much, such as fibres that stiffen where smoothing makes strains at holes larger still: less of all, then.
+    Raises `FitError`."""
+    for share in STARTS:
+        start = equations.scaled(w, tuple(a.nearer_null(share) for a in additions))
+        if np.isfinite(start.r).all():
+            return start
+    raise errors.FitError("the joint fit has no finite start: check forces and their signs")
 
 
 def _linearised(equations: Equations, point: Point) -> _Linearised:

@@ -283,7 +283,7 @@ def _errors(replayed: ReplayedRows) -> ReplayErrors:
 def _reach(additions: Additions) -> Array:
     """Rows (s, 1 + k) of the information on shapes that forces do not see."""
     variables = Variables(additions)
-    rows = np.diag(np.concatenate([np.zeros(1), 1 / variables.reach]))[1:]
+    rows = np.diag(np.concatenate([np.zeros(1), 1 / variables.shape_deviations]))[1:]
     return np.asarray(rows[variables.is_shape])
 
 

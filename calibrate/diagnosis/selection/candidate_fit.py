@@ -172,7 +172,7 @@ def at_best_shape(now: Model, found: Score) -> Score:
         return found
     search = _ShapeSearch(now, found)
     grid = np.array(found.effect.shape_values(now.problem.trained[0].chain.data))
-    logarithmic = np.array([p.lower == 0 and np.all(grid[:, i] > 0) for i, p in enumerate(found.effect.shapes)])
+    logarithmic = np.array([p.lower >= 0 and np.all(grid[:, i] > 0) for i, p in enumerate(found.effect.shapes)])
     start = np.where(logarithmic, np.log(np.maximum(found.shape, 1e-12)), found.shape)
     simplex = np.concatenate([start[None], start + np.diag(np.where(logarithmic, 0.5, 0.13))])
     minimize(

@@ -15,12 +15,10 @@ from calibrate.diagnosis.selection.candidate_fit import Model
 from calibrate.diagnosis.selection.rounds import Candidate, Discovery, DominantEffect, Verdict
 
 Say = Callable[[str], None]
-LEAST_SHARE = 0.9  # of the misfit beyond noise, that a dominant effect takes
-AS_GOOD = 2.0  # by which more than the dominant effect one may leave that could stand in its place
 
 
 def dominant_effect(found: Discovery, say: Say = lambda text: None) -> DominantEffect | None:
-    """The effect that alone takes `LEAST_SHARE` of the misfit; None where none does, where the test is explained, or where its noise is unknown.
+    """The effect that alone takes most of the misfit (`Thresholds.dominant_share`); None where none does, where the test is explained, or where its noise is unknown.
 
     The share is that of chi-square beyond its degrees of freedom, of all equations, each fit in its own weights.
     """
@@ -34,12 +32,11 @@ def dominant_effect(found: Discovery, say: Say = lambda text: None) -> DominantE
         return None
     best = min(left, key=lambda name: left[name])
     share = 1 - left[best] / before
-    if share < LEAST_SHARE:
+    if share < found.thresholds.dominant_share:
         return None
-    others = sorted(
-        (name for name in left if name != best and left[name] <= AS_GOOD * left[best]), key=left.__getitem__
-    )
-    return DominantEffect(best, share, tuple(others))
+    limit = found.thresholds.as_good * left[best]
+    order = sorted(left, key=left.__getitem__)
+    return DominantEffect(best, share, tuple(name for name in order if name != best and left[name] <= limit))
 
 
 def _excess(fit: Fit) -> float:

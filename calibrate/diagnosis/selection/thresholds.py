@@ -28,6 +28,8 @@ class Thresholds:
     tries: effects that are fitted in a round, before one is added.
     rival: share of the best score; effects so close are fitted before one is chosen, as scores are those of small effects.
     refined: significant effects whose shape is refined before they are compared.
+    dominant_share: of the misfit of the base beyond noise, that the dominant effect of an unexplained test takes alone.
+    as_good: factor on what it leaves, up to which another could stand in its place.
     collinear: |cos| of signatures that cannot be told apart.
     similar: |cos| of signatures from which on a table shows it.
     """
@@ -50,6 +52,8 @@ class Thresholds:
     tries: int = 3
     rival: float = 0.8
     refined: int = 4
+    dominant_share: float = 0.9
+    as_good: float = 2.0
     collinear: float = 0.9
     similar: float = 0.5
 

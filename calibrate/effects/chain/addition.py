@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from calibrate.effects.effect import STAGES, Effect
 
@@ -19,6 +19,11 @@ class Addition:
     def is_null(self) -> bool:
         """Whether it changes nothing."""
         return self.amplitudes == tuple(p.null for p in self.effect.amplitudes)
+
+    def nearer_null(self, share: float) -> Addition:
+        """With this share of the way of every amplitude from its null value."""
+        pairs = zip(self.effect.amplitudes, self.amplitudes, strict=True)
+        return replace(self, amplitudes=tuple(p.null + share * (a - p.null) for p, a in pairs))
 
 
 Additions = tuple[Addition, ...]

@@ -42,7 +42,7 @@ class DiscoveryCode(Macro):
     ALTERNATIVES = "alternatives"
     REPLACED = "replaced"
     NO_EXPLANATION = "no_explanation"
-    DOMINANT = "traced"
+    DOMINANT = "dominant_effect"
     TIE = "tie"
     POWER = "power"
     EVERYTHING = "everything"

@@ -311,7 +311,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.of_one_test": lambda: of_own((0.20, 0.01), (0.02, 0.02)),
     "discovery.replaced": lambda: replaced("second invariant"),
     "discovery.no_explanation": doubtful,
-    "discovery.traced": lambda: of_explained(
+    "discovery.dominant_effect": lambda: of_explained(
         named=(), closest=explained().named, dominant=DominantEffect("second invariant", 0.95, ("upturn",))
     ),
     "discovery.tie": lambda: of_explained(groups={"second invariant": ("second invariant", "upturn")}),

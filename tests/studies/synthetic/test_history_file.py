@@ -66,6 +66,7 @@ def test_every_part_of_a_sheet_is_read(tmp_path: Path) -> None:
         (START + '[[addition]]\nlaw = "mullins"\n', "Mullins"),
         (START + '[[addition]]\nlaw = "Mullins"\n', "r must be given"),
         (START + '[[addition]]\nlaw = "Mullins"\nr = [1, 2]\n', "a number"),
+        (START + '[[addition]]\nlaw = "Mullins"\nr = 0.3\nm = 0.1\n', "m and beta together"),
         (START + '[[addition]]\nlaw = "fibres"\nk = 0.1\nangles = 0.3\n', "a list"),
         (START + "[[branch]]\nmu = 1.0\ntu = 2.0\n", "tau"),
         (START + "[[branch]]\nmu = 1.0\ntau = -2.0\n", "tau = -2"),
