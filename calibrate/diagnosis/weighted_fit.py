@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis import effect_fit, model_weights
 from calibrate.diagnosis.effect_fit import ITERATIONS, Fit
+from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Addition, Additions
 
@@ -63,3 +64,11 @@ def fit_with_own_weights(
     problem, fit = fit_with_weights(problem, c, additions, iterations)
     problem = model_weights.reweighted(problem, fit.c, fit.additions)
     return fit_with_weights(problem, fit.c, fit.additions, iterations)
+
+
+def without_superfluous(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """The fit without effects that do not differ from none in it, as others make them superfluous; itself where there are none."""
+    kept = tuple(a for a, d in zip(fit.additions, fit.errors, strict=True) if not not_distinct_from_null(a, d))
+    if len(kept) == len(fit.additions):
+        return problem, fit
+    return fit_with_weights(problem, fit.c, kept)

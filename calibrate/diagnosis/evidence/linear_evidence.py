@@ -52,11 +52,15 @@ class Signature:
 
 @dataclass(frozen=True)
 class Subset:
-    """Effects with their shapes (indices of signatures), log evidence with prior odds, amplitudes in prior standard deviations."""
+    """Effects with their shapes (indices of signatures), log evidence with prior odds, amplitudes in prior standard deviations.
+
+    charge: of the log evidence, what the effects cost: prior odds and -1/2 ln |M|.
+    """
 
     members: tuple[int, ...]
     log_evidence: float
     amplitudes: tuple[Array, ...]
+    charge: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,22 +103,22 @@ class Evidence:
         own = [self._slices[i] for i in members]
         index = np.concatenate(own)
         prior = sum(self.log_odds + np.log(self.signatures[i].prior) for i in members)
-        _, a, _ = self._solve(index, 0.0)
+        _, a, _, volume = self._solve(index, 0.0)
         strength = float(a @ self._gram[0][np.ix_(index, index)] @ a)
         variance = FORMULA_ERROR**2 * strength / max(self.D.shape[1], 1)
-        value, a, spread = self._solve(index, variance)
+        value, a, spread, _ = self._solve(index, variance)
         sided = np.concatenate([self.signatures[i].one_sided for i in members])
         value += float((np.log(2) + special.log_ndtr(a / spread))[sided].sum())
         parts = np.split(a, np.cumsum([len(one) for one in own])[:-1])
-        return Subset(members, value + prior, tuple(parts))
+        return Subset(members, value + prior, tuple(parts), volume + prior)
 
     def discrepancy(self) -> float:
         """Log evidence of smooth disturbances without any effect."""
         nothing = np.zeros(0, np.int64)
         return over_variances(lambda v: self._solve(nothing, v)[0], float(self.r @ self.r)) + self.log_odds
 
-    def _solve(self, index: NDArray[np.int64], variance: float) -> tuple[float, Array, Array]:
-        """Log evidence, amplitudes and their posterior deviations of columns; D, which is orthonormal, with a variance, integrated out."""
+    def _solve(self, index: NDArray[np.int64], variance: float) -> tuple[float, Array, Array, float]:
+        """Log evidence, amplitudes, their posterior deviations, and -1/2 ln |M| of columns; D, which is orthonormal, with a variance, integrated out."""
         (gram, of_smooth), (b, b_smooth, smooth) = self._gram, self._b
         share = variance / (1 + variance)
         block = np.ix_(index, index)
@@ -123,12 +127,14 @@ class Evidence:
         root = linalg.cholesky(M, lower=True, check_finite=False)
         inverse = linalg.solve_triangular(root, np.eye(len(index)), lower=True, check_finite=False)
         z = inverse @ right
-        value = 0.5 * (float(z @ z) + share * smooth) - float(np.log(np.diag(root)).sum())
+        volume = -float(np.log(np.diag(root)).sum())
+        value = 0.5 * (float(z @ z) + share * smooth) + volume
         value -= 0.5 * self.D.shape[1] * float(np.log1p(variance))
         return (
             value,
             -inverse.T @ z,
             np.linalg.norm(inverse, axis=0),
+            volume,
         )  # r = residual + S a: the amplitude that removes it
 
     def best(self, most: int = MOST) -> list[Subset]:

@@ -12,7 +12,7 @@ is interpolated between pictures has the noise of several: each model has the st
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,11 +63,12 @@ class _Refit:
 def alternatives(
     problem: Problem, base: Fit, effects: Sequence[Effect], linear: Evidence, subsets: Sequence[Subset], priors: Priors
 ) -> Alternatives:
-    """Fits of the subsets and of none, each with and without a discrepancy, and their probabilities. Fits that run away are left out."""
+    """Fits of the subsets and of none, each with and without a discrepancy, and their probabilities. Fits that run away are left out, effects
+    that a fit leaves at none as well: it is that of the smaller subset."""
     known = {effect.name: effect for effect in effects}
     shares = {s.name: s.prior for s in linear.signatures}
     chosen = [_additions(problem, linear, one, known, priors) for one in subsets if one.members]
-    own = [found for found in (_fitted(problem, base, additions) for additions in chosen) if found is not None]
+    own = _best_of_each(found for found in (_fitted(problem, base, additions) for additions in chosen) if found)
     weights, best = min(own, key=lambda pair: pair[1].free_loss) if own else (problem, base)
     refits = []
     for fit in (base, *(fit for _, fit in own)):
@@ -107,10 +108,20 @@ def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem,
             break
         start = tuple(a.nearer_null(START) for a in start)
     try:
-        own, fit = weighted_fit.fit_with_own_weights(problem, base.c, start)
+        own, fit = weighted_fit.without_superfluous(*weighted_fit.fit_with_own_weights(problem, base.c, start))
     except errors.FitError:
         return None
     return (own, fit) if fit.free_loss < WORSE * base.free_loss else None
+
+
+def _best_of_each(fits: Iterable[tuple[Problem, Fit]]) -> list[tuple[Problem, Fit]]:
+    """The best fit of every set of effects; that of none is the base."""
+    found: dict[frozenset[str], tuple[Problem, Fit]] = {}
+    for pair in fits:
+        names = frozenset(pair[1].names)
+        if names and (names not in found or pair[1].free_loss < found[names][1].free_loss):
+            found[names] = pair
+    return list(found.values())
 
 
 def _measured(

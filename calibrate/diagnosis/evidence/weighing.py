@@ -2,7 +2,7 @@
 
 In: a `Discovery`. Out: `Weighing`: alternatives with probabilities and the power of the test. The subsets of effects are ranked by
 `linear_evidence` at the base; those that no smaller one explains as well are fitted without linearisation (`refinement`); a larger one differs
-from the smaller within it as in the linear evidence.
+from the smaller within it as in the linear evidence, but gains nothing: what it gains there may be what the smaller one gains by its fit.
 """
 
 from __future__ import annotations
@@ -95,15 +95,21 @@ def _fitted(
     chosen += [one for one in ranked if linear.names(one) == final and final not in names]
     fits = alternatives(problem, base, effects, linear, chosen, priors)
     level = {frozenset(one.names): one.log_evidence for one in fits.explanations if not one.discrepancy}
-    linear_level = {linear.names(one): one.log_evidence for one in ranked}
+    linear_of = {linear.names(one): one for one in ranked}
     more = []
     for one in ranked:
         own = linear.names(one)
-        inside = [parent for parent in level if parent < own and parent in linear_level and parent]
+        inside = [parent for parent in level if parent < own and parent in linear_of and parent]
         if own not in level and inside:
             parent = max(inside, key=lambda p: level[p])
-            more.append(_explanation(linear, one, level[parent] + min(one.log_evidence - linear_level[parent], 0.0)))
+            more.append(_explanation(linear, one, level[parent] + _difference(one, linear_of[parent])))
     return Alternatives.of([*fits.explanations, *more])
+
+
+def _difference(larger: Subset, smaller: Subset) -> float:
+    """Of log evidence; where the larger has more of it linearly, what its further effects cost."""
+    linear = larger.log_evidence - smaller.log_evidence
+    return linear if linear < 0 else min(larger.charge - smaller.charge, 0.0)
 
 
 def _minimal(linear: Evidence, ranked: Sequence[Subset]) -> list[Subset]:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from calibrate.diagnosis import residual_tests, score_tests, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.misfit import misfit
-from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection import candidate_fit
 from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
@@ -48,7 +47,7 @@ def close_loop(
     model to go on from."""
     base = Model(problem, state)
     rounds: list[Round] = [begun[0]] if begun else []
-    model = _with_own_twins(begun[1]) if begun else base
+    model = _finished(begun[1]) if begun else base
     reviews: dict[frozenset[str], Review] = {}  # of models with more than one effect, by their names
     while True:
         say(f"round {len(rounds) + 1}: testing effects")
@@ -68,7 +67,7 @@ def close_loop(
             confirmation = confirm(base, model, thresholds) if names else None
             found = conclude(model.problem, tuple(rounds), reviews.get(names, Review()), thresholds, confirmation)
             return replace(found, start=problem)
-        model = _with_own_twins(_without_superfluous(added))
+        model = _finished(added)
 
 
 def scored_round(model: Model, effects: Sequence[Effect], seed: int = 0, thresholds: Thresholds = DEFAULT) -> Round:
@@ -151,15 +150,6 @@ def _with_best(
     return replace(now, added=best.name, group=tuple(group)), candidate_fit.model(best)
 
 
-def _with_own_twins(model: Model) -> Model:
-    """The fit less the discretisation error of its own replay."""
-    return Model(*with_own_twins(model.problem, model.fit))
-
-
-def _without_superfluous(model: Model) -> Model:
-    """The fit without effects that a later one has made superfluous."""
-    fit = model.fit
-    kept = tuple(a for a, d in zip(fit.additions, fit.errors, strict=True) if not not_distinct_from_null(a, d))
-    if len(kept) == len(fit.additions):
-        return model
-    return Model(*weighted_fit.fit_with_weights(model.problem, fit.c, kept))
+def _finished(model: Model) -> Model:
+    """The fit without effects that a later one has made superfluous, less the discretisation error of its own replay."""
+    return Model(*with_own_twins(*weighted_fit.without_superfluous(model.problem, model.fit)))
