@@ -32,6 +32,10 @@ from calibrate.fitting.least_squares import CONDITION, bounded, orthonormal, sub
 
 Array = NDArray[np.float64]
 ABSORBED = 1e-3  # share of a signature that must be left by the base
+SAME, RIVAL = (
+    0.98,
+    0.8,
+)  # cosine above which two shapes make one change; share of the best score from which another one is a start, too
 DRAWS = 2000  # of the simulated search
 
 
@@ -54,7 +58,8 @@ class Score:
 
     score: T over the dispersion, with `degrees`; p_value: of the effect; adjusted: of the whole search. share: of the
     misfit that it would explain. absorbed: share of the signature that the base takes. amplitudes, errors: with null
-    value 0 of the difference. admissible: within bounds. direction (N,): unit vector of the fitted change.
+    value 0 of the difference. admissible: within bounds. direction (N,): unit vector of the fitted change. other: the best shape of the grid
+    that makes another change and scores nearly as high, from which a fit may end elsewhere.
     """
 
     effect: Effect
@@ -71,6 +76,7 @@ class Score:
     shape: tuple[float, ...] = ()
     admissible: bool = True
     direction: Array | None = field(default=None, repr=False)
+    other: Score | None = field(default=None, repr=False)
 
     @property
     def evidence(self) -> float:
@@ -144,7 +150,7 @@ def examine(
     here where it is not given.
     """
     null = tuple(p.null for p in effect.amplitudes)
-    best: Score | None = None
+    tested: list[Score] = []
     blocks, absorbed_most = [], 1.0
     shapes = effect.shape_values(problem.trained[0].chain.data)
     single = len(shapes) == 1
@@ -154,15 +160,24 @@ def examine(
         if not one.is_tested:
             continue
         blocks.append(Q)
-        if best is None or (one.admissible, one.score) > (best.admissible, best.score):
-            best = one
-    if best is None:
+        tested.append(one)
+    if not tested:
         status = one.status if one.status is Status.NOT_FINITE else Status.ABSORBED
         return Score(effect, status, absorbed=absorbed_most), np.zeros((len(r), 0))
+    best = max(tested, key=lambda one: (one.admissible, one.score))
+    other = _other(best, tested)
     if not single and effect.rough and problem.noise_is_known:
         best = examine_shape(problem, state, Addition(effect, null, best.shape), U, r, hidden)[0]
     p = min(1.0, len(blocks) * float(stats.chi2.sf(best.score, best.degrees)))
-    return replace(best, p_value=p), np.concatenate(blocks, axis=1)
+    return replace(best, p_value=p, other=other), np.concatenate(blocks, axis=1)
+
+
+def _other(best: Score, tested: Sequence[Score]) -> Score | None:
+    """The best of the admissible shapes that make another change and score nearly as high."""
+    assert best.direction is not None
+    rivals = [one for one in tested if one.admissible and one.score > RIVAL * best.score]
+    rivals = [one for one in rivals if one.direction is not None and abs(one.direction @ best.direction) < SAME]
+    return max(rivals, key=lambda one: one.score, default=None)
 
 
 def examine_shape(

@@ -48,28 +48,40 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, compared: b
 
     A fit to be compared has the weights that belong to it: those of a base that makes up for the effect are wrong. One for the table has
     those of the amplitudes that the score test estimates.
+    One to be compared starts from the best shape and from another (`Score.other`); the more likely of both is taken.
     Without a fit where none is better than the model without the effect, or where it runs away: it then did not converge.
     """
-    problem, state = now.problem, now.fit
-    additions = (*state.additions, _start(now, candidate.score, thresholds))
-    iterations = effect_fit.ITERATIONS if compared else ITERATIONS_OF_THE_TABLE
-    try:
-        if not candidate.is_significant(thresholds):
-            new = effect_fit.refit(problem, state.c, additions, iterations)
-        elif compared:
-            problem, new = weighted_fit.fit_with_own_weights(problem, state.c, additions, iterations)
-        else:
-            problem, new = weighted_fit.fit_with_weights(problem, state.c, additions, iterations, turns=0)
-    except errors.FitError:
+    state, score = now.fit, candidate.score
+    starts = [score]
+    if compared and score.other is not None and candidate.is_significant(thresholds):
+        starts.append(at_best_shape(now, score.other))
+    found = [_fit(now, replace(candidate, score=one), thresholds, compared) for one in starts]
+    limit = thresholds.worse * state.free_loss + len(score.amplitudes)
+    kept = [pair for pair in found if pair is not None and pair[1].free_loss < limit]
+    if not kept:
         return candidate
-    if not new.free_loss < thresholds.worse * state.free_loss + len(candidate.score.amplitudes):
-        return candidate
+    problem, new = min(kept, key=lambda pair: pair[1].likelihood)
     train, held = (misfit(problem, new.c, new.additions, other) for other in (False, True))
     if not all(np.isfinite(one.chi_square) for one in (train, held) if one is not None):
         return candidate
     if compared:
         return replace(candidate, fit=new, problem=problem, train=train, held=held)
     return replace(candidate, fit=replace(new, chains=()), train=train, held=held)  # nothing goes on from it
+
+
+def _fit(now: Model, candidate: Candidate, thresholds: Thresholds, compared: bool) -> tuple[Problem, Fit] | None:
+    """With the weights that a fit of its kind has; None where it runs away."""
+    problem, state = now.problem, now.fit
+    additions = (*state.additions, _start(now, candidate.score, thresholds))
+    iterations = effect_fit.ITERATIONS if compared else ITERATIONS_OF_THE_TABLE
+    try:
+        if not candidate.is_significant(thresholds):
+            return problem, effect_fit.refit(problem, state.c, additions, iterations)
+        if compared:
+            return weighted_fit.fit_with_own_weights(problem, state.c, additions, iterations)
+        return weighted_fit.fit_with_weights(problem, state.c, additions, iterations, turns=0)
+    except errors.FitError:
+        return None
 
 
 def _start(now: Model, found: Score, thresholds: Thresholds) -> Addition:
@@ -209,5 +221,5 @@ class _ShapeSearch:
         self.first = self.first or max(one.score, 1e-300)
         value = found.score * one.score / self.first
         if one.is_tested and one.admissible >= self.best.admissible and value > self.best.score:
-            self.best = replace(one, score=value, p_value=found.p_value, adjusted=found.adjusted)
+            self.best = replace(one, score=value, p_value=found.p_value, adjusted=found.adjusted, other=found.other)
         return -one.score
