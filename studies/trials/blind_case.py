@@ -30,6 +30,10 @@ from studies.trials.blind_trial import Trial
 from studies.trials.foreign import foreign
 
 NULL, FOREIGN = "none", "foreign-"
+CONTAINING = {  # hidden: effects of which it is a special case, so that its truth would stay in the catalogue with them
+    "one fibre family": ("two fibre families",),
+    "stiffness gradient": ("stiffness field",),
+}
 GLOBAL_LIMIT = 10.0  # score above which an effect counts as strong; of two, each beside the other
 
 
@@ -91,7 +95,7 @@ def beside(home: Path) -> dict[str, float]:
 
 
 def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
-    """What the diagnosis says of an Experiment; `without`: once more with these effects taken out of the catalogue."""
+    """What the diagnosis says of an Experiment; `without`: once more with these effects, and those that contain them, taken out of the catalogue."""
 
     start = time.process_time()
     experiment = Experiment.load(path)
@@ -101,8 +105,9 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         assert found.start is not None
-        rest = tuple(e for e in CATALOGUE if e.name not in without)
-        content["without"] = list(without)
+        out = {*without, *(name for one in without for name in CONTAINING.get(one, ()))}
+        rest = tuple(e for e in CATALOGUE if e.name not in out)
+        content["without"] = sorted(out)
         content["absent"] = described(
             discovery.diagnose(
                 found.start, found.base, rest, whole_table=False, check=FiniteElementCheck(), all_effects=False
