@@ -102,11 +102,11 @@ def _fitted(
         inside = [parent for parent in level if parent < own and parent in linear_of and parent]
         if own not in level and inside:
             parent = max(inside, key=lambda p: level[p])
-            more.append(_explanation(linear, one, level[parent] + _difference(one, linear_of[parent])))
+            more.append(_explanation(linear, one, level[parent] + difference(one, linear_of[parent])))
     return Alternatives.of([*fits.explanations, *more])
 
 
-def _difference(larger: Subset, smaller: Subset) -> float:
+def difference(larger: Subset, smaller: Subset) -> float:
     """Of log evidence; where the larger has more of it linearly, what its further effects cost."""
     linear = larger.log_evidence - smaller.log_evidence
     return linear if linear < 0 else min(larger.charge - smaller.charge, 0.0)

@@ -11,6 +11,7 @@ from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature
 from calibrate.diagnosis.evidence.power import upper_limit
 from calibrate.diagnosis.evidence.priors import Scales, deviations, read_priors
+from calibrate.diagnosis.evidence.weighing import difference
 from calibrate.effects import CATALOGUE
 
 N = 60
@@ -33,6 +34,25 @@ def test_evidence_is_the_marginal_likelihood():
     a = np.linspace(0, 8, 20001)  # a half-normal prior: twice the integral over the admissible side
     density = np.exp(-0.5 * ((r[:, None] + T * a) ** 2).sum(axis=0) + 0.5 * r @ r) * stats.norm.pdf(a)
     assert one_sided == pytest.approx(np.log(2 * np.trapezoid(density, a)), abs=1e-6)
+
+
+def test_the_charge_of_a_subset_is_its_evidence_without_its_gain():
+    """With a residual of zero nothing is gained, and what is left of the log evidence is what the effects cost."""
+    rng = np.random.default_rng(4)
+    S, T, r = rng.standard_normal((N, 2)), rng.standard_normal((N, 1)), rng.standard_normal(N)
+    both = (signature("a", S), signature("b", T))
+    found = Evidence(both, r, EMPTY, -1.5).subset((0, 1))
+    assert found.charge == pytest.approx(Evidence(both, np.zeros(N), EMPTY, -1.5).subset((0, 1)).log_evidence)
+    larger, smaller = found, Evidence(both, r, EMPTY, -1.5).subset((0,))
+    assert difference(larger, smaller) < 0
+    assert difference(larger, smaller) == pytest.approx(larger.log_evidence - smaller.log_evidence)
+    gains = Evidence(both, -5 * T[:, 0], EMPTY, -1.5)
+    larger, smaller = gains.subset((0, 1)), gains.subset((0,))
+    assert (
+        larger.log_evidence > smaller.log_evidence + 10
+    )  # linearly; the smaller one may have gained as much by its fit
+    assert difference(larger, smaller) < 0
+    assert difference(larger, smaller) == pytest.approx(larger.charge - smaller.charge)
 
 
 def test_a_smooth_disturbance_that_is_in_no_signature_is_none_of_these():

@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import pytest
 
-from calibrate.diagnosis import base_fit, weighted_fit
+from calibrate.diagnosis import base_fit, score_tests, weighted_fit
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.selection.candidate_fit import Model, at_best_shape, fitted
+from calibrate.diagnosis.selection.rounds import Candidate
+from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
-from studies.trials.blind_data import draw, record
+from studies.trials.blind_data import draw, make, record
 from studies.trials.blind_solution import clean_experiment
 
 CASES = {
@@ -37,3 +40,21 @@ def test_amplitude_and_shape_are_found_from_another_start(name: str) -> None:
     assert abs(found.amplitudes[0] - true) < max(3 * fit.errors[0][0], 0.03 * true)
     assert fit.errors[0][0] < 0.1 * true
     assert found.shape == pytest.approx(tuple(shape.values()), rel=0.15)
+
+
+@pytest.mark.slow
+def test_a_fit_that_may_end_elsewhere_is_started_from_there_too() -> None:
+    """Two families of fibres on a plate: from the shape with the highest score the fit ends with half of the true amplitude, at one family."""
+    data, label = make(draw(995305, "two fibre families"))
+    effect = next(e for e in CATALOGUE if e.name == "two fibre families")
+    model = Model(*base_fit.prepare([data], [HoldOut.default(data.n_increments, False).training]))
+    score = at_best_shape(model, score_tests.score(model.problem, model.fit, (effect,))[0])
+    assert score.other is not None
+    alone = fitted(model, Candidate(replace(score, other=None)), DEFAULT, compared=True)
+    both = fitted(model, Candidate(score), DEFAULT, compared=True)
+    assert alone.fit is not None
+    assert both.fit is not None
+    assert both.fit.likelihood < alone.fit.likelihood - 20
+    assert both.addition is not None
+    true = label["effects"][0]["amplitudes"]["k"]
+    assert abs(both.addition.amplitudes[0] - true) < 2.5 * both.deviations[0] < 0.2 * true
