@@ -1,6 +1,6 @@
 """Take the pictures of the pages on studies from finished runs: `python docs/study_pictures.py RESULTS`.
 
-In: the folder with `generalise`, `resolution`, `thickness`, `measured`, `supervised`, `design` (with --validate) and `cross-pattern` (of
+In: the folder with `generalise`, `resolution`, `thickness`, `measured`, `every-third`, `supervised`, `design` (with --validate) and `cross-pattern` (of
 `equigap design docs/design/cross_pattern.toml`) as the commands leave them; with names behind it, only these pictures. Out: the pictures of `PICTURES` in
 docs/pictures, each with the manifest of the run that made it. Run it in a clone, so that the manifests name a commit.
 """
@@ -36,6 +36,7 @@ PICTURES = {
         "measured/transfer_Stiff2_Hetero/stiffness.png",
         "measured/transfer_Stiff2_Hetero/report.json",
     ),
+    "every_third": ("every-third/residual_map.png", "every-third/report.json"),
     "supervised": ("supervised/treloar-a.png", "supervised/treloar-a.json"),
 }
 
@@ -54,6 +55,7 @@ def main(results: Path, names: list[str]) -> None:
         content["inputs"] = {
             Path(path).name: digest for path, digest in content["inputs"].items()
         }  # folders are nobody's business
+        content["command"] = [Path(word).name if word.startswith("/") else word for word in content["command"]]
         (TARGET / f"{name}.json").write_text(json.dumps(content, indent=1) + "\n")
 
 

@@ -7,6 +7,7 @@
     python docs/study_numbers replay results/replay results/calibrate
     python docs/study_numbers replay_sheet results/discover
     python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
+    python docs/study_numbers every_third results/discover
     python docs/study_numbers noise_grid results/false-alarms
     python docs/study_numbers pulls results/pulls
     python docs/study_numbers diagnosis_cost results/benchmark-diagnosis
@@ -25,6 +26,7 @@ from pathlib import Path
 
 import design
 import diagnosis_cost
+import every_third
 import generalise
 import noise_grid
 import pulls
@@ -44,6 +46,7 @@ STUDIES = {
     "replay": replay,
     "replay_sheet": replay_sheet,
     "sheets": sheets,
+    "every_third": every_third,
     "skin": skin,
     "noise_grid": noise_grid,
     "pulls": pulls,

@@ -1,0 +1,45 @@
+"""A measured sheet with every third picture held out: the folder of `equigap discover sheet.npz --hold-out every:3` in."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from studies.output.words import percent
+
+
+def take(folder: Path) -> dict[str, Any]:
+    """Errors of replays in the pictures held out: neo-Hooke, the final model, the plausible effects as the equations have them and updated."""
+    found = json.loads((folder / "discovery.json").read_text())
+    record = json.loads((folder / "report.json").read_text())
+    used, noise = found["all_effects"]["plausible"], found["noise"][0]["found_std_mm"]
+    updated = used["updated"]["replay"]
+    replays = {
+        "neo_hooke": used["neo_hooke"],
+        "final": found["replay"]["final"],
+        "plausible": used["replay"],
+        "updated": updated["final"],
+    }
+    numbers: dict[str, Any] = {"noise_mm": f"{noise:.3f}", "verdict": found["verdict"]}
+    for name, one in replays.items():
+        judged = one["judged"]
+        numbers |= {
+            f"{name}_force": percent(judged["force"]),
+            f"{name}_mm": f"{judged['field']:.3f}",
+            f"{name}_noises": f"{judged['field'] / noise:.1f}",
+        }
+    numbers |= {
+        "band_force": percent(updated["band"]["force"]),
+        "band_mm": f"{updated['band']['field']:.3f}",
+        "smooth_mm": f"{updated['smooth_field'][1]:.3f}",
+    }
+    for one in used["updated"]["effects"]:
+        if one["effect"] == "viscoelasticity":
+            numbers |= {"g": f"{one['amplitudes'][0]:.2f}", "tau": f"{one['shape'][0]:.1f}"}
+    return {
+        "command": "equigap discover Soft_Homo.npz --hold-out every:3",
+        "how": f"revision {record.get('revision', 'unknown')}; 24 pictures, every third held out; run once, with the rule of the sheets",
+        "numbers": numbers,
+        "tables": {},
+    }
