@@ -1,4 +1,4 @@
-"""Points in the plane in; cell and local coordinates of a biquadratic mesh out, and values and gradients there.
+"""Points in the plane in; cell and local coordinates of a quadratic mesh out, and values and gradients there.
 
 A point outside the mesh (in the sliver between a chord and a curved rim, say) goes to the nearest cell, whose
 polynomial is continued.
@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from forward._dolfinx import QUADRATURE_DEGREE, basix
 from forward.errors import SolutionError
 from meshes import Mesh
-from meshes.mesh import quad_shape_gradients, quad_shapes
+from meshes.elements import Element
 
 Array = NDArray[np.float64]
 INSIDE = 1e-9
@@ -24,8 +25,7 @@ NEWTON_STEPS = 12
 
 @dataclass(frozen=True)
 class Places:
-    """Where points lie: cell (k,), local coordinates (k, 2) in [-1, 1]^2, how far outside in these
-    (k,), 0 inside."""
+    """Where points lie: cell (k,), local coordinates (k, 2), how far outside in these (k,), 0 inside; a cell is two of them wide."""
 
     cells: NDArray[np.int64]
     local: Array
@@ -37,7 +37,7 @@ def locate(mesh: Mesh, points: Array) -> Places:
     points = np.asarray(points, float).reshape(-1, 2)
     if not np.isfinite(points).all():
         raise SolutionError("points to evaluate must be finite numbers (k, 2), mm")
-    tree = cKDTree(mesh.points[mesh.cells[:, 8]])
+    tree = cKDTree(mesh.points[mesh.corners].mean(axis=1))
     cells = np.zeros(len(points), np.int64)
     local = np.zeros((len(points), 2))
     excess = np.full(len(points), np.inf)
@@ -56,54 +56,60 @@ def locate(mesh: Mesh, points: Array) -> Places:
 
 def values_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
     """Values (..., k, c) of nodal fields (..., n, c)."""
-    return np.einsum("kn,...knc->...kc", quad_shapes(places.local), nodal[..., mesh.cells[places.cells], :])
+    return np.einsum("kn,...knc->...kc", mesh.element.shapes(places.local), nodal[..., mesh.cells[places.cells], :])
 
 
 def gradients_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
     """Derivatives to x and y, (..., k, c, 2), 1/mm times their unit, of nodal fields (..., n, c)."""
-    slopes = quad_shape_gradients(places.local)
+    slopes = mesh.element.gradients(places.local)
     cells = mesh.cells[places.cells]
     to_local = np.linalg.inv(np.einsum("kni,knj->kij", mesh.points[cells], slopes))
     return np.einsum("knj,kji,...knc->...kci", slopes, to_local, nodal[..., cells, :])
 
 
 def gauss_points(mesh: Mesh) -> tuple[Array, Array, Array]:
-    """Nine points of each quad: slopes (m, 9, 9, 2) of its functions, 1/mm; places (9 m, 2), mm; weights (9 m,), mm^2."""
-    x, w = np.polynomial.legendre.leggauss(3)
-    local = np.array([(a, b) for b in x for a in x])
+    """The q Gauss points of each cell: slopes (m, q, n, 2) of its functions, 1/mm; places (q m, 2), mm; weights (q m,), mm^2."""
+    local, w = gauss_rule(mesh)
     nodes = mesh.points[mesh.cells]
-    reference = quad_shape_gradients(local)
+    reference = mesh.element.gradients(local)
     J = np.einsum("qnk,mni->mqik", reference, nodes)
     slopes = np.einsum("qnk,mqkj->mqnj", reference, np.linalg.inv(J))
-    places = np.einsum("qn,mni->mqi", quad_shapes(local), nodes).reshape(-1, 2)
-    weights = (np.linalg.det(J) * np.outer(w, w).ravel()).ravel()
-    return slopes, places, weights
+    places = np.einsum("qn,mni->mqi", mesh.element.shapes(local), nodes).reshape(-1, 2)
+    return slopes, places, (np.linalg.det(J) * w).ravel()
+
+
+def gauss_rule(mesh: Mesh) -> tuple[Array, Array]:
+    """Local coordinates (q, 2) and weights (q,) of the points of a cell: nine of a quad; of a triangle those of Xiao and Gimbutas (2010) for the fifth degree."""
+    if mesh.element.corners == 3:
+        return basix.make_quadrature(basix.CellType.triangle, QUADRATURE_DEGREE)
+    x, w = np.polynomial.legendre.leggauss(3)
+    return np.array([(a, b) for b in x for a in x]), np.outer(w, w).ravel()
 
 
 def _improve(mesh, points, which, candidate, cells, local, excess) -> None:
     """Take the candidate cell for those points that it holds, or to which it is nearer than the best so far."""
     open_ = excess[which] > INSIDE
     which, candidate = which[open_], candidate[open_]
-    xi = _invert(mesh.points[mesh.cells[candidate]], points[which])
-    outside = np.maximum(np.abs(xi) - 1, 0).max(axis=1)
+    xi = _invert(mesh.element, mesh.points[mesh.cells[candidate]], points[which])
+    outside = mesh.element.outside(xi)
     better = outside < excess[which]
     cells[which[better]] = candidate[better]
     local[which[better]] = xi[better]
     excess[which[better]] = outside[better]
 
 
-def _invert(nodes: Array, points: Array) -> Array:
-    """Local coordinates (k, 2) of points (k, 2) in cells with nodes (k, 9, 2); 9 where Newton's method fails."""
-    xi = np.zeros_like(points)
+def _invert(element: Element, nodes: Array, points: Array) -> Array:
+    """Local coordinates (k, 2) of points (k, 2) in cells with nodes (k, n, 2); 9 where Newton's method fails."""
+    xi = np.tile(element.middle, (len(points), 1))
     for _ in range(NEWTON_STEPS):
-        error = points - np.einsum("kn,kni->ki", quad_shapes(xi), nodes)
-        J = np.einsum("kni,knj->kij", nodes, quad_shape_gradients(xi))
+        error = points - np.einsum("kn,kni->ki", element.shapes(xi), nodes)
+        J = np.einsum("kni,knj->kij", nodes, element.gradients(xi))
         singular = np.abs(np.linalg.det(J)) < 1e-12
         J[singular] = np.eye(2)
         step = np.linalg.solve(J, error[..., None])[..., 0]
         xi = np.clip(xi + step, -3, 3)
         if np.abs(step).max(initial=0) < 1e-13:
             break
-    error = np.linalg.norm(points - np.einsum("kn,kni->ki", quad_shapes(xi), nodes), axis=1)
+    error = np.linalg.norm(points - np.einsum("kn,kni->ki", element.shapes(xi), nodes), axis=1)
     size = np.ptp(nodes, axis=1).max(axis=1)
     return np.where((error > 1e-9 * size)[:, None], 9.0, xi)

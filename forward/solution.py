@@ -60,7 +60,7 @@ class SurfaceSolution:
 
     @property
     def cells(self) -> NDArray[np.int64]:
-        """Nine nodes of each cell (m, 9): corners anticlockwise, edge middles 01, 12, 23, 30, centre."""
+        """Nodes of each cell (m, 9) or (m, 6), in the order of `meshes.elements`."""
         return self.mesh.cells
 
     def evaluate(self, points: Array) -> Array:
@@ -74,7 +74,7 @@ class SurfaceSolution:
         return np.eye(2) + interpolation.gradients_at(self.mesh, places, self.displacements)
 
     def gauss(self) -> tuple[Array, Array, Array]:
-        """Gauss points of all quads, nine each: places (k, 2), mm, weights (k,), mm^2, and the in-plane deformation
+        """Gauss points of all cells: places (k, 2), mm, weights (k,), mm^2, and the in-plane deformation
         gradient there, (n_inc, k, 2, 2)."""
         slopes, points, weights = interpolation.gauss_points(self.mesh)
         gradients = np.einsum("mqnj,tmni->tmqij", slopes, self.displacements[:, self.mesh.cells])

@@ -12,11 +12,13 @@ from typing import Any, Protocol
 
 from forward.errors import SolutionError
 from meshes import Mesh
+from meshes.elements import ELEMENTS
 from meshes.errors import MeshDataError
 from meshes.files import read_npz, with_prefix, write_npz
 
 FIELDS = ("displacements", "time", "energy", "iterations")
 REQUIRED = ("points", "cells", *FIELDS, "description")
+CELL_TYPES = {len(element.nodes): name for name, element in ELEMENTS.items()}
 
 
 class Solved(Protocol):
@@ -52,7 +54,12 @@ def read_solution[M](
     """Arguments that every solution takes, its mesh made by `make(plane, content)`, and the content of the file. Raises `SolutionError`."""
     try:
         content = read_npz(path, format_name, (*REQUIRED, *own))
-        plane = Mesh(content["points"], content["cells"], "quad", with_prefix(content, "boundary_"))
+        plane = Mesh(
+            content["points"],
+            content["cells"],
+            CELL_TYPES.get(content["cells"].shape[-1], "quad"),
+            with_prefix(content, "boundary_"),
+        )
         mesh = make(plane, content)
         description = json.loads(str(content["description"]))
     except (MeshDataError, json.JSONDecodeError) as error:

@@ -13,8 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.elements import QUAD_NODES, quad_shape_gradients, quad_shapes
 from meshes.errors import MeshDataError, MeshQualityError
-from meshes.mesh import QUAD_NODES, Array, Indices, Mesh, nodes_of, quad_shape_gradients, quad_shapes
+from meshes.mesh import Array, Indices, Mesh, nodes_of
 
 MIN_QUALITY = 0.3
 GRADING = 0.7  # thickness of a layer relative to its neighbour further inside

@@ -12,8 +12,9 @@ from types import ModuleType
 import numpy as np
 
 from meshes import _gmsh
+from meshes.elements import ELEMENTS
 from meshes.errors import MeshDataError, MeshQualityError
-from meshes.mesh import NODES, Array, Indices, Mesh, boundary_edges
+from meshes.mesh import Array, Indices, Mesh, boundary_edges
 from meshes.shapes import fillet_arc, triples
 from meshes.specimens import Specimen
 
@@ -207,7 +208,7 @@ def _extract(gmsh: ModuleType, specimen: Specimen, cell_type: str) -> tuple[Arra
     order = np.argsort(tags)
     points = coordinates.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)], :2].copy()
     points[np.abs(points) < 1e-9] = 0.0
-    cells = cells.reshape(-1, NODES[cell_type]).astype(np.int64)
+    cells = cells.reshape(-1, len(ELEMENTS[cell_type].nodes)).astype(np.int64)
     a, b, c = (points[cells[:, i]] for i in range(3))
     if ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum() < 0:
         raise MeshQualityError(f"{specimen.name}: the mesh is upside down; this is an error of the program")

@@ -123,18 +123,18 @@ class AdjointLaw(InelasticProblem, Adjoint):
 
 
 def force_operator(mesh: Mesh) -> sp.csr_array:
-    """Operator (2 n, 36 m), mm: a stress (m, 9, 2, 2) at the Gauss points, flattened, to nodal forces (n, 2) of a sheet of unit thickness."""
+    """Operator (2 n, 4 q m), mm: a stress (m, q, 2, 2) at the q Gauss points of each cell, flattened, to nodal forces (n, 2) of a sheet of unit thickness."""
     slopes, _, weights = interpolation.gauss_points(mesh)
-    weighted = slopes * weights.reshape(len(mesh.cells), 9)[:, :, None, None]  # (m, q, node, J)
-    m = len(mesh.cells)
-    shape = (m, 9, 9, 2, 2)  # cell, point, node, i, J
+    m, q, nodes, _ = slopes.shape
+    weighted = slopes * weights.reshape(m, q)[:, :, None, None]  # (m, q, node, J)
+    shape = (m, q, nodes, 2, 2)  # cell, point, node, i, J
     rows = np.broadcast_to(2 * mesh.cells[:, None, :, None, None] + np.arange(2)[:, None], shape)
-    columns = np.broadcast_to(np.arange(36 * m).reshape(m, 9, 1, 2, 2), shape)
+    columns = np.broadcast_to(np.arange(4 * q * m).reshape(m, q, 1, 2, 2), shape)
     values = np.broadcast_to(weighted[:, :, :, None, :], shape)
-    return sp.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape=(2 * len(mesh.points), 36 * m))
+    return sp.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape=(2 * len(mesh.points), 4 * q * m))
 
 
 def gradients(mesh: Mesh, u: Array) -> Array:
-    """In-plane deformation gradient (9 m, 2, 2) at the Gauss points, from displacements (n, 2), mm."""
+    """In-plane deformation gradient (q m, 2, 2) at the Gauss points, from displacements (n, 2), mm."""
     slopes, _, _ = interpolation.gauss_points(mesh)
     return (np.eye(2) + np.einsum("mqnj,mni->mqij", slopes, u[mesh.cells])).reshape(-1, 2, 2)

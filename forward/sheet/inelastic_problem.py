@@ -72,7 +72,7 @@ class InelasticProblem(PlaneStressProblem):
 
     @property
     def history(self) -> dict[str, Array]:
-        """State variables (m, 9, ...) in the order of the mesh, on every rank."""
+        """State variables (m, q, ...) in the order of the mesh, on every rank."""
         owned = self.domain.topology.index_map(2).size_local
         history = {}
         for name, function in self._variables.items():
@@ -84,7 +84,7 @@ class InelasticProblem(PlaneStressProblem):
 
     @history.setter
     def history(self, values: dict[str, Array]) -> None:
-        """Take state variables (m, 9, ...)."""
+        """Take state variables (m, q, ...)."""
         for name, variable in values.items():
             set_values(self._variables[name], variable[self._cells])
 
@@ -117,7 +117,7 @@ class InelasticProblem(PlaneStressProblem):
             self._overstress.commit()
 
     def _commit_permanent_set(self, a: float, before: Array) -> None:
-        """Form the chains anew that broke in the step; before (cells, 9): the largest x at its start."""
+        """Form the chains anew that broke in the step; before (cells, q): the largest x at its start."""
         broken = np.exp(-a * before) - np.exp(-a * self._get("largest"))
         now = self._at_points(self._F).reshape(*before.shape, 2, 2)
         mean = (self._get("F") + now) / 2
@@ -139,7 +139,7 @@ class InelasticProblem(PlaneStressProblem):
         if sheet.bulk_modulus is not None:
             P33 = ufl.diff(W, point.F33)
             stiffness = ufl.diff(P33, point.F33)
-            self._thinning = quadrature_expression(ufl.as_vector([P33, stiffness]))
+            self._thinning = quadrature_expression(ufl.as_vector([P33, stiffness]), self.domain)
             change = -ufl.inner(ufl.diff(P33, point.F), ufl.grad(step)) / stiffness
             tangent += h * ufl.inner(ufl.diff(P, point.F33), ufl.grad(test)) * change * dx
         if self._overstress is not None:
@@ -176,7 +176,7 @@ class InelasticProblem(PlaneStressProblem):
         elastic, largest = ufl.diff(W, point.F), None
         if sheet.softens:
             x = point.I1 - 3
-            self._x = quadrature_expression(x)
+            self._x = quadrature_expression(x, self.domain)
             largest = ufl.max_value(self._variable("largest", ()), x)
             elastic *= sheet.factor(x, largest, additions)
         if sheet.softens_by_energy:
@@ -196,7 +196,7 @@ class InelasticProblem(PlaneStressProblem):
     def _damage(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
         """Factor on the stress by the stored energy, without that of the volume, and its largest value so far."""
         W = self._stored(sheet, point, additions)
-        self._W = quadrature_expression(W)
+        self._W = quadrature_expression(W, self.domain)
         return sheet.factor_of_energy(W, ufl.max_value(self._variable("largest_energy", ()), W), additions)
 
     def _viscous(self, elastic: Any, point: _Point) -> Any:
@@ -204,7 +204,8 @@ class InelasticProblem(PlaneStressProblem):
         self._decay, self._gain = self._constant(0.0), self._constant(0.0)
         S, inverse_C, C33 = ufl.inv(point.F) * elastic, ufl.inv(point.C), point.F33**2
         trace = ufl.inner(S, point.C) / 3
-        self._S, self._S33 = quadrature_expression(S - trace * inverse_C), quadrature_expression(-trace / C33)
+        self._S = quadrature_expression(S - trace * inverse_C, self.domain)
+        self._S33 = quadrature_expression(-trace / C33, self.domain)
         K = self._decay * self._variable("Q", (2, 2)) - self._gain * self._variable("S", (2, 2))
         K33 = self._decay * self._variable("Q33", ()) - self._gain * self._variable("S33", ())
         return (1 + self._gain) * elastic + point.F * (K - C33 * K33 * inverse_C)
@@ -212,7 +213,7 @@ class InelasticProblem(PlaneStressProblem):
     def _stress_of_new_chains(self, sheet: Sheet, point: _Point) -> Any:
         A, A33 = self._variable("A", (2, 2)), self._variable("A33", ())
         self._variable("F", (2, 2), np.eye(2))
-        self._F = quadrature_expression(point.F)
+        self._F = quadrature_expression(point.F, self.domain)
         mu = self._constant(sheet.material.shear_modulus)
         return ufl.diff(mu / 2 * (ufl.tr(point.C * A) + point.F33**2 * A33), point.F)
 

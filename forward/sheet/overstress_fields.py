@@ -29,7 +29,7 @@ class OverstressFields:
 
     def __init__(self, branches: Sequence[Branch], F: Any, domain: Any, new_variable: Callable[..., Any]) -> None:
         self.branches, self.domain, self.duration = branches, domain, 0.0
-        self._F = quadrature_expression(F)
+        self._F = quadrature_expression(F, domain)
         self._past = [new_variable(f"branch_{i}", (2, 2), np.eye(2)) for i in range(len(branches))]
         self.stress = quadrature_function(domain, (2, 2))
         self._tangent = quadrature_function(domain, (4, 4))

@@ -1,6 +1,6 @@
 """The plane-stress boundary value problem in DOLFINx: mesh, energy and supports in; equilibrium at a load out.
 
-Total Lagrangian, biquadratic quads, 3 x 3 Gauss points. The sheet is incompressible and thin: F33 = 1 / det F,
+Total Lagrangian, biquadratic quads with 3 x 3 Gauss points, or quadratic triangles with seven. The sheet is incompressible and thin: F33 = 1 / det F,
 which leaves no pressure (it follows from P33 = 0). With C2 the in-plane right Cauchy-Green tensor,
 I1 = tr C2 + 1 / det C2 and I2 = det C2 + tr C2 / det C2, and the energy of the sheet is h int psi(I1, I2) dA.
 Forces and tangent are its first and second derivative, so the tangent is symmetric.
@@ -26,8 +26,9 @@ from meshes import Mesh
 
 Array = NDArray[np.float64]
 
-# Node order of a quad in DOLFINx (tensor product), in numbers of the mesh's order.
-DOLFINX_NODES = [0, 1, 3, 2, 4, 7, 5, 6, 8]
+CELLS = {"quad": "quadrilateral", "triangle6": "triangle"}  # DOLFINx's names
+# Node order of a cell in DOLFINx (quad: tensor product; triangle: edges opposite of the corners), in numbers of the mesh's order.
+DOLFINX_NODES = {"quad": [0, 1, 3, 2, 4, 7, 5, 6, 8], "triangle6": [0, 1, 2, 4, 5, 3]}
 PETSC_OPTIONS = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "bt",
@@ -80,10 +81,10 @@ def stored_energy(u: Any, material: Material, domain: Any, thickness: float) -> 
 
 
 def create_domain(mesh: Mesh, comm: Any) -> Any:
-    """DOLFINx mesh of a quad mesh, spread over the ranks; rank 0 gives the arrays."""
-    element = basix.ufl.element("Lagrange", "quadrilateral", 2, shape=(2,))
-    first = comm.rank == 0
-    cells = mesh.cells[:, DOLFINX_NODES] if first else np.empty((0, 9), np.int64)
+    """DOLFINx mesh of quads or triangles of six nodes, spread over the ranks; rank 0 gives the arrays."""
+    element = basix.ufl.element("Lagrange", CELLS[mesh.cell_type], 2, shape=(2,))
+    first, order = comm.rank == 0, DOLFINX_NODES[mesh.cell_type]
+    cells = mesh.cells[:, order] if first else np.empty((0, len(order)), np.int64)
     points = mesh.points if first else np.empty((0, 2))
     return dolfinx.mesh.create_mesh(comm, cells, element, points)
 
@@ -182,7 +183,7 @@ class PlaneStressProblem(Elastic):
         return energy, ufl.derivative(energy, self.u, ufl.TestFunction(self.V)), None
 
     def _nodes(self) -> NDArray[np.int64]:
-        """Mesh node of each local dof block: the displacement and the geometry are both biquadratic."""
+        """Mesh node of each local dof block: the displacement and the geometry are both quadratic."""
         nodes = np.zeros(self.V.dofmap.index_map.size_local + self.V.dofmap.index_map.num_ghosts, np.int64)
         geometry = self.domain.geometry
         nodes[self.V.dofmap.list] = np.asarray(geometry.input_global_indices)[np.asarray(geometry.dofmaps[0])]

@@ -30,8 +30,8 @@ class Options:
 
 
 def check_sheet(mesh: Mesh, material: Material, thickness: float) -> None:
-    """Raises `LoadingError` for a mesh without quads, `MaterialError` for a model in N/mm with another thickness than 1."""
-    if mesh.cell_type != "quad":
+    """Raises `LoadingError` for a mesh of straight triangles, `MaterialError` for a model in N/mm with another thickness than 1."""
+    if not mesh.element.edges_have_middles:
         raise LoadingError("the forward model needs quads; make the mesh with meshes.quads")
     if material.unit == "N/mm" and thickness != 1:
         raise MaterialError("the model was calibrated without a thickness and includes it; solve with thickness 1")

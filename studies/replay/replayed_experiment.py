@@ -3,8 +3,8 @@
 In: an Experiment and a `Law`. Out: `Replay`, predicted fields and forces beside the measured ones.
 
 Loaded edges move as measured, in the components that their grips hold, and so do the rims where the measurement ends: their traction is
-unknown. Free edges are free, and curved where their points lie on a curve (`meshes.curved_outline`). Each triangle of the camera becomes three
-biquadratic quads. How much the mesh matters is told by the last increment alone, solved on this mesh and on one with four times as many
+unknown. Free edges are free, and curved where their points lie on a curve (`meshes.measured.curved_outline`). Each triangle of the camera becomes a
+quadratic one, of six nodes, or four of them at the outline. How much the mesh matters is told by the last increment alone, solved on this mesh and on one with four times as many
 triangles, without what depends on time.
 
 Where the Experiment has a machine record, forces are predicted between the pictures, too: displacements go straight from one picture to the next, as
@@ -31,8 +31,8 @@ from forward.sheet.inelastic import solve_history
 from forward.sheet.sheet_run import Options
 from forward.solution import SurfaceSolution
 from meshes import Mesh
-from meshes.curved_outline import rises
-from meshes.triangle_quads import CurvedEdges, split
+from meshes.measured.curved_outline import rises
+from meshes.measured.quadratic_triangles import CurvedEdges, split
 from studies.replay.model_law import Law
 from studies.replay.replayed_record import ReplayedRecord, between_pictures
 
@@ -187,14 +187,14 @@ class BoundaryValues:
 
     @classmethod
     def of(cls, experiment: Experiment, finer: int = 0) -> BoundaryValues:
-        """Quads of the camera's triangles, each divided in four `finer` times before; the first nodes are the camera's points."""
+        """The camera's triangles, quadratic, each divided in four `finer` times before; the first nodes are the camera's points."""
         edges = named_edges(experiment)
-        quads = split(experiment.points, experiment.triangles, edges, finer, free_edges(experiment))
-        held = np.zeros((len(quads.mesh.points), 2), bool)
-        held[np.unique(quads.mesh.boundaries[RIM])] = True
+        split_mesh = split(experiment.points, experiment.triangles, edges, finer, free_edges(experiment))
+        held = np.zeros((len(split_mesh.mesh.points), 2), bool)
+        held[np.unique(split_mesh.mesh.boundaries[RIM])] = True
         for boundary in experiment.loaded:
-            held[np.unique(quads.mesh.boundaries[boundary.name])] |= np.array(boundary.held)
-        return cls(quads.mesh, quads.interpolation, held, tuple(b.name for b in experiment.loaded))
+            held[np.unique(split_mesh.mesh.boundaries[boundary.name])] |= np.array(boundary.held)
+        return cls(split_mesh.mesh, split_mesh.interpolation, held, tuple(b.name for b in experiment.loaded))
 
     def motion(self, displacements: Array) -> MeasuredMotion:
         """The held nodes as measured: displacements (t, n, 2), mm, of the camera's points."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from meshes import PlateWithHole, SquareSheet, quads, triangles
-from meshes.curved_outline import rises
+from meshes.measured.curved_outline import rises
+from meshes.measured.quadratic_triangles import CurvedEdges, split
 from meshes.mesh import boundary_edges
-from meshes.triangle_quads import CurvedEdges, split
 
 FAR = np.inf
 

@@ -23,8 +23,9 @@ from meshes import (
     specimen_from_dict,
     triangles,
 )
+from meshes.elements import QUAD_NODES, quad_shape_gradients, quad_shapes
 from meshes.errors import MeshDataError, MissingLibraryError, SpecimenError
-from meshes.mesh import QUAD_NODES, boundary_edges, quad_shape_gradients, quad_shapes
+from meshes.mesh import boundary_edges
 from meshes.perforated_sheets import SHEETS, TTc
 from meshes.picture import draw
 from meshes.shapes import Ellipse
@@ -248,7 +249,7 @@ def test_sheets_are_as_wide_as_said():
         (lambda cross: quads(Cross(), size_factor=-1.0), "size_factor = -1"),
         (lambda cross: triangles(Cross(), 5), "20"),
         (lambda cross: cross.boundary_nodes("arm"), "right"),
-        (lambda cross: Mesh(cross.points, cross.cells, "hexagon", {}), "'triangle' or 'quad'"),
+        (lambda cross: Mesh(cross.points, cross.cells, "hexagon", {}), "'triangle', 'triangle6', 'quad'"),
         (lambda cross: Mesh(cross.points * np.nan, cross.cells, "quad", {}), "finite"),
         (lambda cross: Mesh(cross.points, cross.cells, "triangle", {}), "3 nodes"),
         (lambda cross: Mesh(cross.points[:-1], cross.cells, "quad", {}), "cells"),

@@ -18,7 +18,7 @@ from solid_helpers import (
 )
 
 from forward import ArrudaBoyce
-from meshes.mesh import quad_shape_gradients, quad_shapes
+from meshes.elements import quad_shape_gradients, quad_shapes
 
 RATE = np.array([[0.25, 0.2, -0.1], [0.1, -0.05, 0.15], [0.05, -0.2, -0.2]])  # trace zero: no change of volume
 FACES = {"right": (0, 1), "symmetry_x": (0, -1), "top": (1, 1), "symmetry_y": (1, -1)}

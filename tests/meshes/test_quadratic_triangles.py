@@ -1,4 +1,4 @@
-"""Quads of a triangulation: the same area and outline, a linear field carried exactly, named edges with their whole length."""
+"""Quadratic triangles of a triangulation: the same area and outline, a linear field carried exactly, named edges with their whole length."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import pytest
 from meshes import SquareSheet, triangles
 from meshes.errors import MeshDataError
 from meshes.known_specimens import SPECIMENS
+from meshes.measured.quadratic_triangles import CurvedEdges, split
 from meshes.mesh import boundary_edges
-from meshes.triangle_quads import CurvedEdges, split
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def test_area_outline_and_linear_fields_are_kept(plate, finer):
     edges = {name: plate.boundaries[name] for name in ("left", "right")}
     found = split(plate.points, plate.cells, edges, finer)
     mesh = found.mesh
-    assert len(mesh.cells) == 3 * 4**finer * len(plate.cells)
+    assert 4**finer * len(plate.cells) < len(mesh.cells) < 4 ** (finer + 1) * len(plate.cells)
     assert mesh.area() == pytest.approx(plate.area(), rel=1e-12)
     assert mesh.quality.min() > 0
     np.testing.assert_array_equal(mesh.points[: len(plate.points)], plate.points)
@@ -40,9 +40,25 @@ def test_every_node_is_there_once(plate):
     mesh = split(plate.points, plate.cells, {}, 0).mesh
     assert len(np.unique(mesh.cells)) == len(mesh.points)
     assert len(np.unique(np.round(mesh.points, 7), axis=0)) == len(mesh.points)
-    # Euler: points, edges and triangles of the parent give the number of nodes of the quads
-    m, outline = len(plate.cells), len(boundary_edges(plate.cells, "triangle")[0])
-    assert len(mesh.points) == len(plate.points) + 3 * (3 * m + outline) // 2 + 7 * m
+    # a node for every corner and every edge, by Euler's formula for a sheet with one hole
+    m, outline = len(mesh.cells), len(boundary_edges(mesh.cells, "triangle6")[0])
+    edges, corners = (3 * m + outline) // 2, len(np.unique(mesh.corners))
+    assert corners - edges + m == 0
+    assert len(mesh.points) == corners + edges
+
+
+def test_triangles_at_the_outline_are_divided_and_their_neighbours_fit(plate):
+    """No node hangs: every edge inside has two triangles. At the outline edges are half as long; far from it nothing is divided."""
+    mesh = split(plate.points, plate.cells, {}).mesh
+    outline = boundary_edges(mesh.cells, "triangle6")[0]
+    before = boundary_edges(plate.cells, "triangle")[0]
+    assert len(outline) == 2 * len(before)
+    at_edge = np.isin(plate.cells, np.unique(before)).any(axis=1)
+    far = ~np.isin(plate.cells, np.unique(plate.cells[at_edge])).any(axis=1)
+    kept = {tuple(sorted(cell)) for cell in mesh.corners.tolist()}
+    assert far.any()
+    assert all(tuple(sorted(cell)) in kept for cell in plate.cells[far].tolist())
+    assert mesh.quality.min() > 0.3 * plate.quality.min()
 
 
 def test_an_edge_inside_is_no_outline():
