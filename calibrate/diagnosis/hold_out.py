@@ -51,7 +51,7 @@ class HoldOut:
         try:
             return cls(Kind(word), _value(Kind(word), value), seed)
         except ValueError:
-            raise errors.ConfigError(f"--hold-out {text}: give {HELP}") from None
+            raise errors.ConfigError(f"--hold-out {text}: give {HELP}; SHARE is between 0 and 1, such as 0.3") from None
 
     @classmethod
     def default(cls, fewest_increments: int, other_tests: bool) -> HoldOut:
@@ -80,8 +80,8 @@ class HoldOut:
             )
         if fitted.all() and self.kind not in (Kind.NONE, Kind.HALF):
             raise errors.ConfigError(
-                f"{experiment.name}: holding out {self} holds out nothing; use none, or every:N with N no "
-                "larger than the number of increments"
+                f"{experiment.name}: of {experiment.n_increments} increments, holding out {self} holds out nothing; "
+                "use every:N with a smaller N, a test with more increments, or none where nothing has to be judged"
             )
         return fitted
 

@@ -74,7 +74,7 @@ class Diagnosis:
     without: Repeated = ()
     """leave a candidate out (may be repeated)"""
     priors: Path | None = None
-    """standard deviations of amplitudes before the test, TOML (default: those of docs/discover.md)"""
+    """standard deviations of amplitudes before the test, TOML (default: those of docs/discover_method.md)"""
     readings: NonNegative = 0
     """use the machine record: parts of each interval between pictures at whose ends the force of the grips is fitted, too (0: pictures alone)"""
     seed: Seed = 0

@@ -57,7 +57,7 @@ def replay(
 
     Args:
         model: model file of `equigap calibrate` or `discover`, or a material of `equigap simulate`
-        parameter: of that material, such as mu=0.3 (in N/mm where the test has no thickness); may be repeated
+        parameter: of that material, such as mu=0.3 (in MPa, in N/mm where the test has no thickness); may be repeated
         skip_mesh_check: do not solve the last increment on four times as many elements as well, to use these where they matter
 
     Raises:
@@ -87,10 +87,9 @@ def replay(
 def read_law(model: str, parameters: dict[str, float], test: Experiment) -> Law:
     """The law of a model file or of a known material. Raises `OptionError`, `ConfigError`, `ModelFileError`."""
     if Path(model).suffix != ".json":
-        if test.stress_unit != "MPa" and not parameters:
+        if not parameters:
             raise OptionError(
-                f"{test.name} has no thickness, so that its stresses are in N/mm; give the parameters of {model} in N/mm with --parameter, "
-                "or a model file"
+                f"no parameter of {model} is stated; give those of your material in {test.stress_unit} with --parameter, such as mu=0.3, or a model file"
             )
         return material_law(read_material(model, parameters), model.replace("_", "-"), test)
     if parameters:

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from calibrate.equations.deformation_modes import TITLES
+from studies.errors import ExportError
 from studies.exporters.certificate import Errors, errors_of_stress
 from studies.exporters.material_law import MaterialLaw
 from studies.exporters.nearest_law import Nearest, nearest
@@ -36,8 +37,15 @@ class Card(Target):
         return errors_of_stress(law, stress, f"of the {found.law.name} law itself")
 
     def found(self, law: MaterialLaw) -> Nearest:
-        """The law that is written."""
-        return min((nearest(law, name) for name in self.laws), key=lambda one: one.worst)
+        """The law that is written: the nearest of those that are found. Raises `ExportError` where none is."""
+        found: list[Nearest] = []
+        for name in self.laws:
+            try:
+                found.append(nearest(law, name))
+            except ExportError:
+                if name == self.laws[-1] and not found:
+                    raise
+        return min(found, key=lambda one: one.worst)
 
 
 class YeohCard(Card):

@@ -151,6 +151,8 @@ def _valid(p: PointsTable, quality: Array) -> Flags:
 def _all_failed(p: PointsTable, paths: list[Path]) -> str:
     """What to say where no frame has a point."""
     if p.valid_column is None:
+        if len(paths) == 1:
+            return f"{paths[-1]}: the only frame has no displacement; a test needs the reference and a loaded picture, so export more frames"
         return f"{paths[-1]} and all others: no point has a displacement; check points.u and points.v"
     quality = np.concatenate([read_columns(path, [p.valid_column], p.text)[p.valid_column] for path in paths])
     found = f"from {np.nanmin(quality):g} to {np.nanmax(quality):g}" if np.isfinite(quality).any() else "no number"

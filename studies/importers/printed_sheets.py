@@ -34,17 +34,25 @@ FRAME_COLUMNS = ("x [pixel]", "y [pixel]", "x-displacement [pixel]", "y-displace
 CROSSHEAD = "Displacement"
 RECORD_COLUMNS = ("Time", CROSSHEAD, "Force")
 RECORD_FILE = "force_disp.csv"
+NUMBER = re.compile(r"(\d+)\.csv$")
 PACKED = ("x_px", "y_px", "ux_px", "uy_px")
 
 
 @dataclass(frozen=True)
 class Frames:
     """Raw frames in pixels, image coordinates. points (n, 2); displacements (n_frames, n, 2), NaN = failed;
-    frame_rate: Hz, None = unknown."""
+    frame_rate: Hz, None = unknown; numbers (n_frames,): in the names of the files, None = one after the other."""
 
     points: Array
     displacements: Array
     frame_rate: float | None = None
+    numbers: Array | None = None
+
+    @property
+    def intervals(self) -> Array:
+        """Frame intervals (n_frames,) since the first frame; a number that is left out is a picture that is not there."""
+        numbers = np.arange(len(self.displacements)) if self.numbers is None else self.numbers
+        return np.asarray(numbers - numbers[0], float)
 
 
 def read_frames(folder: str | Path) -> Frames:
@@ -73,7 +81,7 @@ def read_frames(folder: str | Path) -> Frames:
                 "of the reference"
             ) from None
         displacements[k, index] = table[:, 2:]
-    return Frames(points, displacements)
+    return Frames(points, displacements, numbers=np.array([frame_number(path) for path in paths], float))
 
 
 def read_frame(path: str | Path) -> Array:
@@ -90,8 +98,14 @@ def read_frame(path: str | Path) -> Array:
 
 def frame_files(folder: Path) -> list[Path]:
     """Frame files of a folder in the order of the number their names end with."""
-    numbered = [(re.search(r"(\d+)\.csv$", p.name), p) for p in folder.glob("*.csv")]
-    return [p for _, p in sorted((int(m.group(1)), p) for m, p in numbered if m)]
+    return sorted((p for p in folder.glob("*.csv") if NUMBER.search(p.name)), key=lambda p: (frame_number(p), p))
+
+
+def frame_number(path: Path) -> int:
+    """That the name of a frame file ends with."""
+    found = NUMBER.search(path.name)
+    assert found is not None
+    return int(found.group(1))
 
 
 def _is_frame(path: Path) -> bool:
@@ -169,7 +183,7 @@ def sheet_series(
         points=points.reshape(-1, 2),
         triangles=grid_triangles(rows, columns),
         displacements=u.reshape(len(u), -1, 2),
-        time=np.arange(len(u)) / rate + options.offset,
+        time=frames.intervals / rate + options.offset,
         record=record,
         grips=(Grip("bottom", number[0], (0.0, -1.0)), Grip("top", number[-1], (0.0, 1.0))),
         free_nodes=sides if options.free_edges != "no" else np.zeros(0, np.int64),

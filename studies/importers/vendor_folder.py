@@ -124,8 +124,17 @@ class VendorFolder(Importer):
             found.facts.append("no time of the frames is stated: effects of time are then not tested (--frame-rate)")
 
 
+def _refuse_empty(folder: Path, pattern: str | None, suffixes: set[str]) -> None:
+    """Raises `FileFormatError`: a frame that is left out would shift the times and forces of all after it."""
+    for path in sorted(folder.iterdir()):
+        like_frame = path.suffix in suffixes and (pattern is None or fnmatch.fnmatch(path.name, pattern))
+        if path.is_file() and like_frame and not path.stat().st_size:
+            raise errors.FileFormatError(f"{path}: the file is empty; export it again, or take it out of the folder")
+
+
 def exported(folder: Path, pattern: str | None) -> Export:
-    """What a folder holds. pattern: glob of the frames. Raises `DataNotFoundError` for a pattern without a frame."""
+    """What a folder holds. pattern: glob of the frames. Raises `DataNotFoundError` for a pattern without a frame, `FileFormatError` for a frame
+    without content."""
     files = [file for path in sorted(folder.iterdir()) if path.is_file() and (file := _file(path))]
     claims = [(next((v for v in vendors() if v.claims(file)), None), file) for file in files]
     chosen = [(v, f) for v, f in claims if v and (pattern is None or fnmatch.fnmatch(f.path.name, pattern))]
@@ -135,6 +144,7 @@ def exported(folder: Path, pattern: str | None) -> Export:
     name = count.most_common(1)[0][0]
     vendor = next(v for v, _ in chosen if v.name == name)
     frames = [f for v, f in chosen if v.name == name]
+    _refuse_empty(folder, pattern, {f.path.suffix for f in frames})
     others = [f for v, f in claims if v is None and not any(one.belongs(f) for one in vendors())]
     return Export(vendor, frames, others, dict(count))
 

@@ -40,6 +40,7 @@ from studies.replay.replay_rows import SheetRows
 
 Array = NDArray[np.float64]
 FAILURES = (ForwardError, MeshError, StudyError, EquigapError)
+LEAST_INCREMENTS = 2  # of all tests
 HIGH = 0.99  # quantile of I1 over the triangles: corners of the grips do not count
 
 
@@ -81,7 +82,11 @@ class _Check:
         return [ComparedTest(part) for part in self.found.problem.parts]
 
     def result(self) -> ReplayCheck:
-        """Raises what the replay of the final model raises."""
+        """Raises what the replay of the final model raises, `StudyError` where its level leaves no force to judge."""
+        if sum(part.experiment.n_increments for part in self.found.problem.parts) < LEAST_INCREMENTS:
+            raise StudyError(
+                "with one increment its level is fitted to the only force, so that nothing is left to judge"
+            )
         final = self.found.final
         pairs = self._with_equilibrium(self.found.problem, final, self._linearised)
         raw = observations(self.tests, [rows for rows, _ in pairs])

@@ -95,6 +95,10 @@ def transfer(
     Raises `ConfigError` where model and test, or rule and test, do not go together; `FitError` where the test has no force, or no factor fits
     it.
     """
+    if e.n_increments < 2:
+        raise errors.ConfigError(
+            f"{e.name}: has one increment, and a transfer fits to some and is judged on others; import more pictures"
+        )
     fitted = rule.increments(e)
     if fitted.all():
         raise errors.ConfigError(

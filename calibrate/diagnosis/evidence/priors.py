@@ -85,9 +85,7 @@ def read_priors(path: str | Path | None = None) -> dict[str, Prior]:
 
 def _table(path: Path) -> dict[str, Prior]:
     if not path.is_file():
-        raise errors.DataNotFoundError(
-            f"{path}: no such file; copy {FILE.name} of calibrate.diagnosis.evidence and edit it"
-        )
+        raise errors.DataNotFoundError(f"{path}: no such file; copy {FILE} and edit it")
     try:
         table = tomllib.loads(path.read_text())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -22,6 +22,7 @@ STILL = 1e-9  # of the distance of the points: a displacement that is zero but f
 STRAINED, SIGNIFICANT = 1e-4, 10.0  # least strain, and least ratio of it to its standard error, that tell the pull
 USUAL_DEPTH, DEEPEST, SPANNED = 0.4, 4.0, 0.95  # of a side: spacings, spacings, share of the section
 AGREEING, DECIDED = 0.02, 0.1  # spacings, and share of the other distance, below which positions agree
+LEAST_POINTS = 4  # of a frame, for mean strains with an error
 ALIKE = 0.6  # of the larger strain, from which the smaller of equal sign makes the pull undecided
 
 
@@ -130,8 +131,11 @@ def _depth(points: Array, side: str) -> float | None:
 
 
 def pull_axis(frames: Frames) -> tuple[int | None, str]:
-    """0 or 1: x or y, along which the mean strain is largest in the last frame; None where that is not decided, and why."""
-    strain, error = mean_strains(frames.points, frames.displacements[-1])
+    """0 or 1: x or y, along which the mean strain is largest in the last frame that has enough points; None where that is not decided, and why."""
+    seen = np.isfinite(frames.displacements).all(axis=2).sum(axis=1) >= LEAST_POINTS
+    if not seen.any():
+        return None, f"no frame has {LEAST_POINTS} points with a displacement"
+    strain, error = mean_strains(frames.points, frames.displacements[np.flatnonzero(seen)[-1]])
     larger = int(np.argmax(np.abs(strain)))
     text = f"mean strains {100 * strain[0]:.3g} % along x, {100 * strain[1]:.3g} % along y in the last frame"
     if not abs(strain[larger]) > max(STRAINED, SIGNIFICANT * error[larger]):

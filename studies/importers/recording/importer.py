@@ -100,7 +100,9 @@ class Answers:
         for name, value in (("loaded", self.loaded), ("free", self.free)):
             for side in value:
                 if side not in SIDES and (name, side) != ("free", "holes"):
-                    raise errors.ConfigError(f"--{name} {side}: unknown; choose of {', '.join(SIDES)}")
+                    raise errors.ConfigError(
+                        f"--{name} {side}: unknown; choose of {', '.join((*SIDES, *(['holes'] if name == 'free' else [])))}"
+                    )
         if self.step is not None and not self.step > 0:
             raise errors.ConfigError(f"--step {self.step:g}: the distance of the points must be positive")
 

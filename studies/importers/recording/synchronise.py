@@ -126,7 +126,7 @@ def choose_frames(
     if usable.size == 0:
         raise errors.MissingForceError(
             f"no frame has a force: frames run from {time[0]:g} to {time[-1]:g} s, the force record from "
-            f"{record.time[0]:g} to {record.time[-1]:g} s; check frame rate and offset"
+            f"{record.time[0]:g} to {record.time[-1]:g} s; {_remedy(selection.until, float(time[1]) if len(time) > 1 else np.inf)}"
         )
     level = selection.onset * np.abs(force[usable] - force[0]).max()
     loaded = usable[np.abs(force[usable] - force[0]) > level]
@@ -137,6 +137,13 @@ def choose_frames(
         return later, notes
     targets = np.linspace(time[loaded[0]], time[usable[-1]], selection.count + 1)[1:]
     return np.unique([usable[np.argmin(np.abs(time[usable] - t))] for t in targets]), notes
+
+
+def _remedy(until: float | None, first: float) -> str:
+    """What to do where no frame is left; first: time of the first frame after the reference, s."""
+    if until is not None and until < first:
+        return f"--until {until:g} ends before the first of them after the reference, at {first:g} s"
+    return "check frame rate and offset"
 
 
 def _explicit(time: Array, record: ForceRecord, frames: tuple[int, ...]) -> Index:
