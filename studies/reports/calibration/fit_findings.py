@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,7 @@ from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.classical_fit import Verdict as Enough
 from calibrate.models.parameter_covariance import MISFIT
 from studies.output.findings import Finding, Macro
+from studies.reports.calibration.classical_table import force_error
 from studies.reports.calibration.fit_review import Review, section_shares
 from studies.reports.calibration.polish_record import Kept, PolishRecord
 from studies.reports.experiments.experiment_findings import experiment_findings
@@ -90,18 +92,21 @@ def classical(view: Review) -> Finding:
     """Whether the data can tell the network from the classical laws, or why these were not fitted."""
     if view.classical is None:
         return _finding(FitCode.CLASSICAL_NOT_COMPARED, plane=view.experiment.plane)
-    return classical_finding(view.classical, view.model.architecture.inputs)
+    laws = view.classical.converged
+    pair = (view.classical.network, laws[0]) if laws else ()
+    missed = [force_error(view, one, view.fitted) for one in pair]
+    return classical_finding(view.classical, view.model.architecture.inputs, missed)
 
 
-def classical_finding(found: Comparison, inputs: str) -> Finding:
-    """The best law against the network of `inputs`."""
+def classical_finding(found: Comparison, inputs: str, missed: Sequence[float | None] = ()) -> Finding:
+    """The best law against the network of `inputs`; missed: force errors of the network and of that law, where forces are met."""
     failed = [c.name for c in found.laws if c.fit is not None and not c.fit.reason.is_success]
     if not found.converged:
         return _finding(FitCode.CLASSICAL_NOT_FITTED, failed=failed)
     best, alike = found.converged[0], found.alike
     return _finding(
         FitCode.CLASSICAL, found.verdict is Enough.BETTER, verdict=str(found.verdict), law=best.name, numbers=int(best.numbers),
-        difference=best.criterion, inputs=inputs, alike=[c.name for c in alike], failed=failed,
+        difference=best.criterion, inputs=inputs, missed=[one for one in missed if one is not None], alike=[c.name for c in alike], failed=failed,
         unstable=[c.name for c in (best, *alike) if c.fit is not None and not c.fit.stability > 0],
     )  # fmt: skip
 
