@@ -26,7 +26,18 @@ def test_discover_reads_the_pictures_asked_for(tmp_path):
 
 def test_a_replay_of_some_pictures_says_so(tmp_path, capsys):
     stretched().save(tmp_path / "a.npz")
-    words = ["replay", tmp_path / "a.npz", "neo_hooke", "--pictures", "2", "--skip-mesh-check", "-o", tmp_path / "out"]
+    words = [
+        "replay",
+        tmp_path / "a.npz",
+        "neo_hooke",
+        "--parameter",
+        "mu=0.3",
+        "--pictures",
+        "2",
+        "--skip-mesh-check",
+        "-o",
+        tmp_path / "out",
+    ]
     assert cli.main([str(word) for word in words]) == 0
     assert "D109: 2 of the 3 pictures" in capsys.readouterr().out
 

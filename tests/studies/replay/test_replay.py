@@ -135,7 +135,7 @@ def test_the_mesh_is_refined_where_it_matters_more_than_the_noise():
     assert replay(noisy, law).refined == 0
     found = replay(exact, law)
     assert found.refined == 1
-    assert len(found.solution.mesh.cells) == 12 * len(plate.triangles)
+    assert len(found.solution.mesh.cells) > 4 * len(plate.triangles) > len(replay(noisy, law).solution.mesh.cells)
 
 
 def test_what_does_not_go_together_is_named():
@@ -152,7 +152,9 @@ def test_what_does_not_go_together_is_named():
 def test_the_command_writes_fields_forces_and_maps(tmp_path, capsys):
     replace(experiment(250), noise=Noise(5e-3)).save(tmp_path / "plate.npz")
     words = ["replay", str(tmp_path / "plate.npz"), "arruda_boyce", "--skip-mesh-check", "-o", str(tmp_path / "out")]
-    assert cli.main(words) == 0
+    assert cli.main(words) == 2  # a material without a number would be one that nobody stated
+    assert "--parameter" in capsys.readouterr().err
+    assert cli.main([*words, "--parameter", f"mu={ArrudaBoyce().mu}"]) == 0
     told = capsys.readouterr().out
     assert "Forces" in told
     names = {path.name for path in (tmp_path / "out").iterdir()}
