@@ -86,7 +86,7 @@ class MaterialLaw:
         return tuple(name for name, value in found if value)
 
     def largest_stretch(self, mode: str) -> float:
-        """Largest stretch of a homogeneous mode within the range of both invariants."""
+        """Largest stretch of a homogeneous mode within the range of the invariants of the energy."""
         return min(largest_stretch(mode, top, i) for i, top in enumerate(self.top) if np.isfinite(top))
 
     @property
@@ -118,7 +118,10 @@ def _of_material(material: Material, name: str) -> MaterialLaw:
 
 
 def _of_network(model: Model, name: str) -> MaterialLaw:
-    top = tuple(model.calibrated_range.get(k, (3.0, np.inf))[1] for k in ("I1", "I2"))
+    used = (
+        k if k in model.architecture.inputs else "" for k in ("I1", "I2")
+    )  # what the energy does not depend on limits nothing
+    top = tuple(model.calibrated_range.get(k, (3.0, np.inf))[1] for k in used)
     if not np.isfinite(top).any():
         raise ExportError(f"{name}: states no calibrated range; calibrate it anew")
     experiment = model.provenance.get("experiment", "not stated")

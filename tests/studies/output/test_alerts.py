@@ -115,7 +115,12 @@ def review(chi_square: float | None = 1.0, **changes: Any) -> Any:
     """A `Review`, as far as findings look at it: nothing held out, no classical laws, forces missed by 1 %."""
     system = SimpleNamespace(level_equation=np.array([[False], [True]]))
     calibration = SimpleNamespace(reduced_chi_square=chi_square, losses=(1.0,) * 20, reason="converged", system=system)
+    sheet = SimpleNamespace(
+        fields=SimpleNamespace(boundary=np.array([0])), deformation_gradients=np.zeros((5, 1, 2, 2)),
+        loads=np.full((5, 2), 2.0), internal_forces=lambda P: np.full((len(P), 2), 2.1),
+    )  # fmt: skip
     known = {
+        "system": sheet,  # a classical law misses its forces by 5 %
         "chi_square": None if chi_square is None else np.ones(5),
         "fitted_chi_square": chi_square,
         "fitted": np.array([False, True, True, False, False]),
@@ -136,7 +141,7 @@ def review(chi_square: float | None = 1.0, **changes: Any) -> Any:
 
 def law(name: str, criterion: float, converged: bool = True) -> Any:
     """A classical law that was fitted."""
-    fit = SimpleNamespace(reason=SimpleNamespace(is_success=converged), stability=1.0)
+    fit = SimpleNamespace(reason=SimpleNamespace(is_success=converged), stability=1.0, stress=lambda F: F)
     return SimpleNamespace(name=name, fit=fit, numbers=1, criterion=criterion, chi_square=criterion)
 
 
@@ -626,14 +631,16 @@ def test_the_table_of_a_report_leads_to_what_a_code_means() -> None:
 def test_noise_that_pictures_have_in_common_is_told_with_its_parts():
     used = Noise(0.006, 3.0, pattern_std=0.008)
     told = discovery_findings.noise_found("sheet", NoiseCheck(STATED, used.total_std, used)).text
-    assert "in common" in told and "8 um of it stay with the pattern" in told and "6 um new in every picture" in told
+    assert "in common" in told
+    assert "8 um that stay with the pattern" in told
+    assert "6 um that are new in every picture" in told
     drift = Noise(0.006, 3.0, correlation_time=12.0)
     told = discovery_findings.noise_found("sheet", NoiseCheck(STATED, drift.total_std, drift)).text
     assert "those before them. It drifts from picture to picture over 12 s" in told and "pattern" not in told
     unstated = discovery_findings.noise_found(
         "sheet", NoiseCheck(None, 0.01, replace(used, correlation_time=3.0)), "increments"
     ).text
-    assert "6 um drift;" in unstated and "over 3 increments" in unstated
+    assert "6 um that drift;" in unstated and "over 3 increments" in unstated
     kept = discovery_findings.noise_found("sheet", NoiseCheck(used, 2 * used.total_std, used.scaled(2.0))).text
     assert "2 times as much" in kept and "in common" not in kept
 
@@ -676,3 +683,17 @@ def test_the_plausible_effects_are_offered_only_where_their_replay_is_better() -
     )
     assert "model to predict with: model_plausible.json" in better
     assert "no better" in worse and "model_plausible.json" not in worse
+
+
+def test_a_law_that_misses_the_forces_by_more_is_not_recommended():
+    network = SimpleNamespace(name="network", fit=None, numbers=8, criterion=0.0, chi_square=0.0)
+    known = {"classical": Comparison(100, 1.0, network, (law("Yeoh", -50.0),))}
+    (worse,) = (one.text for one in fit_findings.findings(review(**known)) if one.alert.code == "F312")
+    assert "misses the forces by 5 %, the network by 1 %" in worse
+    assert "take that law" not in worse
+    (better,) = (
+        one.text
+        for one in fit_findings.findings(review(**known, force_error=lambda some: 0.06))
+        if one.alert.code == "F312"
+    )
+    assert "take that law" in better
