@@ -1,6 +1,6 @@
 """Result files that follow from others: rates of the blind trials, the catalogue of effects, the alerts (`make numbers`).
 
-In: `docs/blind.json`, `docs/blind_of_today.json`, `docs/foreign.json`, `docs/foreign_before.json`, the classes of `calibrate.effects`, `studies/output/alerts.toml`. Out: `trials.json`, `trials_of_today.json`, `foreign_trials.json`, `foreign_trials_before.json`, `catalogue.json` and `alerts.json` in
+In: `docs/blind.json`, `docs/blind_of_today.json`, `docs/blind_since.json`, `docs/foreign.json`, `docs/foreign_before.json`, `docs/foreign_since.json`, the classes of `calibrate.effects`, `studies/output/alerts.toml`. Out: `trials.json`, `trials_of_today.json`, `trials_since.json`, `foreign_trials.json`, `foreign_trials_before.json`, `foreign_trials_since.json`, `catalogue.json` and `alerts.json` in
 `docs/results`.
 
 The definitions of the rates are those of `studies.trials.trial_summary`. A strong effect is one with a score above 10. Of these are told apart:
@@ -194,6 +194,18 @@ def main() -> dict[str, dict[str, Any]]:
         ),
         "foreign_trials_before": foreign_trials(
             "foreign_before.json", 64000, "looked at after 33 and after 40, the diagnosis unchanged; stopped for time"
+        ),
+        "trials_since": trials(
+            "blind_since.json",
+            "--seed 70000 --trials 4 --nulls 30 --pairs 10",
+            "2026-11-26",
+            "revisions 299e577 and e3e37b9; those that had ended when the time was up, looked at while it ran",
+        ),
+        "foreign_trials_since": foreign_trials(
+            "foreign_since.json",
+            69000,
+            "revisions 299e577 (11 trials) and e3e37b9; stopped for time, looked at once",
+            NEARLY,
         ),
         "catalogue": catalogue(),
         "alerts": alerts(),
