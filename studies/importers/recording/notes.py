@@ -20,6 +20,7 @@ LISTED = 30  # places or readings that a note names
 WEAK = 3.0  # signal to noise of the strain, below which little can be identified
 FILTERED = 10.0  # total over temporal noise, from which the latter says nothing of the errors of a frame
 STIFFEST = {"MPa": 200.0, "N/mm": 100.0}  # of what is soft enough for large strains
+LARGEST = 1500.0  # mm, of what fits into a test stand
 
 
 def mask_notes(points: Array, mask: Masked, alone: Array) -> list[str]:
@@ -69,13 +70,16 @@ def noise_notes(report: dict[str, Any]) -> list[str]:
 
 
 def strain_notes(experiment: Experiment) -> list[str]:
-    """Of a strain near its noise, and a stiffness that no soft material has."""
+    """Of a strain near its noise, a stiffness that no soft material has, and a specimen as large as one in pixels."""
     signal, notes = experiment.strain_signal, []
     if signal.ratio < WEAK:
         notes.append(WORDS.note_weak_strain(signal=signal))
     modulus = apparent_modulus(experiment)
     if modulus > STIFFEST[experiment.stress_unit]:
         notes.append(WORDS.note_stiff(modulus=modulus, unit=experiment.stress_unit))
+    extent = float(np.ptp(experiment.points, axis=0).max())
+    if extent > LARGEST:
+        notes.append(WORDS.note_large(extent=extent))
     return notes
 
 

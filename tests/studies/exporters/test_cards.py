@@ -8,7 +8,8 @@ import pytest
 
 from calibrate.equations.deformation_modes import largest_stretch, stretches_to_gradient
 from forward.materials import ArrudaBoyce, MooneyRivlin, Yeoh
-from studies.exporters import targets
+from studies.errors import ExportError
+from studies.exporters import cards, targets
 from studies.exporters.material_law import law_of
 from studies.exporters.nearest_law import nearest
 
@@ -102,3 +103,19 @@ def test_a_mat181_table_holds_a_separable_law_and_states_what_it_makes_of_anothe
     np.testing.assert_allclose(stress, 2 * (0.1 + 0.03 / x) * (x - x**-2), atol=1e-9)
     assert x[0] == pytest.approx(law.largest_stretch("equibiaxial") ** -2) and 0 in strain
     assert all(len(line) <= 80 for line in text.split("*MAT_")[1].splitlines())
+
+
+def test_the_best_card_is_of_the_laws_that_are_found(monkeypatch):
+    law = law_of(ArrudaBoyce(), "arruda_boyce")
+
+    def lost(law, name):
+        if name in missing:
+            raise ExportError(f"no {name}")
+        return nearest(law, name)
+
+    monkeypatch.setattr(cards, "nearest", lost)
+    missing = {"Arruda-Boyce"}
+    assert cards.BestCard().found(law).law.name in ("Yeoh", "two-term Ogden")
+    missing = {"Yeoh", "two-term Ogden", "Arruda-Boyce"}
+    with pytest.raises(ExportError, match="Arruda-Boyce"):
+        cards.BestCard().found(law)

@@ -1,5 +1,7 @@
 """Exported code against the model itself: energy, stress, tangent, histories; what a target cannot carry is refused."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -139,3 +141,12 @@ def test_export_command(equigap, tmp_path):
     text = (tmp_path / "law" / "law.py").read_text()
     assert "Valid range" in text and (tmp_path / "law" / "law.json").exists()
     assert law_of(Yeoh(), "yeoh").beside == ()
+
+
+def test_the_range_of_a_law_is_that_of_its_own_invariants():
+    """A network of I1 alone is not limited by I2, which its range states, too."""
+    ranges = {"I1": (3.0, 5.0), "I2": (3.0, 3.2)}
+    narrow, wide = (law_of(replace(network(inputs), calibrated_range=ranges), "law") for inputs in ("I1I2", "I1"))
+    assert wide.top == (5.0, np.inf)
+    assert narrow.top == (5.0, 3.2)
+    assert wide.largest_stretch("equibiaxial") > narrow.largest_stretch("equibiaxial")

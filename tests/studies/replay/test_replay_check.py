@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -332,3 +333,11 @@ def test_effects_of_the_material_change_nothing_of_what_was_measured():
     same = true_surface(test, (Addition(BY_NAME["second invariant"], (0.02,)),))
     np.testing.assert_array_equal(same.displacements, test.displacements)
     assert same.noise == test.noise
+
+
+def test_one_increment_leaves_nothing_to_judge():
+    """Its level is fitted to the only force: an error of 0 % would be no prediction."""
+    parts = (SimpleNamespace(experiment=SimpleNamespace(n_increments=1)),)
+    found = FiniteElementCheck()(SimpleNamespace(problem=SimpleNamespace(parts=parts)))
+    assert isinstance(found, NoReplayCheck)
+    assert "one increment" in found.reason
