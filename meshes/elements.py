@@ -87,9 +87,8 @@ def _outside_square(xi: Array) -> Array:
 
 
 def _outside_triangle(xi: Array) -> Array:
-    return np.asarray(
-        2 * np.maximum(-_linear_shapes(xi), 0).max(axis=1)
-    )  # its sides are half as long as those of the square
+    # twice, since its sides are half as long as those of the square
+    return np.asarray(2 * np.maximum(-_linear_shapes(xi), 0).max(axis=1))
 
 
 def _node(coordinate: float) -> int:

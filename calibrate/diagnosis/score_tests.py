@@ -32,10 +32,8 @@ from calibrate.fitting.least_squares import CONDITION, bounded, orthonormal, sub
 
 Array = NDArray[np.float64]
 ABSORBED = 1e-3  # share of a signature that must be left by the base
-SAME, RIVAL = (
-    0.98,
-    0.8,
-)  # cosine above which two shapes make one change; share of the best score from which another one is a start, too
+SAME = 0.98  # cosine of changes, above which two shapes make one
+RIVAL = 0.8  # share of the best score, from which another shape is a start, too
 DRAWS = 2000  # of the simulated search
 
 

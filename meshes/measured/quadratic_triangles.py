@@ -48,7 +48,7 @@ def split(
     """
     carried = sp.eye_array(len(points), format="csr")
     for _ in range(finer):
-        triangles, step = _subdivided(triangles, carried.shape[0])
+        triangles, step = _refined(triangles, carried.shape[0], np.arange(carried.shape[0]))
         carried = step @ carried
     triangles, step = _refined(triangles, carried.shape[0], np.unique(boundary_edges(triangles, "triangle")[0]))
     carried = sp.csr_array(step @ carried)
@@ -88,14 +88,6 @@ def _middles(triangles: Indices, n: int) -> tuple[Indices, sp.csr_array]:
     columns = np.concatenate([np.arange(n), edges.ravel()])
     carried = sp.csr_array((weights, (rows, columns)), shape=(n + len(edges), n))
     return (n + which.reshape(3, -1)).astype(np.int64).T, carried
-
-
-def _subdivided(triangles: Indices, n: int) -> tuple[Indices, sp.csr_array]:
-    """Each triangle in four, at the middles of its edges; and the interpolation from n points to the new ones."""
-    middles, carried = _middles(triangles, n)
-    (a, b, c), (ab, bc, ca) = triangles.T, middles.T
-    parts = ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))
-    return np.concatenate([np.stack(part, axis=1) for part in parts]), carried
 
 
 def _refined(triangles: Indices, n: int, nodes: Indices) -> tuple[Indices, sp.csr_array]:

@@ -118,10 +118,9 @@ def _of_material(material: Material, name: str) -> MaterialLaw:
 
 
 def _of_network(model: Model, name: str) -> MaterialLaw:
-    used = (
-        k if k in model.architecture.inputs else "" for k in ("I1", "I2")
-    )  # what the energy does not depend on limits nothing
-    top = tuple(model.calibrated_range.get(k, (3.0, np.inf))[1] for k in used)
+    # an invariant that the energy does not depend on limits nothing
+    used = {k: v for k, v in model.calibrated_range.items() if k in model.architecture.inputs}
+    top = tuple(used.get(k, (3.0, np.inf))[1] for k in ("I1", "I2"))
     if not np.isfinite(top).any():
         raise ExportError(f"{name}: states no calibrated range; calibrate it anew")
     experiment = model.provenance.get("experiment", "not stated")

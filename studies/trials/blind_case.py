@@ -15,6 +15,7 @@ from typing import Any
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_fit, discovery, model_weights, score_tests, weighted_fit
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.joint.everything import NESTED
 from calibrate.diagnosis.replayed.checked_replay import replay_record
 from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
 from calibrate.diagnosis.selection import Discovery
@@ -30,10 +31,6 @@ from studies.trials.blind_trial import Trial
 from studies.trials.foreign import foreign
 
 NULL, FOREIGN = "none", "foreign-"
-CONTAINING = {  # hidden: effects of which it is a special case, so that its truth would stay in the catalogue with them
-    "one fibre family": ("two fibre families",),
-    "stiffness gradient": ("stiffness field",),
-}
 GLOBAL_LIMIT = 10.0  # score above which an effect counts as strong; of two, each beside the other
 
 
@@ -105,7 +102,7 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         assert found.start is not None
-        out = {*without, *(name for one in without for name in CONTAINING.get(one, ()))}
+        out = {*without, *(NESTED[name] for name in without if name in NESTED)}
         rest = tuple(e for e in CATALOGUE if e.name not in out)
         content["without"] = sorted(out)
         content["absent"] = described(
