@@ -28,7 +28,7 @@ from calibrate.data.measurement import LoadedBoundary, Noise
 from meshes.files import write_atomically
 
 FORMAT, VERSION, WITH_PLANE, WITH_SLIDING = "equigap-experiment", 1, 2, 3
-WITH_COMMON_NOISE, WITH_DRIFT = 4, 5
+WITH_COMMON_NOISE, WITH_DRIFT, WITH_TWO_LENGTHS = 4, 5, 6
 SAME = ("name", "points", "triangles", "displacements", "free_nodes")
 
 
@@ -61,6 +61,8 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
 
 def _numbers(noise: Noise) -> int:
     """As many as say all."""
+    if noise.second_share > 0:
+        return 9
     if noise.correlation_time > 0:
         return 7
     return 6 if noise.is_common else 4
@@ -69,7 +71,7 @@ def _numbers(noise: Noise) -> int:
 def _version(fields: Mapping[str, Any]) -> int:
     """The least version that says all."""
     if fields["noise"] is not None and _numbers(fields["noise"]) > 4:
-        return WITH_DRIFT if fields["noise"].correlation_time > 0 else WITH_COMMON_NOISE
+        return {6: WITH_COMMON_NOISE, 7: WITH_DRIFT, 9: WITH_TWO_LENGTHS}[_numbers(fields["noise"])]
     if not all(all(boundary.held) for boundary in fields["loaded"]):
         return WITH_SLIDING
     return VERSION if fields["plane"] == "stress" else WITH_PLANE
@@ -109,9 +111,9 @@ def _read_arrays(path: Path) -> dict[str, Any]:
             f"{path}: an .npz, but not an Experiment (its 'format' is {content.get('format')}); "
             "raw measurements are read with `equigap import`"
         )
-    if str(content.get("version")) not in map(str, range(VERSION, WITH_DRIFT + 1)):
+    if str(content.get("version")) not in map(str, range(VERSION, WITH_TWO_LENGTHS + 1)):
         raise errors.FileFormatError(
-            f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} to {WITH_DRIFT}; "
+            f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} to {WITH_TWO_LENGTHS}; "
             "update equigap"
         )
     return content

@@ -22,12 +22,14 @@ class Noise:
     force_std: standard deviation of a force that does not scale with it, N.
     pattern_std: of an error that stays with the speckle pattern and grows with the deformation, at the largest one, mm.
     reference_std: of an error of the reference picture, which all increments share, mm.
+    second_length, second_share: L, mm, of a second part of the noise, and its share f of the variance; 0 = one length alone.
     correlation_time: tau, in which displacement_std drifts from picture to picture, s, or increments where the Experiment has no time; 0 = new in
     every increment.
 
     With s the share of the deformation (`deformation_shares`) the covariance of the displacements of increments i and j at times t is
-    (displacement_std^2 exp(-|t_i - t_j| / tau) + pattern_std^2 s_i s_j + reference_std^2) exp(-r^2 / (2 l^2)).
-    Raises `ExperimentError` for what is negative or not finite, and where all noise is common to the increments.
+    (displacement_std^2 exp(-|t_i - t_j| / tau) + pattern_std^2 s_i s_j + reference_std^2) C(r), with C(r) = exp(-r^2 / (2 l^2)), or of two lengths
+    (1 - f) exp(-r^2 / (2 l^2)) + f exp(-r^2 / (2 L^2)).
+    Raises `ExperimentError` for what is negative or not finite, a share above 1, and where all noise is common to the increments.
     """
 
     displacement_std: float
@@ -37,11 +39,15 @@ class Noise:
     pattern_std: float = 0.0
     reference_std: float = 0.0
     correlation_time: float = 0.0
+    second_length: float = 0.0
+    second_share: float = 0.0
 
     def __post_init__(self) -> None:
         for key, value in self.__dict__.items():
             if not np.isfinite(value) or value < 0:
                 raise errors.ExperimentError(f"noise: {key} = {value} must be a finite number >= 0")
+        if self.second_share > 1:
+            raise errors.ExperimentError(f"noise: second_share = {self.second_share} is a share of the variance; give 0 to 1")
         if self.is_common and not self.displacement_std > 0:
             raise errors.ExperimentError(
                 "noise: pattern_std and reference_std are common to all increments; give displacement_std too, what is new in each"
@@ -61,6 +67,17 @@ class Noise:
     def total_std(self) -> float:
         """Of the displacements at the largest deformation, all parts together, mm."""
         return float(np.sqrt(self.displacement_std**2 + self.pattern_std**2 + self.reference_std**2))
+
+    @property
+    def lengths(self) -> tuple[tuple[float, float], ...]:
+        """Correlation lengths, mm, each with its share of the variance."""
+        both = (self.correlation_length, 1 - self.second_share), (self.second_length, self.second_share)
+        return tuple(one for one in both if one[1] > 0)
+
+    @property
+    def mean_length(self) -> float:
+        """Root mean square of the correlation lengths over the variance, mm: of one length that has as much noise in virtual fields far coarser."""
+        return float(np.sqrt(sum(share * length**2 for length, share in self.lengths)))
 
     def scaled(self, factor: float) -> Noise:
         """With every part of the noise of the displacements times a factor."""

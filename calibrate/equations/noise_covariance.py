@@ -43,9 +43,14 @@ def default_noise(experiment: Experiment, spacing: float) -> Noise:
 
 
 def noise_factor(points: Array, noise: Noise) -> sp.csr_array:
-    """B (n_nodes, n_sources), mm, with B B^T = std^2 exp(-r^2 / (2 l^2)); std times identity where l is below the
-    distance of the points."""
-    std, length = noise.displacement_std, noise.correlation_length
+    """B (n_nodes, n_sources), mm, with B B^T = std^2 C(r), see `Noise`; a part of it std times identity where its length is below the distance of the
+    points."""
+    parts = [_factor(points, noise.displacement_std * share**0.5, length) for length, share in noise.lengths]
+    return parts[0] if len(parts) == 1 else sp.csr_array(sp.hstack(parts))
+
+
+def _factor(points: Array, std: float, length: float) -> sp.csr_array:
+    """Of one correlation length, mm."""
     pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
     if length < 0.3 * pitch:
         return sp.csr_array(std * sp.eye_array(len(points)))

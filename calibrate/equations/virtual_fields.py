@@ -52,9 +52,9 @@ class VirtualFields:
 def default_spacing(experiment: Experiment) -> float:
     """Five correlation lengths of the noise, but 1/12 to 1/5 of the specimen (1/10 where the noise is unknown), mm."""
     extent = float(np.ptp(experiment.points, axis=0).max())
-    if experiment.noise is None or experiment.noise.correlation_length == 0:
+    if experiment.noise is None or experiment.noise.mean_length == 0:
         return extent / 10
-    return float(np.clip(5 * experiment.noise.correlation_length, extent / 12, extent / 5))
+    return float(np.clip(5 * experiment.noise.mean_length, extent / 12, extent / 5))
 
 
 def virtual_fields(experiment: Experiment, spacing: float | None = None) -> VirtualFields:
