@@ -47,7 +47,9 @@ class Noise:
             if not np.isfinite(value) or value < 0:
                 raise errors.ExperimentError(f"noise: {key} = {value} must be a finite number >= 0")
         if self.second_share > 1:
-            raise errors.ExperimentError(f"noise: second_share = {self.second_share} is a share of the variance; give 0 to 1")
+            raise errors.ExperimentError(
+                f"noise: second_share = {self.second_share} is a share of the variance; give 0 to 1"
+            )
         if self.is_common and not self.displacement_std > 0:
             raise errors.ExperimentError(
                 "noise: pattern_std and reference_std are common to all increments; give displacement_std too, what is new in each"

@@ -68,17 +68,17 @@ class Variables:
 
     @property
     def scale(self) -> Array:
-        """(k,): of amplitudes a typical one, of shapes their size (times) or a tenth of a radian (angles)."""
+        """(k,): of amplitudes a typical one, of shapes their size (times), a tenth of a radian (angles) or of the extent (places)."""
         sizes = []
         for (p, value), shape in zip(self.parameters, self.is_shape, strict=True):
-            sizes.append((0.1 if p.unit == "rad" else max(abs(value), 1e-12)) if shape else p.typical)
+            sizes.append((0.1 if p.unit == "rad" else p.shape_size(value)) if shape else p.typical)
         return np.array(sizes)
 
     @property
     def shape_deviations(self) -> Array:
         """Standard deviation (k,) of every shape before a test, in its unit: an angle is uncertain by half a radian, another shape by itself; infinite for amplitudes. Where
         a shape hardly shows, an amplitude would else be as uncertain as values of the shape that mean nothing make it."""
-        sizes = [ANGLE if p.unit == "rad" else max(abs(value), 1e-12) for p, value in self.parameters]
+        sizes = [(ANGLE if p.unit == "rad" else 1.0) * p.shape_size(value) for p, value in self.parameters]
         return np.where(self.is_shape, sizes, np.inf)
 
     @property

@@ -222,7 +222,7 @@ def signatures(problem: Problem, chains: Sequence[Chain], c: Array, additions: A
         others = additions[:i] + additions[i + 1 :]
         columns.append(signature(problem, chains, c, (*others, addition)))
         for j, value in enumerate(addition.shape):
-            step = SHAPE_STEP * (1.0 if addition.effect.shapes[j].unit == "rad" else max(abs(value), 1e-12))
+            step = SHAPE_STEP * addition.effect.shapes[j].shape_size(value)
             ends = []
             for sign in (1, -1):
                 shape = (*addition.shape[:j], value + sign * step, *addition.shape[j + 1 :])

@@ -15,6 +15,7 @@ from calibrate.effects.finite_thickness import Thickness
 from calibrate.effects.force_gain import ForceGain
 from calibrate.effects.force_offset import ForceOffset
 from calibrate.effects.image_rotation import Rotation
+from calibrate.effects.inclusion import Inclusion
 from calibrate.effects.lag import Lag
 from calibrate.effects.lens_distortion import LensDistortion
 from calibrate.effects.mullins import Mullins
@@ -39,6 +40,7 @@ LISTED: tuple[Effect, ...] = (
     TwoFibreFamilies(),
     StiffnessGradient(),
     StiffnessField(),
+    Inclusion(),
     Viscosity(),
     Mullins(),
     Payne(),

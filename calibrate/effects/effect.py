@@ -20,6 +20,7 @@ from calibrate.effects.support.effect_data import Data
 from calibrate.equations.tensors import inverse
 
 Array = NDArray[np.float64]
+PLACE = "extent"  # unit of places and lengths over the longest side
 MATERIAL = ("energy", "set", "stiffness", "softening", "relaxation")
 MEASURED = ("kinematics", "clock", "measurement", "lens", "correlation", "load")
 STAGES = MATERIAL + MEASURED
@@ -44,6 +45,12 @@ class Parameter:
     def stiffness_power(self) -> int:
         """Power of the stiffness of the material that it grows with, if everything is as many times stiffer."""
         return {"MPa": 1, "1/MPa": -1}.get(self.unit, 0)
+
+    def shape_size(self, value: float) -> float:
+        """Of a shape at a value: a radian, a typical one of a place that may be at 0, else the value itself."""
+        if self.unit == "rad":
+            return 1.0
+        return self.typical if self.unit == PLACE and self.lower < 0 else max(abs(value), 1e-12)
 
 
 LATE = 10.0  # durations of the record: what begins so late has the time of a clock

@@ -91,6 +91,8 @@ def _beside_neighbours(shares: Array, increments: NDArray[np.int64], last: NDArr
 
 def _disagreement(seen: Sequence[tuple[Array, Array]], shares: Array) -> float:
     """Sum of squares of the logarithms of the standard deviations about their mean, over the number of residuals of each."""
-    logs = np.log([robust_std(residuals / np.sqrt(np.tensordot(shares, variances, 1))) for residuals, variances in seen])
+    logs = np.log(
+        [robust_std(residuals / np.sqrt(np.tensordot(shares, variances, 1))) for residuals, variances in seen]
+    )
     weights = np.array([float(residuals.size) for residuals, _ in seen])
     return float(weights @ (logs - np.average(logs, weights=weights)) ** 2)

@@ -103,3 +103,22 @@ class Inclusion(Addition):
     def field(self, X, p):
         inside = ufl.le((X[0] - p[1]) ** 2 + (X[1] - p[2]) ** 2, p[3] ** 2)
         return ufl.conditional(inside, 1 + p[0], 1.0)
+
+
+@dataclass(frozen=True)
+class EllipticInclusion(Addition):
+    """s = 1 + height within an ellipse around (x, y), and 1 outside. long, short: half axes, mm; angle, rad: of the long one to x."""
+
+    height: float
+    x: float
+    y: float
+    long: float
+    short: float
+    angle: float
+    name: ClassVar[str] = "elliptic inclusion"
+    positive: ClassVar[tuple[str, ...]] = ("long", "short")
+
+    def field(self, X, p):
+        x, y, c, s = X[0] - p[1], X[1] - p[2], ufl.cos(p[5]), ufl.sin(p[5])
+        inside = ufl.le(((c * x + s * y) / p[3]) ** 2 + ((c * y - s * x) / p[4]) ** 2, 1.0)
+        return ufl.conditional(inside, 1 + p[0], 1.0)

@@ -11,6 +11,7 @@ from typing import Any
 
 from forward.materials import Material
 from forward.sheet import additions as laws
+from forward.sheet.damage_and_dispersion import Inclusion
 from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 
 Values = Mapping[str, float]
@@ -24,6 +25,10 @@ class Extent:
     size: float
     centre: tuple[float, float] = (0.0, 0.0)
 
+    def place(self, x: float, y: float) -> tuple[float, float]:
+        """Of x and y in shares of the longest side from the middle, mm."""
+        return self.centre[0] + self.size * x, self.centre[1] + self.size * y
+
 
 ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {
     "second invariant": lambda a, s, extent: laws.MooneyPart(a["c01"]),
@@ -33,6 +38,7 @@ ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {
         a["k"], (s["axis"] + s["half"], s["axis"] - s["half"]), s["k2"]
     ),
     "stiffness gradient": lambda a, s, extent: laws.Gradient(a["gx"], a["gy"], extent.size, *extent.centre),
+    "inclusion": lambda a, s, extent: Inclusion(a["a"], *extent.place(s["x"], s["y"]), extent.size * s["radius"]),
     "Mullins softening": lambda a, s, extent: laws.Mullins(a["r"], s["m"], s["beta"]),
     "Payne softening": lambda a, s, extent: laws.Payne(a["r"], s["x0"]),
 }

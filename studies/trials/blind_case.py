@@ -27,6 +27,7 @@ from studies.replay.replay_check import FiniteElementCheck
 from studies.replay.twin_replay import twin_replay
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.trials.blind_data import draw, write
+from studies.trials.blind_effects import ALSO
 from studies.trials.blind_trial import Trial
 from studies.trials.foreign import foreign
 
@@ -92,7 +93,7 @@ def beside(home: Path) -> dict[str, float]:
 
 
 def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
-    """What the diagnosis says of an Experiment; `without`: once more with these effects, and those that contain them, taken out of the catalogue."""
+    """What the diagnosis says of an Experiment; `without`: once more with these effects, and those that contain them or are the same, taken out of the catalogue."""
 
     start = time.process_time()
     experiment = Experiment.load(path)
@@ -102,7 +103,11 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         assert found.start is not None
-        out = {*without, *(NESTED[name] for name in without if name in NESTED)}
+        out = {
+            *without,
+            *(NESTED[name] for name in without if name in NESTED),
+            *(n for name in without for n in ALSO.get(name, ())),
+        }
         rest = tuple(e for e in CATALOGUE if e.name not in out)
         content["without"] = sorted(out)
         content["absent"] = described(

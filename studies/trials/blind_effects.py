@@ -15,6 +15,8 @@ import numpy as np
 from calibrate.effects.mullins import LINEAR
 from studies.errors import OptionError
 
+ALSO = {"stiffness field": ("inclusion",)}  # a patch of another stiffness is both: either name is right
+
 
 @dataclass(frozen=True)
 class Hidden:
@@ -24,6 +26,9 @@ class Hidden:
     amplitudes: dict[str, float]
     shape: dict[str, float]
     more: dict[str, float]
+
+
+ALSO = {"stiffness field": ("inclusion",)}  # a patch of another stiffness is both: either name is right
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ does about as much as the effect of the catalogue whose place it takes; its ampl
 | one fibre family | exponential, with dispersion (Gasser, Ogden and Holzapfel 2006) |
 | viscoelasticity | two branches with a multiplicative split (Reese and Govindjee 1998) |
 | Mullins softening | by the energy (Ogden and Roxburgh 1999) |
-| stiffness field | an inclusion with a sharp edge |
+| stiffness field | an elliptic inclusion with a sharp edge |
 | lens distortion | about a middle of its own |
 
 Fibres and Mullins softening are nearly of the catalogue's form since that has an exponential (without dispersion, in compression, too) and Ogden and Roxburgh's
-error function (of I1 - 3 in place of the energy): `NEARLY`. Others keep their form, on the foreign base. Noise: of two correlation lengths, with a share that all pictures have in common; stated as it is,
+error function (of I1 - 3 in place of the energy), and the inclusion since it has a round one: `NEARLY`. Others keep their form, on the foreign base. Noise: of two correlation lengths, with a share that all pictures have in common; stated as it is,
 half or twice as large, or not at all.
 """
 
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment, Noise
 from forward.materials import Gent
 from forward.sheet.additions import Addition
-from forward.sheet.damage_and_dispersion import DispersedFibres, Inclusion, OgdenPart, OgdenRoxburgh
+from forward.sheet.damage_and_dispersion import DispersedFibres, EllipticInclusion, OgdenPart, OgdenRoxburgh
 from forward.sheet.multiplicative_viscosity import Branch
 from studies.synthetic.camera import GaussianField, stream
 from studies.synthetic.camera_disturbances import LensDistortion
@@ -45,7 +45,7 @@ SHORT, LONG, SHARE = (
 )  # correlation lengths over that of the trial, and the share of the variance of the short one
 COMMON = (0.0, 0.5, 0.9)  # shares of the variance that are common to all pictures
 STATED = (1.0, 0.5, 2.0, None)  # stated noise over that which is there; None: none is stated
-INCLUSION = 1.5  # radius over the width of the patch in the place of which it is
+INCLUSION = 1.5  # root of the product of the half axes over the width of the patch in the place of which it is
 FOREIGN = (
     "second invariant",
     "one fibre family",
@@ -54,7 +54,7 @@ FOREIGN = (
     "stiffness field",
     "lens distortion",
 )
-NEARLY = ("one fibre family", "Mullins softening")  # of these the catalogue has nearly the form
+NEARLY = ("one fibre family", "Mullins softening", "stiffness field")  # of these the catalogue has nearly the form
 
 
 def foreign(trial: Trial) -> Trial:
@@ -80,7 +80,7 @@ def _foreign(hidden: Hidden, trial: Trial, draws: Array) -> Hidden:
         "viscoelasticity": {"share": 0.3 + 0.4 * a, "faster": 0.1 + 0.3 * b, "slower": 2 + 3 * c},
         "Mullins softening": {"m": energy * (0.05 + 0.3 * a), "beta": 0.1 * b},
         "lens distortion": {"x": 0.6 * a - 0.3, "y": 0.6 * b - 0.3},
-        "stiffness field": {"sharp": 1.0},
+        "stiffness field": {"aspect": 1.3 + 1.2 * a, "turned": np.pi * b},
     }
     return replace(hidden, more={**hidden.more, **more.get(hidden.name, {})})
 
@@ -110,7 +110,9 @@ def laws(trial: Trial) -> Laws:
         elif one.name == "Mullins softening":  # as soft, once unloaded
             additions.append(OgdenRoxburgh(1 / a["r"], more["m"], more["beta"]))
         elif one.name == "stiffness field":
-            additions.append(Inclusion(more["height"], more["x"], more["y"], INCLUSION * more["width"]))
+            radius, root = INCLUSION * more["width"], more["aspect"] ** 0.5
+            inclusion = more["height"], more["x"], more["y"], radius * root, radius / root
+            additions.append(EllipticInclusion(*inclusion, more["turned"]))
         elif one.name == "viscoelasticity":
             mu, tau = a["g"] * trial.material.shear_modulus, one.shape["tau"]
             branches = (

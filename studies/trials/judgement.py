@@ -12,14 +12,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from calibrate.data.experiment import Experiment
 from calibrate.data.triangulation import signed_areas
 from calibrate.diagnosis.selection import Verdict
+from calibrate.effects import CATALOGUE, Data
 from studies.trials.blind_case import GLOBAL_LIMIT
+from studies.trials.blind_effects import ALSO
 from studies.trials.foreign import FOREIGN, INCLUSION
 
+Array = NDArray[np.float64]
 ALIKE = 0.9  # signatures above this correlation are look-alikes
 
 
@@ -51,7 +55,7 @@ class JudgedWithout:
 class JudgedTrial:
     """What was hidden beside what was said of it.
 
-    hit, exact: of each hidden effect, whether its group, and it itself, is named. scores: of each before anything is found;
+    hit, exact: of each hidden effect, whether its group, and it itself, is named; `blind_effects.ALSO` counts as its name. scores: of each before anything is found;
     beside: with the other one in the model. strong: the lesser of these is above `GLOBAL_LIMIT`. field: correlation of
     fitted and hidden stiffness over the specimen. seconds: CPU time. dominant: the dominant effect of what is not explained and those that leave little more.
     """
@@ -95,24 +99,31 @@ def judge(home: Path) -> JudgedTrial:
     scores = {n: first.get(n, {}).get("score", 0.0) for n in names}
     file = home / "sealed" / "beside.json"
     beside = json.loads(file.read_text()) if file.exists() else None
-    groups = [{n, *full["groups"].get(n, [])} for n in full["named"]]
+    groups = [set(_as_hidden([n, *full["groups"].get(n, [])], names)) for n in full["named"]]
+    named = _as_hidden(full["named"], names)
     return JudgedTrial(
         trial=home.name,
         hidden=names,
         verdict=Verdict(full["verdict"]),
-        named=full["named"],
-        closest=full["closest"],
+        named=named,
+        closest=_as_hidden(full["closest"], names),
         scores=scores,
         beside=beside,
         strong=bool(names) and min((beside or scores).values()) > GLOBAL_LIMIT,
         hit=[any(n in group for group in groups) for n in names],
-        exact=[n in full["named"] for n in names],
+        exact=[n in named for n in names],
         amplitudes=[None if _is_foreign(h, label) else _amplitude(h, full["additions"]) for h in hidden],
         field=[_field(h, full["additions"], home) for h in hidden],
         seconds=content["seconds"],
         absent=_without(content["absent"], first.get(names[0], {}).get("like", {})) if "absent" in content else None,
-        dominant=_dominant(full),
+        dominant=tuple(_as_hidden(_dominant(full), names)),
     )
+
+
+def _as_hidden(found: Sequence[str], hidden: Sequence[str]) -> list[str]:
+    """Names with those that are as right as a hidden effect's under that one's name."""
+    also = {other: name for name in hidden for other in ALSO.get(name, ())}
+    return list(dict.fromkeys(also.get(name, name) for name in found))
 
 
 def _is_foreign(hidden: Mapping[str, Any], label: Mapping[str, Any]) -> bool:
@@ -136,19 +147,31 @@ def _dominant(content: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _field(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]], home: Path) -> float | None:
     """Correlation of fitted and hidden stiffness over the specimen, by area; a patch has no coefficients of cosines."""
-    fitted = next((a["amplitudes"] for a in additions if a["effect"] == hidden["name"]), None)
+    name = hidden["name"]
+    fitted = next((a for a in additions if a["effect"] in (name, *ALSO.get(name, ()))), None)
     if fitted is None or "height" not in hidden["more"]:
         return None
     e = Experiment.load(home / "experiment.npz")
-    places, patch = e.points[e.triangles].mean(axis=1), hidden["more"]
-    low, high = e.points.min(axis=0), e.points.max(axis=0)
-    x = np.pi * (places - low) / (high - low)
-    waves = [v * np.cos(int(k[1]) * x[:, 0]) * np.cos(int(k[2]) * x[:, 1]) for k, v in fitted.items()]
-    distance = ((places - [patch["x"], patch["y"]]) ** 2).sum(axis=1)
-    sharp = distance <= (INCLUSION * patch["width"]) ** 2
-    true = patch["height"] * (sharp if "sharp" in patch else np.exp(-distance / (2 * patch["width"] ** 2)))
-    spread = np.cov(np.sum(waves, axis=0), true, aweights=np.abs(signed_areas(e.points, e.triangles)))
+    data = Data.of(e)
+    effect = next(one for one in CATALOGUE if one.name == fitted["effect"])
+    m = len(e.triangles)
+    seen = effect.stress(
+        data, None, np.ones((1, m, 1, 1)), *(np.array(list(fitted[k].values())) for k in ("amplitudes", "shape"))
+    )
+    true = hidden_stiffness(hidden["more"], e.points[e.triangles].mean(axis=1))
+    spread = np.cov(np.asarray(seen).ravel(), true, aweights=np.abs(signed_areas(e.points, e.triangles)))
     return float(spread[0, 1] / np.sqrt(spread[0, 0] * spread[1, 1]))
+
+
+def hidden_stiffness(patch: Mapping[str, float], places: Array) -> Array:
+    """Of a patch, or an inclusion in its place, beside the rest (m,) at places (m, 2), mm."""
+    apart = places - [patch["x"], patch["y"]]
+    if "aspect" not in patch:
+        return patch["height"] * np.exp(-(apart**2).sum(axis=1) / (2 * patch["width"] ** 2))
+    c, s = np.cos(patch["turned"]), np.sin(patch["turned"])
+    long, short = (INCLUSION * patch["width"] * patch["aspect"] ** power for power in (0.5, -0.5))
+    inside = ((apart @ [c, s]) / long) ** 2 + ((apart @ [-s, c]) / short) ** 2 <= 1
+    return patch["height"] * inside
 
 
 def _amplitude(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]]) -> JudgedAmplitude | None:

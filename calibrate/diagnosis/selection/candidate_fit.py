@@ -25,6 +25,7 @@ from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects.chain import Addition
 
 Array = NDArray[np.float64]
+FIRST_STEP = 0.13  # of a shape, over its size
 SHAPE_EVALUATIONS = 14  # the fit goes on from there
 ITERATIONS_OF_THE_TABLE = 2
 
@@ -186,7 +187,8 @@ def at_best_shape(now: Model, found: Score) -> Score:
     grid = np.array(found.effect.shape_values(now.problem.trained[0].chain.data))
     logarithmic = np.array([p.lower >= 0 and np.all(grid[:, i] > 0) for i, p in enumerate(found.effect.shapes)])
     start = np.where(logarithmic, np.log(np.maximum(found.shape, 1e-12)), found.shape)
-    simplex = np.concatenate([start[None], start + np.diag(np.where(logarithmic, 0.5, 0.13))])
+    sizes = [p.shape_size(v) for p, v in zip(found.effect.shapes, found.shape, strict=True)]
+    simplex = np.concatenate([start[None], start + np.diag(np.where(logarithmic, 0.5, FIRST_STEP * np.array(sizes)))])
     minimize(
         lambda x: search(np.where(logarithmic, np.exp(x), x)),
         start,

@@ -26,7 +26,7 @@ from calibrate.diagnosis.selection import DEFAULT, Verdict, close_loop
 from calibrate.diagnosis.selection.candidate_fit import Model
 from calibrate.diagnosis.selection.loop import extended, scored_round
 from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason, Review
-from calibrate.diagnosis.selection.verdict import conclude, worth_a_name
+from calibrate.diagnosis.selection.verdict import beside_series, conclude, worth_a_name
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.support.nodal_derivatives import gradient
@@ -499,6 +499,16 @@ def test_a_lesser_effect_is_named_beside_one_that_leaves_nothing_for_it():
         assert found == ((name, "second invariant") if named else (name,))
         assert worth_a_name(both[::-1], {name: 1000.0, "second invariant": 1.0}) == (name,)
         assert "second invariant" in worth_a_name(both, {name: 1000.0, "second invariant": 40.0})
+
+
+def test_what_a_series_leaves_for_an_effect_of_its_stage_has_no_name():
+    """An inclusion takes what fifteen cosines leave of a patch; an energy is not of that kind."""
+    by_name = {e.name: e for e in CATALOGUE}
+    three = tuple(Addition(by_name[name], ()) for name in ("stiffness field", "inclusion", "second invariant"))
+    gains = {"stiffness field": 1000.0, "inclusion": 10.0, "second invariant": 10.0}
+    assert beside_series(three, gains) == ("stiffness field", "second invariant")
+    assert beside_series(three, {**gains, "inclusion": 100.0}) == tuple(gains)
+    assert beside_series(three[1:], gains) == ("inclusion", "second invariant")
 
 
 def weighed(c01, effects=FEW, fitted=False):

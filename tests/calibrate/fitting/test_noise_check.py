@@ -14,7 +14,7 @@ from calibrate.data.experiment import Noise
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.problem import all_rows
 from calibrate.diagnosis.residual_tests import SCALE_ERROR, ChiSquare
-from calibrate.fitting import noise_check
+from calibrate.fitting import fine_fields, noise_check
 from calibrate.fitting.noise_check import check_noise, with_checked_noise
 
 NOISE = Noise(0.01, 3.0, 1e-3)
@@ -39,7 +39,7 @@ def test_what_is_stated_does_not_change_what_is_found():
 
 
 def test_too_few_points_say_nothing_and_what_is_stated_stays(monkeypatch):
-    monkeypatch.setattr(noise_check, "FEWEST", 10**6)
+    monkeypatch.setattr(fine_fields, "FEWEST", 10**6)
     few = check_noise(sheet())
     assert np.isnan(few.found) and few.used == NOISE and not few.corrected
 
@@ -59,7 +59,7 @@ def test_noise_that_is_not_stated_is_found_as_a_diagnosis_needs_it():
         checked, found = with_checked_noise(replace(sheet(seed, n_radial=12), noise=None))
         assert found.stated is None and checked.noise == found.used
         assert found.found == pytest.approx(NOISE.displacement_std, rel=0.25)
-        assert found.used.correlation_length == pytest.approx(NOISE.correlation_length, rel=0.3)
+        assert found.used.mean_length == pytest.approx(NOISE.correlation_length, rel=0.3)
         exact, estimated = (prepare([e], [all_rows])[1] for e in (sheet(seed, n_radial=12), checked))
         seen.append(estimated.reduced_chi_square / exact.reduced_chi_square)
     assert np.mean(seen) == pytest.approx(1.0, abs=0.2)

@@ -1,0 +1,72 @@
+"""An inclusion: of the triangles that its edge cuts, places that are tried, and what it is in a replay."""
+
+import numpy as np
+import pytest
+from made_up import made_up_chain
+
+from calibrate.diagnosis.parameters import Variables
+from calibrate.effects.chain import Addition
+from calibrate.effects.inclusion import GRID, Inclusion
+from forward.sheet.damage_and_dispersion import EllipticInclusion
+from studies.synthetic import effect_laws
+
+
+@pytest.fixture(scope="module")
+def data():
+    return made_up_chain(fine=2).data
+
+
+def factor(data, a, shape):
+    one = np.ones((1, len(data.triangles), 1, 1))
+    return np.asarray(Inclusion().stress(data, None, one, np.array([a]), np.array(shape))).ravel()
+
+
+def test_a_cut_triangle_counts_by_its_share_within(data):
+    """Against 5050 points in each triangle: a few per cent of the triangles that are cut, nothing in the mean."""
+    shape = (0.05, -0.1, 0.21)
+    weights = np.array([(i, j, 100 - i - j) for i in range(101) for j in range(101 - i)]) / 100
+    corners = (np.asarray(data.points) - np.asarray(data.centre))[np.asarray(data.triangles)] / float(data.size)
+    inside = np.linalg.norm(np.einsum("kc,mcd->mkd", weights, corners) - shape[:2], axis=2) < shape[2]
+    share, found = inside.mean(axis=1), factor(data, 1.0, shape) - 1
+    cut = (share > 0) & (share < 1)
+    assert cut.sum() > 20
+    assert np.abs(found - share)[~cut].max() < 0.1
+    assert np.sqrt(np.mean((found - share)[cut] ** 2)) < 0.08
+    assert found @ np.asarray(data.areas) == pytest.approx(share @ np.asarray(data.areas), rel=0.01)
+
+
+def test_every_place_of_the_specimen_is_within_a_circle_that_is_tried(data):
+    tried = np.array(Inclusion().shape_values(data))
+    places = (np.asarray(data.centroids) - np.asarray(data.centre)) / float(data.size)
+    for along, radius in GRID:
+        centres = tried[tried[:, 2] == radius, :2]
+        nearest = np.linalg.norm(places[:, None] - centres, axis=2).min(axis=1)
+        assert 0 < len(centres) <= along**2
+        assert nearest.max() < 0.75 / along
+
+
+def test_a_place_at_the_middle_has_a_size(data):
+    """A fit moves it by a share of the sheet, not of its own value, which is 0."""
+    held = Variables((Addition(Inclusion(), (0.1,), (0.0, 0.0, 0.1)),))
+    assert held.scale[1:].tolist() == pytest.approx([0.1, 0.1, 0.1])
+    lower, upper = held.bounds
+    assert (upper[1:3] - lower[1:3] > 0.05).all()
+    assert np.isfinite(held.shape_deviations[1:]).all()
+    assert (held.shape_deviations[1:] > 0.05).all()
+
+
+def test_the_forward_model_has_it_at_the_same_place():
+    extent = effect_laws.Extent(40.0, (3.0, 4.0))
+    law = effect_laws.ADDITIONS["inclusion"]({"a": 0.3}, {"x": 0.1, "y": -0.2, "radius": 0.25}, extent)
+    assert (law.height, law.x, law.y, law.radius) == pytest.approx((0.3, 7.0, -4.0, 10.0))
+
+
+def test_an_ellipse_of_equal_axes_is_a_circle():
+    import ufl
+
+    place = ufl.as_vector([ufl.as_ufl(1.2), ufl.as_ufl(0.4)])
+    values = []
+    for short, angle in ((1.5, 0.0), (0.3, 0.0), (0.3, np.arctan2(0.4, 1.2))):
+        p = tuple(map(ufl.as_ufl, (0.5, 0.0, 0.0, 1.5, short, angle)))
+        values.append(float(EllipticInclusion(0.5, 0.0, 0.0, 1.5, short, angle).field(place, p)))
+    assert values == [1.5, 1.0, 1.5]  # within the circle; beside a flat ellipse; within one that is turned to it
