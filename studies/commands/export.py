@@ -14,6 +14,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from calibrate.models.model_file import load_model
+from forward.materials import MATERIALS
 from studies.commandline.option_types import Assignments, OutputFolder, Overwrite, Positive, default_folder
 from studies.commandline.outcome import Outcome
 from studies.commands.simulate import read_material
@@ -50,7 +51,9 @@ class Exported(Outcome):
 
 
 def export(
-    model: str,
+    model: Annotated[
+        str, Parameter(help=f"model file of `calibrate` or `discover`, or a classical law: {', '.join(MATERIALS)}")
+    ],
     /,
     *,
     to: Annotated[str, Parameter(help="target: " + "; ".join(f"{t.name}: {t.summary}" for t in targets().values()))],
@@ -64,7 +67,6 @@ def export(
     Effects of camera, load cell and specimen are left out, and the file says so.
 
     Args:
-        model: model file of `calibrate` or `discover`, or a classical law: arruda_boyce, carroll, mooney_rivlin, neo_hooke, yeoh
         parameter: of a classical law, such as mu=0.3; may be repeated
         bulk_modulus: MPa (N/mm) of nearly incompressible elements (default: 1000 shear moduli), where the test identified none
 

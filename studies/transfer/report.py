@@ -30,6 +30,7 @@ class TransferCode(Macro):
     MAP = "stiffness_varies"
     NO_MAP = "stiffness_is_even"
     LEFT_OUT = "left_out"
+    OWN_TEST = "own_test"
 
 
 def findings(found: Transferred) -> list[Finding]:
@@ -56,6 +57,8 @@ def findings(found: Transferred) -> list[Finding]:
         lines.append((TransferCode.NO_MAP, share))
     if found.left_out:
         lines.append((TransferCode.LEFT_OUT, {"effects": list(found.left_out)}))
+    if found.was_fitted:
+        lines.append((TransferCode.OWN_TEST, {"name": name}))
     return [*pictures(found.experiment), *(Finding("transfer", code, data) for code, data in lines)]
 
 

@@ -59,8 +59,8 @@ class Row(Plain):
 
 @dataclass(frozen=True, eq=False)
 class Transferred:
-    """What a model says of a test. rows: variants in the order of their freedom; left_out: effects that belong to other tests; model: with its
-    factors; fitted (t,): increments that are not held out; spacing: of the virtual fields, mm."""
+    """What a model says of a test. rows: variants in the order of their freedom; left_out: effects that belong to other tests; was_fitted: whether
+    the model was fitted to this test; model: with its factors; fitted (t,): increments that are not held out; spacing: of the virtual fields, mm."""
 
     experiment: Experiment
     hold_out: str
@@ -70,6 +70,7 @@ class Transferred:
     left_out: tuple[str, ...]
     model: ExtendedModel
     map: StiffnessMap
+    was_fitted: bool = False
 
     def row(self, name: str) -> Row:
         """The variant of that name."""
@@ -133,7 +134,10 @@ def transfer(
     rows.append(row(MAP, located.residual, None, rows[-1].relaxation))
     kept = {a.effect.name for a in applied.model.additions}
     left_out = tuple(a.effect.name for a in model.additions if a.effect.name not in kept)
-    return Transferred(e, str(rule), fitted, system.fields.spacing, tuple(rows), left_out, final.model, located)
+    was_fitted = e.fingerprint in {one["fingerprint"] for one in model.training}
+    return Transferred(
+        e, str(rule), fitted, system.fields.spacing, tuple(rows), left_out, final.model, located, was_fitted
+    )
 
 
 def factors_of(applied: Applied, fitted: Mask, strength: bool) -> tuple[float, ...]:

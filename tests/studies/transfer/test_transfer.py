@@ -94,6 +94,19 @@ def test_effects_of_another_test_are_left_out():
     assert "T805" in {one.alert.code for one in report.findings(found)}
 
 
+def test_a_model_on_its_own_test_is_no_prediction():
+    own = ({"name": "sheet", "fingerprint": uniaxial().fingerprint, "spacing": None},)
+    said = {
+        training: {
+            one.alert.code
+            for one in report.findings(transfer(uniaxial(), replace(material(), training=tests), AFTER, 12.0))
+        }
+        for training, tests in (("own", own), ("another", ()))
+    }
+    assert "T806" in said["own"]
+    assert "T806" not in said["another"]
+
+
 def test_what_predicts_worse_than_neo_hooke_is_said():
     """A second invariant that this sheet does not have bends the curve; neo-Hooke is what it is made of."""
     for learnt, worse in ((material(Addition(SecondInvariant(), (2 * MU,))), True), (material(mu=2 * MU), False)):
