@@ -138,6 +138,10 @@ class Effect:
         """Shapes to be tried; one empty one for an effect without shapes."""
         return [()]
 
+    def located(self, data: Data, shape: tuple[float, ...]) -> str:
+        """Where in the picture its shape puts it, mm, in words; nothing where it has no place."""
+        return ""
+
     def places(self, data: Data, X: Any, a: Any, shape: Any) -> Any:
         """True places of the nodes in the reference (n, 2), mm, of where they were measured, X (n, 2)."""
         return X

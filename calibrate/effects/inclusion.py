@@ -38,6 +38,10 @@ class Inclusion(Effect):
             found += [(*((cell + 0.5) * step).tolist(), radius) for cell in cells]
         return found
 
+    def located(self, data, shape):
+        x, y = np.asarray(data.centre) + float(data.size) * np.array(shape[:2])
+        return f"within {float(data.size) * shape[2]:.3g} mm of ({x:.3g}, {y:.3g}) mm"
+
     def stress(self, data, F, P, a, shape):
         distance = jnp.linalg.norm((data.centroids - data.centre) / data.size - jnp.stack([shape[0], shape[1]]), axis=1)
         edge = EDGE * jnp.sqrt(data.areas) / data.size

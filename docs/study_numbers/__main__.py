@@ -9,6 +9,7 @@
     python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
     python docs/study_numbers every_third results/discover
     python docs/study_numbers noise_grid results/false-alarms
+    python docs/study_numbers noise_lengths BEFORE AFTER      of two revisions
     python docs/study_numbers pulls results/pulls
     python docs/study_numbers diagnosis_cost results/benchmark-diagnosis
     python docs/study_numbers skin FOLDER              in which the commands of docs/ugly_data.md were run
@@ -29,6 +30,7 @@ import diagnosis_cost
 import every_third
 import generalise
 import noise_grid
+import noise_lengths
 import pulls
 import replay
 import replay_sheet
@@ -49,6 +51,7 @@ STUDIES = {
     "every_third": every_third,
     "skin": skin,
     "noise_grid": noise_grid,
+    "noise_lengths": noise_lengths,
     "pulls": pulls,
     "diagnosis_cost": diagnosis_cost,
 }

@@ -149,6 +149,9 @@ def effect_values(fit: Fit, i: int, unit: str, level: float = 1.0) -> list[str]:
     ]
     if len(values) > LISTED:
         values = [WORDS.amplitudes(n=len(values))]
+    place = addition.effect.located(fit.chains[0].data, addition.shape) if fit.chains else ""
+    if place:
+        return [*values, place]
     return values + [with_unit(f"{s.name} = {s.value:.3g}", s.unit) for s in
                      shape_records(addition.effect, addition.shape, unit)]  # fmt: skip
 

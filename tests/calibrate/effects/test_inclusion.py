@@ -45,6 +45,14 @@ def test_every_place_of_the_specimen_is_within_a_circle_that_is_tried(data):
         assert nearest.max() < 0.75 / along
 
 
+def test_its_place_is_told_in_the_picture(data):
+    x, y = np.asarray(data.centre) + float(data.size) * np.array([0.1, -0.2])
+    assert (
+        Inclusion().located(data, (0.1, -0.2, 0.25))
+        == f"within {0.25 * float(data.size):.3g} mm of ({x:.3g}, {y:.3g}) mm"
+    )
+
+
 def test_a_place_at_the_middle_has_a_size(data):
     """A fit moves it by a share of the sheet, not of its own value, which is 0."""
     held = Variables((Addition(Inclusion(), (0.1,), (0.0, 0.0, 0.1)),))
