@@ -65,7 +65,12 @@ class Coarsening:
         factor = noise_covariance.noise_factor(self.fine_points, noise)
         samples = self.project(factor @ stream(seed).standard_normal((factor.shape[1], SAMPLES)))
         std, length = covariance_fit(self.mesh.points, samples, noise.correlation_length)
-        return replace(noise.scaled(std / max(noise.displacement_std, 1e-300)), correlation_length=length)
+        return replace(
+            noise.scaled(std / max(noise.displacement_std, 1e-300)),
+            correlation_length=length,
+            second_length=0.0,
+            second_share=0.0,
+        )
 
     def apply(self, fine: Experiment) -> Experiment:
         """`fine` on the coarser triangulation, noise included.
