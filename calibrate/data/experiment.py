@@ -133,6 +133,15 @@ class Experiment:
         return float(found.get("std", 0.0))
 
     @property
+    def noise_is_estimated(self) -> bool:
+        """Whether the noise of the displacements is what an import estimated from the fields alone."""
+        said = self.provenance.get("noise") or {}
+        kinds = (
+            said.get(kind) or {} for kind in ("total", "temporal") if said.get("displacement") in ("total", "temporal")
+        )
+        return self.noise is not None and self.noise.displacement_std in [found.get("std") for found in kinds]
+
+    @property
     def is_synchronised(self) -> bool:
         """Whether the crosshead's record shows that pictures and forces have one clock, so that there is no lag."""
         return bool((self.provenance.get("clocks") or {}).get("agree"))

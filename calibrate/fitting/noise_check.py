@@ -5,7 +5,7 @@ In: an Experiment. Out: `NoiseCheck`, with the noise that a diagnosis works with
 The standard deviation is that of what a hyperelastic fit leaves in the equations of fine virtual fields (`fine_fields`). Of each of them the fit takes hardly a
 degree of freedom, so that this is also the restricted maximum likelihood.
 
-Where no noise is stated, its correlation length, or two of them, are found by `noise_lengths`, and what
+Where no noise is stated, or one that an import estimated from the fields alone, which takes fine structure for noise, its correlation length, or two of them, are found by `noise_lengths`, and what
 increments have in common of it, and how it drifts, from the fine fields (`common_noise`). An error of the material grows with the deformation as
 noise of the pattern does, so that the fit is then one of both invariants. A drift is seen between neighbours, so that each increment that is looked at
 brings the ones before it along.
@@ -77,8 +77,8 @@ def check_noise(experiment: Experiment) -> NoiseCheck:
     fine = FineFields.of(experiment, FINE, basis, c)
     if fine is None:
         return unseen
-    if stated is None:
-        return _of_unstated(experiment, fine, basis, c)
+    if stated is None or experiment.noise_is_estimated:
+        return _of_unstated(experiment, stated, fine, basis, c)
     return _of_stated(
         stated,
         fine,
@@ -129,17 +129,29 @@ def _with_common(noise: Noise, ratios: CommonRatios) -> Noise:
     return replace(noise, pattern_std=pattern, reference_std=reference, correlation_time=ratios.time)
 
 
-def _of_unstated(experiment: Experiment, fine: FineFields, basis: Basis, c: Array) -> NoiseCheck:
-    """With its correlation lengths, and a load cell of usual accuracy."""
+def _of_unstated(
+    experiment: Experiment, estimated: Noise | None, fine: FineFields, basis: Basis, c: Array
+) -> NoiseCheck:
+    """With its correlation lengths, and the load cell of what was estimated at import, or one of usual accuracy. An estimate that agrees is kept."""
     unit = correlated_unit(experiment, basis, c)
     ratios = _ratios(experiment, fine, unit, basis, c)
     std = fine.std(unit, ratios.variances(fine.shares))
     if not std > 0:
-        return NoiseCheck(None, std, None)
+        return NoiseCheck(estimated, std, estimated)
     largest = max(float(np.nanmax(np.abs(b.force), initial=0.0)) for b in experiment.loaded)
     forces = {"force_std_relative": FORCE_STD[0], "force_std": FORCE_STD[1] * largest}
+    if estimated is not None:
+        forces = {name: getattr(estimated, name) for name in forces}
     used = _with_common(replace(unit, displacement_std=std, **forces), ratios)
-    return NoiseCheck(None, used.total_std, used)
+    used = with_least_own(used, experiment.temporal_std)
+    kept = estimated is not None and not any(ratios) and _agree(estimated, used)
+    return NoiseCheck(estimated, used.total_std, estimated if kept else used)
+
+
+def _agree(one: Noise, other: Noise) -> bool:
+    """Whether standard deviations and correlation lengths are equal but for a factor of `AGREES`."""
+    pairs = (one.total_std, other.total_std), (one.mean_length, other.mean_length)
+    return all(a == b or (min(a, b) > 0 and 1 / AGREES <= a / b <= AGREES) for a, b in pairs)
 
 
 def _material(experiment: Experiment) -> tuple[Basis, Array]:
