@@ -10,7 +10,7 @@ from scipy.spatial.distance import cdist
 
 from calibrate.data.experiment import Noise
 from calibrate.fitting.fine_fields import FineFields
-from calibrate.fitting.noise_check import _material
+from calibrate.fitting.noise_check import _material, check_noise
 from calibrate.fitting.noise_lengths import _beside_neighbours, correlated_unit
 
 STD, INCREMENTS = 0.01, 6
@@ -59,6 +59,26 @@ def test_an_effect_that_the_material_lacks_does_not_look_like_longer_noise():
         experiment, _ = noisy("one length", c01=c01)
         lengths.append(correlated_unit(experiment, *_material(experiment)).mean_length)
     assert lengths[1] == pytest.approx(lengths[0], rel=0.1)
+
+
+def test_an_estimate_of_the_import_is_found_anew_and_what_is_stated_is_not():
+    """A local fit takes fine structure at holes for noise: twenty times as much over four times the length was seen (docs/limits.md)."""
+    experiment, _ = noisy("one length")
+    wrong = Noise(20 * STD, 10.0, 0.0, 1e-3)
+    found = {}
+    for kind in ("total", "stated"):
+        provenance = {"noise": {"displacement": kind, "total": {"std": wrong.displacement_std}}}
+        found[kind] = check_noise(replace(experiment, noise=wrong, provenance=provenance))
+    anew, kept = found["total"], found["stated"]
+    assert anew.stated == wrong and anew.corrected
+    assert anew.used.total_std == pytest.approx(STD, rel=0.25)
+    assert anew.used.mean_length == pytest.approx(2.5, rel=0.5)
+    assert anew.used.force_std == wrong.force_std  # the load cell's is kept
+    assert kept.used.correlation_length == 10.0
+    close = replace(anew.used, force_std_relative=0.0)
+    provenance = {"noise": {"displacement": "total", "total": {"std": close.displacement_std}}}
+    assert check_noise(replace(experiment, noise=close, provenance=provenance)).used is not None
+    assert not check_noise(replace(experiment, noise=close, provenance=provenance)).corrected
 
 
 def test_a_residual_that_is_linear_in_the_path_leaves_nothing():
