@@ -1,0 +1,140 @@
+"""Whether an inclusion is found, and where: `python -m benchmarks.inclusions FOLDER`.
+
+In: a folder for the trials, which are gone on with; --first: seed. Out: `docs/results/inclusions.json`. Three kinds of a place of another stiffness, --each of every kind: a circle with a sharp edge, which is
+what the catalogue has; an ellipse with a sharp edge, of aspects from 1.3 to 2.5, which it has not; and a smooth patch. Base, specimen, loading and noise are those of the foreign trials for the first
+two (Gent's law, noise of two lengths, here stated as it is), of the blind trials for the patch.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.noise.kept_records import records
+from calibrate.data.experiment import Experiment
+from calibrate.diagnosis.discovery import discover
+from studies.output.writing import write_json
+from studies.replay.replay_check import FiniteElementCheck
+from studies.replay.twin_replay import twin_replay
+from studies.trials.blind_case import described
+from studies.trials.blind_data import draw
+from studies.trials.blind_data import record as observed
+from studies.trials.blind_solution import clean_experiment
+from studies.trials.blind_trial import ForeignNoise, Trial
+from studies.trials.foreign import INCLUSION, foreign
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results" / "inclusions.json"
+CIRCLE, ELLIPSE, PATCH = KINDS = ("circle", "ellipse", "smooth patch")
+FIELD = "stiffness field"
+HEAD = ["hidden", "specimen", "true: a, place and radius (extent)", "verdict", "named", "dominant", "inclusion of the model", "reduced chi-square, before and after"]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Test:
+    """One test to be made."""
+
+    kind: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """As its file is called."""
+        return f"{self.kind.replace(' ', '-')}_{self.seed}"
+
+    @property
+    def trial(self) -> Trial:
+        """Every number of it."""
+        drawn = draw(self.seed, FIELD)
+        if self.kind == PATCH:
+            return drawn
+        made = replace(foreign(drawn), foreign=ForeignNoise(0.0, 1.0))
+        if self.kind == ELLIPSE:
+            return made
+        (hidden,) = made.effects
+        return replace(made, effects=(replace(hidden, more={**hidden.more, "aspect": 1.0}),))
+
+
+def make(test: Test, folder: Path) -> None:
+    """Diagnose a test and write its file."""
+    trial = test.trial
+    data = observed(trial, clean_experiment(trial))
+    began = time.process_time()
+    found = discover([data], whole_table=False, replay=twin_replay, check=FiniteElementCheck(), all_effects=False)
+    record = {
+        "kind": test.kind,
+        "specimen": trial.specimen,
+        "true": _true(trial, data),
+        "seconds": time.process_time() - began,
+    }
+    write_json(folder / f"{test.name}.json", {**record, **described(found)})
+
+
+def _true(trial: Trial, data: Experiment) -> dict[str, float]:
+    """Of what is hidden, its place and radius over the longest side, as the catalogue has them."""
+    more = trial.effects[0].more
+    low, high = data.points.min(axis=0), data.points.max(axis=0)
+    size = float((high - low).max())
+    x, y = (np.array([more["x"], more["y"]]) - (low + high) / 2) / size
+    scale = 1.0 if "aspect" not in more else INCLUSION
+    return {"a": more["height"], "x": float(x), "y": float(y), "radius": scale * more["width"] / size}
+
+
+def row(one: dict[str, Any]) -> list[str]:
+    """Of the table."""
+    inclusion = next((a for a in one["additions"] if a["effect"] == "inclusion"), None)
+    fitted = "" if inclusion is None else _words({**inclusion["amplitudes"], **inclusion["shape"]})
+    dominant = one["dominant"]["effect"] if one["dominant"] else ""
+    chi = f"{one['rounds'][0]['chi_square']:.1f}, {one['rounds'][-1]['chi_square']:.2f}"
+    return [one["kind"], one["specimen"], _words(one["true"]), one["verdict"], ", ".join(one["named"]), dominant, fitted, chi]  # fmt: skip
+
+
+def _words(values: dict[str, float]) -> str:
+    return f"{values['a']:+.3f} at ({values['x']:+.2f}, {values['y']:+.2f}), {values['radius']:.2f}"
+
+
+def numbers(found: Sequence[dict[str, Any]]) -> dict[str, int]:
+    """Of every kind: tests, explained, with a name, with the inclusion or the field named, or the dominant effect."""
+    result = {}
+    for kind in KINDS:
+        some = [one for one in found if one["kind"] == kind]
+        right = [bool({"inclusion", FIELD} & set(one["named"])) for one in some]
+        led = [(one["dominant"] or {}).get("effect") in ("inclusion", FIELD) for one in some]
+        key = kind.split()[-1]
+        result |= {f"{key}s": len(some), f"{key}_named": sum(right), f"{key}_dominant": sum(led)}
+        result[f"{key}_wrong"] = sum(bool(set(one["named"]) - {"inclusion", FIELD}) for one in some)
+        result[f"{key}_as_inclusion"] = sum(one["named"] == ["inclusion"] for one in some)
+    return result
+
+
+def main() -> None:
+    """Make what is missing, then the numbers."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--first", type=int, default=72000, help="seed (default %(default)s)")
+    parser.add_argument("--each", type=int, default=4, help="tests of each kind (default %(default)s)")
+    parser.add_argument("--jobs", type=int, default=1, help="tests side by side (default %(default)s)")
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    todo = [Test(kind, options.first + len(KINDS) * i + k) for i in range(options.each) for k, kind in enumerate(KINDS)]
+    found = records(make, options.folder, todo, options.jobs, "inclusions")
+    found.sort(key=lambda one: KINDS.index(one["kind"]))
+    content = {
+        "command": f"python -m benchmarks.inclusions FOLDER --first {options.first} --each {options.each}",
+        "made": datetime.now(UTC).date().isoformat(),
+        "how": "seeds not looked at before, the diagnosis fixed before, every test that was finished",
+        "numbers": {"first": options.first, **numbers(found)},
+        "tables": {"tests": [HEAD, *map(row, found)]},
+    }
+    RESULTS.write_text(json.dumps(content, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
