@@ -22,7 +22,7 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.twin import with_twins
 from calibrate.effects import CATALOGUE
 from calibrate.effects.effect import distinct
-from calibrate.fitting.noise_check import with_checked_noise
+from calibrate.fitting.noise.noise_check import with_checked_noise
 from studies.output.writing import write_json
 from studies.replay.twin_replay import twin_replay
 

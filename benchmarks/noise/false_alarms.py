@@ -34,7 +34,7 @@ from calibrate.diagnosis.twin import with_twins
 from calibrate.effects import CATALOGUE
 from calibrate.effects.effect import distinct
 from calibrate.errors import EquigapError
-from calibrate.fitting.noise_check import NoiseCheck, with_checked_noise
+from calibrate.fitting.noise.noise_check import NoiseCheck, with_checked_noise
 from studies.output.folder import open_output_folder
 from studies.output.manifest import Manifest
 from studies.output.writing import write_csv, write_json

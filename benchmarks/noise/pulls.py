@@ -27,7 +27,7 @@ from calibrate.diagnosis.selection.rounds import Candidate
 from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.effects import CATALOGUE
 from calibrate.errors import EquigapError
-from calibrate.fitting.noise_check import with_checked_noise
+from calibrate.fitting.noise.noise_check import with_checked_noise
 from studies.output.folder import open_output_folder
 from studies.output.manifest import Manifest
 from studies.output.writing import write_csv, write_json

@@ -31,7 +31,7 @@ from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.errors import FitError
-from calibrate.fitting.noise_check import with_checked_noise
+from calibrate.fitting.noise.noise_check import with_checked_noise
 
 Say = Callable[[str], None]
 

@@ -34,17 +34,14 @@ NEGLIGIBLE = 0.1  # variance of a source in common, over that of displacement_st
 
 
 def default_noise(experiment: Experiment, spacing: float) -> Noise:
-    """Stand-in where the noise is unknown: only the relative weight of the equations follows from it.
-
-    Displacements to 1e-4 of the extent, correlated over a fifth of the virtual-field spacing; forces to 1e-4.
-    """
+    """Stand-in where the noise is unknown: displacements to 1e-4 of the extent, correlated over a fifth of the spacing of the virtual fields, forces to
+    1e-4. Only the relative weight of the equations follows from it."""
     extent = float(np.ptp(experiment.points, axis=0).max())
     return Noise(1e-4 * extent, spacing / 5, 1e-4)
 
 
 def noise_factor(points: Array, noise: Noise) -> sp.csr_array:
-    """B (n_nodes, n_sources), mm, with B B^T = std^2 C(r), see `Noise`; a part of it std times identity where its length is below the distance of the
-    points."""
+    """B (n_nodes, n_sources), mm, with B B^T = std^2 C(r), see `Noise`; of a length below the distance of the points: std times identity."""
     parts = [_factor(points, noise.displacement_std * share**0.5, length) for length, share in noise.lengths]
     return parts[0] if len(parts) == 1 else sp.csr_array(sp.hstack(parts))
 
@@ -55,15 +52,14 @@ def _factor(points: Array, std: float, length: float) -> sp.csr_array:
     if length < 0.3 * pitch:
         return sp.csr_array(std * sp.eye_array(len(points)))
     step, reach = 0.7 * length, 3.2 * length
-    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
-    axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
+    ends = zip(points.min(axis=0) - reach, points.max(axis=0) + reach, strict=True)
+    axes = [np.arange(a, b + step, step) for a, b in ends]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     pairs = cKDTree(points).sparse_distance_matrix(cKDTree(grid), reach, output_type="coo_matrix")
     pairs.data = np.exp(-(pairs.data**2) / length**2)
     factor = sp.csr_array(pairs)
     factor = factor[:, np.asarray(factor.sum(axis=0)).ravel() > 0]
-    scale = std / np.sqrt(np.asarray((factor**2).sum(axis=1)).ravel())
-    return sp.csr_array(sp.diags_array(scale) @ factor)
+    return sp.csr_array(sp.diags_array(std / np.sqrt(np.asarray((factor**2).sum(axis=1)).ravel())) @ factor)
 
 
 def sample(factor: sp.csr_array, rng: np.random.Generator, n_increments: int) -> Array:
@@ -80,9 +76,8 @@ def common_sample(factor: sp.csr_array, rng: np.random.Generator, between: Array
 def root(between: Array) -> Array:
     """R (t, t) with R R^T = between (t, t), which is singular where increments are between pictures."""
     values, vectors = np.linalg.eigh(between)
-    if values[0] > SINGULAR * values[-1]:
-        return np.linalg.cholesky(between)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+    regular = values[0] > SINGULAR * values[-1]
+    return np.linalg.cholesky(between) if regular else np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr_array | Array) -> Array:

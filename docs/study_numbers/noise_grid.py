@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from scipy.stats import binomtest
+
 COLUMNS = ["condition", "tests", "alarms", "with a name", "95 % interval of the rate", "best candidates of the alarms"]
 COARSE, QUIET = "942 nodes", "nothing significant"
 
@@ -24,6 +26,8 @@ def take(folder: Path) -> dict[str, Any]:
          f"{100 * line['low']:.0f} to {100 * line['high']:.0f} %", line["best where alarmed"]]
         for line in lines
     ]  # fmt: skip
+    every, alarms = (sum(line[key] for line in lines) for key in ("tests", "alarms"))
+    low, high = binomtest(alarms, every).proportion_ci()
     numbers = {
         "tests": sum(line["tests"] for line in of_trials),
         "alarms": sum(line["alarms"] for line in of_trials),
@@ -32,7 +36,9 @@ def take(folder: Path) -> dict[str, Any]:
         "drift_alarms": sum(one["verdict"] != QUIET for one in drift),
         "others": sum(line["tests"] for line in lines) - len(drift),
         "others_alarms": sum(line["alarms"] for line in lines) - sum(one["verdict"] != QUIET for one in drift),
-        "every": sum(line["tests"] for line in lines),
+        "every": every,
+        "every_alarms": alarms,
+        "every_interval": f"{100 * low:.0f} to {100 * high:.0f} %",
         "first": settings["first"],
         "seeds": max(line["tests"] + line["errors"] for line in lines),
         "seconds": max(line["CPU seconds"] for line in lines),

@@ -15,7 +15,8 @@ import numpy as np
 from calibrate.effects.mullins import LINEAR
 from studies.errors import OptionError
 
-ALSO = {"stiffness field": ("inclusion",)}  # a patch of another stiffness is both: either name is right
+# a patch of another stiffness is both: either name is right
+ALSO = {"stiffness field": ("inclusion",), "inclusion": ("stiffness field",)}
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,11 @@ def _stiffness_field(rng, s):
     x, y = (float(v) for v in s.extent * rng.uniform(-0.3, 0.3, 2))
     width = float(s.extent * rng.uniform(0.12, 0.25))
     return {}, {}, {"height": _signed(rng, 0.03, 0.4), "x": x, "y": y, "width": width}
+
+
+def _inclusion(rng, s):
+    x, y = (float(v) for v in rng.uniform(-0.3, 0.3, 2))
+    return {"a": _signed(rng, 0.03, 0.4)}, {"x": x, "y": y, "radius": float(rng.uniform(0.08, 0.25))}, {}
 
 
 def _viscoelasticity(rng, s):
@@ -157,6 +163,7 @@ MATERIAL: dict[str, Draw] = {
     "Payne softening": _payne,
     "permanent set": _permanent_set,
     "3D effect of thickness": _thickness,
+    "inclusion": _inclusion,
 }
 RECORDING: dict[str, Draw] = {
     "force offset": _force_offset,
@@ -172,10 +179,14 @@ RECORDING: dict[str, Draw] = {
 }
 EFFECTS = {**MATERIAL, **RECORDING}
 CONFOUNDED = ("force gain", "DIC scale")
-LATER = ("permanent set",)  # their seeds come after all others, so that runs from before them keep their trials
+LATER = (
+    "permanent set",
+    "inclusion",
+)  # their seeds come after all others, so that runs from before them keep their trials
 FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
 UNLOADING = ("Mullins softening", "Payne softening", "permanent set")
 SOLID = "3D effect of thickness"
+UNPAIRED = (SOLID, "inclusion")  # in random pairs, as the seeds of pairs are older than the inclusion
 
 
 def check(names: list[str]) -> None:

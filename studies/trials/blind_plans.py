@@ -11,7 +11,7 @@ from calibrate.errors import ConfigError
 from studies.errors import StudyError
 from studies.synthetic.camera import stream
 from studies.trials.blind_case import Plan
-from studies.trials.blind_effects import FREQUENT, LATER, MATERIAL, RECORDING, SOLID
+from studies.trials.blind_effects import FREQUENT, LATER, MATERIAL, RECORDING, UNPAIRED
 from studies.trials.judgement import JudgedTrial, read
 
 PAIRS = (
@@ -60,7 +60,7 @@ def plans(numbers: Numbers, only: Sequence[str] = (), seed: int = 20000, foreign
     single = hiding([name for name in effects if name not in LATER])
     none = [Plan(next(seeds)) for _ in range(numbers.nulls)]
     both = [_pair(next(seeds), None if foreign else PAIRS[i % len(PAIRS)]) for i in range(numbers.pairs)]
-    later = hiding([name for name in effects if name in LATER])
+    later = [plan for name in LATER if name in effects for plan in hiding([name])]
     ranked = [(k / max(len(group), 1), plan) for group in (single, none, both, later) for k, plan in enumerate(group)]
     return [replace(plan, foreign=foreign) for _, plan in sorted(ranked, key=lambda pair: pair[0])]
 
@@ -68,7 +68,7 @@ def plans(numbers: Numbers, only: Sequence[str] = (), seed: int = 20000, foreign
 def _pair(seed: int, names: tuple[str, str] | None) -> Plan:
     """These two effects, or a random one of the material with one of the recording."""
     rng = stream(seed, PAIRED)
-    of_material, of_recording = (sorted(set(kind) & set(FREQUENT) - {SOLID}) for kind in (MATERIAL, RECORDING))
+    of_material, of_recording = (sorted(set(kind) & set(FREQUENT) - set(UNPAIRED)) for kind in (MATERIAL, RECORDING))
     return Plan(seed, names or (str(rng.choice(of_material)), str(rng.choice(of_recording))))
 
 

@@ -17,7 +17,7 @@ from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects.chain import Addition
-from calibrate.fitting.noise_check import NoiseCheck
+from calibrate.fitting.noise.noise_check import NoiseCheck
 
 
 class Verdict(StrEnum):

@@ -10,7 +10,7 @@ from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.selection import Discovery
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
-from calibrate.fitting.noise_check import NoiseCheck
+from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.fitness import Use
 from studies.output.findings import Finding, Macro
 from studies.output.words import plus_minus

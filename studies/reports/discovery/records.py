@@ -21,7 +21,7 @@ from calibrate.diagnosis.score_tests import Status
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects import Effect
-from calibrate.fitting.noise_check import NoiseCheck
+from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.addition_json import amplitude_unit
 from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
 from studies.reports.discovery.everything_table import everything_record

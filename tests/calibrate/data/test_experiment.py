@@ -82,6 +82,7 @@ def test_files_without_a_drift_are_as_before(tmp_path):
         (Noise(0.01), 4, 1),
         (Noise(0.01, pattern_std=0.01), 6, 4),
         (Noise(0.01, correlation_time=1.0), 7, 5),
+        (Noise(0.01, 1.0, second_length=2.0, second_share=0.3), 9, 6),
     ):
         stretched(noise=noise).save(tmp_path / "sheet.npz")
         with np.load(tmp_path / "sheet.npz") as data:
@@ -146,7 +147,7 @@ def test_other_versions_and_missing_arrays_are_refused(tmp_path):
     assert json.loads(str(content["provenance"])) == {"source": "test"}
     without = {key: {k: v for k, v in content.items() if k != key} for key in ("version", "displacements")}
     for wrong, key in (
-        ({**content, "version": 6}, "version 6"),
+        ({**content, "version": 7}, "version 7"),
         ({**content, "version": "new"}, "version new"),
         ({**content, "provenance": "{"}, "garbled"),
         ({**content, "noise": ["a", "b"]}, "garbled"),

@@ -34,7 +34,7 @@ def prepared():
 
 def test_only_what_is_neither_of_material_nor_rig_is_of_one_test():
     names = {one.effect.name for one in prepared()[1].parts[0].own}
-    assert names == {"stiffness gradient", "stiffness field", "initial warp", "unmeasured strip"}
+    assert names == {"stiffness gradient", "stiffness field", "inclusion", "initial warp", "unmeasured strip"}
 
 
 def test_estimates_have_their_stated_errors():

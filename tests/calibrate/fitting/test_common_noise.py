@@ -10,8 +10,8 @@ import pytest
 import synthetic
 
 from calibrate.data.experiment import Noise
-from calibrate.fitting.common_noise import CommonRatios, common_ratios
-from calibrate.fitting.noise_check import check_noise
+from calibrate.fitting.noise.common_noise import CommonRatios, common_ratios
+from calibrate.fitting.noise.noise_check import check_noise
 
 SHARES = np.array([0.2, 0.5, 0.75, 1.0])
 

@@ -14,8 +14,8 @@ from calibrate.data.experiment import Noise
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.problem import all_rows
 from calibrate.diagnosis.residual_tests import SCALE_ERROR, ChiSquare
-from calibrate.fitting import fine_fields, noise_check
-from calibrate.fitting.noise_check import check_noise, with_checked_noise
+from calibrate.fitting.noise import fine_fields, noise_check
+from calibrate.fitting.noise.noise_check import check_noise, with_checked_noise
 
 NOISE = Noise(0.01, 3.0, 1e-3)
 

@@ -9,9 +9,9 @@ import synthetic
 from scipy.spatial.distance import cdist
 
 from calibrate.data.experiment import Noise
-from calibrate.fitting.fine_fields import FineFields
-from calibrate.fitting.noise_check import _material, check_noise
-from calibrate.fitting.noise_lengths import _beside_neighbours, correlated_unit
+from calibrate.fitting.noise.fine_fields import FineFields
+from calibrate.fitting.noise.noise_check import _material, check_noise
+from calibrate.fitting.noise.noise_lengths import _beside_neighbours, correlated_unit
 
 STD, INCREMENTS = 0.01, 6
 KERNELS = {

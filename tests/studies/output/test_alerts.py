@@ -38,7 +38,7 @@ from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.stiffness_gradient import StiffnessGradient
 from calibrate.effects.viscosity import Viscosity
 from calibrate.fitting.classical_fit import Comparison
-from calibrate.fitting.noise_check import NoiseCheck
+from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.fitness import Fitness, Use
 from calibrate.models.parameter_covariance import Uncertainty
 from studies.commands.discover import read as read_experiments
@@ -393,6 +393,7 @@ def of_transfer() -> Findings:
         TransferCode.MAP: {"name": "B", "share": 0.2, "low": 0.5, "high": 1.5, "after": error},
         TransferCode.NO_MAP: {"name": "B", "share": -0.1},
         TransferCode.LEFT_OUT: {"effects": ["lens distortion"]},
+        TransferCode.OWN_TEST: {"name": "B"},
     }
     return [Finding("transfer", code, data[code]) for code in TransferCode]
 

@@ -12,6 +12,7 @@ from calibrate.effects.chain import Addition, Chain
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import equilibrium, neo_hooke
 from forward.sheet.additions import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne
+from forward.sheet.damage_and_dispersion import Inclusion
 from forward.sheet.thin_sheet import PermanentSet, Prony
 from studies.errors import OptionError
 from studies.trials import blind_solution
@@ -163,6 +164,7 @@ def test_sheets_take_the_drawn_numbers():
         "two fibre families": lambda a, s, m: Fibres(a["k"], (s["axis"] + s["half"], s["axis"] - s["half"]), s["k2"]),
         "stiffness gradient": lambda a, s, m: Gradient(a["gx"], a["gy"], 60.0),
         "stiffness field": lambda a, s, m: Patch(m["height"], m["x"], m["y"], m["width"]),
+        "inclusion": lambda a, s, m: Inclusion(a["a"], 60.0 * s["x"], 60.0 * s["y"], 60.0 * s["radius"]),
         "Mullins softening": lambda a, s, m: Mullins(a["r"], s["m"], s["beta"]),
         "Payne softening": lambda a, s, m: Payne(a["r"], s["x0"]),
     }

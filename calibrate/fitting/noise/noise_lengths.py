@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.basis import Basis
-from calibrate.fitting.fine_fields import FINE, FineFields, evenly, pitch, robust_std
+from calibrate.fitting.noise.fine_fields import FINE, FineFields, evenly, pitch, robust_std
 
 Array = NDArray[np.float64]
 DISTANCES = (FINE, 2.0, 2.8, 4.0, 5.6)  # of virtual fields over that of the points

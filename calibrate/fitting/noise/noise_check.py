@@ -22,10 +22,10 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.basis import Basis, basis_for
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.equations.reduction import assemble
-from calibrate.fitting.common_noise import CommonRatios
-from calibrate.fitting.fine_fields import FINE, MOST_INCREMENTS, FineFields, evenly
 from calibrate.fitting.network_fit import convex_spline
-from calibrate.fitting.noise_lengths import correlated_unit
+from calibrate.fitting.noise.common_noise import CommonRatios
+from calibrate.fitting.noise.fine_fields import FINE, MOST_INCREMENTS, FineFields, evenly
+from calibrate.fitting.noise.noise_lengths import correlated_unit
 
 Array = NDArray[np.float64]
 AGREES = 1.1  # factor by which a stated standard deviation may differ from what the equations see

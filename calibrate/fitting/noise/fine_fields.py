@@ -24,7 +24,7 @@ from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
 from calibrate.equations.virtual_fields import virtual_fields
-from calibrate.fitting.common_noise import NORMAL, CommonRatios, common_ratios
+from calibrate.fitting.noise.common_noise import NORMAL, CommonRatios, common_ratios
 
 Array = NDArray[np.float64]
 FINE = 1.4  # distance of virtual fields over that of the points
