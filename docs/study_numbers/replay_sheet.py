@@ -60,7 +60,10 @@ def _replays(found: dict[str, Any]) -> dict[str, tuple[dict[str, Any], float | N
     updated = used["updated"].get("replay") or {}
     made = {
         "neo_hooke": (used["neo_hooke"], None),
-        "base": (check.get("base"), check["band"]["force"] if check.get("base") == check.get("final") else None),
+        "base": (
+            check.get("base"),
+            check.get("band", {}).get("force") if check.get("base") == check.get("final") else None,
+        ),
         "plausible": (used["replay"], None),
         "updated": (updated.get("final"), updated.get("band", {}).get("force")),
     }
