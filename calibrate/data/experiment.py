@@ -135,11 +135,10 @@ class Experiment:
     @property
     def noise_is_estimated(self) -> bool:
         """Whether the noise of the displacements is what an import estimated from the fields alone."""
-        said = self.provenance.get("noise") or {}
-        kinds = (
-            said.get(kind) or {} for kind in ("total", "temporal") if said.get("displacement") in ("total", "temporal")
-        )
-        return self.noise is not None and self.noise.displacement_std in [found.get("std") for found in kinds]
+        said, kinds = self.provenance.get("noise") or {}, ("total", "temporal")
+        if self.noise is None or said.get("displacement") not in kinds:
+            return False
+        return self.noise.displacement_std in [(said.get(kind) or {}).get("std") for kind in kinds]
 
     @property
     def is_synchronised(self) -> bool:

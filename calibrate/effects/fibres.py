@@ -31,6 +31,7 @@ class OneFibreFamily(Effect):
     amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
     shapes = (ANGLE, STIFFENING)
     former_shape = (0.0,)
+    nested_in = "two fibre families"
     decided_by = "the same sheet cut and pulled in another direction"
 
     def shape_values(self, data):

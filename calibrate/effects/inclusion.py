@@ -27,6 +27,7 @@ class Inclusion(Effect):
         Parameter("y", "extent", lower=-0.5, upper=0.5, typical=0.1),
         Parameter("radius", "extent", lower=0.01, upper=0.5, typical=0.1),
     )
+    nested_in = "stiffness field"  # nearly: beside fifteen free cosines its place and radius stand in for anything
     decided_by = "the sheet looked at against the light, or a thickness gauge"
 
     def shape_values(self, data):

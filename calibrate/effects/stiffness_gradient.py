@@ -15,6 +15,7 @@ class StiffnessGradient(Effect):
     stage = "stiffness"
     formula = "P (1 + gx x + gy y)"
     amplitudes = tuple(Parameter(name, "1/extent", lower=-1.5, upper=1.5, typical=0.2) for name in ("gx", "gy"))
+    nested_in = "stiffness field"
     decided_by = "strips cut from different places, or a thickness gauge"
 
     def stress(self, data, F, P, a, shape):

@@ -15,7 +15,6 @@ from typing import Any
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_fit, discovery, model_weights, score_tests, weighted_fit
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.joint.everything import NESTED
 from calibrate.diagnosis.replayed.checked_replay import replay_record
 from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
 from calibrate.diagnosis.selection import Discovery
@@ -103,11 +102,8 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         assert found.start is not None
-        out = {
-            *without,
-            *(NESTED[name] for name in without if name in NESTED),
-            *(n for name in without for n in ALSO.get(name, ())),
-        }
+        general = {e.nested_in for e in CATALOGUE if e.name in without} - {""}
+        out = {*without, *general, *(also for name in without for also in ALSO.get(name, ()))}
         rest = tuple(e for e in CATALOGUE if e.name not in out)
         content["without"] = sorted(out)
         content["absent"] = described(

@@ -36,12 +36,6 @@ from calibrate.effects.chain import Addition, Additions
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
 Start = tuple[Array, Additions]  # base and effects
-# in the more general one; an inclusion nearly: beside fifteen free cosines its place and radius are free to stand in for anything
-NESTED = {
-    "one fibre family": "two fibre families",
-    "stiffness gradient": "stiffness field",
-    "inclusion": "stiffness field",
-}
 # left out but of a fit of plausible effects: ten smooth amplitudes without a law and without a limit are a second discrepancy, and neither can be told from the other
 SMOOTH = {"initial warp"}
 FIRST, STEPS = 5, 30  # steps from every start, and from the best
@@ -64,7 +58,7 @@ def fit_everything(
     scores = {score.effect.name: score for score in score_tests.score(problem, base, effects) if score.is_tested}
     additions = candidates(
         [one for name, one in scores.items() if name not in SMOOTH],
-        [name for name, general in NESTED.items() if general in scores],
+        [effect.name for effect in effects if effect.nested_in in scores],
     )
     if not additions:
         raise errors.FitError("no effect of the catalogue can be tested with these data, so that none can be fitted")

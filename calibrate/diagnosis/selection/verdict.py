@@ -38,7 +38,7 @@ def conclude(
     groups.update({name: group for name, group in review.groups.items() if name in names})
     clean = noise_alone and not significant
     gains = review.gains or dict.fromkeys(names, first.fit.free_loss - last.fit.free_loss)
-    name_those = beside_series if clean else worth_a_name
+    name_those = not_nested if clean else worth_a_name
     major = name_those(last.fit.additions, gains, thresholds)
     explained = 0 < len(major) <= thresholds.most_named and (clean or is_small(first, last, thresholds))
     explained = explained and not (confirmation and confirmation.doubts)
@@ -62,14 +62,17 @@ def worth_a_name(additions: Additions, gains: Mapping[str, float], thresholds: T
     return tuple(a.effect.name for a in additions if gains.get(a.effect.name, np.inf) >= left)
 
 
-def beside_series(
-    additions: Additions, gains: Mapping[str, float], thresholds: Thresholds = DEFAULT
-) -> tuple[str, ...]:
-    """Effects but those that explain no more than a series of their own stage may leave for others, as an inclusion what a stiffness field leaves of a
-    patch. gains: see `worth_a_name`."""
-    series = [(a.effect.stage, gains.get(a.effect.name, 0.0)) for a in additions if a.effect.truncated]
-    left = {stage: thresholds.secondary_share_truncated * gain for stage, gain in series}
-    return tuple(a.effect.name for a in additions if gains.get(a.effect.name, np.inf) >= left.get(a.effect.stage, 0.0))
+def not_nested(additions: Additions, gains: Mapping[str, float], thresholds: Thresholds = DEFAULT) -> tuple[str, ...]:
+    """Effects but those that explain no more than the series that they are nested in may leave for others, as an inclusion what a stiffness field leaves of
+    a patch. gains: see `worth_a_name`."""
+    left = {
+        a.effect.name: thresholds.secondary_share_truncated * gains.get(a.effect.name, 0.0)
+        for a in additions
+        if a.effect.truncated
+    }
+    return tuple(
+        a.effect.name for a in additions if gains.get(a.effect.name, np.inf) >= left.get(a.effect.nested_in, 0.0)
+    )
 
 
 def is_small(first: Round, last: Round, thresholds: Thresholds = DEFAULT) -> bool:

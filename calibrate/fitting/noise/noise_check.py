@@ -73,7 +73,7 @@ def check_noise(experiment: Experiment) -> NoiseCheck:
     unseen = NoiseCheck(stated, float("nan"), stated)
     if experiment.plane == "strain":
         return unseen
-    basis, c = _material(experiment)
+    basis, c = material(experiment)
     fine = FineFields.of(experiment, FINE, basis, c)
     if fine is None:
         return unseen
@@ -82,13 +82,13 @@ def check_noise(experiment: Experiment) -> NoiseCheck:
     return _of_stated(
         stated,
         fine,
-        CommonRatios() if stated.is_correlated else _ratios(experiment, fine, _unit(stated), basis, c),
+        CommonRatios() if stated.is_correlated else _ratios(experiment, fine, unit_of(stated), basis, c),
     )
 
 
 def _of_stated(stated: Noise, fine: FineFields, ratios: CommonRatios) -> NoiseCheck:
     """With what increments have in common, where none of it is stated but some is there."""
-    unit = _unit(stated)
+    unit = unit_of(stated)
     if any(ratios):
         used = _with_common(replace(stated, displacement_std=fine.std(unit, ratios.variances(fine.shares))), ratios)
         used = with_least_own(used, fine.system.experiment.temporal_std)
@@ -98,7 +98,7 @@ def _of_stated(stated: Noise, fine: FineFields, ratios: CommonRatios) -> NoiseCh
     return NoiseCheck(stated, factor * stated.total_std, used)
 
 
-def _unit(noise: Noise) -> Noise:
+def unit_of(noise: Noise) -> Noise:
     """Of 1 mm, new in each increment, with the same correlation between points."""
     return Noise(1.0, noise.correlation_length, second_length=noise.second_length, second_share=noise.second_share)
 
@@ -154,7 +154,7 @@ def _agree(one: Noise, other: Noise) -> bool:
     return all(a == b or (min(a, b) > 0 and 1 / AGREES <= a / b <= AGREES) for a, b in pairs)
 
 
-def _material(experiment: Experiment) -> tuple[Basis, Array]:
+def material(experiment: Experiment) -> tuple[Basis, Array]:
     """A convex spline of both invariants and its coefficients, as a calibration begins."""
     system = equilibrium(experiment.select(evenly(experiment, MATERIAL_INCREMENTS)))
     basis = basis_for(INPUTS, system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)

@@ -40,10 +40,9 @@ def correlated_unit(experiment: Experiment, basis: Basis, c: Array) -> Noise:
     if len(used) < 2:
         return Noise(1.0)
     shares = min(_candidates(), key=lambda shares: _disagreement(used, shares))
-    (short, *second), share = np.flatnonzero(shares), float(shares[np.flatnonzero(shares)[-1]])
-    if not second:
-        return Noise(1.0, float(lengths[short]))
-    return Noise(1.0, float(lengths[short]), second_length=float(lengths[second[0]]), second_share=share)
+    short, *longer = np.flatnonzero(shares).tolist()
+    second = {"second_length": float(lengths[longer[0]]), "second_share": float(shares[longer[0]])} if longer else {}
+    return Noise(1.0, float(lengths[short]), **second)
 
 
 def _candidates() -> Iterator[Array]:

@@ -26,7 +26,7 @@ from calibrate.diagnosis.selection import DEFAULT, Verdict, close_loop
 from calibrate.diagnosis.selection.candidate_fit import Model
 from calibrate.diagnosis.selection.loop import extended, scored_round
 from calibrate.diagnosis.selection.rounds import Refusal, RefusalReason, Review
-from calibrate.diagnosis.selection.verdict import beside_series, conclude, worth_a_name
+from calibrate.diagnosis.selection.verdict import conclude, not_nested, worth_a_name
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.support.nodal_derivatives import gradient
@@ -501,14 +501,16 @@ def test_a_lesser_effect_is_named_beside_one_that_leaves_nothing_for_it():
         assert "second invariant" in worth_a_name(both, {name: 1000.0, "second invariant": 40.0})
 
 
-def test_what_a_series_leaves_for_an_effect_of_its_stage_has_no_name():
-    """An inclusion takes what fifteen cosines leave of a patch; an energy is not of that kind."""
+def test_what_a_series_leaves_for_an_effect_that_is_nested_in_it_has_no_name():
+    """An inclusion takes what fifteen cosines leave of a patch; a rotation beside a warp, which is a series and of its stage, is no part of it."""
     by_name = {e.name: e for e in CATALOGUE}
     three = tuple(Addition(by_name[name], ()) for name in ("stiffness field", "inclusion", "second invariant"))
     gains = {"stiffness field": 1000.0, "inclusion": 10.0, "second invariant": 10.0}
-    assert beside_series(three, gains) == ("stiffness field", "second invariant")
-    assert beside_series(three, {**gains, "inclusion": 100.0}) == tuple(gains)
-    assert beside_series(three[1:], gains) == ("inclusion", "second invariant")
+    assert not_nested(three, gains) == ("stiffness field", "second invariant")
+    assert not_nested(three, {**gains, "inclusion": 100.0}) == tuple(gains)
+    assert not_nested(three[1:], gains) == ("inclusion", "second invariant")
+    recorded = tuple(Addition(by_name[name], ()) for name in ("initial warp", "image rotation"))
+    assert not_nested(recorded, {"initial warp": 1000.0, "image rotation": 10.0}) == ("initial warp", "image rotation")
 
 
 def weighed(c01, effects=FEW, fitted=False):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import ufl
 from made_up import made_up_chain
 
 from calibrate.diagnosis.parameters import Variables
@@ -70,8 +71,6 @@ def test_the_forward_model_has_it_at_the_same_place():
 
 
 def test_an_ellipse_of_equal_axes_is_a_circle():
-    import ufl
-
     place = ufl.as_vector([ufl.as_ufl(1.2), ufl.as_ufl(0.4)])
     values = []
     for short, angle in ((1.5, 0.0), (0.3, 0.0), (0.3, np.arctan2(0.4, 1.2))):
