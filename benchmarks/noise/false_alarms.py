@@ -108,9 +108,9 @@ def described(found: Discovery) -> dict[str, Any]:
     first = found.rounds[0]
     best = sorted((c.score for c in first.candidates if c.score.is_tested), key=lambda score: score.adjusted)[:SHOWN]
     tests = {
-        "all": first.fit.misfits.everything,
-        "certain": first.fit.misfits.certain,
-        "smooth": first.fit.misfits.smooth,
+        "all": first.misfits.everything,
+        "certain": first.misfits.certain,
+        "smooth": first.misfits.smooth,
     }
     if first.predicted is not None:
         tests["predicted"] = first.predicted

@@ -133,12 +133,13 @@ class Experiment:
         return float(found.get("std", 0.0))
 
     @property
-    def noise_is_estimated(self) -> bool:
-        """Whether the noise of the displacements is what an import estimated from the fields alone."""
-        said, kinds = self.provenance.get("noise") or {}, ("total", "temporal")
-        if self.noise is None or said.get("displacement") not in kinds:
+    def noise_is_stated(self) -> bool:
+        """Whether someone said how large the noise of the displacements is, so that it is not what an import estimated from the fields alone."""
+        if self.noise is None or not self.noise.displacement_std > 0:
             return False
-        return self.noise.displacement_std in [(said.get(kind) or {}).get("std") for kind in kinds]
+        said, kinds = self.provenance.get("noise") or {}, ("total", "temporal")
+        estimates = [(said.get(kind) or {}).get("std") for kind in kinds]
+        return said.get("displacement") not in kinds or self.noise.displacement_std not in estimates
 
     @property
     def is_synchronised(self) -> bool:

@@ -15,7 +15,7 @@ from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis import residual_tests
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.problem import Problem
-from calibrate.diagnosis.residual_tests import ChiSquare, Misfits
+from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.signature_noise import denoised, excess, hidden_noise
 from calibrate.effects.chain import Additions, Chain
 from calibrate.fitting import gauss_newton
@@ -34,8 +34,8 @@ SMALL_STEP = 1e-2  # norm, in standard deviations of an equation, at which a fit
 class Fit:
     """Base and effects fitted together.
 
-    c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. misfits: of the part that neither the
-    base (within its prior) nor the amplitudes could change. additions: effects; errors: a standard deviation for each
+    c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. unexplained: of the part that
+    neither the base (within its prior) nor the amplitudes could change. additions: effects; errors: a standard deviation for each
     amplitude. columns (N, k): orthonormal, what the fit can adjust. residual (N,): whitened, rows of the prior last. log_determinant: of the
     covariance that the weights come from. last_step: norm of what the last step changed, in standard deviations of an
     equation; above 1 the fit has not converged. stop: why the iteration ended.
@@ -44,7 +44,7 @@ class Fit:
     c: Array
     additions: Additions
     loss: float
-    misfits: Misfits
+    unexplained: ChiSquare
     n_rows: int
     columns: Array = field(repr=False)
     residual: Array = field(repr=False)
@@ -62,12 +62,12 @@ class Fit:
     @property
     def free_loss(self) -> float:
         """Chi-square of the part of the residual that neither base nor amplitudes could change."""
-        return self.misfits.everything.value
+        return self.unexplained.value
 
     @property
     def degrees(self) -> int:
         """Degrees of freedom of `free_loss`."""
-        return self.misfits.everything.degrees
+        return self.unexplained.degrees
 
     @property
     def converged(self) -> bool:
@@ -84,16 +84,6 @@ class Fit:
         """Minus twice the log-likelihood of what no I1 energy can absorb; see `Misfit.likelihood`."""
         dispersion = max(1.0, self.reduced_chi_square)
         return self.free_loss / dispersion + self.degrees * float(np.log(dispersion)) + self.log_determinant
-
-    @property
-    def p_value(self) -> float:
-        """Probability of a misfit as large, if there is nothing but noise, from all three (Bonferroni).
-
-        The weights allow for discretisation errors of a size that they seldom have, so that `everything` alone is too
-        forgiving; an effect that acts as these errors do is not seen in `certain`; a small one that acts everywhere alike
-        is lost in the noise of many equations, but not in `smooth`.
-        """
-        return min(1.0, 3 * min(test.p_value for test in self.misfits))
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,18 +239,11 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
     r = equations.residual(problem, c, additions)
     _check(r, additions)
     U = orthonormal(np.concatenate([linear.A, linear.S], axis=1))
-    uncertain = problem.padded(residual_tests.uncertain_directions([part.train for part in problem.trained]))
-    smooth = residual_tests.smooth_disturbances(problem)
-    smooth = orthonormal(smooth - U @ (U.T @ smooth))
-    misfits = Misfits(
-        ChiSquare(*residual_outside(r, U)),
-        ChiSquare(*residual_outside(r, np.concatenate([U, uncertain], axis=1))),
-        ChiSquare(float(((smooth.T @ r) ** 2).sum()), smooth.shape[1]),
-    )
+    unexplained = ChiSquare(*residual_outside(r, U))
     determinant = sum(part.train.log_determinant for part in problem.trained)
     n_rows = len(r) - len(problem.prior)
     loss = float(r[:n_rows] @ r[:n_rows])
-    fit = Fit(c, additions, loss, misfits, n_rows, U, r, linear.chains, determinant)
+    fit = Fit(c, additions, loss, unexplained, n_rows, U, r, linear.chains, determinant)
     return replace(fit, errors=_errors(problem, linear, fit)) if additions else fit
 
 

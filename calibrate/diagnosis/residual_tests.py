@@ -17,7 +17,7 @@ from calibrate.diagnosis.problem import Part, Problem
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations.discretisation_error import REMAINDER
 from calibrate.equations.weights import Weights
-from calibrate.fitting.least_squares import residual_outside
+from calibrate.fitting.least_squares import orthonormal, residual_outside
 
 Array = NDArray[np.float64]
 PLACE_COSINES, TIME_COSINES = 3, 4  # over each side of a specimen, over its increments
@@ -46,6 +46,28 @@ class Misfits(NamedTuple):
     everything: ChiSquare
     certain: ChiSquare
     smooth: ChiSquare
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a misfit as large, if there is nothing but noise, from all three (Bonferroni).
+
+        The weights allow for discretisation errors of a size that they seldom have, so that `everything` alone is too
+        forgiving; an effect that acts as these errors do is not seen in `certain`; a small one that acts everywhere alike
+        is lost in the noise of many equations, but not in `smooth`.
+        """
+        return min(1.0, 3 * min(test.p_value for test in self))
+
+
+def misfits(problem: Problem, residual: Array, columns: Array) -> Misfits:
+    """Of a fit to the problem, with its whitened residual (N,) and orthonormal columns (N, k), what it can adjust."""
+    uncertain = problem.padded(uncertain_directions([part.train for part in problem.trained]))
+    smooth = smooth_disturbances(problem)
+    smooth = orthonormal(smooth - columns @ (columns.T @ smooth))
+    return Misfits(
+        ChiSquare(*residual_outside(residual, columns)),
+        ChiSquare(*residual_outside(residual, np.concatenate([columns, uncertain], axis=1))),
+        ChiSquare(float(((smooth.T @ residual) ** 2).sum()), smooth.shape[1]),
+    )
 
 
 def kinematic_errors(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[Array]:
@@ -111,8 +133,7 @@ def _over_increments(part: Part, places: Array) -> Array:
 
 def uncertain_directions(weights: Sequence[Weights]) -> Array:
     """Directions (N, k) in which a discretisation error may be as large as noise, for rows of several parts."""
-    blocks = [w.U[:, w.shrink < 1 / np.sqrt(1 + DOUBTFUL) - 1] for w in weights]
-    return scipy.linalg.block_diag(*blocks)
+    return scipy.linalg.block_diag(*[w.uncertain_directions(DOUBTFUL) for w in weights])
 
 
 def prediction_test(problem: Problem, c: Array, additions: Additions) -> ChiSquare | None:

@@ -29,7 +29,7 @@ from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
 
 Array = NDArray[np.float64]
-NEGLIGIBLE = 1e-9  # variance that is left of an equation, over the largest of any
+NEGLIGIBLE = 1e-6  # variance that is left of an equation, over the largest of any
 KEPT = 0.99  # share of the squared corrections; the smallest are left out
 REMAINDER = 0.2  # of a discretisation error, that a twin misses: docs/discover_method.md, "Weights"
 

@@ -205,17 +205,17 @@ class EquationNoise:
         parts = [part[:, None, None] * found for part in self.common.T if part.any()]
         return np.concatenate([*parts, self._of_cells()], axis=2)
 
-    def covariance_in_common(self, rows: NDArray[np.bool_]) -> Array:
-        """(N, N), N^2, of the rows (t, r) that are used, by `sources`."""
+    def covariance(self, rows: NDArray[np.bool_]) -> Array:
+        """(N, N), N^2, of the rows (t, r) that are used, by all noise."""
         some = np.flatnonzero(rows.any(axis=1)).tolist()
-        ends = np.append(0, np.cumsum(rows.sum(axis=1)))
-        cells, factors = self._of_cells()[rows], self.common @ self.common.T
-        found = np.zeros(2 * cells.shape[:1])
-        for i, j in ((i, j) for i in some for j in some if i <= j and factors[i, j]):
-            block = factors[i, j] * self._product(i, j)[np.ix_(rows[i], rows[j])]
-            found[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = block
-            found[ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.T
-        return found + cells @ cells.T
+        ends, between = np.append(0, np.cumsum(rows.sum(axis=1))), self.own + self.common @ self.common.T
+        found = np.zeros((ends[-1], ends[-1]))
+        for i, j in ((i, j) for i in some for j in some if i <= j and between[i, j]):
+            block = between[i, j] * self._product(i, j) + (self._of_forces(i) if i == j else 0.0)
+            part = block[np.ix_(rows[i], rows[j])]
+            found[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = part
+            found[ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = part.T
+        return found
 
     @cached_property
     def _cells_apart(self) -> NDArray[np.bool_]:

@@ -2,18 +2,18 @@
 
 In: an `EquationNoise`, and sources of a discrepancy that act alike in all increments. Out: a linear map of residuals (..., t, 2 v) to rows (..., N).
 
+Up to `DENSE` rows the covariance of all is formed where increments have noise in common, or the discrepancy has many sources: `Whole`. Else, `Split`:
+
 1. The part of the noise of its own: of each increment i, given those before it, L_i^-1 (r_i - M_i r_before), with L_i L_i^T the covariance that is left
    (Vecchia 1988; Katzfuss and Guinness 2021). As many are before it as tell what all before would (`memory`): none where the noise is new in each, one
    where it drifts as exp(-t / tau), those with the pictures that it is made of for an increment between pictures.
-2. What the noise has in common, V after 1: the covariance is I + V V^T. With C C^T = I + V^T V, I - V (I + C^T)^-1 C^-1 V^T is an inverse root. Up to `DENSE` rows
-   its Cholesky factor takes less time than V does.
-3. The discrepancy, V = U s W^T after 2: the inverse root of I + V V^T is I + U (1 / sqrt(1 + s^2) - 1) U^T.
+2. Sources V of the rest after 1: the covariance is I + V V^T. With C C^T = I + V^T V, I - V (I + C^T)^-1 C^-1 V^T is an inverse root.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +24,7 @@ from calibrate.equations.noise_covariance import EquationNoise, cholesky_factor
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-SMALL = 0.02  # variance of a discrepancy over that of noise, below which it is left out
-DENSE = 5000  # rows up to which the covariance of what is in common is formed
+DENSE = 5000  # rows up to which their covariance is formed
 TOLD = 1e-3  # of the variance of an increment: what those further back may tell of it beside those before it
 
 
@@ -38,13 +37,13 @@ class Block(NamedTuple):
 
 
 class Whole(NamedTuple):
-    """lower (N, N): Cholesky factor of the covariance I + V V^T, see the head of this module."""
+    """lower (N, N): Cholesky factor of the covariance of all rows."""
 
     lower: Array
 
-    def white(self, rows: Array) -> Array:
-        """Rows (..., N) without the covariance of what is in common."""
-        return _solved(self.lower, rows.reshape(-1, len(self.lower)).T).T.reshape(rows.shape)
+    def white(self, columns: Array) -> Array:
+        """Columns (N, k) of unit covariance."""
+        return _solved(self.lower, columns)
 
     def adjoint(self, rows: Array) -> Array:
         """The transposed map (N,)."""
@@ -71,26 +70,52 @@ class Common(NamedTuple):
         inner = _solved(np.eye(len(lower)) + lower.T, inverse, lower=False)
         return cls(V, inner, float(np.log(np.diag(lower)).sum()))
 
-    def white(self, rows: Array) -> Array:
-        """Rows (..., N) without the covariance of what is in common."""
-        return np.asarray(rows - rows @ self.V @ self.inner.T @ self.V.T)
+    def white(self, columns: Array) -> Array:
+        """Columns (N, k) without the covariance of the sources."""
+        return np.asarray(columns - self.V @ (self.inner @ (self.V.T @ columns)))
 
     def adjoint(self, rows: Array) -> Array:
         """The transposed map (N,)."""
         return np.asarray(rows - self.V @ (self.inner.T @ (self.V.T @ rows)))
 
 
+class Split(NamedTuple):
+    """blocks: of each increment. common: None where nothing is in common."""
+
+    blocks: tuple[Block, ...]
+    common: Common | None
+
+    def white(self, columns: Array) -> Array:
+        """Columns (N, k) of unit covariance."""
+        found = _own_white(self.blocks, columns)
+        return found if self.common is None else self.common.white(found)
+
+    def adjoint(self, rows: Array) -> Array:
+        """The transposed map (N,)."""
+        white = rows if self.common is None else self.common.adjoint(rows)
+        flat = np.zeros(len(white))
+        for before, own, block in _places(self.blocks):
+            part = block.root.T @ white[own]
+            flat[own] += part
+            flat[before] -= block.gain.T @ part
+        return flat
+
+    @property
+    def log_determinant(self) -> float:
+        """Of the inverse of the map."""
+        own = -sum(float(np.log(np.diag(block.root)).sum()) for block in self.blocks)
+        return own + (self.common.log_determinant if self.common else 0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """rows (t, 2 v): which equations are used. variance (t, 2 v), N^2: of the noise of each; 0 of those not used. blocks: of each increment. common:
-    None where the noise has nothing in common. U (N, s), shrink (s,): of the discrepancy, see the head of this module."""
+    """rows (t, 2 v): which equations are used. variance (t, 2 v), N^2: of the noise of each; 0 of those not used. root: of the covariance. sources
+    (t, 2 v, s), N: of the discrepancy; None without."""
 
     rows: Mask
     variance: Array = field(repr=False)
-    blocks: tuple[Block, ...] = field(repr=False)
-    common: Common | Whole | None = field(repr=False)
-    U: Array = field(repr=False)
-    shrink: Array = field(repr=False)
+    root: Whole | Split = field(repr=False)
+    sources: Array | None = field(repr=False)
 
     @property
     def size(self) -> int:
@@ -100,60 +125,48 @@ class Weights:
     def __call__(self, residuals: Array) -> Array:
         """Rows (..., N) of residuals (..., t, 2 v)."""
         flat = residuals.reshape(*residuals.shape[:-2], -1)[..., self.rows.ravel()]
-        white = _own_white(self.blocks, flat.reshape(-1, self.size).T).T.reshape(flat.shape)
-        if self.common is not None:
-            white = self.common.white(white)
-        return white + ((white @ self.U) * self.shrink) @ self.U.T
+        return self.root.white(flat.reshape(-1, self.size).T).T.reshape(flat.shape)
 
     @property
     def log_determinant(self) -> float:
         """Of the covariance of the residuals used."""
-        own = -sum(float(np.log(np.diag(block.root)).sum()) for block in self.blocks)
-        common = self.common.log_determinant if self.common else 0.0
-        return 2 * (own + common - float(np.log1p(self.shrink).sum()))
+        return 2 * self.root.log_determinant
 
     def adjoint(self, white: Array) -> Array:
         """The transposed map: rows (N,) to (t, 2 v)."""
-        white = white + self.U @ (self.shrink * (self.U.T @ white))
-        if self.common is not None:
-            white = self.common.adjoint(white)
-        flat = np.zeros(len(white))
-        for before, own, block in _places(self.blocks):
-            part = block.root.T @ white[own]
-            flat[own] += part
-            flat[before] -= block.gain.T @ part
         result = np.zeros(self.rows.shape)
-        result[self.rows] = flat
+        result[self.rows] = self.root.adjoint(white)
         return result
+
+    def uncertain_directions(self, least: float) -> Array:
+        """Orthonormal directions (N, k) of rows in which the variance of the discrepancy is more than `least` times that of the noise.
+
+        Sources V of unit noise have the squares s^2 = eig(V V^T), and s^2 / (1 + s^2) once their covariance is taken out, too.
+        """
+        if self.sources is None or not self.size:
+            return np.zeros((self.size, 0))
+        V = self.root.white(self.sources[self.rows])
+        wide = V.shape[1] > len(V)
+        values, U = scipy.linalg.eigh(V @ V.T if wide else V.T @ V, subset_by_value=(least / (1 + least), np.inf))
+        return U if wide else np.asarray(V @ U / np.sqrt(values))
 
 
 def weights_of(noise: EquationNoise, rows: Mask, sources: Array | None = None) -> Weights:
     """Weights for the equations `rows` (t, 2 v) with a noise and the sources (t, 2 v, s) of a discrepancy common to all."""
-    n, blocks = int(rows.sum()), tuple(_blocks(noise, rows))
-    common = _common(blocks, noise, rows) if n and not noise.is_new_in_each else None
-    plain = Weights(rows, noise.variance(rows), blocks, common, np.zeros((n, 0)), np.zeros(0))
-    if sources is None or n == 0:
-        return plain
-    V = plain(np.moveaxis(sources, -1, 0)).T
-    if V.shape[1] > n:
-        values, U = np.linalg.eigh(V @ V.T)
-    else:
-        values, W = np.linalg.eigh(V.T @ V)
-        keep = values > 1e-8 * max(values.max(), 1e-300)
-        values, U = values[keep], V @ W[:, keep] / np.sqrt(values[keep])
-    keep = values > SMALL
-    return replace(plain, U=U[:, keep], shrink=1 / np.sqrt(1 + values[keep]) - 1)
+    return Weights(rows, noise.variance(rows), _root(noise, rows, sources), sources)
 
 
-def _common(blocks: tuple[Block, ...], noise: EquationNoise, rows: Mask) -> Common | Whole:
-    """Of the rows used."""
-    if rows.sum() <= DENSE:
-        half = _own_white(blocks, noise.covariance_in_common(rows))
-        return Whole(cholesky_factor(np.eye(len(half)) + _own_white(blocks, half.T)))
-    V = _own_white(blocks, noise.sources[rows])
-    if V.shape[1] > len(V):
-        V = cholesky_factor(V @ V.T)
-    return Common.of(V)
+def _root(noise: EquationNoise, rows: Mask, sources: Array | None) -> Whole | Split:
+    """Of the covariance of the rows used."""
+    n, more = int(rows.sum()), np.zeros((int(rows.sum()), 0)) if sources is None else sources[rows]
+    if 0 < n <= DENSE and (2 * more.shape[1] > n or not noise.is_new_in_each):
+        return Whole(cholesky_factor(noise.covariance(rows) + more @ more.T))
+    blocks = tuple(_blocks(noise, rows))
+    every = more if noise.is_new_in_each else np.concatenate([noise.sources[rows], more], axis=1)
+    if not every.size:
+        return Split(blocks, None)
+    V = _own_white(blocks, every)
+    return Split(blocks, Common.of(V if V.shape[1] <= len(V) else cholesky_factor(V @ V.T)))
 
 
 def _blocks(noise: EquationNoise, rows: Mask) -> Iterator[Block]:

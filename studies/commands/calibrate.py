@@ -23,6 +23,7 @@ from calibrate.errors import ConfigError
 from calibrate.fitting.calibration import Calibration, Options
 from calibrate.fitting.calibration import calibrate as fit_network
 from calibrate.fitting.classical_fit import compare
+from calibrate.fitting.noise.noise_check import with_found_noise
 from studies.commandline.option_types import (
     Count,
     Integers,
@@ -154,13 +155,15 @@ def calibrate(
     folder = open_output_folder(output or default_folder("calibrate", quick), overwrite, key)
     part = everything if fitted.all() else everything.select(fitted.nonzero()[0])
     with released_if_refused(folder):
+        part, noise = with_found_noise(part)
+        everything = part if fitted.all() else replace(everything, noise=part.noise)
         calibration = fit_network(part, options, callback("assembling"))
         laws, record = compare(calibration), None
         if fit.polish:
             held = None if fitted.all() else everything.select((~fitted).nonzero()[0])
             calibration, record = _polished(calibration, held)
     view = review(calibration, everything, fitted, callback("judging residuals"))
-    view = replace(view, classical=laws, polish=record)
+    view = replace(view, classical=laws, polish=record, noise=noise)
     write(folder, view, manifest)
     return Calibrated(folder, view)
 

@@ -24,7 +24,7 @@ def dominant_effect(found: Discovery, say: Say = lambda text: None) -> DominantE
     """
     if found.verdict is not Verdict.NOT_EXPLAINED or not found.problem.noise_is_known or not found.final.names:
         return None
-    if found.base.misfits.everything.p_value >= found.thresholds.misfit_p:
+    if found.base.unexplained.p_value >= found.thresholds.misfit_p:
         return None
     before = _excess(found.base)
     left = {name: _excess(fit) for name, fit in _alone(found, say)}
@@ -41,8 +41,7 @@ def dominant_effect(found: Discovery, say: Say = lambda text: None) -> DominantE
 
 def _excess(fit: Fit) -> float:
     """Chi-square beyond what noise leaves, no less than one standard deviation of that."""
-    test = fit.misfits.everything
-    return max(test.value - test.degrees, (2 * max(test.degrees, 1)) ** 0.5)
+    return max(fit.free_loss - fit.degrees, (2 * max(fit.degrees, 1)) ** 0.5)
 
 
 def _alone(found: Discovery, say: Say) -> Iterator[tuple[str, Fit]]:

@@ -76,7 +76,7 @@ def _place(
     scores = [candidate_fit.at_best_shape(Model(weighted, without), s) for s in scores[: thresholds.refined]]
     own = next((s for s in scores if s.effect.name == one.effect.name), None)
     # the others as they were beside this one
-    start = Model(model.problem, replace(state, additions=others, loss=without.loss, misfits=without.misfits))
+    start = Model(model.problem, replace(state, additions=others, loss=without.loss, unexplained=without.unexplained))
     candidates = [
         candidate_fit.fitted(start, Candidate(s), thresholds, compared=True)
         for s in _rivals(scores, own, one.effect.name, thresholds)

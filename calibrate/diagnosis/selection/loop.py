@@ -85,7 +85,8 @@ def scored_round(model: Model, effects: Sequence[Effect], seed: int = 0, thresho
     assert train is not None
     held = misfit(problem, state.c, state.additions, True)
     predicted = residual_tests.prediction_test(problem, state.c, state.additions)
-    return Round(state, train, held, tuple(candidates), predicted)
+    misfits = residual_tests.misfits(problem, state.residual, state.columns)
+    return Round(state, train, held, misfits, tuple(candidates), predicted)
 
 
 def _with_fits(model: Model, now: Round, thresholds: Thresholds, say: Say) -> Round:

@@ -13,7 +13,7 @@ from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck
-from calibrate.diagnosis.residual_tests import ChiSquare
+from calibrate.diagnosis.residual_tests import ChiSquare, Misfits
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects.chain import Addition
@@ -108,6 +108,7 @@ class Round:
     fit: Fit
     train: Misfit
     held: Misfit | None
+    misfits: Misfits
     candidates: tuple[Candidate, ...]
     predicted: ChiSquare | None = None
     added: str | None = None

@@ -51,7 +51,7 @@ def conclude(
 def is_noise(problem: Problem, now: Round, thresholds: Thresholds) -> bool:
     """Whether residual and prediction are no more than noise; where the noise is unknown, nothing says that they are."""
     return not problem.noise_is_known or (
-        now.fit.p_value > thresholds.misfit_p and now.predicted_p > thresholds.misfit_p
+        now.misfits.p_value > thresholds.misfit_p and now.predicted_p > thresholds.misfit_p
     )
 
 
@@ -88,4 +88,4 @@ def is_small(first: Round, last: Round, thresholds: Thresholds = DEFAULT) -> boo
 
 
 def _tests(now: Round) -> list[ChiSquare]:
-    return [test for test in (*now.fit.misfits, now.predicted) if test is not None]
+    return [test for test in (*now.misfits, now.predicted) if test is not None]

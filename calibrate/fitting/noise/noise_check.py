@@ -67,6 +67,11 @@ def with_checked_noise(experiment: Experiment) -> tuple[Experiment, NoiseCheck]:
     return (replace(experiment, noise=check.used) if check.corrected else experiment), check
 
 
+def with_found_noise(experiment: Experiment) -> tuple[Experiment, NoiseCheck | None]:
+    """The same where nobody stated a noise; as it is, and None, where someone did."""
+    return (experiment, None) if experiment.noise_is_stated else with_checked_noise(experiment)
+
+
 def check_noise(experiment: Experiment) -> NoiseCheck:
     """Raises the errors of `calibrate.equations.equilibrium.equilibrium`. In plane strain the stated noise is used unseen."""
     stated = experiment.noise if experiment.noise and experiment.noise.displacement_std > 0 else None
@@ -77,7 +82,7 @@ def check_noise(experiment: Experiment) -> NoiseCheck:
     fine = FineFields.of(experiment, FINE, basis, c)
     if fine is None:
         return unseen
-    if stated is None or experiment.noise_is_estimated:
+    if stated is None or not experiment.noise_is_stated:
         return _of_unstated(experiment, stated, fine, basis, c)
     return _of_stated(
         stated,

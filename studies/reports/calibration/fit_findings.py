@@ -15,7 +15,7 @@ from studies.output.findings import Finding, Macro
 from studies.reports.calibration.classical_table import force_error
 from studies.reports.calibration.fit_review import Review, section_shares
 from studies.reports.calibration.polish_record import Kept, PolishRecord
-from studies.reports.experiments.experiment_findings import experiment_findings
+from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
 from studies.reports.prediction.predicted_curves import band_finding
 
 
@@ -74,6 +74,8 @@ def findings(view: Review) -> list[Finding]:
     if view.experiment.thickness is None:
         found.append(_finding(FitCode.THICKNESS_UNKNOWN))
     found += experiment_findings(view.experiment, view.chi_square is not None)
+    if view.noise is not None and view.noise.corrected:
+        found.append(noise_found(view.experiment.name, view.noise, view.experiment.clock_unit))
     if view.experiment.plane == "strain":
         found.append(_finding(FitCode.PLANE_STRAIN))
     return found

@@ -24,6 +24,7 @@ from calibrate.equations.noise_covariance import cholesky_factor
 from calibrate.equations.reduction import assemble
 from calibrate.fitting.calibration import Calibration, predict_forces, relative_force_error
 from calibrate.fitting.classical_fit import Comparison
+from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.json_file import MEASURED, NOMINAL
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
@@ -52,7 +53,7 @@ class Review:
     predicted from the measured displacements. residuals, deviations (n_increments, rows): internal minus external
     virtual work and its standard deviation from the noise, N; chi_square (n_increments,): per equation, 1 where
     noise is all there is. The last two are None where the noise is unknown. classical: classical laws beside the network, where they were fitted.
-    polish: what it did, where it was asked for.
+    polish: what it did, where it was asked for. noise: what was found of it, where nobody stated it.
     """
 
     calibration: Calibration
@@ -66,6 +67,7 @@ class Review:
     neo_hooke_error: float
     classical: Comparison | None = None
     polish: PolishRecord | None = None
+    noise: NoiseCheck | None = None
 
     @property
     def model(self) -> Model:

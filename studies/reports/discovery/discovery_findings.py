@@ -10,7 +10,6 @@ from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.selection import Discovery
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
-from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.fitness import Use
 from studies.output.findings import Finding, Macro
 from studies.output.words import plus_minus
@@ -21,7 +20,7 @@ from studies.reports.discovery.own_effects_table import alike, seen
 from studies.reports.discovery.replay_section import plausible_findings, replay_findings
 from studies.reports.discovery.view import BAND, View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
-from studies.reports.experiments.experiment_findings import experiment_findings
+from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
 from studies.reports.headline import Reason
 
 ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
@@ -33,7 +32,6 @@ class DiscoveryCode(Macro):
 
     NO_TIME = "no_time"
     NOISE_UNKNOWN = "unknown_noise"
-    NOISE_FOUND = "noise_found"
     NOISE_OVERSTATED = "overstated_noise"
     NO_TWIN = "no_twin"
     NOTHING_HELD_OUT = "nothing_held_out"
@@ -89,26 +87,6 @@ def _of_noise(view: View) -> Iterator[Finding]:
     attenuated = discovery_quality(view).attenuation > ATTENUATED  # a stiffness too small leaves residuals too small
     if chi_square < OVERSTATED and not attenuated:
         yield _finding(DiscoveryCode.NOISE_OVERSTATED, chi_square=chi_square)
-
-
-def noise_found(name: str, check: NoiseCheck, clock_unit: str = "s") -> Finding:
-    """The noise that is used in place of the stated one; stated, found: standard deviations, mm. clock_unit: see `Experiment.clock_unit`."""
-    used = check.used and {
-        **asdict(check.used),
-        "is_common": check.used.is_common,
-        "is_correlated": check.used.is_correlated,
-    }
-    stated = None if check.stated is None else check.stated.total_std
-    return _finding(
-        DiscoveryCode.NOISE_FOUND,
-        name=name,
-        stated=stated,
-        found=check.found,
-        factor=check.factor,
-        used=used,
-        common_found=check.common_found,
-        clock_unit=clock_unit,
-    )
 
 
 def _of_twins(view: View) -> Iterator[Finding]:

@@ -29,7 +29,7 @@ from studies.reports.discovery.own_effects_table import own_effects_record
 from studies.reports.discovery.view import BAND, View, held_increments
 from studies.reports.discovery.weighing_tables import weighing_record
 
-MISFITS = ("all", "no discretisation error", "slow")  # names of the tests of `Fit.misfits` in discovery.json
+MISFITS = ("all", "no discretisation error", "slow")  # names of the tests of `Round.misfits` in discovery.json
 
 
 @dataclass(frozen=True)
@@ -215,8 +215,8 @@ def round_record(now: Round, view: View) -> dict[str, Any]:
         "equations": now.fit.n_rows,
         "degrees_of_freedom": now.fit.degrees,
         "reduced_chi_square": now.fit.reduced_chi_square,
-        "p_value": now.fit.p_value if known else None,
-        "misfits": {name: _test(test) for name, test in zip(MISFITS, now.fit.misfits, strict=True)},
+        "p_value": now.misfits.p_value if known else None,
+        "misfits": {name: _test(test) for name, test in zip(MISFITS, now.misfits, strict=True)},
         "predicted": None
         if now.predicted is None
         else {**_test(now.predicted), "p_value": now.predicted_p if known else None},

@@ -171,14 +171,14 @@ def _errors(view: View) -> ErrorChange:
 
 def _residual(view: View) -> Residual:
     found, now = view.discovery, view.discovery.rounds[-1]
-    limit, tests = found.thresholds.misfit_p, now.fit.misfits._asdict()
+    limit, tests = found.thresholds.misfit_p, now.misfits._asdict()
     smallest = min(tests, key=lambda name: tests[name].p_value)
-    telling = smallest if smallest != "everything" and now.fit.p_value < limit else None
+    telling = smallest if smallest != "everything" and now.misfits.p_value < limit else None
     return Residual(
         found.problem.noise_is_known,
-        min(now.fit.p_value, now.predicted_p) < limit,
+        min(now.misfits.p_value, now.predicted_p) < limit,
         now.fit.reduced_chi_square,
-        now.fit.p_value,
+        now.misfits.p_value,
         telling,
         None if now.predicted is None else now.predicted_p,
     )

@@ -34,7 +34,7 @@ def model_table(view: View) -> Table:
     for now in view.discovery.rounds:
         fit, held = now.fit, now.held
         rows.append([
-            model_name(fit), fit.reduced_chi_square, fit.degrees, _p(fit.p_value) if known else None,
+            model_name(fit), fit.reduced_chi_square, fit.degrees, _p(now.misfits.p_value) if known else None,
             now.train.chi_square, *_errors(now.train), _p(now.predicted_p) if known and now.predicted is not None else None,
             None if held is None else held.chi_square, *_errors(held),
         ])  # fmt: skip
@@ -50,7 +50,7 @@ def misfit_table(view: View) -> Table:
     """The three tests of the residual of each model."""
     rows: list[list[Any]] = []
     for now in view.discovery.rounds:
-        for name, test in now.fit.misfits._asdict().items():
+        for name, test in now.misfits._asdict().items():
             rows.append([model_name(now.fit), WORDS.part(test=name), test.value, test.degrees, _p(test.p_value)])
     return ["model", "part", "chi-square", "degrees of freedom", "p"], rows
 

@@ -1,9 +1,12 @@
 """What a reader of any report should know of an Experiment: pictures that were not used, forces that do not balance, a bulk modulus that noise may
-lower."""
+lower, noise that is not what was stated."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from calibrate.data.experiment import Experiment
+from calibrate.fitting.noise.noise_check import NoiseCheck
 from studies.output.findings import Finding, Macro
 
 LEAST = 0.005  # of the largest force, by which forces that were measured need not balance
@@ -15,6 +18,7 @@ class ExperimentCode(Macro):
     IMBALANCE = "forces_do_not_balance"
     BULK_MODULUS = "bulk_modulus_with_unknown_noise"
     PICTURES = "pictures_used"
+    NOISE_FOUND = "noise_found"
 
 
 def experiment_findings(experiment: Experiment, noise_is_known: bool) -> list[Finding]:
@@ -38,3 +42,21 @@ def imbalance(experiment: Experiment) -> Finding | None:
     if found is None or found[0] <= max(LEAST, 4 * found[1]):
         return None
     return Finding("experiment", ExperimentCode.IMBALANCE, {"name": experiment.name, "share": float(found[0])})
+
+
+def noise_found(name: str, check: NoiseCheck, clock_unit: str = "s") -> Finding:
+    """The noise that is used in place of the stated one; stated, found: standard deviations, mm. clock_unit: see `Experiment.clock_unit`."""
+    used = check.used and {
+        **asdict(check.used),
+        "is_common": check.used.is_common,
+        "is_correlated": check.used.is_correlated,
+    }
+    stated = None if check.stated is None else check.stated.total_std
+    data = {
+        "stated": stated,
+        "found": check.found,
+        "factor": check.factor,
+        "used": used,
+        "common_found": check.common_found,
+    }
+    return Finding("experiment", ExperimentCode.NOISE_FOUND, {"name": name, **data, "clock_unit": clock_unit})

@@ -119,7 +119,7 @@ def test_what_is_left_of_the_forces_is_limited():
 def test_a_doubt_takes_the_name_away():
     problem, fit = prepared()
     error = misfit(problem, fit.c, (), False)
-    first = Round(fit, error, None, ())
+    first = Round(fit, error, None, residual_tests.misfits(problem, fit.residual, fit.columns), ())
     last = replace(first, fit=with_a_stiff_fibre().fit)
     review = Review({"one fibre family": 100.0})
     doubtful = Confirmation(error, error, 0.02, (Doubt.LARGE_FORCE_ERROR,))

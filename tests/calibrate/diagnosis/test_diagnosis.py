@@ -309,18 +309,19 @@ def test_a_small_transverse_force_is_seen_without_any_candidate():
     e = sheet()
     wrong = np.array([0.0, 3 * NOISE.force_std])
     moved = replace(e, loaded=tuple(replace(b, force=b.force + wrong) for b in e.loaded))
-    _, state = base_fit.prepare([moved], [HoldOut().training])
-    (everything, n), _, (smooth, k) = state.misfits
+    problem, state = base_fit.prepare([moved], [HoldOut().training])
+    found = residual_tests.misfits(problem, state.residual, state.columns)
+    (everything, n), _, (smooth, k) = found
     assert stats.chi2.sf(smooth, k) < 1e-4
     assert stats.chi2.sf(everything, n) > 0.1
-    assert state.p_value < DEFAULT.misfit_p
+    assert found.p_value < DEFAULT.misfit_p
 
 
 def test_nothing_is_found_where_nothing_is():
     result = found()
     assert result.verdict is Verdict.NOTHING_SIGNIFICANT
     assert result.final.additions == ()
-    assert result.base.p_value > 0.01
+    assert result.rounds[0].misfits.p_value > 0.01
 
 
 def test_second_invariant_is_found_with_its_amplitude():

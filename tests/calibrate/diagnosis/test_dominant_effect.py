@@ -25,9 +25,9 @@ def open_verdict(**changes: object) -> Discovery:
 def with_left(excess: float) -> Discovery:
     """The same with this share of the misfit of the base left, beyond noise."""
     first, last = explained().rounds
-    before, after = (one.fit.misfits.everything for one in (first, last))
+    before, after = (one.fit.unexplained for one in (first, last))
     left = ChiSquare(after.degrees + excess * (before.value - before.degrees), after.degrees)
-    fit = replace(last.fit, misfits=last.fit.misfits._replace(everything=left))
+    fit = replace(last.fit, unexplained=left)
     return open_verdict(rounds=(first, replace(last, fit=fit)))
 
 
@@ -57,7 +57,7 @@ def with_misfits(*values: float, degrees: int = 20000) -> list[Fit]:
     """Fits of the last model with these chi-squares per degree of freedom."""
     fit = explained().rounds[1].fit
     tests = (ChiSquare(value * degrees, degrees) for value in values)
-    return [replace(fit, misfits=fit.misfits._replace(everything=test)) for test in tests]
+    return [replace(fit, unexplained=test) for test in tests]
 
 
 def test_an_alarm_beside_a_misfit_as_noise_is_traced_to_nothing() -> None:

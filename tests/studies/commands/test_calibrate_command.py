@@ -60,6 +60,24 @@ def run(tmp_path, capsys, monkeypatch):
 # --- the command ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("stated", [None, "estimated"])
+def test_noise_that_nobody_stated_is_found_from_the_equations(run, stated):
+    """Whatever an import took it for: here a hundredth."""
+    little = replace(NOISE, displacement_std=1e-4)
+    estimate = {"noise": {"displacement": "total", "total": {"std": 1e-4, "correlation_length": 3.0}}}
+    changes = {"noise": None} if stated is None else {"noise": little, "provenance": estimate}
+    code, folder, said = run(replace(noisy(), **changes))
+    assert code == 0, said
+    assert "N203" in said and "N201" not in said
+    results = json.loads((folder / "report.json").read_text())["results"]
+    assert 0.7 < results["reduced_chi_square"] < 1.4
+
+
+def test_noise_that_is_stated_is_taken_as_stated(run):
+    code, _, said = run(replace(noisy(), noise=NOISE.scaled(0.5)))
+    assert code == 0 and "N203" not in said and "N206" in said
+
+
 def test_everything_is_written(run):
     shown = ("curves", "starts")  # each is drawn below
     code, folder, said = run(replace(noisy(), time=np.linspace(2, 10, 5)), figures=shown)

@@ -55,7 +55,7 @@ from studies.reports.calibration import fit_findings
 from studies.reports.calibration.polish_record import Kept, PolishRecord, ReplayErrors
 from studies.reports.discovery import discovery_findings
 from studies.reports.discovery.discovery_findings import remarks
-from studies.reports.experiments.experiment_findings import experiment_findings
+from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
 from studies.reports.headline import LIMITS, Quality, Reason, headline
 from studies.reports.prediction import predicted_curves
 from studies.reports.prediction.predicted_forces import Forecast
@@ -132,6 +132,7 @@ def review(chi_square: float | None = 1.0, **changes: Any) -> Any:
         "held_out": None,
         "classical": None,
         "polish": None,
+        "noise": None,
         "model": neo_hooke(),
         "measured": {"right": np.array([[0.0, 0.0]] * 4 + [[2.0, 0.0]])},
         "forces": {"right": np.array([[0.0, 0.0]] * 4 + [[1.5, 0.0]])},
@@ -273,8 +274,7 @@ def doubtful() -> Findings:
 def quiet() -> Findings:
     """Residuals of the base a tenth of the stated noise."""
     fit = nothing().rounds[0].fit
-    misfits = fit.misfits._replace(everything=ChiSquare(0.1 * fit.degrees, fit.degrees))
-    return of_first_round(fit=replace(fit, misfits=misfits))
+    return of_first_round(fit=replace(fit, unexplained=ChiSquare(0.1 * fit.degrees, fit.degrees)))
 
 
 def noisy(experiment: Experiment) -> Experiment:
@@ -301,7 +301,7 @@ STATED = Noise(0.01, 3.0)
 OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.no_time": no_time,
     "discovery.unknown_noise": lambda: of_problem(noise_is_known=False),
-    "discovery.noise_found": lambda: of_nothing(noise=(NoiseCheck(STATED, 0.015, STATED.scaled(1.5)),)),
+    "experiment.noise_found": lambda: of_nothing(noise=(NoiseCheck(STATED, 0.015, STATED.scaled(1.5)),)),
     "discovery.overstated_noise": quiet,
     "discovery.no_twin": lambda: of_nothing(without_twin=("plate: a replay needs thin sheets",)),
     "discovery.nothing_held_out": lambda: of_first_round(held=None),
@@ -631,18 +631,16 @@ def test_the_table_of_a_report_leads_to_what_a_code_means() -> None:
 
 def test_noise_that_pictures_have_in_common_is_told_with_its_parts():
     used = Noise(0.006, 3.0, pattern_std=0.008)
-    told = discovery_findings.noise_found("sheet", NoiseCheck(STATED, used.total_std, used)).text
+    told = noise_found("sheet", NoiseCheck(STATED, used.total_std, used)).text
     assert "in common" in told
     assert "8 um that stay with the pattern" in told
     assert "6 um that are new in every picture" in told
     drift = Noise(0.006, 3.0, correlation_time=12.0)
-    told = discovery_findings.noise_found("sheet", NoiseCheck(STATED, drift.total_std, drift)).text
+    told = noise_found("sheet", NoiseCheck(STATED, drift.total_std, drift)).text
     assert "those before them. It drifts from picture to picture over 12 s" in told and "pattern" not in told
-    unstated = discovery_findings.noise_found(
-        "sheet", NoiseCheck(None, 0.01, replace(used, correlation_time=3.0)), "increments"
-    ).text
+    unstated = noise_found("sheet", NoiseCheck(None, 0.01, replace(used, correlation_time=3.0)), "increments").text
     assert "6 um that drift;" in unstated and "over 3 increments" in unstated
-    kept = discovery_findings.noise_found("sheet", NoiseCheck(used, 2 * used.total_std, used.scaled(2.0))).text
+    kept = noise_found("sheet", NoiseCheck(used, 2 * used.total_std, used.scaled(2.0))).text
     assert "2 times as much" in kept and "in common" not in kept
 
 

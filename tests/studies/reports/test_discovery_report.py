@@ -14,11 +14,13 @@ from made_up_replay import HELD, INCREMENTS, check, observations, only_held
 from matplotlib.figure import Figure
 
 from calibrate.diagnosis.joint.shares import Everything
+from calibrate.diagnosis.model_weights import noise_of
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.diagnosis.selection.rounds import DominantEffect, Refusal, RefusalReason
 from calibrate.effects import CATALOGUE
+from calibrate.equations.weights import weights_of
 from studies.output.alerts import Severity
 from studies.reports.alert_table import in_order
 from studies.reports.discovery import figures, report
@@ -69,13 +71,11 @@ def test_residuals_of_the_true_model_stay_within_noise_and_discretisation():
 
 def test_sum_of_squares_is_the_chi_square_where_nothing_is_common_to_increments():
     """Whitening by a symmetric root or by Cholesky's: the same size."""
-    part = explained().problem.parts[0]
-    plain = replace(
-        part,
-        common=None,
-        train=replace(part.train, U=part.train.U[:, :0], shrink=part.train.shrink[:0]),
-        held=replace(part.held, U=part.held.U[:, :0], shrink=part.held.shrink[:0]),
-    )
+    problem = explained().problem
+    part = problem.parts[0]
+    noise = noise_of(part.chain, part.assembled, problem.c, problem.amplifying)
+    train, held_out = (weights_of(noise, weights.rows) for weights in (part.train, part.held))
+    plain = replace(part, common=None, train=train, held=held_out)
     z, fit = decorrelated(explained().problem, plain, explained().base), explained().base
     r = part.own_residual(fit.c)
     assert (z[~held()] ** 2).sum() == pytest.approx((plain.train(r) ** 2).sum(), rel=1e-5)
@@ -241,8 +241,8 @@ def test_second_table_shows_what_is_in_the_model():
 def test_noise_that_is_overstated_is_remarked():
     found = nothing()
     first = found.rounds[0]
-    misfits = first.fit.misfits._replace(everything=ChiSquare(0.1 * first.fit.degrees, first.fit.degrees))
-    quiet = replace(found, rounds=(replace(first, fit=replace(first.fit, misfits=misfits)), *found.rounds[1:]))
+    small = replace(first.fit, unexplained=ChiSquare(0.1 * first.fit.degrees, first.fit.degrees))
+    quiet = replace(found, rounds=(replace(first, fit=small), *found.rounds[1:]))
     assert len(remarks(view(quiet))) == len(remarks(view(found))) + 1
 
 
