@@ -21,10 +21,10 @@ from calibrate.diagnosis import discovery, distillation
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut, Kind
-from calibrate.diagnosis.joint.shares import Everything
+from calibrate.diagnosis.joint.shares import Usable
 from calibrate.diagnosis.replayed.checked_replay import replay_record
 from calibrate.diagnosis.replayed.replay_verdict import replayed_level, stiffness_level
-from calibrate.diagnosis.selection import Discovery
+from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.chain import Additions
 from calibrate.errors import ConfigError
@@ -50,7 +50,7 @@ from studies.reports.alert_table import alert_lines
 from studies.reports.discovery.discovery_findings import no_time
 from studies.reports.discovery.discovery_findings import remarks as all_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
-from studies.reports.discovery.replay_section import ALL_EFFECTS, PLAUSIBLE_FILE, predicts_better, to_predict_with
+from studies.reports.discovery.replay_section import ALL_EFFECTS, NEO_HOOKE_FILE, PLAUSIBLE_FILE, to_predict_with
 from studies.reports.discovery.report import write
 from studies.reports.discovery.statement import network_words, use_of_models, verdict
 from studies.reports.discovery.view import View
@@ -95,8 +95,8 @@ class Discovered(Outcome):
         yield from use_of_models(self.view)
         yield from alert_lines(all_remarks(self.view))
         found = self.view.discovery
-        if predicts_better(found):
-            yield f"to predict with: {self.folder / to_predict_with(found)}"
+        if found.verdict is Verdict.NOT_EXPLAINED and (file := to_predict_with(found)):
+            yield f"to predict with: {self.folder / file}"
         yield f"model: {self.folder / 'model.json'}"
         yield f"report: {self.report}"
 
@@ -149,7 +149,7 @@ def discover(
         say("network of the base")
         model = replace(extended(found, view.hold_out, manifest.to_dict()), fitness=discovery_headline(view).fitness)
         say("writing the report")
-        beside = of_all_effects(found, view.hold_out, manifest.to_dict())
+        beside = unexplained(found, view.hold_out, manifest.to_dict())
         return Discovered(folder, view, write(folder, view, model, manifest, beside))
 
 
@@ -231,17 +231,21 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
     return model.with_network(distilled.network, loss)
 
 
-def of_all_effects(found: Discovery, hold_out: str, record: dict[str, Any]) -> dict[str, ExtendedModel]:
-    """Fits of all effects, and of the plausible ones, as model files without a network, by their names; those that were made."""
-    fits = (
-        {} if found.everything is None else {ALL_EFFECTS: found.everything, PLAUSIBLE_FILE: found.everything.plausible}
-    )
+def unexplained(found: Discovery, hold_out: str, record: dict[str, Any]) -> dict[str, ExtendedModel]:
+    """Models of a test that nothing explains, without a network, by their files: all effects, the plausible ones, and neo-Hooke; those that were fitted."""
+    if found.everything is None:
+        return {}
+    used, plausible = found.everything.to_be_used, found.everything.plausible
+    fits = {
+        ALL_EFFECTS: found.everything.usable,
+        PLAUSIBLE_FILE: None if plausible is None else plausible.usable,
+        NEO_HOOKE_FILE: used.usable_neo_hooke,
+    }
     return {name: _without_network(found, one, hold_out, record) for name, one in fits.items() if one is not None}
 
 
-def _without_network(found: Discovery, one: Everything, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
-    """What is to be used of it, at the level of its replay where there is one."""
-    use = one.usable
+def _without_network(found: Discovery, use: Usable, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
+    """At the level of its replay where there is one."""
     model = _file(found, use.c, use.additions, use.deviations, hold_out, record)
     return model.scaled(replayed_level(found, use.replayed, use.c, use.additions))
 

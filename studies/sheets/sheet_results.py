@@ -42,9 +42,9 @@ class ReplayedErrors(Plain):
     @classmethod
     def of(cls, found: Mapping[str, Any] | None, plausible: Mapping[str, Any] | None) -> list[Self]:
         """Of base and final model, and of the plausible effects as equations and replays have them, from discovery.json; none where they were not replayed."""
-        if found is None or "not_made" in found:
-            return []
-        pairs = [(BASE, found["base"], None), (FOUND, found["final"], found["band"]["force"])]
+        pairs: list[tuple[str, Mapping[str, Any], float | None]] = []
+        if found is not None and "not_made" not in found:
+            pairs += [(BASE, found["base"], None), (FOUND, found["final"], found["band"]["force"])]
         if plausible is not None:
             updated = (plausible["updated"] or {}).get("replay") or {}
             pairs += [(name, one, None) for name, one in ((NEO_HOOKE, plausible["neo_hooke"]), (PLAUSIBLE, plausible["replay"]))

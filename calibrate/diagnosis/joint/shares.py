@@ -116,6 +116,11 @@ class Everything:
         return Usable(self.fit.c, additions, deviations, self.usable_replay)
 
     @property
+    def usable_neo_hooke(self) -> Usable | None:
+        """Neo-Hooke; None where it was not kept."""
+        return None if self.neo_hooke is None else Usable(self.neo_hooke, (), (), self.neo_hooke_replayed)
+
+    @property
     def to_be_used(self) -> Everything:
         """That of which no effect is beyond its prior, where there is one."""
         return self.plausible or self

@@ -11,8 +11,7 @@ Croux 1993), which places with a large error of the model do not change.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,8 +21,8 @@ from scipy.spatial import cKDTree
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import Basis
-from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
-from calibrate.equations.virtual_fields import virtual_fields
+from calibrate.equations.equilibrium import Equilibrium
+from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 from calibrate.fitting.noise.common_noise import NORMAL, CommonRatios, common_ratios
 
 Array = NDArray[np.float64]
@@ -31,6 +30,7 @@ FINE = 1.4  # distance of virtual fields over that of the points
 MOST_INCREMENTS = 4  # looked at
 FEWEST = 200  # values of y
 MOST_ROWS, AT_ONCE = 800, 50  # looked at for what increments have in common, and so many at a time
+MOST_FIELDS = 3000  # of which the rows are
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +46,7 @@ class FineFields:
     increments: NDArray[np.int64]
     rows: NDArray[np.int64]
     residuals: Array
+    _tangents: dict[int, list[sp.csr_array]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -62,7 +63,7 @@ class FineFields:
         inside."""
         some = np.unique(np.maximum(np.subtract.outer(evenly(experiment, most), np.arange(before + 1)), 0))
         few = experiment.select(some)
-        system = Equilibrium(few, virtual_fields(few, distance * pitch(experiment)))
+        system = Equilibrium(few, _some(virtual_fields(few, distance * pitch(experiment))))
         rows = _quiet(system, basis, c, len(some) - 1)
         if len(rows) * len(some) < FEWEST:
             return None
@@ -75,7 +76,7 @@ class FineFields:
         """Of the residuals (k, r), N^2, by noise of 1 mm that is new in each increment; some: of these, None: of all."""
         factor = self._factor(unit)
         of = range(len(self.shares)) if some is None else some
-        return np.array([sum((K @ factor).power(2).sum(axis=1) for K in self.tangents[i]) for i in of])
+        return np.array([sum((K @ factor).power(2).sum(axis=1) for K in self.tangent(i)) for i in of])
 
     def std(self, unit: Noise, variances: Array | float = 1.0) -> float:
         """Standard deviation, mm, of noise correlated as `unit`; of increments with variances (k,) that of a variance of 1."""
@@ -86,7 +87,8 @@ class FineFields:
         rows = _spread_out(np.arange(self.residuals.shape[1]), MOST_ROWS)
         factor, between, sizes, last = self._factor(unit), [], [], []
         for some in np.array_split(rows, int(np.ceil(len(rows) / AT_ONCE))):
-            spreads = np.array([np.hstack([(K[some] @ factor).toarray() for K in both]) for both in self.tangents])
+            each = (self.tangent(i) for i in range(len(self.shares)))
+            spreads = np.array([np.hstack([(K[some] @ factor).toarray() for K in both]) for both in each])
             sizes.append(np.linalg.norm(spreads, axis=2))
             normed = np.moveaxis(spreads / sizes[-1][:, :, None], 0, 1)
             between.append(normed @ normed.transpose(0, 2, 1))
@@ -96,12 +98,12 @@ class FineFields:
         residuals = (self.residuals[:, rows] / np.concatenate(sizes, axis=1)).T
         return common_ratios(residuals, np.concatenate(between), self.shares, clock, repeated)
 
-    @cached_property
-    def tangents(self) -> list[list[sp.csr_array]]:
-        """d residual / d displacement (rows, n), N / mm, of each increment, along x and along y."""
-        tensors = (tangent_modulus(self.basis, F, self.c) for F in self.system.deformation_gradients)
-        blocks = map(self.system.stiffness, tensors)
-        return [[sp.csr_array(sp.vstack([row[k] for row in both]))[self.rows] for k in range(2)] for both in blocks]
+    def tangent(self, i: int) -> list[sp.csr_array]:
+        """d residual / d displacement (rows, n), N / mm, of an increment, along x and along y."""
+        if i not in self._tangents:
+            both = self.system.tangent(self.basis, self.system.deformation_gradients[i], self.c)
+            self._tangents[i] = [sp.csr_array(sp.vstack([row[k] for row in both]))[self.rows] for k in range(2)]
+        return self._tangents[i]
 
     def _factor(self, unit: Noise) -> sp.csr_array:
         return noise_covariance.noise_factor(self.system.experiment.points, unit)
@@ -110,6 +112,13 @@ class FineFields:
 def robust_std(y: Array) -> float:
     """Standard deviation of normal numbers, from their median size."""
     return float(np.median(np.abs(y))) / NORMAL
+
+
+def _some(fields: VirtualFields) -> VirtualFields:
+    """`MOST_FIELDS` of them, evenly spread, where there are more."""
+    kept = _spread_out(np.arange(fields.n_fields), MOST_FIELDS)
+    admissible = None if fields.admissible is None else fields.admissible[:, kept]
+    return replace(fields, values=fields.values[:, kept], boundary=fields.boundary[kept], admissible=admissible)
 
 
 def _spread_out(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:

@@ -20,7 +20,7 @@ from studies.reports.discovery.candidate_outcome import WORDS
 Table = tuple[list[str], list[list[Any]]]
 BASE, FINAL, PLAUSIBLE, UPDATED = "base model", "final model", "plausible effects", "plausible effects, updated"
 NEO_HOOKE = "neo-Hooke"
-ALL_EFFECTS, PLAUSIBLE_FILE = "model_all_effects.json", "model_plausible.json"
+ALL_EFFECTS, PLAUSIBLE_FILE, NEO_HOOKE_FILE = "model_all_effects.json", "model_plausible.json", "model_neo_hooke.json"
 
 
 class ReplayCode(Macro):
@@ -85,43 +85,44 @@ def plausible_replay(found: Discovery) -> Replayed | NoReplayCheck | None:
     return None if found.everything is None else found.everything.to_be_used.usable_replay
 
 
-def predicts_better(found: Discovery) -> bool:
-    """Whether neither force nor field of what was held out is missed by more (`misses_more`) than the final model misses them, nor than neo-Hooke does, in the replay of that model."""
-    one, check = plausible_replay(found), found.replay_check
-    if not isinstance(one, Replayed):
-        return False
-    others = [check.final] if isinstance(check, ReplayCheck) else []
-    others += [other for name, other in replayed_models(found) if name == NEO_HOOKE]
+def to_predict_with(found: Discovery) -> str | None:
+    """File of the first of these, where nothing explains the test: the fit of all effects that is to be used, neo-Hooke; of which neither force nor field of what was held out is
+    missed by more (`misses_more`) than another replayed model misses them. None where each is beaten in one of both, or none was replayed."""
+    offered, check = _offered(found), found.replay_check
+    others = [one for _, one in offered] + ([check.final] if isinstance(check, ReplayCheck) else [])
     noise = max(
         (p.experiment.noise.total_std for p in found.problem.trained if p.experiment.noise is not None), default=0.0
     )
-    return not any(misses_more(one.judged, other.judged, noise) for other in others)
+    good = (file for file, one in offered if not any(misses_more(one.judged, other.judged, noise) for other in others))
+    return next(good, None)
+
+
+def _offered(found: Discovery) -> list[tuple[str, Replayed]]:
+    """Models without a named effect that were replayed, by their files."""
+    if found.everything is None:
+        return []
+    neo_hooke = found.everything.to_be_used.neo_hooke_replayed
+    pairs = [(all_effects_file(found), plausible_replay(found)), (NEO_HOOKE_FILE, neo_hooke)]
+    return [(file, one) for file, one in pairs if isinstance(one, Replayed)]
 
 
 def recommendation(found: Discovery) -> str:
-    """Which model file to predict with, and what it misses by finite elements."""
-    explained, check = found.verdict is not Verdict.NOT_EXPLAINED, found.replay_check
-    final = check.final if isinstance(check, ReplayCheck) else None
-    plausible = plausible_replay(found)
-    best = final if explained else plausible if isinstance(plausible, Replayed) else None
-    file = "model.json" if explained else to_predict_with(found) if predicts_better(found) else None
+    """Which model file to predict with, and what it and others miss by finite elements."""
+    check, explained = found.replay_check, found.verdict is not Verdict.NOT_EXPLAINED
+    final = [("model.json", check.final)] if isinstance(check, ReplayCheck) else []
+    models = dict(final if explained else [*_offered(found), *final])
     return WORDS.to_predict_with(
-        file=file,
-        one=_judged(best),
-        final=None if explained else _judged(final),
-        neo_hooke=None if explained else _neo_hooke(found),
-        held=best is not None and bool(best.rows.held.any()),
+        file="model.json" if explained else to_predict_with(found),
+        missed={file: one.judged.to_dict() for file, one in models.items()},
+        held=any(bool(one.rows.held.any()) for one in models.values()),
         explained=explained,
+        offered=bool(_offered(found)),
+        neo_hooke=NEO_HOOKE_FILE,
     )
 
 
-def _judged(one: Replayed | None) -> dict[str, Any] | None:
-    """Errors of what was held out."""
-    return None if one is None else one.judged.to_dict()
-
-
-def to_predict_with(found: Discovery) -> str:
-    """File of the fit of all effects that is to be used where nothing explains the test."""
+def all_effects_file(found: Discovery) -> str:
+    """Of the fit of all effects that is to be used where nothing explains the test."""
     return ALL_EFFECTS if found.everything is None or found.everything.plausible is None else PLAUSIBLE_FILE
 
 
@@ -134,11 +135,11 @@ def plausible_findings(found: Discovery) -> Iterator[Finding]:
         yield from _updated_findings(found)
     if not isinstance(one, Replayed) or found.everything is None:
         return
-    other, better = check.final.judged if isinstance(check, ReplayCheck) else None, predicts_better(found)
+    other, file = check.final.judged if isinstance(check, ReplayCheck) else None, to_predict_with(found)
     yield _finding(
-        ReplayCode.PLAUSIBLE, not better, held=bool(one.rows.held.any()), level=plus_minus(one.level.factor, INTERVAL * one.level.deviation),
+        ReplayCode.PLAUSIBLE, file != all_effects_file(found), held=bool(one.rows.held.any()), level=plus_minus(one.level.factor, INTERVAL * one.level.deviation),
         force=None if np.isnan(one.judged.force) else one.judged.force, field=one.judged.field,
-        other=None if other is None else other.to_dict(), better=better, all=found.everything.plausible is None, band=_band(found.everything.to_be_used), neo_hooke=_neo_hooke(found),
+        other=None if other is None else other.to_dict(), file=file, own=all_effects_file(found), band=_band(found.everything.to_be_used), neo_hooke=_neo_hooke(found),
     )  # fmt: skip
 
 

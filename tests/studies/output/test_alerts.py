@@ -670,6 +670,7 @@ def test_a_model_that_replays_worse_than_neo_hooke_is_not_offered() -> None:
     findings = of_updated(neo_hooke=check(observations()).final, wrong=4.0)
     told = next(one for one in findings if one.alert.code == "R614")
     assert "neo-Hooke at its level" in told.text and "no better" in told.text and "model_plausible" not in told.text
+    assert "model to predict with: model_neo_hooke.json" in told.text
     better = of_updated(neo_hooke=check(observations(only_held(10.0))).final, wrong=4.0)
     assert "model to predict with" in next(one.text for one in better if one.alert.code == "R614")
 

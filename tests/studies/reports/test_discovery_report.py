@@ -319,7 +319,7 @@ def test_a_model_that_corrects_the_load_cell_is_drawn_as_the_cell_reads():
 
 
 def test_the_model_to_predict_with_is_said_first():
-    """Of what was found its replay; of what nothing explains the model that replays best, and none where neo-Hooke does better."""
+    """Of what was found its replay; of what nothing explains the model that replays best, which may be neo-Hooke, and none where the final model does better than both."""
     good, bad = (check(observations(only_held(size))) for size in (1.0, 30.0))
     explained_one = replace(explained(), replay_check=good)
     assert recommendation(explained_one).startswith("To predict with: model.json. By finite elements")
@@ -327,8 +327,12 @@ def test_the_model_to_predict_with_is_said_first():
     unexplained = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, everything=fit)
     assert recommendation(unexplained).startswith("To predict with: model_all_effects.json.")
     assert "identifies no effect" in recommendation(unexplained)
-    worse = replace(fit, replayed=bad.final, neo_hooke_replayed=good.final)
-    assert recommendation(replace(unexplained, everything=worse)).startswith("Nothing to predict with")
+    worse = replace(unexplained, everything=replace(fit, replayed=bad.final, neo_hooke_replayed=good.final))
+    assert recommendation(worse).startswith("To predict with: model_neo_hooke.json.")
+    assert "It is one modulus" in recommendation(worse)
+    both = replace(fit, replayed=bad.final, neo_hooke_replayed=bad.final)
+    neither = replace(unexplained, replay_check=good, everything=both)
+    assert recommendation(neither).startswith("Nothing to predict with beyond doubt")
     assert recommendation(replace(unexplained, everything=None)).startswith("Nothing to predict with: nothing explains")
 
 
