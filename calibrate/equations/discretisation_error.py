@@ -26,7 +26,7 @@ from calibrate.data.load_path import turning_points
 from calibrate.data.triangulation import unique_edges
 from calibrate.equations import kinematics, recovery
 from calibrate.equations.basis import Basis
-from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
+from calibrate.equations.equilibrium import Equilibrium, nominal_stress, tangent_modulus
 
 Array = NDArray[np.float64]
 NEGLIGIBLE = 1e-6  # variance that is left of an equation, over the largest of any
@@ -112,8 +112,7 @@ class Corrections:
         system, m = self.system, len(self.system.areas)
         F = system.deformation_gradients[increment]
         tensor, correction = tangent_modulus(basis, F, c), self.middle @ system.experiment.displacements[increment]
-        P, local = basis.local(F)
-        stress = np.einsum("mqij,mq->mij", P, c[local])[self.curved] * self.segments[:, None, None]
+        stress = nominal_stress(basis, F, c)[self.curved] * self.segments[:, None, None]
         q = len(self.curved)
         pick = (2 * self.curved[:, None] + np.arange(2)).ravel(), np.repeat(np.arange(q), 2)
         rows = []

@@ -182,12 +182,17 @@ def equilibrium(experiment: Experiment, spacing: float | None = None) -> Equilib
     return system
 
 
+def nominal_stress(basis: Basis, F: Array, c: Array) -> Array:
+    """P (m, 2, 2) of coefficients c (n_functions,) at F (m, 2, 2), MPa."""
+    P, columns = basis.local(F)
+    return np.einsum("mqij,mq->mij", P, c[columns])
+
+
 def tangent_modulus(basis: Basis, F: Array, c: Array) -> Array:
     """dP/dF (m, 2, 2, 2, 2) of coefficients c at F (m, 2, 2), MPa."""
     if isinstance(basis, PlaneStrainBasis):
         f, energy = np.asarray(plane_strain.isochoric(F)), basis.energy
-        P, columns = energy.local(f)
-        stress = np.einsum("mqij,mq->mij", P, c[columns])
+        stress = nominal_stress(energy, f, c)
         return np.asarray(_plane_strain_modulus(F, stress, tangent_modulus(energy, f, c[:-1]), c[-1]))
     psi, second = basis.second(F, c)
     values, first = map(np.asarray, kinematics.invariants_and_derivatives(F))

@@ -29,7 +29,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.data.outline import Outline
 from calibrate.equations import kinematics
 from calibrate.equations.basis import Basis
-from calibrate.equations.equilibrium import Equilibrium, check_force_sign
+from calibrate.equations.equilibrium import Equilibrium, check_force_sign, nominal_stress
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 from calibrate.errors import ConfigError
 
@@ -95,7 +95,7 @@ class WindowEquilibrium(Equilibrium):
         k = len(self.rim)
         there = self.deformation_gradients[increment, -k:]
         edge = kinematics.deformation_gradients(self._continued[1], self.experiment.displacements[increment])
-        wrong = DOUBT * (_stress(basis, there, c) - _stress(basis, edge, c))
+        wrong = DOUBT * (nominal_stress(basis, there, c) - nominal_stress(basis, edge, c))
         cell = np.floor(self.experiment.points[self.rim].mean(axis=1) / self.fields.spacing).astype(np.int64)
         places = np.unique(cell, axis=0, return_inverse=True)[1].ravel()
         groups = sp.csr_array(np.column_stack([np.eye(places.max() + 1)[places], np.ones(k)]))
@@ -167,9 +167,3 @@ def quadratic_gradients(
     shape, where = (2 * len(centres), len(points)), (np.concatenate(rows), np.concatenate(columns))
     at_place, at_centre = (np.concatenate([v[i : i + 2].ravel() for v in values]) for i in (0, 2))
     return sp.csr_array((at_place, where), shape=shape), sp.csr_array((at_centre, where), shape=shape)
-
-
-def _stress(basis: Basis, F: Array, c: Array) -> Array:
-    """P (k, 2, 2) of coefficients c (n_functions,) at F (k, 2, 2)."""
-    P, columns = basis.local(F)
-    return np.einsum("mqij,mq->mij", P, c[columns])

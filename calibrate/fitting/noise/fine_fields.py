@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import Basis
-from calibrate.equations.equilibrium import Equilibrium
+from calibrate.equations.equilibrium import Equilibrium, nominal_stress
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 from calibrate.fitting.noise.common_noise import NORMAL, CommonRatios, common_ratios
 
@@ -30,7 +30,7 @@ FINE = 1.4  # distance of virtual fields over that of the points
 MOST_INCREMENTS = 4  # looked at
 FEWEST = 200  # values of y
 MOST_ROWS, AT_ONCE = 800, 50  # looked at for what increments have in common, and so many at a time
-MOST_FIELDS = 3000  # of which the rows are
+MOST_FIELDS = 1000  # of which the rows are
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +68,18 @@ class FineFields:
         if len(rows) * len(some) < FEWEST:
             return None
         rows = rows if most_rows is None else _spread_out(rows, most_rows)
-        residuals = np.array([system.matrix(basis, F)[rows] @ c for F in system.deformation_gradients])
+        stresses = (nominal_stress(basis, F, c) for F in system.deformation_gradients)
+        residuals = np.array([system.internal_forces(P)[rows] for P in stresses])
         shares, clock = experiment.deformation_shares[some], experiment.clock[some]
         return cls(system, basis, c, shares, clock, some, rows, residuals)
 
-    def variances(self, unit: Noise, some: Sequence[int] | None = None) -> Array:
-        """Of the residuals (k, r), N^2, by noise of 1 mm that is new in each increment; some: of these, None: of all."""
-        factor = self._factor(unit)
-        of = range(len(self.shares)) if some is None else some
-        return np.array([sum((K @ factor).power(2).sum(axis=1) for K in self.tangent(i)) for i in of])
+    def variances(self, unit: Noise) -> Array:
+        """Of the residuals (k, r), N^2, by noise of 1 mm that is new in each increment."""
+        return self.variances_of(self._factor(unit), range(len(self.shares)))
+
+    def variances_of(self, factor: sp.csr_array, some: Sequence[int]) -> Array:
+        """The same of noise with a factor (n, s), of these increments alone."""
+        return np.array([sum((K @ factor).power(2).sum(axis=1) for K in self.tangent(i)) for i in some])
 
     def std(self, unit: Noise, variances: Array | float = 1.0) -> float:
         """Standard deviation, mm, of noise correlated as `unit`; of increments with variances (k,) that of a variance of 1."""

@@ -15,10 +15,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.basis import Basis
+from calibrate.equations.noise_covariance import noise_factor
 from calibrate.fitting.noise.fine_fields import FINE, FineFields, evenly, pitch, robust_std
 
 Array = NDArray[np.float64]
@@ -35,7 +37,8 @@ def correlated_unit(experiment: Experiment, basis: Basis, c: Array) -> Noise:
     """Noise of 1 mm; without correlation where too few points are there to tell. Of fewer than three increments the residual itself is looked at."""
     step = pitch(experiment)
     lengths = step * np.array(LENGTHS)
-    seen = [_seen(experiment, distance, basis, c, lengths) for distance in DISTANCES]
+    factors = [noise_factor(experiment.points, Noise(1.0, float(length))) for length in lengths]
+    seen = [_seen(experiment, distance, basis, c, factors) for distance in DISTANCES]
     used = [one for one in seen if one is not None]
     if len(used) < 2:
         return Noise(1.0)
@@ -56,9 +59,9 @@ def _candidates() -> Iterator[Array]:
 
 
 def _seen(
-    experiment: Experiment, distance: float, basis: Basis, c: Array, lengths: Array
+    experiment: Experiment, distance: float, basis: Basis, c: Array, factors: Sequence[sp.csr_array]
 ) -> tuple[Array, Array] | None:
-    """Residuals (w, r), N, beside those of the neighbours, and their variances (lengths, w, r), N^2, by noise of 1 mm; None where they are too few."""
+    """Residuals (w, r), N, beside those of the neighbours, and their variances (factors, w, r), N^2, by noise with these factors (n, s); None where they are too few."""
     before = 2 if experiment.n_increments > 2 else 0
     fine = FineFields.of(experiment, distance, basis, c, PLACES, before, MOST_ROWS)
     if fine is None:
@@ -70,7 +73,7 @@ def _seen(
     )
     most = np.abs(weights).argmax(axis=1).tolist()  # the middle one: neighbours differ by little
     sizes = (weights**2).sum(axis=1)[:, None]
-    variances = np.array([sizes * fine.variances(Noise(1.0, float(length)), most) for length in lengths])
+    variances = np.array([sizes * fine.variances_of(factor, most) for factor in factors])
     residuals = weights @ fine.residuals
     return (residuals, variances) if residuals.size >= FEWEST else None
 
