@@ -7,7 +7,6 @@
     python docs/study_numbers replay results/replay results/calibrate
     python docs/study_numbers replay_sheet results/discover
     python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
-    python docs/study_numbers sheets_since WITH WITHOUT      folders of `equigap discover`, one a sheet
     python docs/study_numbers every_third results/discover
     python docs/study_numbers noise_grid results/false-alarms
     python docs/study_numbers noise_lengths BEFORE AFTER      of two revisions
@@ -37,7 +36,6 @@ import replay
 import replay_sheet
 import resolution
 import sheets
-import sheets_since
 import skin
 import thickness
 
@@ -50,7 +48,6 @@ STUDIES = {
     "replay": replay,
     "replay_sheet": replay_sheet,
     "sheets": sheets,
-    "sheets_since": sheets_since,
     "every_third": every_third,
     "skin": skin,
     "noise_grid": noise_grid,

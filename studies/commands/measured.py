@@ -84,7 +84,7 @@ def measured(
     """What measured sheets and measured homogeneous tests do beyond a hyperelastic model of I1.
 
     Runs `discover` on three published sheets, `transfer` of the first one's model to the others, the loops of Treloar, Kawabata and HNBR50, and
-    looks for effects where there can be none. Takes about an hour and a half on one core; a stopped run goes on where it was.
+    looks for effects where there can be none. Takes about an hour on one core; a stopped run goes on where it was.
 
     Args:
         quick: the sheets alone, with 15 frames and a quick diagnosis

@@ -55,7 +55,8 @@ class DiscoveryCode(Macro):
 
 
 # reasons against the final model that say nothing against the data
-OF_THE_MODEL = {Reason.FORCES_MISSED, Reason.FORCES_NOT_PREDICTED}
+# of the final model alone: those of all effects are at the level of their replays
+OF_THE_MODEL = {Reason.FORCES_MISSED, Reason.FORCES_NOT_PREDICTED, Reason.WORSE_THAN_NEO_HOOKE, Reason.ATTENUATED}
 
 
 def remarks(view: View) -> list[Finding]:

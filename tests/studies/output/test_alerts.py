@@ -644,7 +644,10 @@ def test_noise_that_pictures_have_in_common_is_told_with_its_parts():
     assert "2 times as much" in kept and "in common" not in kept
 
 
-@pytest.mark.parametrize(("reason", "told"), [(Reason.FORCES_NOT_PREDICTED, True), (Reason.WEAK_STRAIN, False)])
+@pytest.mark.parametrize(
+    ("reason", "told"),
+    [(Reason.FORCES_NOT_PREDICTED, True), (Reason.ATTENUATED, True), (Reason.WEAK_STRAIN, False)],
+)
 def test_all_effects_are_told_where_only_the_final_model_fails(
     reason: Reason, told: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
