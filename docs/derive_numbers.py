@@ -1,7 +1,7 @@
 """Result files that follow from others: rates of the blind trials, the catalogue of effects, the alerts (`make numbers`).
 
-In: `docs/blind.json`, `docs/blind_of_today.json`, `docs/blind_since.json`, `docs/foreign.json`, `docs/foreign_before.json`, `docs/foreign_since.json`, the classes of `calibrate.effects`, `studies/output/alerts.toml`. Out: `trials.json`, `trials_of_today.json`, `trials_since.json`, `foreign_trials.json`, `foreign_trials_before.json`, `foreign_trials_since.json`, `catalogue.json` and `alerts.json` in
-`docs/results`.
+In: the judged trials of `SETS` and `FOREIGN_SETS`, the classes of `calibrate.effects`, `studies/output/alerts.toml`. Out: `trials.json`, `foreign_trials.json`, `trial_sets.json`, `catalogue.json` and
+`alerts.json` in `docs/results`.
 
 The definitions of the rates are those of `studies.trials.trial_summary`. A strong effect is one with a score above 10. Of these are told apart:
 named right; right with a wrong name beside it; right only through a group, which names an effect that the data cannot tell from it;
@@ -11,8 +11,7 @@ not explained, and the dominant effect; missed; and a wrong name, or a wrong dom
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +25,78 @@ from studies.trials.trial_summary import FIELD, Ending, ending, summary
 
 FOLDER = Path(__file__).parent
 FEW, NONE = 5, "none"
-TODAY = '--seed 61000 --trials 1 --nulls 8 --pairs 4 --only "second invariant,viscoelasticity,Mullins softening,one fibre family,stiffness gradient,lens distortion,force offset,image rotation"'
-FOREIGN = "--foreign --seed {} --trials 6 --nulls 46 --pairs 40"
 AIMS = {"group": "90 %", "amplitudes": "85 %", "explained": "", "pairs": "70 %"}
 AIMS_OF_FOREIGN = {"group": "85 %", "amplitudes": "90 to 98 %", "explained": "at most 10 %", "pairs": "85 %"}
 NEVER = "never: a common factor of modulus, force, thickness and DIC scale"
 
 
-BEFORE_INCLUSIONS = tuple(
-    name for name in NEARLY if name != "stiffness field"
-)  # an inclusion was not in the catalogue then
+@dataclass(frozen=True)
+class TrialSet:
+    """Judged trials in a file of docs, of the command with these options. version: what the diagnosis had that the one before had not; how: what was known. nearly: foreign forms that
+    the catalogue nearly had then."""
+
+    file: str
+    options: str
+    version: str
+    how: str
+    nearly: frozenset[str] = frozenset()
+
+    @property
+    def judged(self) -> list[JudgedTrial]:
+        """Its trials."""
+        return read(FOLDER / self.file)
+
+    @property
+    def seed(self) -> str:
+        """Of the first trial."""
+        return self.options.split("--seed ")[1].split()[0]
+
+    @property
+    def command(self) -> str:
+        """That made it."""
+        return f"equigap blind {self.options}"
+
+
+FIXED = "none was looked at before the diagnosis was fixed"
+FOREIGN = "--foreign --seed {} --trials 6 --nulls 46 --pairs 40"
+BEFORE_INCLUSIONS = frozenset(NEARLY) - {"stiffness field"}  # an inclusion was not in the catalogue then
+SETS = (
+    TrialSet("blind.json", "--seed 20000", "verdicts of the rounds alone", FIXED),
+    TrialSet(
+        "blind_of_today.json",
+        '--seed 61000 --trials 1 --nulls 8 --pairs 4 --only "second invariant,viscoelasticity,Mullins softening,one fibre family,stiffness gradient,lens distortion,force offset,image rotation"',
+        "evidence, replays, three-dimensional relaxation, fit of all effects",
+        FIXED,
+    ),
+    TrialSet(
+        "blind_since.json",
+        "--seed 70000 --trials 4 --nulls 30 --pairs 10",
+        "shapes of softening and fibres, a second start, quadratic triangles",
+        "those that had ended when the time was up, looked at while it ran",
+    ),
+)
+DEVELOPED = TrialSet(
+    "foreign_before.json",
+    FOREIGN.format(64000),
+    "evidence, replays",
+    "used to develop: forms and the dominant effect were chosen on them",
+)
+FOREIGN_SETS = (
+    TrialSet(
+        "foreign.json",
+        FOREIGN.format(67000),
+        "shapes of softening and fibres, the dominant effect",
+        "looked at while it ran, the diagnosis unchanged; stopped for time",
+        BEFORE_INCLUSIONS,
+    ),
+    TrialSet(
+        "foreign_since.json",
+        FOREIGN.format(69000),
+        "a second start, quadratic triangles",
+        "stopped for time, looked at once",
+        BEFORE_INCLUSIONS,
+    ),
+)
 
 
 def numbers(trials: list[JudgedTrial]) -> dict[str, Any]:
@@ -107,35 +168,62 @@ def effects(trials: list[JudgedTrial]) -> list[list[str]]:
     return [[row[k] for k in kept] for row in (head, *rows)]
 
 
-def trials(file: str, seed: str, made: str, how: str, sought: dict[str, str] = AIMS) -> dict[str, Any]:
-    """`trials.json`, or that of another file of judged trials."""
-    judged = read(FOLDER / file)
-    n = numbers(judged)
+def trials(one: TrialSet) -> dict[str, Any]:
+    """`trials.json`."""
+    n = numbers(one.judged)
     return {
-        "command": f"python docs/derive_numbers.py, from docs/{file} of equigap blind {seed}",
-        "made": made,
-        "how": how,
+        "command": f"python docs/derive_numbers.py, from docs/{one.file} of {one.command}",
+        "how": one.how,
         "numbers": n,
-        "tables": {"rates": rates(n, sought), "effects": effects(judged)},
+        "tables": {"rates": rates(n, AIMS), "effects": effects(one.judged)},
     }
 
 
-def foreign_trials(file: str, seed: int, how: str, nearly: Sequence[str] = ()) -> dict[str, Any]:
-    """`foreign_trials.json`, which tells forms that are foreign from those that are nearly the catalogue's, and from those that are foreign in base and noise alone."""
-    found = trials(file, FOREIGN.format(seed), "2026-11-26", how, AIMS_OF_FOREIGN)
-    single = [one for one in read(FOLDER / file) if one.strong and len(one.hidden) == 1]
-    kinds = {
-        "foreign_form": set(FOREIGN_FORMS) - set(nearly),
-        "near_form": set(nearly),
-        "own_form": {one.hidden[0] for one in single} - set(FOREIGN_FORMS),
+def foreign_trials() -> dict[str, Any]:
+    """`foreign_trials.json`: all that were not used to develop. Told apart are forms that are foreign, those that are nearly the catalogue's, and those that are foreign in base and noise alone."""
+    judged = [one for some in FOREIGN_SETS for one in some.judged]
+    n = numbers(judged)
+    for some in FOREIGN_SETS:
+        single = [one for one in some.judged if one.strong and len(one.hidden) == 1]
+        kinds = {
+            "foreign_form": set(FOREIGN_FORMS) - some.nearly,
+            "near_form": set(some.nearly),
+            "own_form": {one.hidden[0] for one in single} - set(FOREIGN_FORMS),
+        }
+        for name, effects_of_kind in kinds.items():
+            ones = [one for one in single if one.hidden[0] in effects_of_kind]
+            found = {
+                "": len(ones),
+                "_named": sum(one.hit[0] for one in ones),
+                "_dominant": sum(ending(one) == Ending.DOMINANT for one in ones),
+            }
+            for key, count in found.items():
+                n[f"{name}{key}"] = n.get(f"{name}{key}", 0) + count
+    return {
+        "command": f"python docs/derive_numbers.py, from the files of {'; '.join(one.command for one in FOREIGN_SETS)}",
+        "how": "; ".join(f"seeds from {one.seed}: {one.how}" for one in FOREIGN_SETS),
+        "numbers": n,
+        "tables": {"rates": rates(n, AIMS_OF_FOREIGN), "effects": effects(judged)},
     }
-    for name, effects_of_kind in kinds.items():
-        some = [one for one in single if one.hidden[0] in effects_of_kind]
-        named, dominant = (
-            sum(ends) for ends in ((one.hit[0] for one in some), (ending(one) == Ending.DOMINANT for one in some))
-        )
-        found["numbers"] |= {name: len(some), f"{name}_named": named, f"{name}_dominant": dominant}
-    return found
+
+
+def trial_sets() -> dict[str, Any]:
+    """`trial_sets.json`: a line a set."""
+    head = ["seeds from", "new in the diagnosis", "trials", "alarms, nothing hidden", "strong: named", "dominant", "wrong", "amplitudes within", "strong pairs: both named", "removed: explained", "of these by a look-alike", "how"]  # fmt: skip
+
+    def row(one: TrialSet) -> list[str]:
+        n = numbers(one.judged)
+        pairs = ("null_detections", "nulls"), ("strong_group_named", "strong"), ("amplitudes_within", "amplitudes"), ("pairs_found", "pairs"), ("removed_explained", "removed")  # fmt: skip
+        alarms, named, within, both, explained = (f"{n[a]} of {n[b]}" for a, b in pairs)
+        counts = str(n["trials"]), alarms, named, str(n["dominant"]), str(n["wrong"]), within, both, explained, str(n["removed_alike"])  # fmt: skip
+        return [one.seed, one.version, *counts, one.how]
+
+    groups = {"own": SETS, "foreign": (DEVELOPED, *FOREIGN_SETS)}
+    return {
+        "command": "python docs/derive_numbers.py, from the files of `docs` that it names",
+        "numbers": {},
+        "tables": {name: [head, *map(row, some)] for name, some in groups.items()},
+    }
 
 
 def catalogue() -> dict[str, Any]:
@@ -190,31 +278,10 @@ def severity(alert: Alert) -> str:
 
 def main() -> dict[str, dict[str, Any]]:
     """Everything that is written, by file."""
-    fixed = "none of the trials was looked at before the diagnosis was fixed"
     return {
-        "trials": trials("blind.json", "--seed 20000", "2026-11-22", fixed),
-        "trials_of_today": trials("blind_of_today.json", TODAY, "2026-11-25", fixed),
-        "foreign_trials": foreign_trials(
-            "foreign.json",
-            67000,
-            "looked at while it ran, the diagnosis unchanged; stopped for time",
-            BEFORE_INCLUSIONS,
-        ),
-        "foreign_trials_before": foreign_trials(
-            "foreign_before.json", 64000, "looked at after 33 and after 40, the diagnosis unchanged; stopped for time"
-        ),
-        "trials_since": trials(
-            "blind_since.json",
-            "--seed 70000 --trials 4 --nulls 30 --pairs 10",
-            "2026-11-26",
-            "revisions 299e577 and e3e37b9; those that had ended when the time was up, looked at while it ran",
-        ),
-        "foreign_trials_since": foreign_trials(
-            "foreign_since.json",
-            69000,
-            "revisions 299e577 (11 trials) and e3e37b9; stopped for time, looked at once",
-            BEFORE_INCLUSIONS,
-        ),
+        "trials": trials(SETS[0]),
+        "foreign_trials": foreign_trials(),
+        "trial_sets": trial_sets(),
         "catalogue": catalogue(),
         "alerts": alerts(),
     }

@@ -11,24 +11,18 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from cyclopts import Parameter
 
 from calibrate.data.chosen_pictures import Wanted, chosen
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import discovery, distillation
-from calibrate.diagnosis.distillation import bulk_modulus
+from calibrate.diagnosis import discovery
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut, Kind
-from calibrate.diagnosis.joint.shares import Usable
-from calibrate.diagnosis.replayed.checked_replay import replay_record
-from calibrate.diagnosis.replayed.replay_verdict import replayed_level, stiffness_level
-from calibrate.diagnosis.selection import Discovery, Verdict
+from calibrate.diagnosis.selection import Verdict
 from calibrate.effects import CATALOGUE, Effect
-from calibrate.effects.chain import Additions
 from calibrate.errors import ConfigError
-from calibrate.models.extended_model import ExtendedModel
 from studies.commandline.option_types import (
     NonNegative,
     OutputFolder,
@@ -50,9 +44,10 @@ from studies.reports.alert_table import alert_lines
 from studies.reports.discovery.discovery_findings import no_time
 from studies.reports.discovery.discovery_findings import remarks as all_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
-from studies.reports.discovery.replay_section import ALL_EFFECTS, NEO_HOOKE_FILE, PLAUSIBLE_FILE, to_predict_with
+from studies.reports.discovery.model_files import extended, unexplained
+from studies.reports.discovery.replay_section import to_predict_with
 from studies.reports.discovery.report import write
-from studies.reports.discovery.statement import network_words, use_of_models, verdict
+from studies.reports.discovery.statement import use_of_models, verdict
 from studies.reports.discovery.view import View
 
 INTERVAL = 20.0  # s between lines of progress in a log
@@ -212,72 +207,6 @@ def held_out_words(rule: HoldOut | None, trained: Sequence[Experiment], held: Se
     rule = rule or HoldOut.default(min(e.n_increments for e in trained), bool(held))
     words = [e.name for e in held] + ([str(rule)] if rule.kind != Kind.NONE else [])
     return " and ".join(words) or "nothing"
-
-
-def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
-    """The final model of a discovery as a model file, with a network distilled from its base."""
-    final = found.final
-    bulk = bulk_modulus(found.problem, final)
-    model = _file(found, final.c, final.additions, final.errors, hold_out, record)
-    model = replace(model, groups=found.groups, bulk_modulus_deviation=None if bulk is None else bulk[1])
-    model = replace(model, replay=replay_record(found.replay_check) or {})
-    level = stiffness_level(found, final)
-    model = model.scaled(level)
-    distilled = distillation.distil(found.problem, final, level=level)
-    loss = {
-        "network": distilled.network_loss, "spline": distilled.spline_loss, "equations": distilled.n_rows,
-        "good": distilled.good, "remark": network_words(distilled),
-    }  # fmt: skip
-    return model.with_network(distilled.network, loss)
-
-
-def unexplained(found: Discovery, hold_out: str, record: dict[str, Any]) -> dict[str, ExtendedModel]:
-    """Models of a test that nothing explains, without a network, by their files: all effects, the plausible ones, and neo-Hooke; those that were fitted."""
-    if found.everything is None:
-        return {}
-    used, plausible = found.everything.to_be_used, found.everything.plausible
-    fits = {
-        ALL_EFFECTS: found.everything.usable,
-        PLAUSIBLE_FILE: None if plausible is None else plausible.usable,
-        NEO_HOOKE_FILE: used.usable_neo_hooke,
-    }
-    return {name: _without_network(found, one, hold_out, record) for name, one in fits.items() if one is not None}
-
-
-def _without_network(found: Discovery, use: Usable, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
-    """At the level of its replay where there is one."""
-    model = _file(found, use.c, use.additions, use.deviations, hold_out, record)
-    return model.scaled(replayed_level(found, use.replayed, use.c, use.additions))
-
-
-def _file(
-    found: Discovery, c: Any, additions: Additions, deviations: tuple[tuple[float, ...], ...], hold_out: str,
-    record: dict[str, Any],
-) -> ExtendedModel:  # fmt: skip
-    parts = found.problem.parts
-    return ExtendedModel(
-        found.problem.basis,
-        c,
-        additions,
-        deviations,
-        parts[0].experiment.stress_unit,
-        tuple(
-            {
-                "name": p.experiment.name,
-                "fingerprint": p.experiment.fingerprint,
-                "spacing": p.system.fields.spacing,
-                "noise": None if p.experiment.noise is None else asdict(p.experiment.noise),
-            }
-            for p in parts
-            if p.train.size
-        ),
-        hold_out,
-        tuple(p.experiment.name for p in parts if not p.train.size),
-        found.verdict,
-        provenance={key: record[key] for key in ("command", "settings", "inputs", "versions", "revision")},
-        level_is_nominal=found.problem.level_is_nominal,
-        calibrated_range=distillation.range_of(found.problem),
-    )
 
 
 class Stages:

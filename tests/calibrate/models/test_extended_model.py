@@ -25,7 +25,7 @@ from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.model_file import load_model
 from calibrate.models.network_model import Model
-from studies.commands.discover import extended
+from studies.reports.discovery.model_files import extended
 from studies.reports.discovery.view import forces, residual
 
 RECORD = {"command": [], "settings": {}, "inputs": {}, "versions": {}, "revision": None}
