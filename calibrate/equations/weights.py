@@ -125,7 +125,8 @@ class Weights:
     def __call__(self, residuals: Array) -> Array:
         """Rows (..., N) of residuals (..., t, 2 v)."""
         flat = residuals.reshape(*residuals.shape[:-2], -1)[..., self.rows.ravel()]
-        return self.root.white(flat.reshape(-1, self.size).T).T.reshape(flat.shape)
+        columns = flat.reshape(int(np.prod(flat.shape[:-1])), self.size).T
+        return self.root.white(columns).T.reshape(flat.shape)
 
     @property
     def log_determinant(self) -> float:
@@ -158,8 +159,11 @@ def weights_of(noise: EquationNoise, rows: Mask, sources: Array | None = None) -
 
 def _root(noise: EquationNoise, rows: Mask, sources: Array | None) -> Whole | Split:
     """Of the covariance of the rows used."""
-    n, more = int(rows.sum()), np.zeros((int(rows.sum()), 0)) if sources is None else sources[rows]
-    if 0 < n <= DENSE and (2 * more.shape[1] > n or not noise.is_new_in_each):
+    n = int(rows.sum())
+    if not n:
+        return Split((), None)
+    more = np.zeros((n, 0)) if sources is None else sources[rows]
+    if n <= DENSE and (2 * more.shape[1] > n or not noise.is_new_in_each):
         return Whole(cholesky_factor(noise.covariance(rows) + more @ more.T))
     blocks = tuple(_blocks(noise, rows))
     every = more if noise.is_new_in_each else np.concatenate([noise.sources[rows], more], axis=1)

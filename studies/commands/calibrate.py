@@ -153,10 +153,9 @@ def calibrate(
     manifest = Manifest(fit.seed, settings, [experiment], started)
     key = {"command": "calibrate", **settings, "experiment": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output or default_folder("calibrate", quick), overwrite, key)
-    part = everything if fitted.all() else everything.select(fitted.nonzero()[0])
     with released_if_refused(folder):
-        part, noise = with_found_noise(part)
-        everything = part if fitted.all() else replace(everything, noise=part.noise)
+        everything, noise = with_found_noise(everything)
+        part = everything if fitted.all() else everything.select(fitted.nonzero()[0])
         calibration = fit_network(part, options, callback("assembling"))
         laws, record = compare(calibration), None
         if fit.polish:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 from studies.output.alerts import PAGE, Severity
@@ -16,6 +17,14 @@ def in_order(findings: Iterable[Finding]) -> list[Finding]:
     """The most serious first, then by code."""
     order = list(Severity)
     return sorted(findings, key=lambda one: (order.index(one.alert.severity), one.alert.code))
+
+
+def merged(reasons: Iterable[Finding], findings: Iterable[Finding]) -> list[Finding]:
+    """Reasons of a headline, and findings; of a code that both have the findings, which say more, as severe as the reason."""
+    known, found = list(reasons), list(findings)
+    codes, raised = {one.alert.code for one in found}, {one.alert.code for one in known if one.raised}
+    told = [one for one in known if one.alert.code not in codes]
+    return told + [replace(one, raised=one.raised or one.alert.code in raised) for one in found]
 
 
 def alert_lines(findings: Iterable[Finding]) -> Iterator[str]:

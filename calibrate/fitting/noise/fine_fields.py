@@ -23,6 +23,7 @@ from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium, nominal_stress
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
+from calibrate.errors import ConfigError
 from calibrate.fitting.noise.common_noise import NORMAL, CommonRatios, common_ratios
 
 Array = NDArray[np.float64]
@@ -60,10 +61,14 @@ class FineFields:
         most_rows: int | None = None,
     ) -> FineFields | None:
         """distance: of the fields over that of the points; before: neighbours of each increment; most_rows: evenly spread. None where too few fields are
-        inside."""
+        inside, or have points."""
         some = np.unique(np.maximum(np.subtract.outer(evenly(experiment, most), np.arange(before + 1)), 0))
         few = experiment.select(some)
-        system = Equilibrium(few, _some(virtual_fields(few, distance * pitch(experiment))))
+        try:
+            fields = virtual_fields(few, distance * pitch(experiment))
+        except ConfigError:  # points so unevenly spread that most of such fields have none
+            return None
+        system = Equilibrium(few, _some(fields))
         rows = _quiet(system, basis, c, len(some) - 1)
         if len(rows) * len(some) < FEWEST:
             return None

@@ -7,11 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from studies.output import Manifest, write_csv, write_figure
-from studies.output.findings import Finding
 from studies.output.report import Report
 from studies.output.words import Words
 from studies.reports import force_record
-from studies.reports.alert_table import add_alerts, alert_lines, alert_records
+from studies.reports.alert_table import add_alerts, alert_lines, alert_records, merged
 from studies.reports.calibration.calibration_quality import calibration_quality
 from studies.reports.calibration.classical_table import classical_record, classical_table, terminal_lines
 from studies.reports.calibration.figures import FIGURES
@@ -19,16 +18,9 @@ from studies.reports.calibration.fit_findings import findings
 from studies.reports.calibration.fit_review import Review
 from studies.reports.calibration.polish_record import COLUMNS
 from studies.reports.calibration.tables import curve_table, force_table, summary_table
-from studies.reports.headline import Headline, headline
+from studies.reports.headline import headline
 
 WORDS = Words("calibration")
-
-
-def told(first: Headline, view: Review) -> list[Finding]:
-    """Alerts of the headline and of the numbers; of a code that both have, that of the numbers, which says more."""
-    found = findings(view)
-    codes = {one.alert.code for one in found}
-    return [*(one for one in first.reasons if one.alert.code not in codes), *found]
 
 
 def write(folder: Path, view: Review, manifest: Manifest) -> None:
@@ -38,7 +30,7 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     replace(view.model, fitness=first.fitness).save(model)
     report = Report(f"Calibration on {experiment.name}", model_name(view))
     report.heading("Result").paragraph(first.text).table(*summary_table(view))
-    found = told(first, view)
+    found = merged(first.reasons, findings(view))
     add_alerts(report, found).heading("Forces and curves")
     if not view.model.level_is_nominal:
         report.table(*force_table(view), WORDS.force_table())
@@ -90,4 +82,4 @@ def summary_lines(view: Review) -> Iterator[str]:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         yield f"  {name:{width}}  {text} {unit}".rstrip()
     yield from terminal_lines(view.classical, view.model.unit)
-    yield from alert_lines(told(first, view))
+    yield from alert_lines(merged(first.reasons, findings(view)))

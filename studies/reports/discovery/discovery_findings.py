@@ -7,17 +7,18 @@ from dataclasses import asdict
 from typing import Any
 
 from calibrate.diagnosis.distillation import bulk_modulus
-from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
+from calibrate.diagnosis.replayed.checked_replay import ReplayCheck, Replayed
 from calibrate.diagnosis.selection import Discovery
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import Use
 from studies.output.findings import Finding, Macro
 from studies.output.words import plus_minus
+from studies.reports.alert_table import merged
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
 from studies.reports.discovery.everything_table import everything_data
 from studies.reports.discovery.own_effects_table import alike, seen
-from studies.reports.discovery.replay_section import plausible_findings, replay_findings
+from studies.reports.discovery.replay_section import plausible_findings, plausible_replay, replay_findings
 from studies.reports.discovery.view import BAND, View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
@@ -54,21 +55,22 @@ class DiscoveryCode(Macro):
     PLANE_STRAIN = "plane_strain"
 
 
-# reasons against the final model that say nothing against the data
-# of the final model alone: those of all effects are at the level of their replays
-OF_THE_MODEL = {Reason.FORCES_MISSED, Reason.FORCES_NOT_PREDICTED, Reason.WORSE_THAN_NEO_HOOKE, Reason.ATTENUATED}
+# reasons against the final model that say nothing against the data, nor against other models of them
+OF_THE_MODEL = {Reason.FORCES_MISSED, Reason.FORCES_NOT_PREDICTED, Reason.WORSE_THAN_NEO_HOOKE}
 
 
 def remarks(view: View) -> list[Finding]:
     """The reasons of the headline first, then what the numbers rest on."""
     found = discovery_headline(view)
-    result = [*found.reasons, *view.remarks, *_of_noise(view), *_of_twins(view), _of_hold_out(view)]
+    result = [*view.remarks, *_of_noise(view), *_of_twins(view), _of_hold_out(view)]
     result += replay_findings(view.discovery)
     if found.verdict is not Use.NOT:
         result += [*_of_effects(view), *_of_own_effects(view)]
-    if all(one.code in OF_THE_MODEL for one in found.against):
+    at_their_level = {Reason.ATTENUATED} if isinstance(plausible_replay(view.discovery), Replayed) else set()
+    if all(one.code in OF_THE_MODEL | at_their_level for one in found.against):
         result += _of_all_effects(view)
-    return [*result, *_of_stiffness(view), *_of_tests(view), *_of_plane_strain(view)]
+    result += [*_of_stiffness(view), *_of_tests(view), *_of_plane_strain(view)]
+    return merged(found.reasons, result)
 
 
 def no_time(name: str) -> Finding:

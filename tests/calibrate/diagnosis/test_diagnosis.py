@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.linalg
 import synthetic
 from scipy import stats
 from scipy.optimize import lsq_linear, nnls
@@ -116,21 +117,36 @@ def drawn_noise(common):
 
 @pytest.mark.parametrize("most", [0, weights.DENSE], ids=["sources", "covariance"])
 @pytest.mark.parametrize("common", [np.zeros(3), np.array([0.5, 1.0, 1.5])])
-def test_whitening_gives_unit_covariance(common, most, monkeypatch):
-    """Of some equations, by noise of every increment, noise in common and a source common to all."""
+@pytest.mark.parametrize("sources", [0, 2, 40])
+def test_whitening_gives_unit_covariance(common, most, sources, monkeypatch):
+    """Of some equations, by noise of every increment, noise in common and sources common to all, few or more than there are equations."""
     monkeypatch.setattr(weights, "DENSE", most)
     rng, noise = np.random.default_rng(1), drawn_noise(common)
     used = rng.uniform(size=(3, 5)) < 0.7
-    source = rng.standard_normal((3, 5, 2))
-    found, flat = weights_of(noise, used, source), source.reshape(-1, 2)
-    rows = noise.spreads.reshape(15, -1)
-    whole = np.kron(np.eye(3) + 5 * np.outer(common, common), np.ones((5, 5))) * (rows @ rows.T) + flat @ flat.T
-    whole = (whole + np.diag(noise.deviations.ravel() ** 2))[np.ix_(used.ravel(), used.ravel())]
+    source = rng.standard_normal((3, 5, sources))
+    found, flat = weights_of(noise, used, source if sources else None), source.reshape(15, -1)
+    rows, some = noise.spreads.reshape(15, -1), np.ix_(used.ravel(), used.ravel())
+    own = np.kron(np.eye(3) + 5 * np.outer(common, common), np.ones((5, 5))) * (rows @ rows.T)
+    own, more = (own + np.diag(noise.deviations.ravel() ** 2))[some], (flat @ flat.T)[some]
     W = found(np.eye(15).reshape(-1, 3, 5)).T[:, used.ravel()]
-    np.testing.assert_allclose(W @ whole @ W.T, np.eye(found.size), atol=0.03)  # small sources are left out
-    assert found.log_determinant == pytest.approx(np.linalg.slogdet(whole)[1], abs=0.03)
+    np.testing.assert_allclose(W @ (own + more) @ W.T, np.eye(found.size), atol=1e-6)
+    assert found.log_determinant == pytest.approx(np.linalg.slogdet(own + more)[1], abs=1e-6)
     z, r = rng.standard_normal(found.size), rng.standard_normal((3, 5))
     assert (found.adjoint(z) * r).sum() == pytest.approx(z @ found(r), rel=1e-12)
+    values, vectors = scipy.linalg.eigh(more, own)
+    directions = W @ own @ vectors[:, values > 0.1]  # of which the discrepancy has more than a tenth of the noise
+    U = found.uncertain_directions(0.1)
+    assert U.shape == directions.shape
+    np.testing.assert_allclose(U.T @ U, np.eye(U.shape[1]), atol=1e-9)
+    np.testing.assert_allclose(
+        U @ (U.T @ directions), directions, atol=1e-5 * max(1.0, np.abs(directions).max(initial=0.0))
+    )
+
+
+def test_no_equations_have_weights_of_their_own():
+    found = weights_of(drawn_noise(np.array([0.5, 1.0, 1.5])), np.zeros((3, 5), bool), np.ones((3, 5, 2)))
+    assert found.size == 0 and found(np.ones((4, 3, 5))).shape == (4, 0) and found.log_determinant == 0
+    assert found.uncertain_directions(0.1).shape == (0, 0)
 
 
 def test_bounded_least_squares_is_that_of_scipy():
@@ -315,6 +331,7 @@ def test_a_small_transverse_force_is_seen_without_any_candidate():
     assert stats.chi2.sf(smooth, k) < 1e-4
     assert stats.chi2.sf(everything, n) > 0.1
     assert found.p_value < DEFAULT.misfit_p
+    assert found.everything == pytest.approx(state.unexplained)
 
 
 def test_nothing_is_found_where_nothing_is():

@@ -21,10 +21,14 @@ from calibrate.models import pann
 from calibrate.models.network_model import Model
 from studies.cli import main
 from studies.commands import calibrate as calibration
+from studies.output.alerts import Severity
+from studies.output.findings import Finding
+from studies.reports.alert_table import merged
 from studies.reports.calibration import figures as calibration_figures
 from studies.reports.calibration import fit_review as reviews
 from studies.reports.calibration import report, tables
 from studies.reports.calibration.fit_findings import FitCode, findings, held_out
+from studies.reports.headline import Reason
 
 NOISE = Noise(0.01, 3.0, 1e-3, 1e-3)
 FAST = ("--layers", "2", "--starts", "3")
@@ -76,6 +80,30 @@ def test_noise_that_nobody_stated_is_found_from_the_equations(run, stated):
 def test_noise_that_is_stated_is_taken_as_stated(run):
     code, _, said = run(replace(noisy(), noise=NOISE.scaled(0.5)))
     assert code == 0 and "N203" not in said and "N206" in said
+
+
+def test_stated_noise_is_that_of_the_whole_test_whatever_is_held_out(run, monkeypatch):
+    """Its part of the pattern is that at the largest deformation, which may be held out."""
+    stated, judged = replace(NOISE, pattern_std=0.02), []
+    monkeypatch.setattr(calibration, "review", lambda *given: judged.append(given[1]) or reviews.review(*given))
+    code, _, said = run(replace(noisy(), noise=stated), "--hold-out", "last:0.5")
+    assert code == 0, said
+    assert judged[0].noise == stated
+
+
+def test_points_too_uneven_to_find_the_noise_are_no_obstacle(run):
+    """Fields 1.4 distances of the points apart would be more than the points."""
+    graded = plate_experiment(ArrudaBoyce(), n_increments=3, n_theta=96, n_radial=6)
+    code, _, said = run(replace(with_noise(graded, NOISE, 1), noise=None))
+    assert code == 0 and "N201" in said
+
+
+def test_what_headline_and_numbers_both_say_is_told_once_and_as_severe():
+    far = Finding("calibration", FitCode.FAR_ABOVE_NOISE, {"reduced_chi_square": 500.0, "loss_is_weighted": True})
+    reason = Finding("headline", Reason.ABOVE_NOISE, {"reduced_chi_square": 500.0}, True)
+    (one,) = merged([reason], [far])
+    assert one.text == far.text and one.alert.severity is Severity.SERIOUS
+    assert merged([reason], []) == [reason] and merged([], [far]) == [far]
 
 
 def test_everything_is_written(run):

@@ -645,16 +645,21 @@ def test_noise_that_pictures_have_in_common_is_told_with_its_parts():
 
 
 @pytest.mark.parametrize(
-    ("reason", "told"),
-    [(Reason.FORCES_NOT_PREDICTED, True), (Reason.ATTENUATED, True), (Reason.WEAK_STRAIN, False)],
+    ("reason", "replayed", "told"),
+    [
+        (Reason.FORCES_NOT_PREDICTED, False, True),
+        (Reason.WEAK_STRAIN, True, False),
+        (Reason.ATTENUATED, True, True),  # a replay gives the model of all effects a level of its own
+        (Reason.ATTENUATED, False, False),
+    ],
 )
 def test_all_effects_are_told_where_only_the_final_model_fails(
-    reason: Reason, told: bool, monkeypatch: pytest.MonkeyPatch
+    reason: Reason, replayed: bool, told: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     against = SimpleNamespace(verdict=Use.NOT, against=(SimpleNamespace(code=reason),), reasons=())
     monkeypatch.setattr(discovery_findings, "discovery_headline", lambda view: against)
-    codes = {one.alert.code for one in of_plausible()}
-    assert ({"E407", "E409"} <= codes) is told
+    codes = {one.alert.code for one in (of_plausible_replay(0.0) if replayed else of_plausible())}
+    assert ("E409" in codes) is told
     assert "E402" not in codes
 
 

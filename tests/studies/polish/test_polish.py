@@ -120,7 +120,6 @@ def test_the_motion_of_the_grips_is_estimated_better_than_measured():
 def test_noise_in_common_enters_the_weights():
     common = camera.record(clean(), replace(DEVICE, reference_noise=4e-4), 1)
     found = (test := ReplayedTest(common)).linearised(test.start(law()))
-    assert common.noise.is_common
     low, high = chi2.ppf([0.001, 0.999], found.weights.size)
     assert low < found.chi_square < high
     ignored = replace(common, noise=noisy(0).noise)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,19 +17,29 @@ from matplotlib.figure import Figure
 
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.model_weights import noise_of
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.diagnosis.selection.rounds import DominantEffect, Refusal, RefusalReason
 from calibrate.effects import CATALOGUE
 from calibrate.equations.weights import weights_of
+from calibrate.models.extended_model import ExtendedModel
 from studies.output.alerts import Severity
 from studies.reports.alert_table import in_order
 from studies.reports.discovery import figures, report
 from studies.reports.discovery.candidate_outcome import Outcome, outcome, outcome_words, untested_words
 from studies.reports.discovery.discovery_findings import remarks
+from studies.reports.discovery.model_files import unexplained
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
-from studies.reports.discovery.replay_section import ReplayCode, band_fields, band_rows, recommendation, replay_table
+from studies.reports.discovery.replay_section import (
+    ReplayCode,
+    band_fields,
+    band_rows,
+    recommendation,
+    replay_table,
+    to_predict_with,
+)
 from studies.reports.discovery.replayed_forces import course_rows, force_courses
 from studies.reports.discovery.statement import Statement, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, model_table
@@ -321,19 +333,39 @@ def test_a_model_that_corrects_the_load_cell_is_drawn_as_the_cell_reads():
 def test_the_model_to_predict_with_is_said_first():
     """Of what was found its replay; of what nothing explains the model that replays best, which may be neo-Hooke, and none where the final model does better than both."""
     good, bad = (check(observations(only_held(size))) for size in (1.0, 30.0))
-    explained_one = replace(explained(), replay_check=good)
-    assert recommendation(explained_one).startswith("To predict with: model.json. By finite elements")
+    named_one = replace(explained(), replay_check=good)
+    assert recommendation(named_one).startswith("To predict with: model.json. By finite elements")
     fit = Everything(None, (), (None, None), (None, None), 1.0, 1.0, replayed=good.final, neo_hooke_replayed=bad.final)
-    unexplained = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, everything=fit)
-    assert recommendation(unexplained).startswith("To predict with: model_all_effects.json.")
-    assert "identifies no effect" in recommendation(unexplained)
-    worse = replace(unexplained, everything=replace(fit, replayed=bad.final, neo_hooke_replayed=good.final))
+    open_one = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, everything=fit)
+    assert recommendation(open_one).startswith("To predict with: model_all_effects.json.")
+    assert "identifies no effect" in recommendation(open_one)
+    worse = replace(open_one, everything=replace(fit, replayed=bad.final, neo_hooke_replayed=good.final))
     assert recommendation(worse).startswith("To predict with: model_neo_hooke.json.")
     assert "It is one modulus" in recommendation(worse)
     both = replace(fit, replayed=bad.final, neo_hooke_replayed=bad.final)
-    neither = replace(unexplained, replay_check=good, everything=both)
+    neither = replace(open_one, replay_check=good, everything=both)
     assert recommendation(neither).startswith("Nothing to predict with beyond doubt")
-    assert recommendation(replace(unexplained, everything=None)).startswith("Nothing to predict with: nothing explains")
+    assert recommendation(replace(open_one, everything=None)).startswith("Nothing to predict with: nothing explains")
+
+
+def test_a_model_that_is_recommended_is_a_file(tmp_path):
+    """Neo-Hooke at the level of its replay, where that misses the least; and where it alone was replayed."""
+    good, bad, found = check(observations(only_held(1.0))), check(observations(only_held(30.0))), nothing()
+    fit = SimpleNamespace(c=found.base.c, present=(), deviations={})
+    errors: Any = (None, None)
+    neo_hooke = np.full_like(found.base.c, 0.14)
+    fitted = Everything(fit, (), errors, errors, 1.0, 1.0, replayed=bad.final, neo_hooke=neo_hooke, neo_hooke_replayed=good.final)  # fmt: skip
+    open_one = replace(found, verdict=Verdict.NOT_EXPLAINED, replay_check=bad, everything=fitted)
+    record = dict.fromkeys(("command", "settings", "inputs", "versions", "revision"), "of a test")
+    models = unexplained(open_one, "half", record)
+    file = to_predict_with(open_one)
+    assert file == "model_neo_hooke.json" and set(models) == {file, "model_all_effects.json"}
+    models[file].save(tmp_path / file)
+    loaded = ExtendedModel.load(tmp_path / file)
+    assert loaded.additions == () and loaded.c == pytest.approx(good.final.level.factor * neo_hooke)
+    alone = replace(open_one, replay_check=None, everything=replace(fitted, replayed=NoReplayCheck("no equilibrium")))
+    assert "no other model was replayed" in recommendation(alone)
+    assert unexplained(replace(open_one, everything=None), "half", record) == {}
 
 
 @pytest.mark.parametrize(("more", "file"), [(0.8, "model_all_effects.json"), (1.2, None)])
