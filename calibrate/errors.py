@@ -61,6 +61,10 @@ class FitError(EquigapError, RuntimeError):
     """The optimisation did not reach a solution."""
 
 
+class WeakStrainError(FitError):
+    """The strain is so near its noise that the weights of a flexible model follow the noise."""
+
+
 class ModelFileError(EquigapError, ValueError):
     """A model file is not what it claims to be."""
 

@@ -58,7 +58,7 @@ def prepare(
     constant). All but the last have a prior about neo-Hooke, see `base_functions`.
 
     spacing: of the virtual fields, mm (None: from the noise). Weights follow the base in `PASSES` passes. Raises
-    `FitError` when it does not converge, or noise hides what it needs; `ConfigError` where nothing is left to fit, or
+    `FitError` when it does not converge (`WeakStrainError` where that is for noise in the strain), or noise hides what it needs; `ConfigError` where nothing is left to fit, or
     tests in plane stress and in plane strain come together; and the errors of `calibrate.equations.equilibrium.equilibrium`.
     """
     systems = [equilibrium(e, spacing) for e in experiments]
@@ -149,21 +149,22 @@ def _base(
         change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c)) * max(0.5 / share, 1.0)
         if change < (0.2 if count < PASSES - 1 else 1.0) * TOLERANCE:
             return c
-    raise errors.FitError(_not_converged([test.system.experiment for test in tests], change))
+    raise _not_converged([test.system.experiment for test in tests], change)
 
 
-def _not_converged(experiments: Sequence[Experiment], change: float) -> str:
+def _not_converged(experiments: Sequence[Experiment], change: float) -> errors.FitError:
     """What is wrong with the data, where that can be seen, and what can be done."""
     text = f"the base model has not converged (its forces still change by {change:.1%} when the weights are updated); "
     signals = [(e.strain_signal, e.name) for e in experiments]
     signal, name = min(signals, key=lambda pair: pair[0].ratio)
     if signal.ratio < LEAST_SIGNAL:
-        return text + (
-            f"the strain of {name} is {signal.strain:.1%} and scatters by {signal.scatter:.1%} between neighbouring triangles, so that "
+        return errors.WeakStrainError(
+            text
+            + f"the strain of {name} is {signal.strain:.1%} and scatters by {signal.scatter:.1%} between neighbouring triangles, so that "
             "the weights follow the noise: fit the frame with the largest strain alone, mask spurious points at import (docs/ugly_data.md), "
             "or take --base neo-Hooke"
         )
-    return (
+    return errors.FitError(
         text + "a diagnosis of it would be one of the fit: check forces, units and free edges, or take --base neo-Hooke"
     )
 

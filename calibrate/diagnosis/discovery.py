@@ -30,7 +30,7 @@ from calibrate.diagnosis.twin import Replay, with_twins
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
 from calibrate.equations.equilibrium import Equilibrium
-from calibrate.errors import FitError
+from calibrate.errors import FitError, WeakStrainError
 from calibrate.fitting.noise.noise_check import with_checked_noise
 
 Say = Callable[[str], None]
@@ -59,7 +59,7 @@ def discover(
     hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`. replay: solves a
     test by finite elements, so that its discretisation error is known (`twin`); None: it is allowed for. readings: parts of each interval between
     pictures at whose ends the force of the machine record is used, see `readings_between`. Of several tests each may have a warp, a gradient, ... of its own,
-    which the weights allow for (`own_effects`). Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
+    which the weights allow for (`own_effects`). Where a flexible base follows the noise of a weak strain, neo-Hooke takes its place. Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
     `calibrate.equations.equilibrium.equilibrium`.
     """
     say = progress or (lambda text: None)
@@ -69,7 +69,12 @@ def discover(
     say("base model")
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
     tests = [with_readings(e, readings, 0) if readings else e for e, _ in checked]
-    problem, state = prepare(tests, train, spacing, base=base)
+    try:
+        problem, state = prepare(tests, train, spacing, base=base)
+        one_modulus = False
+    except WeakStrainError:
+        problem, state = prepare(tests, train, spacing, base="neo-Hooke")
+        one_modulus = True
     without_twin: tuple[str, ...] = ()
     if replay is not None:
         say("replay of the base model")
@@ -78,7 +83,7 @@ def discover(
         problem, state = with_own_effects(problem, distinct(effects), priors or read_priors())
     found = diagnose(problem, state, effects, whole_table, seed, say, thresholds, priors, fitted, check, all_effects)
     noise, own = tuple(check for _, check in checked), own_effects(found.problem, found.final)
-    return replace(found, noise=noise, without_twin=without_twin, own=own)
+    return replace(found, noise=noise, without_twin=without_twin, own=own, one_modulus=one_modulus)
 
 
 def diagnose(

@@ -10,19 +10,21 @@ from studies.output.words import percent
 
 
 def take(folder: Path) -> dict[str, Any]:
-    """Errors of replays in the pictures held out: neo-Hooke, the final model, the plausible effects as the equations have them and updated."""
+    """Errors of replays in the pictures held out: neo-Hooke, the final model where it was replayed, the plausible effects as the equations have them and updated."""
     found = json.loads((folder / "discovery.json").read_text())
     record = json.loads((folder / "report.json").read_text())
     used, noise = found["all_effects"]["plausible"], found["noise"][0]["found_std_mm"]
     updated = used["updated"]["replay"]
     replays = {
         "neo_hooke": used["neo_hooke"],
-        "final": found["replay"]["final"],
+        "final": found["replay"].get("final"),
         "plausible": used["replay"],
         "updated": updated["final"],
     }
     numbers: dict[str, Any] = {"noise_mm": f"{noise:.3f}", "verdict": found["verdict"]}
     for name, one in replays.items():
+        if one is None:  # no equilibrium
+            continue
         judged = one["judged"]
         numbers |= {
             f"{name}_force": percent(judged["force"]),

@@ -8,7 +8,7 @@ from typing import Any
 
 from studies.output.words import digits, percent, plus_minus
 
-COMMAND = "equigap unpack sutula_skin_dic/monolithic.npz --name skin -o skin; equigap import skin/columns.toml -o imported; equigap calibrate imported/experiment.npz --hold-out every:3 -o calibrated; equigap discover imported/experiment.npz --quick -o discovered"  # fmt: skip
+COMMAND = "equigap unpack sutula_skin_dic/monolithic.npz --name skin -o skin; equigap import skin/columns.toml (with count = 12 in [frames]) -o imported; equigap calibrate imported/experiment.npz --hold-out every:3 -o calibrated; equigap discover imported/experiment.npz --quick -o discovered"  # fmt: skip
 
 FORCES_MISSED = "F301"
 

@@ -185,7 +185,8 @@ class Discovery:
     explanations. replaced: effects that the rounds had found before a more probable explanation took their place. everything: the fit of all
     effects at once, where no few of them explain the test; without_everything: why it could not be made. without_twin: why tests were not replayed. own: what
     every one of several tests has for itself.
-    replay_check: of base and final model; None where it was not asked for. dominant: of a test that is not explained; None where nothing is.
+    replay_check: of base and final model; None where it was not asked for. dominant: of a test that is not explained; None where nothing is. one_modulus:
+    whether the base is neo-Hooke because a flexible one followed the noise of a weak strain.
     """
 
     problem: Problem = field(repr=False)
@@ -206,6 +207,7 @@ class Discovery:
     own: tuple[OwnEffect, ...] = ()
     replay_check: ReplayCheck | NoReplayCheck | None = field(default=None, repr=False)
     dominant: DominantEffect | None = None
+    one_modulus: bool = False
 
     @property
     def powers(self) -> tuple[Power, ...]:

@@ -170,7 +170,12 @@ def _of_tests(view: View) -> Iterator[Finding]:
     for part in parts:
         signal = part.experiment.strain_signal
         if signal.ratio < WEAK_SIGNAL:
-            yield _finding(DiscoveryCode.WEAK_STRAIN, name=part.experiment.name, signal=signal.to_dict())
+            yield _finding(
+                DiscoveryCode.WEAK_STRAIN,
+                name=part.experiment.name,
+                signal=signal.to_dict(),
+                one_modulus=view.discovery.one_modulus,
+            )
     for part in parts:
         yield from experiment_findings(part.experiment, part.assembled.noise_is_known)
 

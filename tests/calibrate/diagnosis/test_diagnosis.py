@@ -341,6 +341,18 @@ def test_nothing_is_found_where_nothing_is():
     assert result.rounds[0].misfits.p_value > 0.01
 
 
+def test_a_base_that_follows_the_noise_is_one_modulus(monkeypatch):
+    def prepared(experiments, train, spacing, base):
+        if base != "neo-Hooke":
+            raise errors.WeakStrainError("weights follow the noise")
+        return base_fit.prepare(experiments, train, spacing, base=base)
+
+    monkeypatch.setattr("calibrate.diagnosis.discovery.prepare", prepared)
+    found = discover([sheet()], whole_table=False, fitted=False, effects=(effect("force offset"),))
+    assert found.one_modulus and found.problem.cone.shape[1] == 1
+    assert np.ptp(found.base.c) < 1e-9 * found.base.c.max()
+
+
 def test_second_invariant_is_found_with_its_amplitude():
     result = found(0.02)
     assert result.verdict is Verdict.EXPLAINED

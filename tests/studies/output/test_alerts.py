@@ -189,10 +189,11 @@ def of_problem(**changes: Any) -> Findings:
     return of_nothing(problem=replace(nothing().problem, **changes))
 
 
-def of_experiment(change: Callable[[Experiment], Experiment]) -> Findings:
+def of_experiment(change: Callable[[Experiment], Experiment], **changes: Any) -> Findings:
     (part,) = nothing().problem.parts
     system = replace(part.system, experiment=change(part.experiment))
-    return of_problem(parts=(replace(part, chain=replace(part.chain, system=system)),))
+    parts = (replace(part, chain=replace(part.chain, system=system)),)
+    return of_nothing(problem=replace(nothing().problem, parts=parts), **changes)
 
 
 def of_first_round(**changes: Any) -> Findings:
@@ -627,6 +628,12 @@ def test_the_table_of_a_report_leads_to_what_a_code_means() -> None:
         assert f'<a href="#{alert.anchor}" title="{alert.page}">{alert.code}</a>' in html
         assert html.count(f'id="{alert.anchor}"') == 1 and alert.means in html
     assert "Alerts" not in add_alerts(Report("A report"), []).html()
+
+
+def test_a_base_that_followed_the_noise_is_told() -> None:
+    for one_modulus in (False, True):
+        (told,) = (one.text for one in of_experiment(noisy, one_modulus=one_modulus) if one.alert.code == "D103")
+        assert ("the base is one modulus" in told) is one_modulus
 
 
 def test_noise_that_pictures_have_in_common_is_told_with_its_parts():
