@@ -15,7 +15,7 @@ def take(folder: Path, calibration: Path) -> dict[str, Any]:
     force, field, mesh = told["R601"], told["R602"], told["R603"]
     fitted = json.loads((calibration / "report.json").read_text())["results"]["relative_force_error"]
     return {
-        "command": "equigap import Soft_Homo; equigap calibrate --quick; equigap replay",
+        "command": "equigap import Soft_Homo --frames 12; equigap calibrate --quick; equigap replay",
         "how": "measured sheet, twelve pictures",
         "numbers": {
             "force_error": share(force["error"]),

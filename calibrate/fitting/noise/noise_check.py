@@ -68,8 +68,18 @@ def with_checked_noise(experiment: Experiment) -> tuple[Experiment, NoiseCheck]:
 
 
 def with_found_noise(experiment: Experiment) -> tuple[Experiment, NoiseCheck | None]:
-    """The same where nobody stated a noise; as it is, and None, where someone did."""
-    return (experiment, None) if experiment.noise_is_stated else with_checked_noise(experiment)
+    """The same for a calibration, where nobody stated a noise; as it is, and None, where someone did.
+
+    All of it counts as new in each increment. An error of the model grows with the deformation and lasts over pictures as noise of the pattern and a drift do; weights that
+    took it for these would follow small differences between increments, and give up the forces for them.
+    """
+    if experiment.noise_is_stated:
+        return experiment, None
+    check = check_noise(experiment)
+    if check.used is not None and check.used.is_correlated:
+        std, none = check.used.total_std, {"pattern_std": 0.0, "reference_std": 0.0, "correlation_time": 0.0}
+        check = replace(check, used=replace(check.used, displacement_std=std, **none))
+    return (replace(experiment, noise=check.used) if check.corrected else experiment), check
 
 
 def check_noise(experiment: Experiment) -> NoiseCheck:

@@ -15,7 +15,7 @@ from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.problem import all_rows
 from calibrate.diagnosis.residual_tests import SCALE_ERROR, ChiSquare
 from calibrate.fitting.noise import fine_fields, noise_check
-from calibrate.fitting.noise.noise_check import check_noise, with_checked_noise
+from calibrate.fitting.noise.noise_check import NoiseCheck, check_noise, with_checked_noise, with_found_noise
 
 NOISE = Noise(0.01, 3.0, 1e-3)
 
@@ -42,6 +42,15 @@ def test_too_few_points_say_nothing_and_what_is_stated_stays(monkeypatch):
     monkeypatch.setattr(fine_fields, "FEWEST", 10**6)
     few = check_noise(sheet())
     assert np.isnan(few.found) and few.used == NOISE and not few.corrected
+
+
+def test_a_calibration_takes_what_is_found_for_new_in_each_increment(monkeypatch):
+    """As large in all; what is stated is taken as it is."""
+    parts = Noise(0.004, 3.0, 1e-3, pattern_std=0.01, reference_std=0.002, correlation_time=5.0)
+    monkeypatch.setattr(noise_check, "check_noise", lambda e: NoiseCheck(None, parts.total_std, parts))
+    found, check = with_found_noise(replace(sheet(), noise=None))
+    assert found.noise == Noise(parts.total_std, 3.0, 1e-3) and check.used == found.noise
+    assert with_found_noise(sheet()) == (sheet(), None)
 
 
 def test_a_stated_noise_that_agrees_is_kept():
