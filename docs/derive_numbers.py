@@ -96,6 +96,13 @@ FOREIGN_SETS = (
         "stopped for time, looked at once",
         BEFORE_INCLUSIONS,
     ),
+    TrialSet(
+        "foreign_of_today.json",
+        FOREIGN.format(71000),
+        "two correlation lengths of noise, inclusions, weights by one Cholesky factor",
+        "revisions 91a02ac and ec5213a, the diagnosis the same; stopped for time, looked at once",
+        frozenset(NEARLY),
+    ),
 )
 
 
