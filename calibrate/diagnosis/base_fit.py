@@ -24,6 +24,7 @@ from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, basis_for, 
 from calibrate.equations.equilibrium import Equilibrium, equilibrium
 from calibrate.equations.reduction import Assembled, Quadratic
 from calibrate.equations.weights import weights_of
+from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.fitting.least_squares import bounded
 
 Array = NDArray[np.float64]
@@ -31,7 +32,6 @@ PASSES, MOST_PASSES = 12, 48  # of updates by half; in all, by less and less, wh
 TOLERANCE = 0.05  # relative change of the base between the last two passes
 # see `reduction.corrected`: with more noise in the change of volume, p-values in plane strain no longer hold
 RELIABLE = 0.9
-LEAST_SIGNAL = 3.0  # signal to noise of the strain
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ def _not_converged(experiments: Sequence[Experiment], change: float) -> errors.F
     text = f"the base model has not converged (its forces still change by {change:.1%} when the weights are updated); "
     signals = [(e.strain_signal, e.name) for e in experiments]
     signal, name = min(signals, key=lambda pair: pair[0].ratio)
-    if signal.ratio < LEAST_SIGNAL:
+    if signal.ratio < WEAK_SIGNAL:
         return errors.WeakStrainError(
             text
             + f"the strain of {name} is {signal.strain:.1%} and scatters by {signal.scatter:.1%} between neighbouring triangles, so that "

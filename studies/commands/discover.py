@@ -20,7 +20,6 @@ from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import discovery
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut, Kind
-from calibrate.diagnosis.selection import Verdict
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.errors import ConfigError
 from studies.commandline.option_types import (
@@ -89,8 +88,7 @@ class Discovered(Outcome):
         yield f"{verdict(self.view)}."
         yield from use_of_models(self.view)
         yield from alert_lines(all_remarks(self.view))
-        found = self.view.discovery
-        if found.verdict is Verdict.NOT_EXPLAINED and (file := to_predict_with(found)):
+        if file := to_predict_with(self.view.discovery):
             yield f"to predict with: {self.folder / file}"
         yield f"model: {self.folder / 'model.json'}"
         yield f"report: {self.report}"

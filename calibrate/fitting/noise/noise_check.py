@@ -63,8 +63,7 @@ class NoiseCheck:
 
 def with_checked_noise(experiment: Experiment) -> tuple[Experiment, NoiseCheck]:
     """The Experiment with the noise that its equations see, where that is not what is stated."""
-    check = check_noise(experiment)
-    return (replace(experiment, noise=check.used) if check.corrected else experiment), check
+    return _with(experiment, check_noise(experiment))
 
 
 def with_found_noise(experiment: Experiment) -> tuple[Experiment, NoiseCheck | None]:
@@ -79,6 +78,10 @@ def with_found_noise(experiment: Experiment) -> tuple[Experiment, NoiseCheck | N
     if check.used is not None and check.used.is_correlated:
         std, none = check.used.total_std, {"pattern_std": 0.0, "reference_std": 0.0, "correlation_time": 0.0}
         check = replace(check, used=replace(check.used, displacement_std=std, **none))
+    return _with(experiment, check)
+
+
+def _with(experiment: Experiment, check: NoiseCheck) -> tuple[Experiment, NoiseCheck]:
     return (replace(experiment, noise=check.used) if check.corrected else experiment), check
 
 

@@ -236,6 +236,7 @@ def test_weights_have_the_determinant_and_the_squares_of_the_dense_covariance(no
     assert ((unit - np.eye(len(unit))) ** 2).mean() < close**2
     if not noise.correlation_time:  # what is left out was told to be below that in every direction
         values = np.linalg.eigvalsh(unit)
+        # 2e-6: the floor of a Cholesky factor, 1e-10 of the variance, over the smallest share of it that is new in an increment
         assert values[0] > 1 - 2e-6 and values[-1] < 1 + noise_covariance.NEGLIGIBLE
     draws = np.zeros((50, *used.shape))
     draws[:, used] = (np.linalg.cholesky(covariance) @ np.random.default_rng(0).standard_normal((len(unit), 50))).T
