@@ -83,9 +83,9 @@ def prepare(
     def prior(c: Array) -> Array:
         return base_functions.prior_rows(basis, c, top, stiffness)
 
-    c = _base(used, basis, start, cone, prior)
+    c, heavy = _base(used, basis, start, cone, prior)
     parts = [
-        weighted_part(t.chain, t.assembled, basis, c, t.mask, all_rows(t.system) & ~t.mask, with_discrepancy)
+        weighted_part(t.chain, t.assembled, basis, heavy, t.mask, all_rows(t.system) & ~t.mask, with_discrepancy)
         for t in tests
     ]
     noise_is_known = all(test.assembled.noise_is_known for test in tests)
@@ -97,7 +97,7 @@ def prepare(
         1.0,
         noise_is_known,
         with_discrepancy,
-        c,
+        heavy,
     )
     problem = replace(problem, dispersion=rough_dispersion(problem, residual(problem, c, ())))
     return problem, refit(problem, c, ())
@@ -129,26 +129,27 @@ def _base(
     start: Array,
     cone: Array,
     prior: Callable[[Array], Array],
-) -> Array:
-    """Coefficients (n,) of the base whose weights belong to it, found in passes. Raises `FitError`. prior: its rows at coefficients."""
+) -> tuple[Array, Array]:
+    """Coefficients (n,) of the base, and those that its weights belong to, found in passes. Raises `FitError`. prior: its rows at coefficients."""
     c, spread, change = start, 1.0, np.inf
     assembled, masks = [test.assembled for test in tests], [test.mask for test in tests]
     n = cone.shape[1]
     for count in range(MOST_PASSES):
-        quadratic, A, d = _weighted(tests, basis, c)
+        heavy = reduction.coefficients_of_weights(c, start, spread)
+        quadratic, A, d = _weighted(tests, basis, heavy)
         weights = bounded(A @ cone, d, np.zeros(n), np.full(n, np.inf), np.sqrt(spread) * prior(c) @ cone)
         previous, c = c, cone @ weights
         spread = max(1.0, quadratic.loss(c) / len(d))
         if not c.any():
             raise errors.FitError("the data do not constrain the material: forces or displacements are all noise")
-        c = reduction.corrected(quadratic, c, previous, assembled, masks, RELIABLE)
+        c = reduction.corrected(quadratic, c, heavy, assembled, masks, RELIABLE)
         share = 1.0
         if count > 1:  # weights and fit may answer each other in turn
             share = 0.5 ** (1 + max(count - PASSES, 0) // PASSES)
             c = (1 - share) * previous + share * c
         change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c)) * max(0.5 / share, 1.0)
         if change < (0.2 if count < PASSES - 1 else 1.0) * TOLERANCE:
-            return c
+            return c, reduction.coefficients_of_weights(c, start, spread)
     raise _not_converged([test.system.experiment for test in tests], change)
 
 

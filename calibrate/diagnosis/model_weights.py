@@ -12,6 +12,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.diagnosis import base_functions
+from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.problem import OwnSignature, Part, Problem, loads, residual
 from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Additions, Chain
@@ -19,7 +21,7 @@ from calibrate.effects.chain.true_surface import is_expressed
 from calibrate.equations import discretisation_error, noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.noise_covariance import EquationNoise
-from calibrate.equations.reduction import Assembled
+from calibrate.equations.reduction import Assembled, coefficients_of_weights
 from calibrate.equations.weights import Weights, weights_of
 
 Array = NDArray[np.float64]
@@ -149,6 +151,8 @@ def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions
     whole = residual(problem, c, additions) + load
     base = residual(problem, c, measured) + load
     c = c * float(load @ whole) / float(load @ base)
+    neo_hooke = base_functions.first_guess([part.assembled for part in problem.trained])
+    c = coefficients_of_weights(c, neo_hooke, equations.dispersion(problem, whole - load))
     parts = [
         weighted_part(
             p.chain,

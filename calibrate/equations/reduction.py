@@ -225,6 +225,16 @@ def corrected(
     return parts @ np.linalg.solve(true, parts.T @ quadratic.q)
 
 
+def coefficients_of_weights(c: Array, neo_hooke: Array, dispersion: float) -> Array:
+    """Coefficients (n_functions,) whose noise weights the equations of a material c: its own where it leaves noise alone (dispersion 1), and the more it leaves, the more those
+    of neo-Hooke, as stiff as the forces say.
+
+    What a material misses does not scale with its stiffness as noise does. Weights that followed it would take the equations where it is soft for
+    exact ones, and the next fit would be softer still there, down to no modulus at rest.
+    """
+    return neo_hooke + (c - neo_hooke) / max(dispersion, 1.0)
+
+
 def assemble(system: Equilibrium, basis: Basis, progress: Progress | None = None) -> Assembled:
     """Assemble G of every increment. progress: called with (done, total) after each increment.
 

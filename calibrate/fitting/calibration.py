@@ -176,11 +176,14 @@ def calibrate(
         known = False
     else:
         assembled = reduction.assemble(system, basis, progress)
-        spline, known = assembled.first_guess(), assembled.noise_is_known
+        neo_hooke, known = assembled.first_guess(), assembled.noise_is_known
+        following = neo_hooke
         for _ in range(options.passes if experiment.plane == "stress" else max(options.passes, STRAIN_PASSES)):
-            weights, quadratic = spline, assembled.quadratic(spline)
+            weights, quadratic = following, assembled.quadratic(following)
             spline = network_fit.convex_spline(quadratic, options.inputs)
+            spread = quadratic.loss(spline) / quadratic.n_rows
             spline = reduction.corrected(quadratic, spline, weights, [assembled])
+            following = reduction.coefficients_of_weights(spline, neo_hooke, spread)
     architecture, result = network_fit.fit_network(
         quadratic, options.inputs, options.layers, spline, options.starts, options.seed
     )

@@ -25,7 +25,7 @@ from calibrate.data.experiment import Noise
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import Basis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke
-from calibrate.equations.reduction import Quadratic
+from calibrate.equations.reduction import Quadratic, coefficients_of_weights
 from calibrate.equations.unseen_strip import WindowEquilibrium
 from calibrate.fitting import network_fit
 from calibrate.fitting.stopping import Stop
@@ -70,7 +70,8 @@ def weighted_test(system: Equilibrium) -> WeightedTest:
     factor = noise_covariance.noise_factor(experiment.points, noise)
     of_points = sp.csr_array(factor @ factor.T)
     variances = np.diag(noise_covariance.between_increments(experiment, noise))
-    c = best_neo_hooke(system, basis)
+    neo_hooke = best_neo_hooke(system, basis)
+    c = neo_hooke
     for increments in (range(experiment.n_increments)[FIRST], range(experiment.n_increments)):
         lowers = {}
         for i in increments:
@@ -80,8 +81,9 @@ def weighted_test(system: Equilibrium) -> WeightedTest:
         test = WeightedTest(system, lowers, known)
         if increments != range(experiment.n_increments):
             loss = test.quadratic(basis)
-            c = network_fit.convex_spline(loss, "I1")
-            c = loss.stiffness_factor(c) * c
+            spline = network_fit.convex_spline(loss, "I1")
+            spread = loss.loss(spline) / loss.n_rows
+            c = coefficients_of_weights(loss.stiffness_factor(spline) * spline, neo_hooke, spread)
     return test
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.basis import Basis, basis_for
 from calibrate.equations.equilibrium import equilibrium
-from calibrate.equations.reduction import assemble
+from calibrate.equations.reduction import assemble, coefficients_of_weights
 from calibrate.fitting.network_fit import convex_spline
 from calibrate.fitting.noise.common_noise import CommonRatios
 from calibrate.fitting.noise.fine_fields import FINE, MOST_INCREMENTS, FineFields, evenly
@@ -177,7 +177,10 @@ def material(experiment: Experiment) -> tuple[Basis, Array]:
     system = equilibrium(experiment.select(evenly(experiment, MATERIAL_INCREMENTS)))
     basis = basis_for(INPUTS, system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
     assembled = assemble(system, basis)
-    c = assembled.first_guess()
+    neo_hooke = assembled.first_guess()
+    c = weights = neo_hooke
     for _ in range(PASSES):
-        c = convex_spline(assembled.quadratic(c), INPUTS)
+        quadratic = assembled.quadratic(weights)
+        c = convex_spline(quadratic, INPUTS)
+        weights = coefficients_of_weights(c, neo_hooke, quadratic.loss(c) / quadratic.n_rows)
     return basis, c
