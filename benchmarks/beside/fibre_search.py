@@ -23,7 +23,7 @@ def search(experiment: Experiment) -> dict[str, Any]:
     start = time.process_time()
     effects = (OneFibreFamily(), TwoFibreFamilies(), SecondInvariant())
     try:
-        found = discover([experiment], effects=effects, whole_table=False)
+        found = discover([experiment], effects=effects)
     except EquigapError as error:
         return {"refused": str(error), "cpu_seconds": time.process_time() - start}
     additions = [

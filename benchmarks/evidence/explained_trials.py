@@ -108,7 +108,7 @@ def diagnosed(seed: int, names: tuple[str, ...], stereo: bool, linear: bool) -> 
     experiment, _ = make(draw(seed, *(names or (None,))))
     if stereo:
         experiment = flat(experiment)
-    rounds = discover([experiment], whole_table=False, fitted=False)
+    rounds = discover([experiment], fitted=False)
     weighing = weigh(rounds, read_priors(), fitted=not linear)
     found = decided(rounds, weighing, read_priors(), CATALOGUE)
     shown, hidden = weighing.alternatives, set(names)

@@ -97,7 +97,7 @@ def diagnosed(data: Experiment) -> tuple[Discovery, NoiseCheck]:
     effects, priors = distinct(CATALOGUE), read_priors()
     problem, base = prepare([checked], [HoldOut.default(data.n_increments, False).training])
     problem, base, _ = with_twins(problem, base, twin_replay)
-    found = close_loop(problem, base, effects, whole_table=False)
+    found = close_loop(problem, base, effects)
     if found.verdict is not Verdict.NOTHING_SIGNIFICANT:
         found = decided(found, weigh(found, priors, effects), priors, effects)
     return found, check

@@ -43,7 +43,6 @@ def discover(
     effects: Sequence[Effect] = CATALOGUE,
     spacing: float | None = None,
     base: str = "positive",
-    whole_table: bool = True,
     seed: int = 0,
     progress: Say | None = None,
     thresholds: Thresholds = DEFAULT,
@@ -81,7 +80,7 @@ def discover(
         problem, state, without_twin = with_twins(problem, state, replay)
     if len(problem.trained) > 1:
         problem, state = with_own_effects(problem, distinct(effects), priors or read_priors())
-    found = diagnose(problem, state, effects, whole_table, seed, say, thresholds, priors, fitted, check, all_effects)
+    found = diagnose(problem, state, effects, seed, say, thresholds, priors, fitted, check, all_effects)
     noise, own = tuple(check for _, check in checked), own_effects(found.problem, found.final)
     return replace(found, noise=noise, without_twin=without_twin, own=own, one_modulus=one_modulus)
 
@@ -90,7 +89,6 @@ def diagnose(
     problem: Problem,
     base: Fit,
     effects: Sequence[Effect] = CATALOGUE,
-    whole_table: bool = True,
     seed: int = 0,
     say: Say = lambda text: None,
     thresholds: Thresholds = DEFAULT,
@@ -101,12 +99,12 @@ def diagnose(
 ) -> Discovery:
     """Rounds from a base fit, the verdict in the light of all explanations, and where none explains the test all effects at once.
 
-    whole_table: refit with every effect, not only with those that are tried. priors: of amplitudes, None for the default. fitted: whether
+    priors: of amplitudes, None for the default. fitted: whether
     the best explanations are fitted and change the verdict. check: replays base and final model, which may change the verdict, too, and what is to be used
     where nothing explains the test. all_effects: whether they are fitted at once there, which changes no verdict (not without `fitted`).
     """
     effects, priors = distinct(effects), priors or read_priors()
-    found = close_loop(problem, base, effects, whole_table, seed, say, thresholds)
+    found = close_loop(problem, base, effects, seed, say, thresholds)
     weighing = weigh(found, priors, effects, fitted, say)
     found = decided(found, weighing, priors, effects, seed, say)
     if check is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis import effect_fit, model_weights
-from calibrate.diagnosis.effect_fit import ITERATIONS, Fit
+from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Addition, Additions
@@ -20,23 +20,21 @@ Array = NDArray[np.float64]
 TURNS, NEAR = 2, 0.5  # updates of the weights by a fit; standard deviations between both that are near enough
 
 
-def fit_with_weights(
-    problem: Problem, c: Array, additions: Additions, iterations: int = ITERATIONS, turns: int = TURNS
-) -> tuple[Problem, Fit]:
+def fit_with_weights(problem: Problem, c: Array, additions: Additions) -> tuple[Problem, Fit]:
     """The fit with weights that know the noise of its second derivatives, see `model_weights.amplified`; as `refit` where no
     effect takes any.
 
     Weights and amplitudes answer each other in some turns at most: the next weights belong to the mean of both.
     """
     problem = model_weights.amplified(problem, additions)
-    fit = effect_fit.refit(problem, c, additions, iterations)
-    for _ in range(turns):
+    fit = effect_fit.refit(problem, c, additions)
+    for _ in range(TURNS):
         if not _is_far(problem.amplifying, fit):
             break
         before = {a.effect.name: a for a in problem.amplifying}
         middle = tuple(_mean(before.get(a.effect.name, a), a) for a in fit.additions)
         problem = model_weights.amplified(problem, middle)
-        fit = effect_fit.refit(problem, fit.c, fit.additions, iterations)
+        fit = effect_fit.refit(problem, fit.c, fit.additions)
     return problem, fit
 
 
@@ -57,13 +55,11 @@ def _mean(one: Addition, other: Addition) -> Addition:
     return replace(other, amplitudes=tuple(0.5 * (x + y) for x, y in pairs))
 
 
-def fit_with_own_weights(
-    problem: Problem, c: Array, additions: Additions, iterations: int = ITERATIONS
-) -> tuple[Problem, Fit]:
+def fit_with_own_weights(problem: Problem, c: Array, additions: Additions) -> tuple[Problem, Fit]:
     """The fit whose weights belong to it: those of a base that makes up for a missing effect are wrong."""
-    problem, fit = fit_with_weights(problem, c, additions, iterations)
+    problem, fit = fit_with_weights(problem, c, additions)
     problem = model_weights.reweighted(problem, fit.c, fit.additions)
-    return fit_with_weights(problem, fit.c, fit.additions, iterations)
+    return fit_with_weights(problem, fit.c, fit.additions)
 
 
 def without_superfluous(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:

@@ -110,7 +110,7 @@ def discover(
 
     Args:
         experiments: tests of one material (.npz), fitted together
-        quick: refit only candidates that are tried, draw fewer pictures
+        quick: fit no explanations, draw fewer pictures
 
     Raises:
         OptionError: no experiment, unknown effect.
@@ -134,7 +134,7 @@ def discover(
     folder = open_output_folder(output or default_folder("discover", quick), overwrite, key)
     with released_if_refused(folder), Stages() as say:
         found = discovery.discover(
-            trained, rule, held, effects, diagnosis.spacing, diagnosis.base, not quick, diagnosis.seed, say,
+            trained, rule, held, effects, diagnosis.spacing, diagnosis.base, diagnosis.seed, say,
             priors=priors, fitted=not quick, replay=twin_replay, readings=diagnosis.readings,
             check=FiniteElementCheck(),
         )  # fmt: skip

@@ -97,7 +97,7 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     start = time.process_time()
     experiment = Experiment.load(path)
     found = discovery.discover(
-        [experiment], whole_table=False, replay=twin_replay, check=FiniteElementCheck(), all_effects=False
+        [experiment], replay=twin_replay, check=FiniteElementCheck(), all_effects=False
     )  # the verdict is what is judged
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
@@ -107,9 +107,7 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
         rest = tuple(e for e in CATALOGUE if e.name not in out)
         content["without"] = sorted(out)
         content["absent"] = described(
-            discovery.diagnose(
-                found.start, found.base, rest, whole_table=False, check=FiniteElementCheck(), all_effects=False
-            )
+            discovery.diagnose(found.start, found.base, rest, check=FiniteElementCheck(), all_effects=False)
         )
     return content
 

@@ -27,6 +27,8 @@ from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, Evidence
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
 from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.selection.candidate_fit import has_soft_base
+from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Additions, Chain
 
@@ -101,7 +103,7 @@ def _additions(
 
 
 def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem, Fit] | None:
-    """With its own weights, from the linear estimate, or a share of it where that is better; None where the fit runs away."""
+    """With its own weights, from the linear estimate, or a share of it where that is better; None where the fit runs away, or effects take the place of the material."""
     start = additions
     for _ in range(SHARES):
         if equations.loss(problem, base.c, start) < base.loss:
@@ -111,7 +113,8 @@ def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem,
         own, fit = weighted_fit.without_superfluous(*weighted_fit.fit_with_own_weights(problem, base.c, start))
     except errors.FitError:
         return None
-    return (own, fit) if fit.free_loss < WORSE * base.free_loss else None
+    runs_away = fit.free_loss >= WORSE * base.free_loss or has_soft_base(fit, base, DEFAULT)
+    return None if runs_away else (own, fit)
 
 
 def _best_of_each(fits: Iterable[tuple[Problem, Fit]]) -> list[tuple[Problem, Fit]]:

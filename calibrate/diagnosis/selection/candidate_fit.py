@@ -1,4 +1,4 @@
-"""Candidates of a round fitted to be shown or compared: best shape, refit, penalised misfit, refusal.
+"""Candidates of a round fitted to be compared: best shape, refit, penalised misfit, refusal.
 
 In: the `Problem`, the fit of a round, a `Candidate`. Out: the candidate with its fit, or the reason why it is refused.
 """
@@ -27,7 +27,6 @@ from calibrate.effects.chain import Addition
 Array = NDArray[np.float64]
 FIRST_STEP = 0.13  # of a shape, over its size
 SHAPE_EVALUATIONS = 14  # the fit goes on from there
-ITERATIONS_OF_THE_TABLE = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,19 +43,18 @@ def model(candidate: Candidate) -> Model:
     return Model(candidate.problem, candidate.fit)
 
 
-def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, compared: bool = False) -> Candidate:
-    """The candidate with a refit of base and effect and its errors, of few iterations for the table or of more to be compared.
+def fitted(now: Model, candidate: Candidate, thresholds: Thresholds) -> Candidate:
+    """The candidate with a refit of base and effect and its errors.
 
-    A fit to be compared has the weights that belong to it: those of a base that makes up for the effect are wrong. One for the table has
-    those of the amplitudes that the score test estimates.
-    One to be compared starts from the best shape and from another (`Score.other`); the more likely of both is taken.
+    It has the weights that belong to it: those of a base that makes up for the effect are wrong. It starts from the best shape and from another
+    (`Score.other`); the more likely of both is taken.
     Without a fit where none is better than the model without the effect, or where it runs away: it then did not converge.
     """
     state, score = now.fit, candidate.score
     starts = [score]
-    if compared and score.other is not None and candidate.is_significant(thresholds):
+    if score.other is not None and candidate.is_significant(thresholds):
         starts.append(at_best_shape(now, score.other))
-    found = [_fit(now, replace(candidate, score=one), thresholds, compared) for one in starts]
+    found = [_fit(now, replace(candidate, score=one), thresholds) for one in starts]
     limit = thresholds.worse * state.free_loss + len(score.amplitudes)
     kept = [pair for pair in found if pair is not None and pair[1].free_loss < limit]
     if not kept:
@@ -65,22 +63,17 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, compared: b
     train, held = (misfit(problem, new.c, new.additions, other) for other in (False, True))
     if not all(np.isfinite(one.chi_square) for one in (train, held) if one is not None):
         return candidate
-    if compared:
-        return replace(candidate, fit=new, problem=problem, train=train, held=held)
-    return replace(candidate, fit=replace(new, chains=()), train=train, held=held)  # nothing goes on from it
+    return replace(candidate, fit=new, problem=problem, train=train, held=held)
 
 
-def _fit(now: Model, candidate: Candidate, thresholds: Thresholds, compared: bool) -> tuple[Problem, Fit] | None:
+def _fit(now: Model, candidate: Candidate, thresholds: Thresholds) -> tuple[Problem, Fit] | None:
     """With the weights that a fit of its kind has; None where it runs away."""
     problem, state = now.problem, now.fit
     additions = (*state.additions, _start(now, candidate.score, thresholds))
-    iterations = effect_fit.ITERATIONS if compared else ITERATIONS_OF_THE_TABLE
     try:
         if not candidate.is_significant(thresholds):
-            return problem, effect_fit.refit(problem, state.c, additions, iterations)
-        if compared:
-            return weighted_fit.fit_with_own_weights(problem, state.c, additions, iterations)
-        return weighted_fit.fit_with_weights(problem, state.c, additions, iterations, turns=0)
+            return problem, effect_fit.refit(problem, state.c, additions)
+        return weighted_fit.fit_with_own_weights(problem, state.c, additions)
     except errors.FitError:
         return None
 
@@ -108,7 +101,7 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
         return RefusalReason.INADMISSIBLE
     if candidate.addition.effect.is_degenerate(candidate.addition.shape):
         return RefusalReason.DEGENERATE
-    if np.linalg.norm(candidate.fit.c) < thresholds.softest_base * np.linalg.norm(now.fit.c):
+    if has_soft_base(candidate.fit, now.fit, thresholds):
         return RefusalReason.SOFT_BASE
     if grows(now, candidate.train, candidate.held, thresholds):
         return RefusalReason.LARGER_ERRORS
@@ -119,6 +112,11 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
     assert candidate.problem is not None
     both = Model(candidate.problem, candidate.fit)
     return None if falls_in_either_weights(model, both) else RefusalReason.LARGER_IN_OTHER_WEIGHTS
+
+
+def has_soft_base(fit: Fit, base: Fit, thresholds: Thresholds) -> bool:
+    """Whether effects take the place of the material, and leave a base with hardly any stiffness."""
+    return bool(np.linalg.norm(fit.c) < thresholds.softest_base * np.linalg.norm(base.c))
 
 
 def falls_in_either_weights(before: Model, after: Model) -> bool:

@@ -56,7 +56,7 @@ def _alone(found: Discovery, say: Say) -> Iterator[tuple[str, Fit]]:
             continue
         say(f"{candidate.name} alone")
         score = candidate_fit.at_best_shape(base, candidate.score)
-        one = candidate_fit.fitted(base, replace(candidate, score=score, fit=None), thresholds, compared=True)
+        one = candidate_fit.fitted(base, replace(candidate, score=score, fit=None), thresholds)
         if one.fit is not None and candidate_fit.objection(base, first, one, thresholds) is None:
             yield one.name, one.fit
 

@@ -78,8 +78,7 @@ def _place(
     # the others as they were beside this one
     start = Model(model.problem, replace(state, additions=others, loss=without.loss, unexplained=without.unexplained))
     candidates = [
-        candidate_fit.fitted(start, Candidate(s), thresholds, compared=True)
-        for s in _rivals(scores, own, one.effect.name, thresholds)
+        candidate_fit.fitted(start, Candidate(s), thresholds) for s in _rivals(scores, own, one.effect.name, thresholds)
     ]
     kept = [c for c in candidates if c.fit is not None and not candidate_fit.grows(now, c.train, c.held, thresholds)]
     return _Place(without, penalised_misfit(Candidate(own, state)) if own else state.likelihood, kept)

@@ -1,6 +1,6 @@
 """Close the loop: test the effects, add the best that data held out confirm, test the residual, until nothing is significant.
 
-In: a `Problem` and its base fit. Out: `Discovery` with a round for each model, and a verdict. First and last round have a fit with every effect.
+In: a `Problem` and its base fit. Out: `Discovery` with a round for each model, and a verdict.
 
 An effect is added if its adjusted p-value is small, its amplitude is physically admissible, and the error on equations
 that were not used for fitting falls. Once nothing more is added, each effect is taken out again and the others compete
@@ -37,7 +37,6 @@ def close_loop(
     problem: Problem,
     state: Fit,
     effects: Sequence[Effect] = CATALOGUE,
-    whole_table: bool = True,
     seed: int = 0,
     say: Say = lambda text: None,
     thresholds: Thresholds = DEFAULT,
@@ -52,16 +51,12 @@ def close_loop(
     while True:
         say(f"round {len(rounds) + 1}: testing effects")
         now = scored_round(model, effects, seed, thresholds)
-        if whole_table and not rounds:
-            now = _with_fits(model, now, thresholds, say)
         added, names = None, frozenset(model.fit.names)
         if len(names) > 1 and names not in reviews:
             now, reviews[names], added = review(model, now, effects, thresholds, seed, say)
         enough = len(names) >= thresholds.most_named and is_small(rounds[0], now, thresholds)
         if added is None and len(names) < thresholds.most_effects and not enough:
             now, added = extended(model, now, say, thresholds)
-        if whole_table and added is None and rounds:
-            now = _with_fits(model, now, thresholds, say)
         rounds.append(replace(now, candidates=tuple(one.decided for one in now.candidates)))
         if added is None:
             confirmation = confirm(base, model, thresholds) if names else None
@@ -89,17 +84,6 @@ def scored_round(model: Model, effects: Sequence[Effect], seed: int = 0, thresho
     return Round(state, train, held, misfits, tuple(candidates), predicted)
 
 
-def _with_fits(model: Model, now: Round, thresholds: Thresholds, say: Say) -> Round:
-    """The round with a fit of every candidate that was tested and has none, for the table."""
-    found = []
-    for one in now.candidates:
-        if one.score.is_tested and one.fit is None:
-            say(f"fit with {one.name}")
-            one = candidate_fit.fitted(model, one, thresholds)
-        found.append(one)
-    return replace(now, candidates=tuple(found))
-
-
 def extended(model: Model, now: Round, say: Say, thresholds: Thresholds = DEFAULT) -> tuple[Round, Model | None]:
     """Add the best effect that is significant, admissible and confirmed by what was held out."""
     now, significant = _refined(model, now, thresholds)
@@ -114,7 +98,7 @@ def extended(model: Model, now: Round, say: Say, thresholds: Thresholds = DEFAUL
         if len(fitted) == thresholds.tries or behind:
             break
         say(f"adding {candidate.name}")
-        best = candidate_fit.fitted(model, replace(candidate, fit=None), thresholds, compared=True)
+        best = candidate_fit.fitted(model, replace(candidate, fit=None), thresholds)
         fitted[candidate.name] = best
         reason = candidate_fit.objection(model, now, best, thresholds)
         if reason:

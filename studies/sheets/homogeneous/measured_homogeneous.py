@@ -33,7 +33,6 @@ def close(loop: Loop, say: Callable[[str], None]) -> HomogeneousResult:
         None,
         held,
         base="positive",
-        whole_table=False,
         progress=lambda text: say(f"{loop.name}: {text}"),
         all_effects=False,
     )

@@ -31,7 +31,7 @@ def found(without: str = ""):
     sheet = synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.03), n_increments=4)
     noisy = synthetic.with_noise(sheet, Noise(1e-4, 3.0, 3e-4, 2e-3), 1)
     effects = [e for e in FEW if e.name != without]
-    return discover([noisy], HoldOut("none", None), effects=effects, whole_table=False, fitted=False)
+    return discover([noisy], HoldOut("none", None), effects=effects, fitted=False)
 
 
 def after(*explanations: tuple[tuple[str, ...], bool, float], groups=None):

@@ -88,7 +88,7 @@ FEW = tuple(e for e in CATALOGUE if e.name in NAMES)
 
 @cache
 def found(c01=0.0, seed=1):
-    return close_loop(*prepared(c01, seed), FEW, whole_table=False)
+    return close_loop(*prepared(c01, seed), FEW)
 
 
 def effect(name):
@@ -348,7 +348,7 @@ def test_a_base_that_follows_the_noise_is_one_modulus(monkeypatch):
         return base_fit.prepare(experiments, train, spacing, base=base)
 
     monkeypatch.setattr("calibrate.diagnosis.discovery.prepare", prepared)
-    found = discover([sheet()], whole_table=False, fitted=False, effects=(effect("force offset"),))
+    found = discover([sheet()], fitted=False, effects=(effect("force offset"),))
     assert found.one_modulus and found.problem.cone.shape[1] == 1
     assert np.ptp(found.base.c) < 1e-9 * found.base.c.max()
 
@@ -378,7 +378,7 @@ def test_nothing_is_explained_without_a_name():
 def test_absent_effect_is_not_given_another_name_without_saying():
     """Without the second invariant in the catalogue nothing but its likes may be named."""
     rest = [e for e in FEW if e.name != "second invariant"]
-    result = close_loop(*prepared(0.02), rest, whole_table=False)
+    result = close_loop(*prepared(0.02), rest)
     like = dict(next(r for r in found(0.02).rounds[0].candidates if r.name == "second invariant").like)
     assert all(like.get(name, 0.0) > 0.9 for name in result.named)
 
@@ -404,7 +404,7 @@ def test_a_single_increment_is_not_explained_by_an_offset_of_its_force():
     one = sheet(0.02)
     last = tuple(replace(b, force=b.force[-1:]) for b in one.loaded)
     one = replace(one, displacements=one.displacements[-1:], loaded=last, time=one.time[-1:])
-    result = discover([one], HoldOut("none", None), effects=[effect("force offset")], whole_table=False)
+    result = discover([one], HoldOut("none", None), effects=[effect("force offset")])
     (row,) = result.rounds[0].candidates
     assert row.score.status is Status.NOT_TESTABLE
     assert row.score.missing == ("more increments",)
@@ -513,7 +513,7 @@ def test_families_of_fibres_that_close_up_are_declared_alike():
     """One family from the UFL model: two families, left to imitate it, are named as its like."""
     trial = next(t for s in range(60) if (t := blind_data.draw(s, "one fibre family")).specimen == "plate"
                  and t.effects[0].amplitudes["k"] > 0.02 * t.material.shear_modulus)  # fmt: skip
-    result = discover([blind_data.make(trial)[0]], whole_table=False)
+    result = discover([blind_data.make(trial)[0]])
     row = next(r for r in result.rounds[0].candidates if r.name == "one fibre family")
     assert "one fibre family" in result.named
     assert dict(row.like)["two fibre families"] > DEFAULT.collinear

@@ -240,7 +240,7 @@ def test_the_deviation_in_a_diagnosis_is_that_of_a_calibration():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_a_second_invariant_is_found(seed):
-    found = discover([recorded(plate(BOTH, 30.0, 9), seed, 3e-5)], whole_table=False)
+    found = discover([recorded(plate(BOTH, 30.0, 9), seed, 3e-5)])
     assert found.verdict == "explained"
     assert found.named == ("second invariant",)
     amplitude, deviation = found.final.additions[0].amplitudes[0], found.final.errors[0][0]
@@ -252,7 +252,7 @@ def test_a_second_invariant_is_found(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_nothing_is_found_where_nothing_is(seed):
-    found = discover([recorded(plate(ArrudaBoyce(), 30.0, 9), seed, 3e-5)], whole_table=False)
+    found = discover([recorded(plate(ArrudaBoyce(), 30.0, 9), seed, 3e-5)])
     assert found.verdict == "nothing significant"
 
 

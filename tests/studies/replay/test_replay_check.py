@@ -76,7 +76,7 @@ def noisy(clean: Experiment, seed: int, noise: Noise = NOISE) -> Experiment:
 def found(second: bool, seed: int = 0) -> Discovery:
     """The diagnosis of a noisy test, every third increment held out, judged by its replay."""
     return discover(
-        [noisy(exact(second), seed)], HoldOut("every", 3), effects=FEW, whole_table=False, fitted=False, replay=twin_replay,
+        [noisy(exact(second), seed)], HoldOut("every", 3), effects=FEW, fitted=False, replay=twin_replay,
         check=FiniteElementCheck(),
     )  # fmt: skip
 

@@ -192,7 +192,7 @@ def test_a_test_that_cannot_be_replayed_keeps_its_weights_and_says_why():
         raise NoTwinError(f"{experiment.name}: no equilibrium")
 
     given = [e], HoldOut("none", None), (), effects, 12.0
-    plain, found = (discover(*given, whole_table=False, fitted=False, replay=one) for one in (None, fails))
+    plain, found = (discover(*given, fitted=False, replay=one) for one in (None, fails))
     assert found.without_twin == ("plate: no equilibrium",) and plain.without_twin == ()
     assert found.problem.parts[0].twin is None
     np.testing.assert_array_equal(found.base.residual, plain.base.residual)

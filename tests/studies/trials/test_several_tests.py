@@ -25,7 +25,7 @@ def found(*gradients, c01=0.0):
         hidden += [Hidden("second invariant", {"c01": c01}, {}, {})] if c01 else []
         trial = replace(draw(FIRST + k, None), material=MATERIAL, thickness=2.0, effects=tuple(hidden))
         tests.append(replace(make(trial)[0], name=f"test {k}"))
-    return discover(tests, whole_table=False, fitted=False, replay=twin_replay)
+    return discover(tests, fitted=False, replay=twin_replay)
 
 
 def own(discovery, name):
