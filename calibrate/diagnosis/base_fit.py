@@ -131,11 +131,10 @@ def _base(
     prior: Callable[[Array], Array],
 ) -> tuple[Array, Array]:
     """Coefficients (n,) of the base, and those that its weights belong to, found in passes. Raises `FitError`. prior: its rows at coefficients."""
-    c, spread, change = start, 1.0, np.inf
+    c, heavy, spread, change = start, start, 1.0, np.inf
     assembled, masks = [test.assembled for test in tests], [test.mask for test in tests]
     n = cone.shape[1]
     for count in range(MOST_PASSES):
-        heavy = reduction.coefficients_of_weights(c, start, spread)
         quadratic, A, d = _weighted(tests, basis, heavy)
         weights = bounded(A @ cone, d, np.zeros(n), np.full(n, np.inf), np.sqrt(spread) * prior(c) @ cone)
         previous, c = c, cone @ weights
@@ -147,9 +146,10 @@ def _base(
         if count > 1:  # weights and fit may answer each other in turn
             share = 0.5 ** (1 + max(count - PASSES, 0) // PASSES)
             c = (1 - share) * previous + share * c
+        heavy = quadratic.coefficients_of_weights(c, start)
         change = float(np.linalg.norm(A @ (c - previous)) / np.linalg.norm(A @ c)) * max(0.5 / share, 1.0)
         if change < (0.2 if count < PASSES - 1 else 1.0) * TOLERANCE:
-            return c, reduction.coefficients_of_weights(c, start, spread)
+            return c, heavy
     raise _not_converged([test.system.experiment for test in tests], change)
 
 

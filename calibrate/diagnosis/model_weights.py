@@ -152,6 +152,7 @@ def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions
     base = residual(problem, c, measured) + load
     c = c * float(load @ whole) / float(load @ base)
     neo_hooke = base_functions.first_guess([part.assembled for part in problem.trained])
+    neo_hooke *= float(load @ whole) / float(load @ (residual(problem, neo_hooke, measured) + load))
     c = coefficients_of_weights(c, neo_hooke, equations.dispersion(problem, whole - load))
     parts = [
         weighted_part(

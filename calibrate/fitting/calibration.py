@@ -181,9 +181,8 @@ def calibrate(
         for _ in range(options.passes if experiment.plane == "stress" else max(options.passes, STRAIN_PASSES)):
             weights, quadratic = following, assembled.quadratic(following)
             spline = network_fit.convex_spline(quadratic, options.inputs)
-            spread = quadratic.loss(spline) / quadratic.n_rows
             spline = reduction.corrected(quadratic, spline, weights, [assembled])
-            following = reduction.coefficients_of_weights(spline, neo_hooke, spread)
+            following = quadratic.coefficients_of_weights(spline, neo_hooke)
     architecture, result = network_fit.fit_network(
         quadratic, options.inputs, options.layers, spline, options.starts, options.seed
     )

@@ -25,7 +25,7 @@ from calibrate.data.experiment import Noise
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import Basis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke
-from calibrate.equations.reduction import Quadratic, coefficients_of_weights
+from calibrate.equations.reduction import Quadratic
 from calibrate.equations.unseen_strip import WindowEquilibrium
 from calibrate.fitting import network_fit
 from calibrate.fitting.stopping import Stop
@@ -82,8 +82,7 @@ def weighted_test(system: Equilibrium) -> WeightedTest:
         if increments != range(experiment.n_increments):
             loss = test.quadratic(basis)
             spline = network_fit.convex_spline(loss, "I1")
-            spread = loss.loss(spline) / loss.n_rows
-            c = coefficients_of_weights(loss.stiffness_factor(spline) * spline, neo_hooke, spread)
+            c = loss.coefficients_of_weights(loss.stiffness_factor(spline) * spline, neo_hooke)
     return test
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.basis import Basis, basis_for
 from calibrate.equations.equilibrium import equilibrium
-from calibrate.equations.reduction import assemble, coefficients_of_weights
+from calibrate.equations.reduction import assemble
 from calibrate.fitting.network_fit import convex_spline
 from calibrate.fitting.noise.common_noise import CommonRatios
 from calibrate.fitting.noise.fine_fields import FINE, MOST_INCREMENTS, FineFields, evenly
@@ -182,5 +182,5 @@ def material(experiment: Experiment) -> tuple[Basis, Array]:
     for _ in range(PASSES):
         quadratic = assembled.quadratic(weights)
         c = convex_spline(quadratic, INPUTS)
-        weights = coefficients_of_weights(c, neo_hooke, quadratic.loss(c) / quadratic.n_rows)
+        weights = quadratic.coefficients_of_weights(c, neo_hooke)
     return basis, c
