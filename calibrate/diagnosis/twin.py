@@ -7,14 +7,16 @@ The replayed fields are in equilibrium with the replayed forces. Seen by the tri
 leave a residual that the measured ones have, too. It depends little on the base and on the noise of the grips that the replay moves by, so that
 one replay of the base is enough; but an effect of the material that is as strong as the base changes it, so that a model has its own twin once an effect
 was added (docs/discover_method.md, "Weights"). It is smooth in the load, so that not every increment is replayed: between two, the residual is
-interpolated as the measured displacements are.
+interpolated as the measured displacements are. What subsets of the correlation make of a field at holes and edges is told by the twin, too, between the
+camera's points (`SubsetSmoothing`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,15 +27,29 @@ from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.model_weights import weighted_part
 from calibrate.diagnosis.problem import Part, Problem, base_columns
 from calibrate.effects.chain import Additions, Chain
+from calibrate.effects.support.borders import subset_moments
+from calibrate.effects.support.effect_data import Data
+from calibrate.effects.support.finite_element_field import FiniteElementField, Subsets, sides, subset_readings
+from calibrate.effects.support.nodal_derivatives import second_derivatives
 from calibrate.equations.basis import energy_basis
+from calibrate.equations.discretisation_error import REMAINDER
 from calibrate.errors import NoTwinError
 from calibrate.fitting.least_squares import bounded
 from calibrate.models.extended_model import ExtendedModel
 
 Array = NDArray[np.float64]
 LEAST = 0.05  # of the mean stiffness, that a base has at rest where it is replayed
-# the test with displacements and forces of the model; raises `NoTwinError`
-Replay = Callable[[Experiment, ExtendedModel], Experiment]
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """test: with displacements and forces of the model. field: displacements between its points; None: they are not known."""
+
+    test: Experiment
+    field: FiniteElementField | None = None
+
+
+Replay = Callable[[Experiment, ExtendedModel], Replayed]  # raises `NoTwinError`
 
 
 def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit, tuple[str, ...]]:
@@ -41,12 +57,12 @@ def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit
     parts, reasons, c = [], [], stiffening_base(problem, fit)
     for part in problem.parts:
         try:
-            twin = _twin(part, c, (), replay)
+            twin, subsets = _twin(part, c, (), replay)
         except NoTwinError as error:
             parts.append(part)
             reasons.append(str(error))
         else:
-            parts.append(_with_twin(problem, part, twin))
+            parts.append(_with_twin(problem, replace(part, chain=part.chain.with_subsets(subsets)), twin))
     if all(part.twin is None for part in parts):
         return problem, fit, tuple(reasons)
     problem = replace(problem, parts=tuple(parts), replay=replay)
@@ -61,7 +77,8 @@ def with_own_twins(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     parts = []
     for part in problem.parts:
         try:
-            parts.append(replace(part, twin=_twin(part, fit.c, additions, problem.replay)))
+            twin, subsets = _twin(part, fit.c, additions, problem.replay)
+            parts.append(replace(part, twin=twin, chain=part.chain.with_subsets(subsets)))
         except NoTwinError:
             parts.append(part)
     problem = model_weights.reweighted(replace(problem, parts=tuple(parts)), fit.c, fit.additions)
@@ -90,16 +107,27 @@ def residual(part: Part, c: Array, replayed: Experiment, additions: Additions = 
     return chain.work(chain.stress(c, additions)) - np.nan_to_num(system.recorded)
 
 
-def _twin(part: Part, c: Array, additions: Additions, replay: Replay) -> Array:
-    """Residual (t, 2 v), N, of all increments; of the equation of a nominal level none. A history is replayed whole. Raises `NoTwinError`."""
+def _twin(part: Part, c: Array, additions: Additions, replay: Replay) -> tuple[Array, Subsets | None]:
+    """Residual (t, 2 v), N, of all increments, of the equation of a nominal level none; and what subsets read. A history is replayed whole. Raises `NoTwinError`."""
     experiment = part.experiment
     chosen, shares = turning_points(experiment.displacements)
     if any(a.effect.remembers for a in additions):
         chosen, shares = np.arange(experiment.n_increments), np.eye(experiment.n_increments)
     deviations = tuple((0.0,) * len(a.amplitudes) for a in additions)
     model = ExtendedModel(part.chain.basis, c, additions, deviations, experiment.stress_unit)
-    found = shares @ residual(part, c, replay(experiment.select(chosen), model), additions)
-    return np.where(part.system.level_equation, 0.0, found)
+    replayed = replay(experiment.select(chosen), model)
+    found = np.where(part.system.level_equation, 0.0, shares @ residual(part, c, replayed.test, additions))
+    return found, None if replayed.field is None else _subsets(part.chain.data, replayed.field.interpolated(shares))
+
+
+def _subsets(data: Data, field: FiniteElementField) -> Subsets:
+    """Of a replay of all increments, as uncertain as its residual: by a share of what the camera's triangles alone would miss."""
+    some = sides(float(np.sqrt(2.0 * np.median(data.areas))))
+    points, distances = np.asarray(data.points), np.asarray(data.lines[:, 0, 0])
+    second = second_derivatives(data, jnp.asarray(field.displacements[:, : len(points)]))
+    found = np.stack([subset_readings(field, points, distances, side) for side in some])
+    seen = [0.5 * jnp.einsum("nij,tncij->tnc", subset_moments(data.lines, side), second) for side in some]
+    return Subsets(jnp.asarray(some), jnp.asarray(found), REMAINDER * (jnp.asarray(found) - jnp.stack(seen)))
 
 
 def _with_twin(problem: Problem, part: Part, twin: Array) -> Part:

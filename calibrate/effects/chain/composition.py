@@ -36,6 +36,7 @@ from calibrate.effects.chain.stages import (
 )
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
+from calibrate.effects.support.finite_element_field import Subsets
 from calibrate.equations import kinematics
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
@@ -100,6 +101,10 @@ class Chain:
     def disturbed(self, noise: Array) -> Chain:
         """The same chain with noise (t, n, 2), mm, on the displacements."""
         return Chain(self.system, self.basis, replace(self.data, u=self.data.u + noise), self.blocks)
+
+    def with_subsets(self, subsets: Subsets | None) -> Chain:
+        """The same chain with what subsets read of a twin of the test."""
+        return Chain(self.system, self.basis, replace(self.data, subsets=subsets), self.blocks)
 
     def with_mean_gradients(self) -> Chain:
         """The same chain, in which effects take means of the gradients around for those at the nodes."""

@@ -15,6 +15,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.data.outline import Outline
 from calibrate.effects.support.borders import nearest_lines
 from calibrate.effects.support.branches import motion
+from calibrate.effects.support.finite_element_field import Subsets
 from calibrate.effects.support.membrane import Membrane
 from calibrate.equations import kinematics, recovery
 
@@ -31,6 +32,7 @@ class Data:
     thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm, edge_nodes (m, 2): of
     a free edge, motion: see `calibrate.effects.support.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.support.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
     the stencil and slopes above, membrane: see `calibrate.effects.support.membrane`; plane: 'stress' or 'strain'.
+    subsets: of the twin of the test, see `calibrate.effects.support.finite_element_field`; None: it has none.
     reference_height (n,), mm: of stereo data, see `Experiment.heights`; None: one camera. zeroed, synchronised: see `Experiment`.
     """
 
@@ -55,6 +57,7 @@ class Data:
     reference_height: Any = None
     zeroed: bool = field(default=False, metadata={"static": True})
     synchronised: bool = field(default=False, metadata={"static": True})
+    subsets: Subsets | None = None
 
     @classmethod
     def of(cls, experiment: Experiment) -> Data:
@@ -91,7 +94,7 @@ class Data:
         )
 
     def with_mean_gradients(self) -> Data:
-        """The same with gradients at the nodes that are means of those in the triangles around, by area."""
+        """The same with gradients at the nodes that are means of those in the triangles around, by area, and with subsets that are wrong by a standard deviation."""
         points, triangles = np.asarray(self.points), np.asarray(self.triangles)
         areas = kinematics.shape_gradients(points, triangles)[1]
         around = sp.csr_array((np.repeat(areas, 3), (triangles.ravel(), np.repeat(np.arange(len(areas)), 3))))
@@ -99,7 +102,8 @@ class Data:
         rings, ring_slopes = padded(
             sp.csr_array(mean @ kinematics.gradient_operator(points, triangles)), self.rings.shape[1]
         )
-        return replace(self, rings=jnp.asarray(rings), ring_slopes=jnp.asarray(ring_slopes))
+        subsets = None if self.subsets is None else self.subsets.doubted()
+        return replace(self, rings=jnp.asarray(rings), ring_slopes=jnp.asarray(ring_slopes), subsets=subsets)
 
     @property
     def centre(self) -> Any:
