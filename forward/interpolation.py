@@ -58,21 +58,26 @@ def locate(mesh: Mesh, points: Array) -> Places:
 def in_triangles(mesh: Mesh, points: Array) -> Places:
     """Find points (k, 2), mm, in a mesh of triangles; the excess of those outside is above 0, and nothing else of them means anything.
 
-    Many times as fast as `locate` where many points are outside: the triangle is that of the corners in which a point is, or nearly, so that only its
-    own nodes are inverted."""
+    Many times as fast as `locate` where many points are outside: the triangle is that of the corners in which a point is, or nearly, and only the
+    nodes of curved ones are inverted."""
     points = np.asarray(points, float).reshape(-1, 2)
     corners = mesh.points[mesh.corners]
     sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
     inverse = np.linalg.inv(sides)
     _, near = cKDTree(corners.mean(axis=1)).query(points, k=min(STRAIGHT, len(corners)))
     near = near.reshape(len(points), -1)
-    cells, least = np.zeros(len(points), np.int64), np.full(len(points), np.inf)
-    for cell in near.T:
-        outside = mesh.element.outside(np.einsum("kij,kj->ki", inverse[cell], points - corners[cell, 0]))
-        better = outside < least
-        cells[better], least[better] = cell[better], outside[better]
-    local, excess = np.tile(mesh.element.middle, (len(points), 1)), np.full(len(points), np.inf)
-    close = np.flatnonzero(least < CURVED)
+    cells, local, excess = np.zeros(len(points), np.int64), np.zeros((len(points), 2)), np.full(len(points), np.inf)
+    for candidate in near.T:
+        lost = np.flatnonzero(excess > INSIDE)
+        cell = candidate[lost]
+        xi = (inverse[cell] @ (points[lost] - corners[cell, 0])[:, :, None])[..., 0]
+        outside = mesh.element.outside(xi)
+        better = outside < excess[lost]
+        which = lost[better]
+        cells[which], local[which], excess[which] = cell[better], xi[better], outside[better]
+    bent = mesh.points[mesh.cells] - (corners[:, :1] + mesh.element.nodes @ sides.swapaxes(1, 2))
+    curved = np.abs(bent).max(axis=(1, 2)) > INSIDE * np.abs(sides).max(axis=(1, 2))
+    close = np.flatnonzero(curved[cells] & (excess < CURVED))
     local[close] = _invert(mesh.element, mesh.points[mesh.cells[cells[close]]], points[close])
     excess[close] = mesh.element.outside(local[close])
     return Places(cells, local, np.where(excess > INSIDE, excess, 0.0))

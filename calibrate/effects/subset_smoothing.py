@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
@@ -55,7 +54,7 @@ class SubsetSmoothing(Effect):
     def adjoint(self, data, places, a, shape):
         if data.subsets is not None:
             return lambda u, rows: rows
-        moments = np.asarray(_moments(data.lines, _side(a[0], shape)))
+        moments = np.asarray(subset_moments(data.lines, _side(a[0], shape)))
         slopes = gradient_matrices(data)
         change = sum(
             sp.diags_array(0.5 * float(a[0]) * moments[:, i, j]) @ slopes[j] @ slopes[i]
@@ -76,6 +75,3 @@ def _side(s2, shape):
     """Of the square, mm."""
     known = s2 > 0
     return jnp.where(known, jnp.sqrt(12.0 * jnp.where(known, s2, 1.0)), shape[0])
-
-
-_moments = jax.jit(subset_moments)
