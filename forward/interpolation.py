@@ -90,10 +90,14 @@ def values_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
 
 def gradients_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
     """Derivatives to x and y, (..., k, c, 2), 1/mm times their unit, of nodal fields (..., n, c)."""
+    return np.einsum("kni,...knc->...kci", shape_slopes(mesh, places), nodal[..., mesh.cells[places.cells], :])
+
+
+def shape_slopes(mesh: Mesh, places: Places) -> Array:
+    """Derivatives (k, n, 2) to x and y, 1/mm, of the functions of the nodes of each cell."""
     slopes = mesh.element.gradients(places.local)
-    cells = mesh.cells[places.cells]
-    to_local = np.linalg.inv(np.einsum("kni,knj->kij", mesh.points[cells], slopes))
-    return np.einsum("knj,kji,...knc->...kci", slopes, to_local, nodal[..., cells, :])
+    to_local = np.linalg.inv(np.einsum("kni,knj->kij", mesh.points[mesh.cells[places.cells]], slopes))
+    return np.asarray(np.einsum("knj,kji->kni", slopes, to_local))
 
 
 def gauss_points(mesh: Mesh) -> tuple[Array, Array, Array]:

@@ -42,8 +42,8 @@ class SubsetSmoothing(Effect):
         return [(4 * pitch,), (2 * pitch,), (pitch,), (0.5 * pitch,)]
 
     def displacements(self, data, u, a, shape):
-        if data.subsets is not None:
-            return u - a[0] * data.subsets.at(_side(a[0], shape))
+        if data.twin is not None:
+            return u - a[0] * data.twin.subsets.at(_side(a[0], shape))
         moments = subset_moments(data.lines, _side(a[0], shape))
 
         def change(u):
@@ -52,7 +52,7 @@ class SubsetSmoothing(Effect):
         return u - change(u - change(u))
 
     def adjoint(self, data, places, a, shape):
-        if data.subsets is not None:
+        if data.twin is not None:
             return lambda u, rows: rows
         moments = np.asarray(subset_moments(data.lines, _side(a[0], shape)))
         slopes = gradient_matrices(data)

@@ -19,7 +19,7 @@ from calibrate.effects.support.finite_element_field import FiniteElementField
 from calibrate.errors import EquigapError, NoTwinError
 from calibrate.models.extended_model import ExtendedModel
 from forward.errors import ForwardError
-from forward.interpolation import in_triangles
+from forward.interpolation import in_triangles, locate, shape_slopes
 from forward.sheet.sheet_run import Options
 from meshes.errors import MeshError
 from studies.errors import StudyError
@@ -54,7 +54,11 @@ def field_of(found: Replay) -> FiniteElementField:
         places = in_triangles(mesh, points)
         return mesh.cells[places.cells], mesh.element.shapes(places.local), places.excess == 0
 
-    return FiniteElementField(found.solution.displacements, shares)
+    def slopes(points: Array) -> tuple[NDArray[np.int64], Array]:
+        places = locate(mesh, points)
+        return mesh.cells[places.cells], shape_slopes(mesh, places)
+
+    return FiniteElementField(found.solution.displacements, shares, slopes)
 
 
 def replayed_test(experiment: Experiment, found: Replay) -> Experiment:
