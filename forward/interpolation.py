@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 INSIDE = 1e-9
 CANDIDATES = (6, 40)
 NEWTON_STEPS = 12
+STRAIGHT, CURVED = 12, 0.5  # candidates by their corners; how far outside of these a point in a curved triangle may be
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,34 @@ def locate(mesh: Mesh, points: Array) -> Places:
     return Places(cells, local, np.where(excess > INSIDE, excess, 0.0))
 
 
+def in_triangles(mesh: Mesh, points: Array) -> Places:
+    """Find points (k, 2), mm, in a mesh of triangles; the excess of those outside is above 0, and nothing else of them means anything.
+
+    Many times as fast as `locate` where many points are outside: the triangle is that of the corners in which a point is, or nearly, and only the
+    nodes of curved ones are inverted."""
+    points = np.asarray(points, float).reshape(-1, 2)
+    corners = mesh.points[mesh.corners]
+    sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+    inverse = np.linalg.inv(sides)
+    _, near = cKDTree(corners.mean(axis=1)).query(points, k=min(STRAIGHT, len(corners)))
+    near = near.reshape(len(points), -1)
+    cells, local, excess = np.zeros(len(points), np.int64), np.zeros((len(points), 2)), np.full(len(points), np.inf)
+    for candidate in near.T:
+        lost = np.flatnonzero(excess > INSIDE)
+        cell = candidate[lost]
+        xi = (inverse[cell] @ (points[lost] - corners[cell, 0])[:, :, None])[..., 0]
+        outside = mesh.element.outside(xi)
+        better = outside < excess[lost]
+        which = lost[better]
+        cells[which], local[which], excess[which] = cell[better], xi[better], outside[better]
+    bent = mesh.points[mesh.cells] - (corners[:, :1] + mesh.element.nodes @ sides.swapaxes(1, 2))
+    curved = np.abs(bent).max(axis=(1, 2)) > INSIDE * np.abs(sides).max(axis=(1, 2))
+    close = np.flatnonzero(curved[cells] & (excess < CURVED))
+    local[close] = _invert(mesh.element, mesh.points[mesh.cells[cells[close]]], points[close])
+    excess[close] = mesh.element.outside(local[close])
+    return Places(cells, local, np.where(excess > INSIDE, excess, 0.0))
+
+
 def values_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
     """Values (..., k, c) of nodal fields (..., n, c)."""
     return np.einsum("kn,...knc->...kc", mesh.element.shapes(places.local), nodal[..., mesh.cells[places.cells], :])
@@ -61,10 +90,14 @@ def values_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
 
 def gradients_at(mesh: Mesh, places: Places, nodal: Array) -> Array:
     """Derivatives to x and y, (..., k, c, 2), 1/mm times their unit, of nodal fields (..., n, c)."""
+    return np.einsum("kni,...knc->...kci", shape_slopes(mesh, places), nodal[..., mesh.cells[places.cells], :])
+
+
+def shape_slopes(mesh: Mesh, places: Places) -> Array:
+    """Derivatives (k, n, 2) to x and y, 1/mm, of the functions of the nodes of each cell."""
     slopes = mesh.element.gradients(places.local)
-    cells = mesh.cells[places.cells]
-    to_local = np.linalg.inv(np.einsum("kni,knj->kij", mesh.points[cells], slopes))
-    return np.einsum("knj,kji,...knc->...kci", slopes, to_local, nodal[..., cells, :])
+    to_local = np.linalg.inv(np.einsum("kni,knj->kij", mesh.points[mesh.cells[places.cells]], slopes))
+    return np.asarray(np.einsum("knj,kji->kni", slopes, to_local))
 
 
 def gauss_points(mesh: Mesh) -> tuple[Array, Array, Array]:

@@ -7,14 +7,16 @@ The replayed fields are in equilibrium with the replayed forces. Seen by the tri
 leave a residual that the measured ones have, too. It depends little on the base and on the noise of the grips that the replay moves by, so that
 one replay of the base is enough; but an effect of the material that is as strong as the base changes it, so that a model has its own twin once an effect
 was added (docs/discover_method.md, "Weights"). It is smooth in the load, so that not every increment is replayed: between two, the residual is
-interpolated as the measured displacements are.
+interpolated as the measured displacements are. What subsets of the correlation make of the field, and how steep it is at
+free edges, is told by the twin, too, between the camera's points (`twin_kinematics`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,15 +27,36 @@ from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.model_weights import weighted_part
 from calibrate.diagnosis.problem import Part, Problem, base_columns
 from calibrate.effects.chain import Additions, Chain
+from calibrate.effects.support.borders import subset_moments
+from calibrate.effects.support.effect_data import Data, edge_means
+from calibrate.effects.support.finite_element_field import FiniteElementField
+from calibrate.effects.support.nodal_derivatives import gradients, second_derivatives
+from calibrate.effects.support.twin_kinematics import (
+    Subsets,
+    TwinKinematics,
+    edge_gradients,
+    sides_of_subsets,
+    subset_readings,
+)
 from calibrate.equations.basis import energy_basis
+from calibrate.equations.discretisation_error import REMAINDER
 from calibrate.errors import NoTwinError
 from calibrate.fitting.least_squares import bounded
 from calibrate.models.extended_model import ExtendedModel
 
 Array = NDArray[np.float64]
 LEAST = 0.05  # of the mean stiffness, that a base has at rest where it is replayed
-# the test with displacements and forces of the model; raises `NoTwinError`
-Replay = Callable[[Experiment, ExtendedModel], Experiment]
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """test: with displacements and forces of the model. field: displacements between its points; None: they are not known."""
+
+    test: Experiment
+    field: FiniteElementField | None = None
+
+
+Replay = Callable[[Experiment, ExtendedModel], Replayed]  # raises `NoTwinError`
 
 
 def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit, tuple[str, ...]]:
@@ -41,12 +64,12 @@ def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit
     parts, reasons, c = [], [], stiffening_base(problem, fit)
     for part in problem.parts:
         try:
-            twin = _twin(part, c, (), replay)
+            twin, kinematics = _twin(part, c, (), replay)
         except NoTwinError as error:
             parts.append(part)
             reasons.append(str(error))
         else:
-            parts.append(_with_twin(problem, part, twin))
+            parts.append(_with_twin(problem, replace(part, chain=part.chain.with_twin(kinematics)), twin))
     if all(part.twin is None for part in parts):
         return problem, fit, tuple(reasons)
     problem = replace(problem, parts=tuple(parts), replay=replay)
@@ -61,7 +84,8 @@ def with_own_twins(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     parts = []
     for part in problem.parts:
         try:
-            parts.append(replace(part, twin=_twin(part, fit.c, additions, problem.replay)))
+            twin, kinematics = _twin(part, fit.c, additions, problem.replay)
+            parts.append(replace(part, twin=twin, chain=part.chain.with_twin(kinematics)))
         except NoTwinError:
             parts.append(part)
     problem = model_weights.reweighted(replace(problem, parts=tuple(parts)), fit.c, fit.additions)
@@ -90,16 +114,33 @@ def residual(part: Part, c: Array, replayed: Experiment, additions: Additions = 
     return chain.work(chain.stress(c, additions)) - np.nan_to_num(system.recorded)
 
 
-def _twin(part: Part, c: Array, additions: Additions, replay: Replay) -> Array:
-    """Residual (t, 2 v), N, of all increments; of the equation of a nominal level none. A history is replayed whole. Raises `NoTwinError`."""
+def _twin(part: Part, c: Array, additions: Additions, replay: Replay) -> tuple[Array, TwinKinematics | None]:
+    """Residual (t, 2 v), N, of all increments, of the equation of a nominal level none; and what it knows of the kinematics. A history is replayed whole. Raises `NoTwinError`."""
     experiment = part.experiment
     chosen, shares = turning_points(experiment.displacements)
     if any(a.effect.remembers for a in additions):
         chosen, shares = np.arange(experiment.n_increments), np.eye(experiment.n_increments)
     deviations = tuple((0.0,) * len(a.amplitudes) for a in additions)
     model = ExtendedModel(part.chain.basis, c, additions, deviations, experiment.stress_unit)
-    found = shares @ residual(part, c, replay(experiment.select(chosen), model), additions)
-    return np.where(part.system.level_equation, 0.0, found)
+    replayed = replay(experiment.select(chosen), model)
+    found = np.where(part.system.level_equation, 0.0, shares @ residual(part, c, replayed.test, additions))
+    return found, None if replayed.field is None else _kinematics(part.chain.data, replayed.field.interpolated(shares))
+
+
+def _kinematics(data: Data, field: FiniteElementField) -> TwinKinematics:
+    """Of a replay of all increments, as uncertain as its residual: by a share of what the camera's triangles alone would miss."""
+    points, distances = np.asarray(data.points), np.asarray(data.lines[:, 0, 0])
+    u = jnp.asarray(field.displacements[:, : len(points)])
+    sides, second = sides_of_subsets(float(np.sqrt(2.0 * np.median(data.areas)))), second_derivatives(data, u)
+    readings = jnp.stack([jnp.asarray(subset_readings(field, points, distances, side)) for side in sides])
+    seen = [0.5 * jnp.einsum("nij,tncij->tnc", subset_moments(data.lines, side), second) for side in sides]
+    beside = np.flatnonzero(np.asarray(data.edges))
+    exact = edge_gradients(field, points, np.asarray(data.centroids)[beside], np.asarray(data.edge_nodes)[beside])
+    of_camera = jnp.stack([gradients(data, u), jnp.eye(2) + edge_means(data, u)])
+    missed = jnp.zeros(of_camera.shape).at[:, :, beside].set(exact - of_camera[:, :, beside])
+    return TwinKinematics(
+        Subsets(jnp.asarray(sides), readings, REMAINDER * (readings - jnp.stack(seen))), missed, REMAINDER
+    )
 
 
 def _with_twin(problem: Problem, part: Part, twin: Array) -> Part:

@@ -10,21 +10,28 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from calibrate.data.experiment import Experiment
+from calibrate.diagnosis.twin import Replayed
+from calibrate.effects.support.finite_element_field import FiniteElementField
 from calibrate.errors import EquigapError, NoTwinError
 from calibrate.models.extended_model import ExtendedModel
 from forward.errors import ForwardError
+from forward.interpolation import in_triangles, locate, shape_slopes
 from forward.sheet.sheet_run import Options
 from meshes.errors import MeshError
 from studies.errors import StudyError
 from studies.replay.model_law import law_of
 from studies.replay.replayed_experiment import TOLERANCE, Replay, replay
 
+Array = NDArray[np.float64]
 OPTIONS = Options(TOLERANCE, max_bisections=3)  # a model that fails is not worth more
 MOST_TRIANGLES = 12_000
 
 
-def twin_replay(experiment: Experiment, model: ExtendedModel) -> Experiment:
+def twin_replay(experiment: Experiment, model: ExtendedModel) -> Replayed:
     """Raises `NoTwinError` with the reason where the test cannot be replayed, or is seen so finely that this takes longer than the diagnosis."""
     if len(experiment.triangles) > MOST_TRIANGLES:
         raise NoTwinError(
@@ -34,9 +41,24 @@ def twin_replay(experiment: Experiment, model: ExtendedModel) -> Experiment:
     pictures = experiment if experiment.record is None else replace(experiment, record=None)
     try:
         found = replay(pictures, law_of(model, experiment), check_mesh=False, options=OPTIONS)
-        return replayed_test(experiment, found)
+        return Replayed(replayed_test(experiment, found), field_of(found))
     except (ForwardError, MeshError, StudyError, EquigapError) as error:
         raise NoTwinError(f"{experiment.name}: {str(error).removeprefix(f'{experiment.name}: ')}") from error
+
+
+def field_of(found: Replay) -> FiniteElementField:
+    """Displacements of a replay at any place."""
+    mesh = found.solution.mesh
+
+    def shares(points: Array) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
+        places = in_triangles(mesh, points)
+        return mesh.cells[places.cells], mesh.element.shapes(places.local), places.excess == 0
+
+    def slopes(points: Array) -> tuple[NDArray[np.int64], Array]:
+        places = locate(mesh, points)
+        return mesh.cells[places.cells], shape_slopes(mesh, places)
+
+    return FiniteElementField(found.solution.displacements, shares, slopes)
 
 
 def replayed_test(experiment: Experiment, found: Replay) -> Experiment:

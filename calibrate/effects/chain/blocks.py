@@ -34,7 +34,8 @@ class Block:
 
     def of(self, data: Data) -> Data:
         """The Experiment with these triangles alone."""
-        return replace(data, **self.own)
+        twin = None if data.twin is None else data.twin.of_triangles(self.places)
+        return replace(data, twin=twin, **self.own)
 
     def work(self, stress: Array) -> Array:
         """Virtual work (..., t, 2 v), N, of stresses (..., t, b, 2, 2)."""

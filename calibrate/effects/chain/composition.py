@@ -36,6 +36,7 @@ from calibrate.effects.chain.stages import (
 )
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
+from calibrate.effects.support.twin_kinematics import TwinKinematics
 from calibrate.equations import kinematics
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
@@ -100,6 +101,14 @@ class Chain:
     def disturbed(self, noise: Array) -> Chain:
         """The same chain with noise (t, n, 2), mm, on the displacements."""
         return Chain(self.system, self.basis, replace(self.data, u=self.data.u + noise), self.blocks)
+
+    def with_twin(self, twin: TwinKinematics | None) -> Chain:
+        """The same chain with what a twin of the test knows of its kinematics."""
+        return Chain(self.system, self.basis, replace(self.data, twin=twin), self.blocks)
+
+    def with_doubted_formulas(self) -> Chain:
+        """The same chain, in which effects are wrong by a standard deviation of what their formulas leave out."""
+        return Chain(self.system, self.basis, replace(self.data, doubt=1.0), self.blocks)
 
     def with_mean_gradients(self) -> Chain:
         """The same chain, in which effects take means of the gradients around for those at the nodes."""
@@ -215,7 +224,8 @@ class Chain:
         for first in range(0, t, size):
             some = slice(min(first, t - size), min(first, t - size) + size)
             of_some = {name: value[some] if name in OF_INCREMENTS else value for name, value in start.items()}
-            there = replace(constants, data=replace(constants.data, u=self.data.u[some]))
+            twin = None if constants.data.twin is None else constants.data.twin.of_increments(some)
+            there = replace(constants, data=replace(constants.data, u=self.data.u[some], twin=twin))
             yield BlockRun(block, Linearisation.run(stages, there, of_some), some, first - some.start)
 
     def _local_runs(

@@ -80,6 +80,7 @@ def _nearest(
     return result
 
 
+@jax.jit
 def subset_moments(lines: Any, side: Any) -> Any:
     """(n, 2, 2), 1: reading at the middle of a subset over its variance side^2 / 12, for x_i x_j; the unit tensor inside.
 

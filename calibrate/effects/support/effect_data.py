@@ -16,6 +16,8 @@ from calibrate.data.outline import Outline
 from calibrate.effects.support.borders import nearest_lines
 from calibrate.effects.support.branches import motion
 from calibrate.effects.support.membrane import Membrane
+from calibrate.effects.support.nodal_derivatives import gradient
+from calibrate.effects.support.twin_kinematics import TwinKinematics
 from calibrate.equations import kinematics, recovery
 
 Array = NDArray[np.float64]
@@ -31,6 +33,8 @@ class Data:
     thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm, edge_nodes (m, 2): of
     a free edge, motion: see `calibrate.effects.support.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.support.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
     the stencil and slopes above, membrane: see `calibrate.effects.support.membrane`; plane: 'stress' or 'strain'.
+    twin: see `calibrate.effects.support.twin_kinematics`; None: the test has none. doubt: 1 where effects are to be wrong by a standard deviation of
+    what their formulas leave out, else 0.
     reference_height (n,), mm: of stereo data, see `Experiment.heights`; None: one camera. zeroed, synchronised: see `Experiment`.
     """
 
@@ -55,6 +59,8 @@ class Data:
     reference_height: Any = None
     zeroed: bool = field(default=False, metadata={"static": True})
     synchronised: bool = field(default=False, metadata={"static": True})
+    twin: TwinKinematics | None = None
+    doubt: Any = 0.0
 
     @classmethod
     def of(cls, experiment: Experiment) -> Data:
@@ -91,7 +97,7 @@ class Data:
         )
 
     def with_mean_gradients(self) -> Data:
-        """The same with gradients at the nodes that are means of those in the triangles around, by area."""
+        """The same with gradients at the nodes that are means of those in the triangles around, by area, and with what the twin knows wrong by a standard deviation."""
         points, triangles = np.asarray(self.points), np.asarray(self.triangles)
         areas = kinematics.shape_gradients(points, triangles)[1]
         around = sp.csr_array((np.repeat(areas, 3), (triangles.ravel(), np.repeat(np.arange(len(areas)), 3))))
@@ -99,12 +105,22 @@ class Data:
         rings, ring_slopes = padded(
             sp.csr_array(mean @ kinematics.gradient_operator(points, triangles)), self.rings.shape[1]
         )
-        return replace(self, rings=jnp.asarray(rings), ring_slopes=jnp.asarray(ring_slopes))
+        other = replace(self, rings=jnp.asarray(rings), ring_slopes=jnp.asarray(ring_slopes))
+        if self.twin is None:
+            return other
+        twin, exact = self.twin.doubted(), edge_means(self, self.u) - edge_means(other, self.u)
+        return replace(other, twin=replace(twin, missed=twin.missed.at[1].add(exact)))
 
     @property
     def centre(self) -> Any:
         """Middle (2,) of the specimen's extent, mm."""
         return 0.5 * (self.points.min(axis=0) + self.points.max(axis=0))
+
+
+def edge_means(data: Data, u: Any) -> Any:
+    """Mean over the ends of the free edge of each triangle of the displacement gradient there (t, m, 2, 2), of displacements (t, n, 2)."""
+    at_ends = gradient(data, u, data.edge_nodes.ravel())
+    return at_ends.reshape(len(u), -1, 2, 2, 2).mean(axis=2)
 
 
 STENCIL = 8  # stencils are padded to a multiple of it, so that meshes of one size share compiled code

@@ -18,6 +18,7 @@ from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import Part, all_rows
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
+from calibrate.effects.support.effect_data import edge_means
 from calibrate.equations import noise_covariance
 from calibrate.equations.discretisation_error import REMAINDER
 from calibrate.errors import NoTwinError
@@ -28,6 +29,7 @@ from forward.sheet.plane_stress import solve
 from meshes import PlateWithHole, quads, triangles
 from studies.replay.twin_replay import twin_replay
 from studies.synthetic import camera
+from studies.synthetic.correlation_disturbances import SubsetSmoothing
 
 PLATE = PlateWithHole(half_length=30, half_width=15, far_size=1.5, hole_radius=5, hole_size=0.8)
 EXACT = Noise(1e-3, 2.0, 1e-4)  # mm: little beside the discretisation error
@@ -101,7 +103,7 @@ def test_noise_of_the_grips_hardly_changes_the_residual_of_a_twin():
     noise = noise_covariance.sample(part.assembled.noise_factor, np.random.default_rng(0), e.n_increments)
     model = ExtendedModel(problem.basis, fit.c, (), (), "MPa")
     exact, moved = (
-        twin.residual(part, fit.c, twin_replay(replace(e, displacements=e.displacements + u), model))
+        twin.residual(part, fit.c, twin_replay(replace(e, displacements=e.displacements + u), model).test)
         for u in (0.0, noise)
     )
     assert 0 < size(part.train(moved - exact)) ** 2 < 0.02 * part.train.size
@@ -115,7 +117,7 @@ def test_between_replayed_increments_the_residual_is_interpolated():
     assert len(turning_points(e.displacements)[0]) < e.n_increments
     found = twin.with_twins(problem, fit, twin_replay)[0].parts[0].twin
     c = twin.stiffening_base(problem, fit)
-    every = twin.residual(part, c, twin_replay(e, ExtendedModel(problem.basis, c, (), (), "MPa")))
+    every = twin.residual(part, c, twin_replay(e, ExtendedModel(problem.basis, c, (), (), "MPa")).test)
     assert size(found - every) < 0.05 * size(every)
 
 
@@ -125,7 +127,7 @@ def test_a_model_with_an_effect_of_the_material_has_a_twin_of_its_own():
 
     def replay(experiment, model):
         asked.append(model)
-        return experiment
+        return twin.Replayed(experiment)
 
     e = replace(synthetic.plate_experiment(n_increments=2), noise=Noise(0.01, 3.0, 1e-4))
     problem, fit, _ = twin.with_twins(*base_fit.prepare([e], [all_rows]), replay)
@@ -142,7 +144,7 @@ def test_what_a_twin_tells_is_subtracted_and_no_misfit():
     """A replay that is the test itself: nothing is left but the mean that noise brings."""
     e = replace(synthetic.plate_experiment(n_increments=2), noise=Noise(0.01, 3.0, 1e-4))
     problem, fit = base_fit.prepare([e], [all_rows])
-    found, refitted, reasons = twin.with_twins(problem, fit, lambda experiment, model: experiment)
+    found, refitted, reasons = twin.with_twins(problem, fit, lambda experiment, model: twin.Replayed(experiment))
     (part,) = found.parts
     c = twin.stiffening_base(problem, fit)
     np.testing.assert_allclose(part.twin, problem.parts[0].chain.residual(c), atol=1e-12)
@@ -150,6 +152,36 @@ def test_what_a_twin_tells_is_subtracted_and_no_misfit():
     np.testing.assert_allclose(found.parts[0].own_residual(fit.c), problem.parts[0].own_residual(fit.c) - part.twin)
     assert reasons == ()
     assert refitted.additions == ()
+
+
+def fields_of(nodes: int):
+    """Data of the chain with its twin, and the exact deformation gradients (k, 2, 2) in the middle of every free edge, by their triangles (k,)."""
+    data = part_and_twin(nodes)[0].chain.data
+    beside = np.flatnonzero(np.asarray(data.edges))
+    ends = np.asarray(data.points)[np.asarray(data.edge_nodes)[beside]]
+    middles = ends.mean(axis=1) + 1e-3 * (np.asarray(data.centroids)[beside] - ends.mean(axis=1))
+    return data, beside, solution().deformation_gradient(middles)[-1]
+
+
+def test_at_free_edges_a_twin_knows_the_deformation_better_than_the_camera():
+    """Than means over the ends of an edge: by more than three times."""
+    data, beside, exact = fields_of(800)
+    seen = (np.eye(2) + np.asarray(edge_means(data, data.u)))[-1, beside]
+    known = seen + np.asarray(data.twin.missed)[1, -1, beside]
+    assert size(known - exact) < size(seen - exact) / 3
+
+
+@pytest.mark.parametrize("side", [1.0, 2.5])
+def test_subset_smoothing_is_known_by_a_twin_where_the_cameras_derivatives_are_not(side):
+    """What squares cut by the specimen's edges read of the exact field: right to 15 %, which derivatives on the camera's triangles are not."""
+    effect = next(e for e in CATALOGUE if e.name == "subset smoothing")
+    e, data = test_of(800), fields_of(800)[0]
+    exact = SubsetSmoothing(side).displacements(solution(), PLATE, e.points)[-1] - e.displacements[-1]
+    a = np.array([side**2 / 12]), np.array([side])
+    own, without = (size(np.asarray(data.u - effect.displacements(one, data.u, *a))[-1] - exact) / size(exact)
+                    for one in (data, replace(data, twin=None)))  # fmt: skip
+    assert own < 0.15
+    assert own < without / 2
 
 
 def test_the_base_that_is_replayed_does_not_soften():
