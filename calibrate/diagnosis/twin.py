@@ -8,12 +8,14 @@ leave a residual that the measured ones have, too. It depends little on the base
 one replay of the base is enough; but an effect of the material that is as strong as the base changes it, so that a model has its own twin once an effect
 was added (docs/discover_method.md, "Weights"). It is smooth in the load, so that not every increment is replayed: between two, the residual is
 interpolated as the measured displacements are.
+
+The replay is known between the points of the camera, too. So it also tells what the triangles miss of second derivatives, which the 3D effect of thickness takes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,7 @@ from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.model_weights import weighted_part
 from calibrate.diagnosis.problem import Part, Problem, base_columns
 from calibrate.effects.chain import Additions, Chain
+from calibrate.effects.finite_thickness import bend_errors
 from calibrate.equations.basis import energy_basis
 from calibrate.errors import NoTwinError
 from calibrate.fitting.least_squares import bounded
@@ -32,8 +35,17 @@ from calibrate.models.extended_model import ExtendedModel
 
 Array = NDArray[np.float64]
 LEAST = 0.05  # of the mean stiffness, that a base has at rest where it is replayed
-# the test with displacements and forces of the model; raises `NoTwinError`
-Replay = Callable[[Experiment, ExtendedModel], Experiment]
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """A test with displacements and forces of the model. finer: the same field at more points, the first of which are those of the test; None: unknown."""
+
+    experiment: Experiment
+    finer: Experiment | None = None
+
+
+Replay = Callable[[Experiment, ExtendedModel], Twin]  # raises `NoTwinError`
 
 
 def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit, tuple[str, ...]]:
@@ -41,12 +53,12 @@ def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit
     parts, reasons, c = [], [], stiffening_base(problem, fit)
     for part in problem.parts:
         try:
-            twin = _twin(part, c, (), replay)
+            twin, chain = _twin(part, c, (), replay)
         except NoTwinError as error:
             parts.append(part)
             reasons.append(str(error))
         else:
-            parts.append(_with_twin(problem, part, twin))
+            parts.append(_with_twin(problem, replace(part, chain=chain), twin))
     if all(part.twin is None for part in parts):
         return problem, fit, tuple(reasons)
     problem = replace(problem, parts=tuple(parts), replay=replay)
@@ -61,9 +73,11 @@ def with_own_twins(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     parts = []
     for part in problem.parts:
         try:
-            parts.append(replace(part, twin=_twin(part, fit.c, additions, problem.replay)))
+            twin, chain = _twin(part, fit.c, additions, problem.replay)
         except NoTwinError:
             parts.append(part)
+        else:
+            parts.append(replace(part, twin=twin, chain=chain))
     problem = model_weights.reweighted(replace(problem, parts=tuple(parts)), fit.c, fit.additions)
     return weighted_fit.fit_with_weights(problem, fit.c, fit.additions)
 
@@ -90,16 +104,21 @@ def residual(part: Part, c: Array, replayed: Experiment, additions: Additions = 
     return chain.work(chain.stress(c, additions)) - np.nan_to_num(system.recorded)
 
 
-def _twin(part: Part, c: Array, additions: Additions, replay: Replay) -> Array:
-    """Residual (t, 2 v), N, of all increments; of the equation of a nominal level none. A history is replayed whole. Raises `NoTwinError`."""
+def _twin(part: Part, c: Array, additions: Additions, replay: Replay) -> tuple[Array, Chain]:
+    """Residual (t, 2 v), N, of all increments, of the equation of a nominal level none; and the chain of the test, which knows what its triangles miss
+    of the bend over the thickness. A history is replayed whole. Raises `NoTwinError`."""
     experiment = part.experiment
     chosen, shares = turning_points(experiment.displacements)
     if any(a.effect.remembers for a in additions):
         chosen, shares = np.arange(experiment.n_increments), np.eye(experiment.n_increments)
     deviations = tuple((0.0,) * len(a.amplitudes) for a in additions)
     model = ExtendedModel(part.chain.basis, c, additions, deviations, experiment.stress_unit)
-    found = shares @ residual(part, c, replay(experiment.select(chosen), model), additions)
-    return np.where(part.system.level_equation, 0.0, found)
+    found = replay(experiment.select(chosen), model)
+    twin = np.where(part.system.level_equation, 0.0, shares @ residual(part, c, found.experiment, additions))
+    if found.finer is None or experiment.thickness is None:
+        return twin, part.chain
+    missed = bend_errors(found.experiment, found.finer)
+    return twin, part.chain.with_bend_errors(*(np.tensordot(shares, one, 1) for one in missed))
 
 
 def _with_twin(problem: Problem, part: Part, twin: Array) -> Part:

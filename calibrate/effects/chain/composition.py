@@ -101,6 +101,11 @@ class Chain:
         """The same chain with noise (t, n, 2), mm, on the displacements."""
         return Chain(self.system, self.basis, replace(self.data, u=self.data.u + noise), self.blocks)
 
+    def with_bend_errors(self, error: Array, of_means: Array) -> Chain:
+        """The same chain, in which it is known what the triangles miss of the bend over the thickness (t, n, 2), 1/mm, see `Data`."""
+        data = replace(self.data, bend_error=jnp.asarray(error), bend_error_of_means=jnp.asarray(of_means))
+        return Chain(self.system, self.basis, data, self.blocks)
+
     def with_mean_gradients(self) -> Chain:
         """The same chain, in which effects take means of the gradients around for those at the nodes."""
         return Chain(self.system, self.basis, self.data.with_mean_gradients(), self.blocks)

@@ -32,6 +32,8 @@ class Data:
     a free edge, motion: see `calibrate.effects.support.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.support.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
     the stencil and slopes above, membrane: see `calibrate.effects.support.membrane`; plane: 'stress' or 'strain'.
     reference_height (n,), mm: of stereo data, see `Experiment.heights`; None: one camera. zeroed, synchronised: see `Experiment`.
+    bend_error (t, n, 2), 1/mm: what these triangles miss of the bend over the thickness, see `finite_thickness.bend_errors`; bend_error_of_means: the same of
+    gradients that are means of those around; None: unknown.
     """
 
     points: Any
@@ -55,6 +57,8 @@ class Data:
     reference_height: Any = None
     zeroed: bool = field(default=False, metadata={"static": True})
     synchronised: bool = field(default=False, metadata={"static": True})
+    bend_error: Any = None
+    bend_error_of_means: Any = None
 
     @classmethod
     def of(cls, experiment: Experiment) -> Data:
@@ -99,7 +103,12 @@ class Data:
         rings, ring_slopes = padded(
             sp.csr_array(mean @ kinematics.gradient_operator(points, triangles)), self.rings.shape[1]
         )
-        return replace(self, rings=jnp.asarray(rings), ring_slopes=jnp.asarray(ring_slopes))
+        return replace(
+            self,
+            rings=jnp.asarray(rings),
+            ring_slopes=jnp.asarray(ring_slopes),
+            bend_error=self.bend_error_of_means,
+        )
 
     @property
     def centre(self) -> Any:
