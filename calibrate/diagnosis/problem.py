@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +115,7 @@ class Problem:
     with_discrepancy: bool
     c: Array = field(repr=False)
     amplifying: Additions = ()
-    replay: Callable[..., Experiment] | None = field(default=None, repr=False)
+    replay: Callable[..., Any] | None = field(default=None, repr=False)
 
     @property
     def trained(self) -> tuple[Part, ...]:

@@ -9,7 +9,8 @@ one replay of the base is enough; but an effect of the material that is as stron
 was added (docs/discover_method.md, "Weights"). It is smooth in the load, so that not every increment is replayed: between two, the residual is
 interpolated as the measured displacements are.
 
-The replay is known between the points of the camera, too. So it also tells what the triangles miss of second derivatives, which the 3D effect of thickness takes.
+The replay is known between the points of the camera, too. So it also tells what the triangles miss of second derivatives, which the 3D effect of
+thickness takes.
 """
 
 from __future__ import annotations

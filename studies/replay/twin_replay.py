@@ -59,5 +59,5 @@ def at_all_nodes(seen: Experiment, found: Replay) -> Experiment:
     loaded = tuple(replace(b, nodes=np.unique(mesh.boundaries[b.name])) for b in seen.loaded)
     gripped = np.concatenate([np.unique(mesh.boundaries[name]) for name in (*(b.name for b in loaded), RIM)])
     free = np.setdiff1d(boundary_nodes(cells), gripped)
-    bare = {"heights": None, "record": None, "interpolated": None, "noise": None}
-    return replace(seen, points=mesh.points, triangles=cells, displacements=u, loaded=loaded, free_nodes=free, **bare)
+    bare = replace(seen, heights=None, record=None, interpolated=None, noise=None)
+    return replace(bare, points=mesh.points, triangles=cells, displacements=u, loaded=loaded, free_nodes=free)
