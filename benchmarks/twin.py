@@ -177,7 +177,7 @@ def _true_twins(part: Part, basis: SingleBasis, c: Array, r: Array) -> dict[str,
     model = ExtendedModel(basis, c, (), (), e.stress_unit)
     chi = lambda values: float((part.train(values) ** 2).sum())  # noqa: E731
     began = time.process_time()
-    replayed = twin_replay(e, model)
+    replayed = twin_replay(e, model).test
     seconds = time.process_time() - began
     left = r - twin.residual(part, c, replayed)
     seen = replace(part.system, experiment=replayed)

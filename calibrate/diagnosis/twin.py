@@ -7,8 +7,8 @@ The replayed fields are in equilibrium with the replayed forces. Seen by the tri
 leave a residual that the measured ones have, too. It depends little on the base and on the noise of the grips that the replay moves by, so that
 one replay of the base is enough; but an effect of the material that is as strong as the base changes it, so that a model has its own twin once an effect
 was added (docs/discover_method.md, "Weights"). It is smooth in the load, so that not every increment is replayed: between two, the residual is
-interpolated as the measured displacements are. What subsets of the correlation make of the field, and how steep it is at
-free edges, is told by the twin, too, between the camera's points (`twin_kinematics`).
+interpolated as the measured displacements are. What subsets of the correlation make of the field, how steep it is at
+free edges, and how a thick sheet bends there, is told by the twin, too, between the camera's points (`twin_kinematics`).
 """
 
 from __future__ import annotations
@@ -27,11 +27,13 @@ from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.model_weights import weighted_part
 from calibrate.diagnosis.problem import Part, Problem, base_columns
 from calibrate.effects.chain import Additions, Chain
+from calibrate.effects.finite_thickness import bend_errors
 from calibrate.effects.support.borders import subset_moments
 from calibrate.effects.support.effect_data import Data, edge_means
 from calibrate.effects.support.finite_element_field import FiniteElementField
 from calibrate.effects.support.nodal_derivatives import gradients, second_derivatives
 from calibrate.effects.support.twin_kinematics import (
+    Bend,
     Subsets,
     TwinKinematics,
     edge_gradients,
@@ -50,10 +52,12 @@ LEAST = 0.05  # of the mean stiffness, that a base has at rest where it is repla
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """test: with displacements and forces of the model. field: displacements between its points; None: they are not known."""
+    """test: with displacements and forces of the model. field: displacements between its points. finer: the test on triangles between more points, the first of which are its
+    own. None: they are not known."""
 
     test: Experiment
     field: FiniteElementField | None = None
+    finer: Experiment | None = None
 
 
 Replay = Callable[[Experiment, ExtendedModel], Replayed]  # raises `NoTwinError`
@@ -124,11 +128,17 @@ def _twin(part: Part, c: Array, additions: Additions, replay: Replay) -> tuple[A
     model = ExtendedModel(part.chain.basis, c, additions, deviations, experiment.stress_unit)
     replayed = replay(experiment.select(chosen), model)
     found = np.where(part.system.level_equation, 0.0, shares @ residual(part, c, replayed.test, additions))
-    return found, None if replayed.field is None else _kinematics(part.chain.data, replayed.field.interpolated(shares))
+    if replayed.field is None:
+        return found, None
+    kinematics = _kinematics(part.chain.data, replayed.field.interpolated(shares))
+    if replayed.finer is None or experiment.thickness is None:
+        return found, kinematics
+    missed = bend_errors(replayed.test, replayed.finer)
+    return found, replace(kinematics, bend=Bend(*(jnp.asarray(np.tensordot(shares, one, 1)) for one in missed)))
 
 
 def _kinematics(data: Data, field: FiniteElementField) -> TwinKinematics:
-    """Of a replay of all increments, as uncertain as its residual: by a share of what the camera's triangles alone would miss."""
+    """Without the bend, of a replay of all increments, as uncertain as its residual: by a share of what the camera's triangles alone would miss."""
     points, distances = np.asarray(data.points), np.asarray(data.lines[:, 0, 0])
     u = jnp.asarray(field.displacements[:, : len(points)])
     sides, second = sides_of_subsets(float(np.sqrt(2.0 * np.median(data.areas)))), second_derivatives(data, u)

@@ -26,6 +26,9 @@ displacement over the thickness, nothing bends. Both are taken into account by
     B - (RELAXATION h)^2 laplace B = a f^-T grad a,     no flux of B at free edges, B = 0 at grips,
 
 which leaves B as it is inside, where a is nearly harmonic. RELAXATION was found with the Q2-P1 model (docs/thickness.md).
+
+At the tip of a narrow hole grad a changes over less than a triangle of the camera. What the triangles miss of B there is told by a field that is known
+between their points, too, a replay of the test (`bend_errors`, `calibrate.diagnosis.twin`).
 """
 
 from __future__ import annotations
@@ -37,6 +40,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
@@ -51,6 +55,7 @@ from calibrate.effects.support.nodal_derivatives import (
 from calibrate.equations.tensors import det, inverse
 from calibrate.errors import ConfigError
 
+Array = NDArray[np.float64]
 RELAXATION = 0.2  # length of the layer at free edges over the thickness
 
 
@@ -72,7 +77,10 @@ class Thickness(Effect):
 
     def of_the_mean(self, data, u, places, a):
         back = inverse(gradient(data, places[None]))
-        return u + a[0] * bend(data, gradient(data, data.points + u) @ back, back)
+        bent = bend(data, gradient(data, data.points + u) @ back, back)
+        if data.twin is not None and data.twin.bend is not None:
+            bent = bent + data.twin.bend.error
+        return u + a[0] * bent
 
     def adjoint(self, data, places, a, shape):
         slopes = gradient_matrices(data)
@@ -130,6 +138,22 @@ def bend(data: Any, F: Any, back: Any) -> Any:
     steep = jnp.einsum("tnk,tnkj->tnj", gradient(data, thinning), jnp.broadcast_to(back, F.shape))
     raw = thinning[..., None] * jnp.einsum("tnji,tnj->tni", inverse(F), steep)
     return data.membrane.smoothed(raw, RELAXATION * data.thickness)
+
+
+def bend_errors(seen: Experiment, finer: Experiment) -> tuple[Array, Array]:
+    """What the triangles of a field miss of its bend (t, n, 2), 1/mm, and what they do with gradients at the nodes that are means of those around.
+
+    seen: the field at points (n, 2); finer: the same at more points, the first n of which are those.
+    """
+    data, n = Data.of(seen), len(seen.points)
+    exact = _bend(Data.of(finer))[:, :n]
+    found = [np.asarray(exact - _bend(one)) for one in (data, data.with_mean_gradients())]
+    return found[0], found[1]
+
+
+@jax.jit
+def _bend(data: Any) -> Any:
+    return bend(data, gradient(data, data.points + data.u), jnp.eye(2)[None, None])
 
 
 def _bend_transposed(slopes, transposed, smoothed, x, back, rows):

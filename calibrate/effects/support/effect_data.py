@@ -108,7 +108,7 @@ class Data:
         other = replace(self, rings=jnp.asarray(rings), ring_slopes=jnp.asarray(ring_slopes))
         if self.twin is None:
             return other
-        twin, exact = self.twin.doubted(), edge_means(self, self.u) - edge_means(other, self.u)
+        twin, exact = self.twin.of_mean_gradients().doubted(), edge_means(self, self.u) - edge_means(other, self.u)
         return replace(other, twin=replace(twin, missed=twin.missed.at[1].add(exact)))
 
     @property

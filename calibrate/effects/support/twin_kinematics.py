@@ -1,4 +1,5 @@
-"""What the twin of a test knows of its kinematics that the camera's triangles do not: readings of subsets, and deformation gradients at free edges.
+"""What the twin of a test knows of its kinematics that the camera's triangles do not: readings of subsets, deformation gradients at free edges, and the bend over
+the thickness.
 
 In: the field of the twin between the camera's points (`FiniteElementField`). Out: `TwinKinematics`, arrays that effects read.
 
@@ -55,17 +56,32 @@ class Subsets:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
+class Bend:
+    """error (t, n, 2), 1/mm: what the camera's triangles miss of the bend over the thickness, see `finite_thickness.bend_errors`; of_means: the same with
+    gradients at the nodes that are means of those around."""
+
+    error: Any
+    of_means: Any
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
 class TwinKinematics:
     """missed (2, t, m, 2, 2): what the camera's deformation gradients at the centroids, and in the mean over a free edge, lack in triangles beside one.
-    doubt: the share of it that may be wrong."""
+    doubt: the share of it that may be wrong. bend: None without a thickness."""
 
     subsets: Subsets
     missed: Any
     doubt: float = field(default=0.0, metadata={"static": True})
+    bend: Bend | None = None
 
     def doubted(self) -> TwinKinematics:
         """The same, wrong by a standard deviation."""
         return replace(self, subsets=self.subsets.doubted(), missed=(1 + self.doubt) * self.missed)
+
+    def of_mean_gradients(self) -> TwinKinematics:
+        """The same for triangles whose gradients at the nodes are means of those around."""
+        return self if self.bend is None else replace(self, bend=Bend(self.bend.of_means, self.bend.of_means))
 
     def of_triangles(self, places: Any) -> TwinKinematics:
         """Of some triangles (b,) alone."""

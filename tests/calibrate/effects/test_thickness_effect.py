@@ -10,8 +10,9 @@ import pytest
 
 from calibrate.data.experiment import Experiment, LoadedBoundary
 from calibrate.effects import Data
-from calibrate.effects.finite_thickness import Thickness, bend, of_the_mean
+from calibrate.effects.finite_thickness import Thickness, bend, bend_errors, of_the_mean
 from calibrate.effects.support.nodal_derivatives import gradient, gradients
+from calibrate.effects.support.twin_kinematics import Bend, Subsets, TwinKinematics
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.errors import ConfigError
 
@@ -120,6 +121,41 @@ def test_the_mean_is_that_of_the_effect():
     data = Data.of(experiment)
     expected = Thickness().of_the_mean(data, data.u, data.points, jnp.array([1 / 3]))
     np.testing.assert_allclose(of_the_mean(experiment).displacements, expected, atol=1e-9)
+
+
+def nested(cells):
+    """A sheet, and the same field at twice as many points a side, the first of which are those of the sheet."""
+    coarse, fine = (sheet(smooth, 2.0, (k * cells, k * cells // 2)) for k in (1, 2))
+    where = [int(np.flatnonzero(np.isclose(fine.points, x).all(axis=1))[0]) for x in coarse.points]
+    order = np.concatenate([where, np.setdiff1d(np.arange(len(fine.points)), where)])
+    number = np.argsort(order)
+    loaded = tuple(replace(b, nodes=number[b.nodes]) for b in fine.loaded)
+    return coarse, replace(
+        fine,
+        points=fine.points[order],
+        triangles=number[fine.triangles],
+        displacements=fine.displacements[:, order],
+        loaded=loaded,
+        free_nodes=np.sort(number[fine.free_nodes]),
+    )
+
+
+def test_what_triangles_miss_of_the_bend_is_told_by_finer_ones():
+    """With it the mean is that of the finer triangles, also where gradients are means of those around; it falls with the triangles."""
+    sizes = []
+    for cells in (10, 20, 40):
+        coarse, fine = nested(cells)
+        data, (error, of_means) = Data.of(coarse), bend_errors(coarse, fine)
+        nothing = jnp.zeros((2, len(data.u), len(data.triangles), 2, 2))
+        subsets = Subsets(jnp.ones(2), jnp.zeros((2, *data.u.shape)), jnp.zeros((2, *data.u.shape)))
+        bend = Bend(jnp.asarray(error), jnp.asarray(of_means))
+        informed = replace(data, twin=TwinKinematics(subsets, nothing, 0.0, bend))
+        expected = of_the_mean(fine).displacements[:, : len(coarse.points)]
+        for one in (informed, informed.with_mean_gradients()):
+            found = Thickness().of_the_mean(one, one.u, one.points, jnp.array([1 / 3]))
+            np.testing.assert_allclose(found, expected, atol=1e-6)
+        sizes.append(np.sqrt((error**2).mean()))
+    assert sizes[0] > 1.5 * sizes[1] > 2.25 * sizes[2]
 
 
 @pytest.fixture(scope="module", params=[2.0, 5.0], ids=["2 mm", "5 mm"])

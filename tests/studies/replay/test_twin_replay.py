@@ -11,25 +11,29 @@ import synthetic
 
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.load_path import turning_points
+from calibrate.data.triangulation import signed_areas
 from calibrate.diagnosis import base_fit, twin
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import Part, all_rows
-from calibrate.effects import CATALOGUE
-from calibrate.effects.chain import Addition
+from calibrate.effects import CATALOGUE, Thickness
+from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.support.effect_data import edge_means
 from calibrate.equations import noise_covariance
 from calibrate.equations.discretisation_error import REMAINDER
+from calibrate.equations.equilibrium import neo_hooke
 from calibrate.errors import NoTwinError
 from calibrate.models.extended_model import ExtendedModel
 from forward.loading import Loading
-from forward.materials import ArrudaBoyce
+from forward.materials import ArrudaBoyce, NeoHooke
 from forward.sheet.plane_stress import solve
 from meshes import PlateWithHole, quads, triangles
 from studies.replay.twin_replay import twin_replay
 from studies.synthetic import camera
 from studies.synthetic.correlation_disturbances import SubsetSmoothing
+from studies.trials import blind_data, blind_solution
+from studies.trials.blind_effects import SOLID, Hidden
 
 PLATE = PlateWithHole(half_length=30, half_width=15, far_size=1.5, hole_radius=5, hole_size=0.8)
 EXACT = Noise(1e-3, 2.0, 1e-4)  # mm: little beside the discretisation error
@@ -107,6 +111,43 @@ def test_noise_of_the_grips_hardly_changes_the_residual_of_a_twin():
         for u in (0.0, noise)
     )
     assert 0 < size(part.train(moved - exact)) ** 2 < 0.02 * part.train.size
+
+
+def test_a_replay_is_seen_at_all_its_nodes_too():
+    """The first of which are the points of the camera; grips are whole, and the triangles cover the same region."""
+    e = test_of(200)
+    problem, fit = fitted(200)
+    found = twin_replay(e, ExtendedModel(problem.basis, fit.c, (), (), "MPa"))
+    n = len(e.points)
+    np.testing.assert_array_equal(found.finer.points[:n], e.points)
+    np.testing.assert_array_equal(found.finer.displacements[:, :n], found.test.displacements)
+    for one, other in zip(e.loaded, found.finer.loaded, strict=True):
+        assert set(one.nodes) < set(other.nodes)
+        assert np.ptp(found.finer.points[other.nodes, 0]) < 1e-9
+    whole, fine = (signed_areas(one.points, one.triangles) for one in (e, found.finer))
+    assert fine.min() > 0 and fine.sum() == pytest.approx(whole.sum(), rel=2e-3)
+    assert not np.isin(found.finer.free_nodes, np.concatenate([b.nodes for b in found.finer.loaded])).any()
+
+
+@pytest.mark.slow
+def test_a_twin_tells_what_the_triangles_miss_of_the_bend_at_sharp_holes():
+    """A cross twice as thick as its holes are wide, of a material that is known, without noise: only with the twin does the effect of the thickness
+    explain the residual, to a twentieth."""
+    trial = replace(blind_data.draw(3, None), specimen="cross", material=NeoHooke(0.4), thickness=4.0, stretch=1.4)
+    hidden = Hidden(SOLID, {"b": 4 / 3}, {}, {"thickness": 4.0})
+    trial = replace(trial, effects=(hidden,), factors=(0.5, 1.0), times=(1.0, 2.0))
+    e = replace(blind_solution.clean_experiment(trial), noise=Noise(0.004, 1.2, 3e-4, 1e-3))
+    problem, _, reasons = twin.with_twins(*base_fit.prepare([e], [all_rows], with_discrepancy=False), twin_replay)
+    assert reasons == ()
+    (part,), c = problem.parts, neo_hooke(problem.basis, 0.4)
+    thick = (Addition(Thickness(), (4 / 3,)),)
+    unaware = Chain(part.system, problem.basis)
+    before, without, after = (
+        size(part.train(one - part.twin)) ** 2
+        for one in (part.chain.residual(c), unaware.residual(c, thick), part.chain.residual(c, thick))
+    )
+    assert without > 0.5 * before
+    assert after < 0.05 * before
 
 
 def test_between_replayed_increments_the_residual_is_interpolated():
