@@ -78,7 +78,11 @@ def beside(home: Path) -> dict[str, float]:
     for one in json.loads((home / "sealed" / "label.json").read_text())["effects"]:
         effect = known[one["name"]]
         amplitudes = tuple(one["amplitudes"][p.name] for p in effect.amplitudes)
-        hidden.append(Addition(effect, amplitudes, tuple(one["shape"][p.name] for p in effect.shapes)))
+        known_shapes = {
+            **one["more"],
+            **one["shape"],
+        }  # a shape that the amplitude itself tells is not drawn, and matters not
+        hidden.append(Addition(effect, amplitudes, tuple(known_shapes.get(p.name, 0.0) for p in effect.shapes)))
     problem, base = base_fit.prepare([Experiment.load(home / "experiment.npz")], [HoldOut().training])
     result = {}
     for one in hidden:
