@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from itertools import batched, pairwise
 
+import numpy as np
 import pytest
 from judged_trials import trial
 
@@ -137,6 +138,15 @@ def test_a_trial_runs_and_goes_on_where_it_was(tmp_path, capsys):
     assert main(words) == 0
     assert made.stat().st_mtime_ns == time
     assert "Nothing hidden" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["lag between force and image", "subset smoothing"])
+def test_an_effect_whose_shape_is_not_drawn_is_scored_beside_another(tmp_path, name):
+    blind_data.write(draw(9016, "second invariant", name), tmp_path)
+    beside = blind_case.beside(tmp_path)
+    assert set(beside) == {"second invariant", name}
+    assert np.isfinite(list(beside.values())).all()
 
 
 @pytest.mark.slow
