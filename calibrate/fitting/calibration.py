@@ -176,12 +176,9 @@ def calibrate(
         known = False
     else:
         assembled = reduction.assemble(system, basis, progress)
-        following, known = assembled.first_guess(), assembled.noise_is_known
-        for _ in range(options.passes if experiment.plane == "stress" else max(options.passes, STRAIN_PASSES)):
-            weights, quadratic = following, assembled.quadratic(following)
-            spline = network_fit.convex_spline(quadratic, options.inputs)
-            spline = reduction.corrected(quadratic, spline, weights, [assembled])
-            following = quadratic.coefficients_of_weights(spline, assembled.first_guess())
+        passes = options.passes if experiment.plane == "stress" else max(options.passes, STRAIN_PASSES)
+        weights, quadratic, spline = network_fit.reweighted_spline(assembled, options.inputs, passes)
+        known = assembled.noise_is_known
     architecture, result = network_fit.fit_network(
         quadratic, options.inputs, options.layers, spline, options.starts, options.seed
     )

@@ -70,8 +70,7 @@ def weighted_test(system: Equilibrium) -> WeightedTest:
     factor = noise_covariance.noise_factor(experiment.points, noise)
     of_points = sp.csr_array(factor @ factor.T)
     variances = np.diag(noise_covariance.between_increments(experiment, noise))
-    neo_hooke = best_neo_hooke(system, basis)
-    c = neo_hooke
+    c = best_neo_hooke(system, basis)
     for increments in (range(experiment.n_increments)[FIRST], range(experiment.n_increments)):
         lowers = {}
         for i in increments:
@@ -81,8 +80,8 @@ def weighted_test(system: Equilibrium) -> WeightedTest:
         test = WeightedTest(system, lowers, known)
         if increments != range(experiment.n_increments):
             loss = test.quadratic(basis)
-            spline = network_fit.convex_spline(loss, "I1")
-            c = loss.coefficients_of_weights(loss.stiffness_factor(spline) * spline, neo_hooke)
+            c = network_fit.convex_spline(loss, "I1")
+            c = loss.stiffness_factor(c) * c
     return test
 
 

@@ -22,7 +22,7 @@ from scipy.optimize import nnls
 from calibrate import errors
 from calibrate.equations.basis import Basis, PlaneStrainBasis, Spline, energy_basis
 from calibrate.equations.inputs import INPUT_SETS
-from calibrate.equations.reduction import Quadratic
+from calibrate.equations.reduction import Assembled, Quadratic, corrected
 from calibrate.fitting.levenberg_marquardt import TOLERANCE, levenberg_marquardt
 from calibrate.fitting.stopping import Stop
 from calibrate.models import pann
@@ -131,6 +131,17 @@ class NetworkResidual:
         index = jnp.array(INPUT_SETS[self.architecture.inputs])
         gradient = jax.grad(lambda y: pann._network(self.architecture, theta, y))((site * scales)[index])
         return jnp.zeros(2).at[index].set(gradient * scales[index])
+
+
+def reweighted_spline(assembled: Assembled, inputs: str, passes: int) -> tuple[Array, Quadratic, Array]:
+    """Coefficients of the last weights, the loss with these, and its spline (n_functions,)."""
+    following = neo_hooke = assembled.first_guess()
+    for _ in range(passes):
+        weights, quadratic = following, assembled.quadratic(following)
+        spline = convex_spline(quadratic, inputs)
+        spline = corrected(quadratic, spline, weights, [assembled])
+        following = quadratic.coefficients_of_weights(spline, neo_hooke)
+    return weights, quadratic, spline
 
 
 def fit_network(

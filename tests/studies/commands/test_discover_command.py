@@ -27,10 +27,10 @@ def asked(monkeypatch):
     """What the command asked `discover` for; the discovery itself is made once, by tests/discoveries.py."""
     calls = []
 
-    def discover(trained, rule, held, effects, spacing, base, whole, seed, say, **also):
+    def discover(trained, rule, held, effects, spacing, base, seed, say, **also):
         say("round 1: testing effects")
         calls.append({"trained": trained, "rule": rule, "held": held, "effects": effects, "spacing": spacing,
-                      "base": base, "whole": whole, "seed": seed, "replay": also["replay"], "check": also["check"]})  # fmt: skip
+                      "base": base, "fitted": also["fitted"], "seed": seed, "replay": also["replay"], "check": also["check"]})  # fmt: skip
         return explained()
 
     monkeypatch.setattr("calibrate.diagnosis.discovery.discover", discover)
@@ -70,7 +70,7 @@ def test_everything_is_written_and_the_verdict_is_said(run, asked):
     assert asked[0]["effects"] == CATALOGUE
     assert asked[0]["replay"] is twin_replay
     assert isinstance(asked[0]["check"], FiniteElementCheck)
-    assert (asked[0]["base"], asked[0]["whole"], asked[0]["seed"]) == ("positive", True, 0)
+    assert (asked[0]["base"], asked[0]["fitted"], asked[0]["seed"]) == ("positive", True, 0)
     model = ExtendedModel.load(folder / "model.json")
     assert model.verdict == "explained"
     assert model.hold_out == "every third increment"
@@ -92,7 +92,7 @@ def test_options_reach_the_search(run, asked, tmp_path):
     assert str(call["rule"]) == "every second increment"
     assert [e.name for e in call["held"]] == ["other"] and "other" in said
     assert {e.name for e in CATALOGUE} - {e.name for e in call["effects"]} == {"force offset", "lens distortion"}
-    assert (call["base"], call["whole"], call["seed"], call["spacing"]) == ("positive", False, 4, 9.0)
+    assert (call["base"], call["fitted"], call["seed"], call["spacing"]) == ("positive", False, 4, 9.0)
 
 
 def test_same_command_is_taken_up_again_another_is_refused(run):
