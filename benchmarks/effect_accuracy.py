@@ -91,7 +91,7 @@ def fitted(experiment: Any, name: str) -> tuple[Any, Any]:
     r = base.residual - U @ (U.T @ base.residual)
     one, _ = score_tests.examine(problem, base, effect, U, r)
     start = Addition(effect, one.amplitudes or tuple(p.typical for p in effect.amplitudes), one.shape)
-    return base, weighted_fit.fit_with_weights(problem, base.c, (start,), iterations=8)[1]
+    return base, weighted_fit.fit_with_weights(problem, base.c, (start,))[1]
 
 
 def main(words: list[str] | None = None) -> int:
