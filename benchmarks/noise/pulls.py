@@ -88,7 +88,7 @@ def record(trial: Trial) -> dict[str, Any]:
         found = score(model.problem, model.fit, (effect,))[0]
         if not found.is_tested:
             return {**known, "score": 0.0, "status": str(found.status)}
-        best = fitted(model, Candidate(at_best_shape(model, found)), DEFAULT, compared=True)
+        best = fitted(model, Candidate(at_best_shape(model, found)), DEFAULT)
     except EquigapError as error:
         return {**known, "error": f"{type(error).__name__}: {error}"}
     assert check.used is not None

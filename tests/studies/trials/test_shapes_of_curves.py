@@ -50,8 +50,8 @@ def test_a_fit_that_may_end_elsewhere_is_started_from_there_too() -> None:
     model = Model(*base_fit.prepare([data], [HoldOut.default(data.n_increments, False).training]))
     score = at_best_shape(model, score_tests.score(model.problem, model.fit, (effect,))[0])
     assert score.other is not None
-    alone = fitted(model, Candidate(replace(score, other=None)), DEFAULT, compared=True)
-    both = fitted(model, Candidate(score), DEFAULT, compared=True)
+    alone = fitted(model, Candidate(replace(score, other=None)), DEFAULT)
+    both = fitted(model, Candidate(score), DEFAULT)
     assert alone.fit is not None
     assert both.fit is not None
     assert both.fit.likelihood < alone.fit.likelihood - 20
