@@ -74,7 +74,7 @@ def prepare(
         for system, mask in zip(systems, masks, strict=True)
     ]
     used = [test for test in tests if test.mask.any()]
-    start = base_functions.first_guess([test.assembled for test in used])
+    start = base_functions.first_guess([(test.assembled, test.mask) for test in used])
     top = max(base_functions.trained_top(test.system, test.mask) for test in used)
     cone = base_functions.base_cone(basis, base, top, 1 if base == "neo-Hooke" else base_functions.SPLINES)
     bulk = basis.n_functions - energy_basis(basis).n_functions

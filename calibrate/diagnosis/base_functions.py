@@ -25,10 +25,14 @@ SPLINES = 24  # of the base
 SLOPE, CURVATURE = 0.5, 0.5
 
 
-def first_guess(assembled: Sequence[Assembled]) -> Array:
-    """Coefficients (n_functions,) of neo-Hooke with the mean of the moduli that fit each experiment's forces, of those that have any."""
-    loaded = (a for a in assembled if np.isfinite(a.system.loads[:, np.tile(a.system.fields.boundary >= 0, 2)]).any())
-    return np.mean([a.first_guess() for a in loaded], axis=0)
+def first_guess(tests: Sequence[tuple[Assembled, Mask]]) -> Array:
+    """Coefficients (n_functions,) of neo-Hooke with the mean of the moduli that fit each experiment's forces, of those that have any. tests: with the equations (t, 2 v) fitted."""
+    loaded = (
+        (a, used)
+        for a, used in tests
+        if np.isfinite(a.system.loads[:, np.tile(a.system.fields.boundary >= 0, 2)]).any()
+    )
+    return np.mean([a.first_guess(used) for a, used in loaded], axis=0)
 
 
 def trained_top(system: Equilibrium, mask: Mask) -> float:

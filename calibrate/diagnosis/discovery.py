@@ -79,7 +79,7 @@ def discover(
         say("replay of the base model")
         problem, state, without_twin = with_twins(problem, state, replay)
     if len(problem.trained) > 1:
-        problem, state = with_own_effects(problem, distinct(effects), priors or read_priors())
+        problem, state = with_own_effects(problem, state, distinct(effects), priors or read_priors())
     found = diagnose(problem, state, effects, seed, say, thresholds, priors, fitted, check, all_effects)
     noise, own = tuple(check for _, check in checked), own_effects(found.problem, found.final)
     return replace(found, noise=noise, without_twin=without_twin, own=own, one_modulus=one_modulus)

@@ -168,7 +168,7 @@ class _Linearised:
         return False
 
 
-def refit(problem: Problem, c: Array, additions: Additions, iterations: int = ITERATIONS) -> Fit:
+def refit(problem: Problem, c: Array, additions: Additions) -> Fit:
     """Base, amplitudes and shapes together, by Gauss-Newton on the exact residual; c (n,): where it starts.
 
     Steps that raise the misfit are halved, those to what is not finite too. Raises `FitError` where a fit runs away.
@@ -182,7 +182,7 @@ def refit(problem: Problem, c: Array, additions: Additions, iterations: int = IT
         return last[0]
 
     try:
-        found = gauss_newton.minimise(linearise, _point(problem, w, additions), Halving(), iterations)
+        found = gauss_newton.minimise(linearise, _point(problem, w, additions), Halving(), ITERATIONS)
         if found.reason is Stop.NOT_FINITE:
             raise _ran_away(additions)
         step = found.step.fraction * found.linear.length(found.step.unknowns)

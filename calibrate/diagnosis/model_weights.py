@@ -68,7 +68,7 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
         return problem
     parts = []
     for part in problem.parts:
-        noise = noise_of(part.chain, part.assembled, problem.c, found if part.train.size else ())
+        noise = noise_of(part.chain, part.assembled, problem.weights_c, found if part.train.size else ())
         parts.append(_weighted_by(part, noise))
     return replace(problem, parts=tuple(parts), amplifying=found)
 
@@ -78,7 +78,7 @@ def with_field_variance(problem: Problem, variance: float) -> Problem:
     differences between both would be known ever so well."""
     parts = []
     for part in problem.parts:
-        noise = noise_of(part.chain, part.assembled, problem.c, problem.amplifying if part.train.size else ())
+        noise = noise_of(part.chain, part.assembled, problem.weights_c, problem.amplifying if part.train.size else ())
         more = np.where(part.inside, (variance - 1) ** 0.5, 0.0)[:, None] * noise.spreads
         spreads = np.concatenate([noise.spreads, more], axis=2)
         parts.append(_weighted_by(part, EquationNoise.of(part.system, part.assembled.noise, spreads, noise.shares)))
@@ -151,7 +151,7 @@ def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions
     whole = residual(problem, c, additions) + load
     base = residual(problem, c, measured) + load
     c = c * float(load @ whole) / float(load @ base)
-    neo_hooke = base_functions.first_guess([part.assembled for part in problem.trained])
+    neo_hooke = base_functions.first_guess([(part.assembled, part.train.rows) for part in problem.trained])
     neo_hooke *= float(load @ whole) / float(load @ (residual(problem, neo_hooke, measured) + load))
     c = coefficients_of_weights(c, neo_hooke, equations.dispersion(problem, whole - load))
     parts = [
@@ -169,5 +169,5 @@ def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions
         )
         for p in problem.parts
     ]
-    heavier = replace(problem, parts=tuple(parts), c=c, amplifying=known)
+    heavier = replace(problem, parts=tuple(parts), weights_c=c, amplifying=known)
     return replace(heavier, dispersion=rough_dispersion(heavier, residual(heavier, fitted, additions)))

@@ -71,7 +71,7 @@ class Part:
         """Residual (t, 2 v), N, without the mean that noise brings into it in the base c (n,) itself, and without the discretisation error.
 
         What every stated error is of, and what a model file predicts (`ExtendedModel.predict`), which does not know the discretisation
-        error. In a fit the mean is held at that of the weights.
+        error, nor what a twin tells of edges (`twin_kinematics`). In a fit the mean is held at that of the weights.
         """
         shift = self.chain.noise_shift(c, self.assembled.noise_axes, self.assembled.variances)
         return self.chain.residual(c, additions) - shift - (0.0 if self.twin is None else self.twin)
@@ -102,8 +102,9 @@ class Problem:
 
     cone (n, k): the base models are non-negative sums of its columns. prior (m, n), 1 / MPa: see `base_functions.prior_rows`; as
     m more rows of the whitened equations, so that effects are tested and fitted beside a base that costs something. dispersion: see
-    `residual_tests.rough_dispersion`, which those rows allow for. c (n,), amplifying: the base
-    and the effects that the weights belong to, see `amplified`. replay: see `twin.Replay`; None: no part has a twin.
+    `residual_tests.rough_dispersion`, which those rows allow for. weights_c (n,), amplifying: coefficients whose noise weights the equations, see
+    `reduction.coefficients_of_weights`, and effects that the weights know, see `amplified`. replay: see `twin.Replay`; None: no part has a twin. twin_has_effects: whether the twins
+    were replayed with effects of the material.
     """
 
     parts: tuple[Part, ...]
@@ -113,9 +114,10 @@ class Problem:
     dispersion: float
     noise_is_known: bool
     with_discrepancy: bool
-    c: Array = field(repr=False)
+    weights_c: Array = field(repr=False)
     amplifying: Additions = ()
     replay: Callable[..., Any] | None = field(default=None, repr=False)
+    twin_has_effects: bool = False
 
     @property
     def trained(self) -> tuple[Part, ...]:

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment
 from calibrate.data.load_path import turning_points
 from calibrate.diagnosis import base_functions, model_weights, weighted_fit
-from calibrate.diagnosis.effect_fit import Fit, refit
-from calibrate.diagnosis.model_weights import weighted_part
+from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Part, Problem, base_columns
 from calibrate.effects.chain import Additions, Chain
 from calibrate.effects.finite_thickness import bend_errors
@@ -65,34 +64,39 @@ Replay = Callable[[Experiment, ExtendedModel], Replayed]  # raises `NoTwinError`
 
 def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit, tuple[str, ...]]:
     """The problem with a twin of every test that can be replayed with the base of the fit, and the base fitted again; why others have none."""
-    parts, reasons, c = [], [], stiffening_base(problem, fit)
-    for part in problem.parts:
-        try:
-            twin, kinematics = _twin(part, c, (), replay)
-        except NoTwinError as error:
-            parts.append(part)
-            reasons.append(str(error))
-        else:
-            parts.append(_with_twin(problem, replace(part, chain=part.chain.with_twin(kinematics)), twin))
-    if all(part.twin is None for part in parts):
-        return problem, fit, tuple(reasons)
-    problem = replace(problem, parts=tuple(parts), replay=replay)
-    return problem, refit(problem, fit.c, ()), tuple(reasons)
+    found, reasons = _replayed(replace(problem, replay=replay), stiffening_base(problem, fit), ())
+    if all(part.twin is None for part in found.parts):
+        return problem, fit, reasons
+    return *_refitted(found, fit), reasons
 
 
 def with_own_twins(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
-    """The same with twins of the effects in the material, too, and everything fitted again; where that model cannot be replayed, with those that it had."""
+    """The same with twins of the effects in the material, too, or without those that the model has lost, and everything fitted again; where that model cannot be replayed, with
+    those that it had."""
     additions = tuple(a for a in fit.additions if a.effect.of_material)
-    if problem.replay is None or not additions:
+    if problem.replay is None or not (additions or problem.twin_has_effects):
         return problem, fit
-    parts = []
+    c = fit.c if additions else stiffening_base(problem, fit)
+    return _refitted(_replayed(problem, c, additions)[0], fit)
+
+
+def _replayed(problem: Problem, c: Array, additions: Additions) -> tuple[Problem, tuple[str, ...]]:
+    """With twins of the base c (n,) and effects of the material, for tests that can be replayed; why others cannot."""
+    assert problem.replay is not None
+    parts, reasons = [], []
     for part in problem.parts:
         try:
-            twin, kinematics = _twin(part, fit.c, additions, problem.replay)
-            parts.append(replace(part, twin=twin, chain=part.chain.with_twin(kinematics)))
-        except NoTwinError:
-            parts.append(part)
-    problem = model_weights.reweighted(replace(problem, parts=tuple(parts)), fit.c, fit.additions)
+            twin, kinematics = _twin(part, c, additions, problem.replay)
+            part = replace(part, twin=twin, chain=part.chain.with_twin(kinematics))
+        except NoTwinError as error:
+            reasons.append(str(error))
+        parts.append(part)
+    return replace(problem, parts=tuple(parts), twin_has_effects=bool(additions)), tuple(reasons)
+
+
+def _refitted(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """With the weights of a fit, less the discretisation error that is known now, and fitted again."""
+    problem = model_weights.reweighted(problem, fit.c, fit.additions)
     return weighted_fit.fit_with_weights(problem, fit.c, fit.additions)
 
 
@@ -150,18 +154,4 @@ def _kinematics(data: Data, field: FiniteElementField) -> TwinKinematics:
     missed = jnp.zeros(of_camera.shape).at[:, :, beside].set(exact - of_camera[:, :, beside])
     return TwinKinematics(
         Subsets(jnp.asarray(sides), readings, REMAINDER * (readings - jnp.stack(seen))), missed, REMAINDER
-    )
-
-
-def _with_twin(problem: Problem, part: Part, twin: Array) -> Part:
-    return weighted_part(
-        part.chain,
-        part.assembled,
-        problem.basis,
-        problem.c,
-        part.train.rows,
-        part.held.rows,
-        problem.with_discrepancy,
-        twin=twin,
-        own=part.own,
     )

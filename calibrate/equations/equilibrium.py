@@ -227,32 +227,38 @@ def neo_hooke(basis: Basis, shear_modulus: float = 1.0, bulk_modulus: float = 0.
     return c
 
 
-def best_neo_hooke(system: Equilibrium, basis: Basis) -> Array:
-    """Coefficients (n_functions,), MPa (or N/mm), of the neo-Hookean solid that fits the measured forces best; start of
+def best_neo_hooke(system: Equilibrium, basis: Basis, used: NDArray[np.bool_] | None = None) -> Array:
+    """Coefficients (n_functions,), MPa (or N/mm), of the neo-Hookean solid that fits the measured forces best, those of some equations (t, 2 v) where `used` says which; start of
     the weighting."""
     if not isinstance(basis, PlaneStrainBasis):
-        return neo_hooke(basis, best_shear_modulus(system, basis)[0])
+        return neo_hooke(basis, best_shear_modulus(system, basis, used)[0])
     shear, bulk = neo_hooke(basis), neo_hooke(basis, 0.0, 1.0)
     rows = np.tile(system.fields.boundary >= 0, 2)
     both = np.array(
         [system.matrix(basis, F)[rows] @ np.stack([shear, bulk], axis=1) for F in system.deformation_gradients]
     )
-    known = np.isfinite(system.loads[:, rows])
+    known = _known(system, rows, used)
     mu, kappa = nnls(both[known], system.loads[:, rows][known])[0]
     return max(mu, 1e-3 * kappa) * shear + max(kappa, mu / 3) * bulk
 
 
-def best_shear_modulus(system: Equilibrium, basis: Basis) -> tuple[float, float]:
+def _known(system: Equilibrium, rows: NDArray[np.bool_], used: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """Which of the loads (t, r) of some rows (2 v,) are measured, and used; all that are measured where none of them is used."""
+    known = np.isfinite(system.loads[:, rows])
+    some = known if used is None else known & used[:, rows]
+    return some if some.any() else known
+
+
+def best_shear_modulus(system: Equilibrium, basis: Basis, used: NDArray[np.bool_] | None = None) -> tuple[float, float]:
     """Least-squares neo-Hookean modulus, MPa (or N/mm), from the measured forces alone, and their correlation with the
-    model's.
+    model's. used: see `best_neo_hooke`.
 
     In plane strain of a solid whose Poisson ratio is a quarter.
     """
     c = neo_hooke(basis, 1.0, 5 / 3)
     rows = np.tile(system.fields.boundary >= 0, 2)
     predicted = np.array([system.matrix(basis, F)[rows] @ c for F in system.deformation_gradients])
-    measured = system.loads[:, rows]
-    known = np.isfinite(measured)
+    measured, known = system.loads[:, rows], _known(system, rows, used)
     a, b = predicted[known], measured[known]
     return float(a @ b / (a @ a)), float(a @ b / np.sqrt((a @ a) * (b @ b) + 1e-300))
 

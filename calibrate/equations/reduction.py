@@ -180,9 +180,9 @@ class Assembled:
         each = np.array([[weights(noise.residuals(one, part)) for part in parts] for one in numbers])
         return np.asarray(np.einsum("nir,njr->ij", each, each) / SAMPLES)
 
-    def first_guess(self) -> Array:
-        """Coefficients (n_functions,) of neo-Hooke with the modulus that fits the forces: start of the weighting."""
-        return best_neo_hooke(self.system, self.basis)
+    def first_guess(self, used: NDArray[np.bool_] | None = None) -> Array:
+        """Coefficients (n_functions,) of neo-Hooke with the modulus that fits the forces: start of the weighting. used (t, 2 v): the equations fitted, None for all."""
+        return best_neo_hooke(self.system, self.basis, used)
 
 
 def _parts(c: Array) -> Array:

@@ -37,7 +37,7 @@ ALIKE = 0.05  # p of a chi-square test, above which estimates are alike
 TOLD = 0.1  # share of the prior variance that a test must take away to count
 
 
-def with_own_effects(problem: Problem, effects: Sequence[Effect], priors: Priors) -> tuple[Problem, Fit]:
+def with_own_effects(problem: Problem, base: Fit, effects: Sequence[Effect], priors: Priors) -> tuple[Problem, Fit]:
     """The problem of several tests with weights that allow for the effects of each, and the base fitted again.
 
     Not for rough ones: second derivatives of the displacements have the noise of the residual in them, whose product would pass for an effect. Nor for tests
@@ -47,16 +47,16 @@ def with_own_effects(problem: Problem, effects: Sequence[Effect], priors: Priors
     parts = []
     for part in problem.parts:
         seen = own if part.train.size and part.inside.any() else []
-        known = tuple(_signature(problem, part, effect, priors) for effect in seen)
+        known = tuple(_signature(problem, part, base.c, effect, priors) for effect in seen)
         parts.append(replace(part, own=tuple(one for one in known if np.isfinite(one.sources).all())))
-    problem = model_weights.reweighted(replace(problem, parts=tuple(parts)), problem.c, ())
-    return problem, refit(problem, problem.c, ())
+    problem = model_weights.reweighted(replace(problem, parts=tuple(parts)), base.c, ())
+    return problem, refit(problem, base.c, ())
 
 
-def _signature(problem: Problem, part: Part, effect: Effect, priors: Priors) -> OwnSignature:
+def _signature(problem: Problem, part: Part, c: Array, effect: Effect, priors: Priors) -> OwnSignature:
     shapes = effect.shape_values(part.chain.data)
     deviation = prior_deviations(problem, effect, priors)
-    each = [part.chain.signature(problem.c, effect, tuple(shape)) * deviation[:, None, None] for shape in shapes]
+    each = [part.chain.signature(c, effect, tuple(shape)) * deviation[:, None, None] for shape in shapes]
     return OwnSignature(effect, deviation, np.moveaxis(np.concatenate(each), 0, -1) / np.sqrt(len(shapes)))
 
 

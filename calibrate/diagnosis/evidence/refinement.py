@@ -113,8 +113,8 @@ def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem,
         own, fit = weighted_fit.without_superfluous(*weighted_fit.fit_with_own_weights(problem, base.c, start))
     except errors.FitError:
         return None
-    runs_away = fit.free_loss >= WORSE * base.free_loss or has_soft_base(fit, base, DEFAULT)
-    return None if runs_away else (own, fit)
+    refused = fit.free_loss >= WORSE * base.free_loss or has_soft_base(fit, base, DEFAULT)
+    return None if refused else (own, fit)
 
 
 def _best_of_each(fits: Iterable[tuple[Problem, Fit]]) -> list[tuple[Problem, Fit]]:

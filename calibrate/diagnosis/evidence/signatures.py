@@ -72,7 +72,7 @@ def prior_deviations(problem: Problem, effect: Effect, priors: Priors) -> Array:
 
 def modulus(problem: Problem) -> float:
     """Twice the median psi_1 of the base that the weights belong to, MPa: steadier than that at rest, where strains are small."""
-    energy = problem.c[: energy_basis(problem.basis).n_functions]
+    energy = problem.weights_c[: energy_basis(problem.basis).n_functions]
     return 2 * float(np.median(energy[energy > 0]))
 
 

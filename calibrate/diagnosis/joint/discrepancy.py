@@ -66,7 +66,7 @@ def field_variance(problem: Problem, c: Array) -> float:
         if not rows.any():
             continue
         weights = weights_of(
-            model_weights.noise_of(part.chain, part.assembled, problem.c, problem.amplifying), rows, part.common
+            model_weights.noise_of(part.chain, part.assembled, problem.weights_c, problem.amplifying), rows, part.common
         )
         smooth = weights(smooth_body_forces(part, COSINES)).T
         rest, n = residual_outside(weights(part.residual(c)), smooth)

@@ -50,7 +50,9 @@ def fit_everything(
 ) -> Everything:
     """Of the training rows of a problem, with its weights. field_variance: over that of noise, None for that of what neo-Hooke leaves. Raises `FitError` where a fit has no finite start or nothing can be tested."""
     problem = simple_base(problem)
-    base = effect_fit.refit(problem, base_functions.first_guess([part.assembled for part in problem.trained]), ())
+    base = effect_fit.refit(
+        problem, base_functions.first_guess([(part.assembled, part.train.rows) for part in problem.trained]), ()
+    )
     variance = discrepancy.field_variance(problem, base.c) if field_variance is None else field_variance
     if variance > 1:
         problem = model_weights.with_field_variance(problem, variance)

@@ -26,6 +26,7 @@ GAUSS = 4  # points along the side of a whole one
 REACH = 0.75  # of its side, within which no edge cuts a square: its half diagonal, and what edges are curved by
 STEP = np.sqrt(2.0)  # between two sides
 SIDES = 8  # from half the distance of the points to 5.7 times of it
+SINGULAR = 1e9  # condition of the normal equations of a plane
 AT_ONCE = 300_000  # places
 ALONG = 4  # Gauss points along a free edge
 WITHIN = 1e-3  # share of the way to the centroid by which they are inside
@@ -77,7 +78,9 @@ class TwinKinematics:
 
     def doubted(self) -> TwinKinematics:
         """The same, wrong by a standard deviation."""
-        return replace(self, subsets=self.subsets.doubted(), missed=(1 + self.doubt) * self.missed)
+        more = 1 + self.doubt
+        bend = None if self.bend is None else Bend(more * self.bend.error, more * self.bend.of_means)
+        return replace(self, subsets=self.subsets.doubted(), missed=more * self.missed, bend=bend)
 
     def of_mean_gradients(self) -> TwinKinematics:
         """The same for triangles whose gradients at the nodes are means of those around."""
@@ -110,23 +113,28 @@ def subset_readings(twin: FiniteElementField, points: Array, distances: Array, s
         offsets = 0.5 * side * np.array([(a, b) for a in at for b in at])
         parts = int(np.ceil(len(which) * len(offsets) / AT_ONCE))
         for some in np.array_split(which, parts) if parts else ():
-            read = _operator(twin, points[some], offsets, weights) @ _flat(twin.displacements)
-            change = _tall(read, len(twin.displacements)) - twin.displacements[:, some]
-            found[:, some] = change / (variance * side**2 / 12)
+            operator, told = _operator(twin, points[some], offsets, weights)
+            change = _tall(operator @ _flat(twin.displacements), len(twin.displacements)) - twin.displacements[:, some]
+            found[:, some] = np.where(told[:, None], change, 0.0) / (variance * side**2 / 12)
     return found
 
 
-def _operator(twin: FiniteElementField, points: Array, offsets: Array, weights: Array) -> sp.csr_array:
-    """(k, nodes): reading at points (k, 2) of squares with weights (q,) at offsets (q, 2)."""
+def _operator(
+    twin: FiniteElementField, points: Array, offsets: Array, weights: Array
+) -> tuple[sp.csr_array, NDArray[np.bool_]]:
+    """(k, nodes): reading at points (k, 2) of squares with weights (q,) at offsets (q, 2); and where enough of a square is in the specimen for a plane (k,)."""
     n, q = len(points), len(offsets)
     nodes, shares, inside = twin.shares((points[:, None] + offsets).reshape(-1, 2))
     used = weights * inside.reshape(n, q)
-    basis = np.concatenate([np.ones((q, 1)), offsets], axis=1)
+    basis = np.concatenate([np.ones((q, 1)), offsets / np.abs(offsets).max()], axis=1)
     gram = np.einsum("nq,qa,qb->nab", used, basis, basis)
+    told = np.linalg.cond(gram) < SINGULAR
+    gram[~told] = np.eye(3)
     row = np.linalg.solve(gram, np.broadcast_to(np.eye(3)[:, :1], (n, 3, 1)))[..., 0]
     row = (np.einsum("na,qa->nq", row, basis) * used).reshape(-1, 1) * np.where(inside[:, None], shares, 0.0)
     owner = np.repeat(np.arange(n), q * nodes.shape[1])
-    return sp.csr_array(sp.coo_array((row.ravel(), (owner, nodes.ravel())), shape=(n, twin.displacements.shape[1])))
+    shape = n, twin.displacements.shape[1]
+    return sp.csr_array(sp.coo_array((row.ravel(), (owner, nodes.ravel())), shape=shape)), told
 
 
 def _flat(displacements: Array) -> Array:

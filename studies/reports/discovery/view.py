@@ -95,7 +95,7 @@ def decorrelated(problem: Problem, part: Part, fit: Fit) -> Array:
 
     With s the standard deviations and R the correlations of an increment, R^-1/2 r / s (Kessy, Lewin and Strimmer 2018).
     """
-    r, noise = residual(part, fit), noise_of(part.chain, part.assembled, problem.c, problem.amplifying)
+    r, noise = residual(part, fit), noise_of(part.chain, part.assembled, problem.weights_c, problem.amplifying)
     result = np.full(r.shape, np.nan)
     for i, used in [(i, w.rows[i]) for w in (part.train, part.held) for i in range(len(r)) if w.rows[i].any()]:
         covariance = noise.increment(i)[np.ix_(used, used)]

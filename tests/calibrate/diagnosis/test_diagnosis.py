@@ -95,10 +95,12 @@ def effect(name):
     return next(e for e in CATALOGUE if e.name == name)
 
 
-def test_a_fit_says_whether_it_has_converged():
+def test_a_fit_says_whether_it_has_converged(monkeypatch):
     problem, base = prepared(0.03)
     mooney = (Addition(effect("second invariant"), (0.0,), ()),)
-    early, late = (effect_fit.refit(problem, 2 * base.c, mooney, n) for n in (1, 6))
+    late = effect_fit.refit(problem, 2 * base.c, mooney)
+    monkeypatch.setattr(effect_fit, "ITERATIONS", 1)
+    early = effect_fit.refit(problem, 2 * base.c, mooney)
     assert not early.converged and early.last_step > 10
     assert late.converged
     assert late.last_step < 0.1
@@ -293,7 +295,9 @@ def test_forces_are_pulled_back_by_the_transposed_tangent():
 def test_prediction_is_judged_with_the_uncertainty_of_the_fit():
     """The rise of the misfit is e^T (I + B (A^T A)^-1 B^T)^-1 e with the error of prediction e = s - B A^+ r."""
     problem, _ = base_fit.prepare([sheet()], [HoldOut().training], with_discrepancy=False)
-    state = effect_fit.refit(problem, base_functions.first_guess([problem.parts[0].assembled]), ())
+    state = effect_fit.refit(
+        problem, base_functions.first_guess([(problem.parts[0].assembled, problem.parts[0].train.rows)]), ()
+    )
     chi_square, degrees = residual_tests.prediction_test(problem, state.c, state.additions)
     part = problem.parts[0]
     F = part.system.deformation_gradients
@@ -434,9 +438,7 @@ def test_a_fit_that_runs_away_is_named_and_refuses_its_effect(monkeypatch):
     model = Model(problem, state)
     now = scored_round(model, [effect("second invariant")])
     right = effect_fit.refit
-    monkeypatch.setattr(
-        effect_fit, "refit", lambda problem, c, additions, iterations=6: right(problem, 0 * c, (payne,))
-    )
+    monkeypatch.setattr(effect_fit, "refit", lambda problem, c, additions: right(problem, 0 * c, (payne,)))
     refused, fit = extended(model, now, lambda text: None)
     assert fit is None
     assert refused.refusals == (Refusal("second invariant", RefusalReason.NO_BETTER_FIT),)

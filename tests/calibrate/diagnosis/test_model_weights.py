@@ -24,7 +24,7 @@ NOISE = Noise(0.01, 3.0)
 def inside(problem, c, additions=()):
     """Chi-square of the equations of virtual fields that vanish where forces act, which hold for every stiffness."""
     (part,) = problem.parts
-    noise = model_weights.noise_of(part.chain, part.assembled, problem.c, ())
+    noise = model_weights.noise_of(part.chain, part.assembled, problem.weights_c, ())
     white = weights_of(noise, part.train.rows & part.inside)(part.chain.residual(c, additions))
     return float(white @ white)
 
@@ -45,7 +45,7 @@ def test_a_stiffer_law_with_the_same_shape_of_errors_is_as_likely(prepared):
     """All stresses times 1.2, and the noise that they make."""
     problem, base = prepared
     softer, stiffer = (model_weights.as_stiff(problem, s * base.c, ()) for s in (1.0, 1.2))
-    assert work(problem, stiffer.c) == pytest.approx(1.2 * work(problem, softer.c), rel=1e-12)
+    assert work(problem, stiffer.weights_c) == pytest.approx(1.2 * work(problem, softer.weights_c), rel=1e-12)
     chi = [inside(one, s * base.c) for one, s in ((softer, 1.0), (stiffer, 1.2))]
     assert chi[1] == pytest.approx(chi[0], rel=0.01)  # the shape of the weights follows the misfit
     assert inside(softer, 1.2 * base.c) == pytest.approx(1.44 * chi[0], rel=1e-6)
@@ -58,14 +58,14 @@ def test_what_belongs_to_the_measurement_makes_no_law_stiffer(prepared, name, am
     problem, base = prepared
     addition = Addition(EFFECTS[name], (amplitude,), tuple(p.lower for p in EFFECTS[name].shapes))
     found = model_weights.reweighted(problem, base.c, (addition,))
-    assert work(problem, found.c) == pytest.approx(work(problem, base.c), rel=2e-3)  # weights of another shape
+    assert work(problem, found.weights_c) == pytest.approx(work(problem, base.c), rel=2e-3)  # weights of another shape
 
 
 def test_what_belongs_to_the_law_does(prepared):
     """By as much as the work of the loads rises."""
     problem, base = prepared
     found = model_weights.reweighted(problem, base.c, (Addition(EFFECTS["second invariant"], (0.2 * base.c[0],)),))
-    assert (found.c > 1.05 * base.c).all()
+    assert (found.weights_c > 1.05 * base.c).all()
 
 
 def test_an_explanation_keeps_what_the_best_one_does_to_noise_but_for_its_own_interpolation(prepared):

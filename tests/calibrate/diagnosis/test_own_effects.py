@@ -28,8 +28,8 @@ def prepared():
     """Two plates of one material: the problem without and with effects of each."""
     plates = [with_noise(plate_experiment(ArrudaBoyce(), n_increments=3), NOISE, seed) for seed in (1, 2)]
     plates = [replace(plate, name=f"plate {k}") for k, plate in enumerate(plates)]
-    plain, _ = base_fit.prepare(plates, [all_rows, all_rows])
-    return plain, with_own_effects(plain, CATALOGUE, read_priors())[0]
+    plain, base = base_fit.prepare(plates, [all_rows, all_rows])
+    return plain, with_own_effects(plain, base, CATALOGUE, read_priors())[0]
 
 
 def test_only_what_is_neither_of_material_nor_rig_is_of_one_test():
@@ -42,9 +42,9 @@ def test_estimates_have_their_stated_errors():
     prior, whatever the effects are."""
     plain, whole = prepared()
     parts = tuple(replace(part, own=part.own[:1]) for part in whole.parts)
-    problem = model_weights.reweighted(replace(plain, parts=parts), plain.c, ())
-    noise = model_weights.reweighted(plain, plain.c, ())
-    inverses, fit = [_inverse(part.train) for part in noise.parts], refit(problem, problem.c, ())
+    problem = model_weights.reweighted(replace(plain, parts=parts), plain.weights_c, ())
+    noise = model_weights.reweighted(plain, plain.weights_c, ())
+    inverses, fit = [_inverse(part.train) for part in noise.parts], refit(problem, problem.weights_c, ())
     rng, off, free = np.random.default_rng(3), [], []
     for _ in range(DRAWS):
         drawn = [rng.standard_normal(part.own[0].sources.shape[-1]) for part in problem.parts]
@@ -102,8 +102,8 @@ def test_what_no_equation_inside_sees_hides_no_material():
     modes = {"uniaxial": (stretch - stretch**-2, 1 / stretch), "equibiaxial": (stretch - stretch**-5, stretch**2)}
     noise = homogeneous_experiments.noise(0.002, 1e-4)
     both = [curve(mode, mode, stretch, 2 * x * (0.2 + 0.02 * y), noise) for mode, (x, y) in modes.items()]
-    plain, _ = base_fit.prepare(both, [all_rows, all_rows])
-    assert [part.own for part in with_own_effects(plain, CATALOGUE, read_priors())[0].parts] == [(), ()]
+    plain, base = base_fit.prepare(both, [all_rows, all_rows])
+    assert [part.own for part in with_own_effects(plain, base, CATALOGUE, read_priors())[0].parts] == [(), ()]
     few = tuple(e for e in CATALOGUE if e.name in ("second invariant", "stiffness field", "lens distortion"))
     found = discover(both, HoldOut("every", 3), effects=few)
     assert "second invariant" in (*found.named, *found.closest)

@@ -51,6 +51,14 @@ def test_a_square_at_an_edge_reads_what_its_moments_say(side):
     np.testing.assert_allclose(found[0, 0], 0.5 * np.einsum("ij,cij->c", moments, H), rtol=0.02, atol=0.002)
 
 
+def test_where_too_little_of_a_square_is_inside_for_a_plane_nothing_is_read():
+    one = FiniteElementField(
+        quadratic().displacements, lambda p: (*quadratic().shares(p)[:2], p[:, 0] < -0.64), quadratic().slopes
+    )
+    found = subset_readings(one, np.zeros((1, 2)), np.array([0.0]), 1.4)  # one column of cells
+    np.testing.assert_array_equal(found, 0.0)
+
+
 def test_between_two_sides_readings_are_linear_in_the_logarithm_and_beyond_those_of_the_end():
     sides = sides_of_subsets(1.0)
     readings = np.arange(float(len(sides)))[:, None, None, None] * np.ones((1, 1, 2))

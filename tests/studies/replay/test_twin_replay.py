@@ -179,6 +179,11 @@ def test_a_model_with_an_effect_of_the_material_has_a_twin_of_its_own():
     assert [one.additions for one in asked] == [(), (mooney,)]
     expected = problem.parts[0].chain.residual(fit.c, (mooney,))
     np.testing.assert_allclose(found.parts[0].twin, expected, atol=1e-12)
+    left, _ = twin.with_own_twins(
+        found, replace(fit, additions=(camera_effect,))
+    )  # without the effect again, without its twin
+    assert [one.additions for one in asked] == [(), (mooney,), ()]
+    assert twin.with_own_twins(left, replace(fit, additions=(camera_effect,)))[0] is left
 
 
 def test_what_a_twin_tells_is_subtracted_and_no_misfit():
