@@ -97,7 +97,7 @@ class Data:
         )
 
     def with_mean_gradients(self) -> Data:
-        """The same with gradients at the nodes that are means of those in the triangles around, by area, and with what the twin knows wrong by a standard deviation."""
+        """The same with gradients at the nodes that are means of those in the triangles around, by area, and with what the twin knows wrong by a standard deviation, but for the bend."""
         points, triangles = np.asarray(self.points), np.asarray(self.triangles)
         areas = kinematics.shape_gradients(points, triangles)[1]
         around = sp.csr_array((np.repeat(areas, 3), (triangles.ravel(), np.repeat(np.arange(len(areas)), 3))))
