@@ -228,8 +228,7 @@ def neo_hooke(basis: Basis, shear_modulus: float = 1.0, bulk_modulus: float = 0.
 
 
 def best_neo_hooke(system: Equilibrium, basis: Basis, used: NDArray[np.bool_] | None = None) -> Array:
-    """Coefficients (n_functions,), MPa (or N/mm), of the neo-Hookean solid that fits the measured forces best, those of some equations (t, 2 v) where `used` says which; start of
-    the weighting."""
+    """Coefficients (n_functions,), MPa (or N/mm), of the neo-Hookean solid that fits the measured forces best, of those equations (t, 2 v) that are `used`: start of the weighting."""
     if not isinstance(basis, PlaneStrainBasis):
         return neo_hooke(basis, best_shear_modulus(system, basis, used)[0])
     shear, bulk = neo_hooke(basis), neo_hooke(basis, 0.0, 1.0)
@@ -251,10 +250,7 @@ def _known(system: Equilibrium, rows: NDArray[np.bool_], used: NDArray[np.bool_]
 
 def best_shear_modulus(system: Equilibrium, basis: Basis, used: NDArray[np.bool_] | None = None) -> tuple[float, float]:
     """Least-squares neo-Hookean modulus, MPa (or N/mm), from the measured forces alone, and their correlation with the
-    model's. used: see `best_neo_hooke`.
-
-    In plane strain of a solid whose Poisson ratio is a quarter.
-    """
+    model's; in plane strain of a solid whose Poisson ratio is a quarter. used: see `best_neo_hooke`."""
     c = neo_hooke(basis, 1.0, 5 / 3)
     rows = np.tile(system.fields.boundary >= 0, 2)
     predicted = np.array([system.matrix(basis, F)[rows] @ c for F in system.deformation_gradients])
