@@ -17,7 +17,7 @@ from studies.synthetic.disturbances import Disturbance
 class LensDistortion(Disturbance):
     """A point at x from the middle is seen at c + (x - c) (1 + k |x - c|^2 / R^2), R half the extent, in every picture.
 
-    x, y: of the middle of the lens c, in R, from that of the specimen.
+    x, y: of the centre of distortion c, in extents, from the middle of the specimen.
     """
 
     k: float
@@ -27,8 +27,8 @@ class LensDistortion(Disturbance):
 
     def see(self, x, share, size):
         radius = 0.5 * size
-        from_middle = x - radius * np.array([self.x, self.y])
-        return x + from_middle * self.k * (from_middle**2).sum(axis=-1, keepdims=True) / radius**2
+        from_centre = x - size * np.array([self.x, self.y])
+        return x + from_centre * self.k * (from_centre**2).sum(axis=-1, keepdims=True) / radius**2
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,7 @@ def _scale(rng, s):
 
 
 def _lens(rng, s):
-    return {"k": _signed(rng, 3e-4, 0.01)}, {}, {}
+    return {"k": _signed(rng, 3e-4, 0.01)}, {"x": 0.0, "y": 0.0}, {}
 
 
 def _out_of_plane(rng, s):

@@ -134,10 +134,8 @@ def disturbances(trial: Trial) -> list[Disturbance]:
     }
     found: list[Disturbance] = []
     for hidden in trial.effects:
-        if hidden.name == LensDistortion.name and trial.foreign is not None:
-            found.append(foreign.lens(hidden))
-        elif hidden.name in kinds:
-            found.append(kinds[hidden.name](**hidden.amplitudes))
+        if hidden.name in kinds:
+            found.append(kinds[hidden.name](**hidden.amplitudes, **hidden.shape))
         elif hidden.name == SubsetSmoothing.name:
             found.append(SubsetSmoothing(hidden.more["side"]))
         elif hidden.name == Warp.name:

@@ -11,10 +11,10 @@ does about as much as the effect of the catalogue whose place it takes; its ampl
 | viscoelasticity | two branches with a multiplicative split (Reese and Govindjee 1998) |
 | Mullins softening | by the energy (Ogden and Roxburgh 1999) |
 | stiffness field | an elliptic inclusion with a sharp edge |
-| lens distortion | about a middle of its own |
 
 Fibres and Mullins softening are nearly of the catalogue's form since that has an exponential (without dispersion, in compression, too) and Ogden and Roxburgh's
-error function (of I1 - 3 in place of the energy), and the inclusion since it has a round one: `NEARLY`. Others keep their form, on the foreign base. Noise: of two correlation lengths, with a share that all pictures have in common; stated as it is,
+error function (of I1 - 3 in place of the energy), and the inclusion since it has a round one: `NEARLY`. Others keep their form, on the foreign base, and a lens has its
+centre of distortion up to a sixth of the extent from the middle of the specimen. Noise: of two correlation lengths, with a share that all pictures have in common; stated as it is,
 half or twice as large, or not at all.
 """
 
@@ -32,7 +32,6 @@ from forward.sheet.additions import Addition
 from forward.sheet.damage_and_dispersion import DispersedFibres, EllipticInclusion, OgdenPart, OgdenRoxburgh
 from forward.sheet.multiplicative_viscosity import Branch
 from studies.synthetic.camera import GaussianField, stream
-from studies.synthetic.camera_disturbances import LensDistortion
 from studies.trials.blind_effects import Hidden, log_uniform
 from studies.trials.blind_trial import FIELD_RESOLUTION, ForeignNoise, Trial
 
@@ -52,7 +51,6 @@ FOREIGN = (
     "viscoelasticity",
     "Mullins softening",
     "stiffness field",
-    "lens distortion",
 )
 NEARLY = ("one fibre family", "Mullins softening", "stiffness field")  # of these the catalogue has nearly the form
 
@@ -79,9 +77,10 @@ def _foreign(hidden: Hidden, trial: Trial, draws: Array) -> Hidden:
         "one fibre family": {"k2": 0.3 + 2 * a, "kappa": 0.05 + 0.15 * b},
         "viscoelasticity": {"share": 0.3 + 0.4 * a, "faster": 0.1 + 0.3 * b, "slower": 2 + 3 * c},
         "Mullins softening": {"m": energy * (0.05 + 0.3 * a), "beta": 0.1 * b},
-        "lens distortion": {"x": 0.6 * a - 0.3, "y": 0.6 * b - 0.3},
         "stiffness field": {"aspect": 1.3 + 1.2 * a, "turned": np.pi * b},
     }
+    if hidden.name == "lens distortion":  # of the catalogue's form, but for its base and noise
+        return replace(hidden, shape={"x": 0.3 * a - 0.15, "y": 0.3 * b - 0.15})
     return replace(hidden, more={**hidden.more, **more.get(hidden.name, {})})
 
 
@@ -121,11 +120,6 @@ def laws(trial: Trial) -> Laws:
         else:
             solved.discard(one.name)
     return Laws(tuple(additions), branches, frozenset(solved))
-
-
-def lens(hidden: Hidden) -> LensDistortion:
-    """With a middle of its own."""
-    return LensDistortion(hidden.amplitudes["k"], hidden.more["x"], hidden.more["y"])
 
 
 def noise_of(trial: Trial, clean: Experiment, forces: Noise) -> tuple[Array, Noise | None]:

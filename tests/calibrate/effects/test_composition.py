@@ -34,6 +34,7 @@ SHAPES = {
     "Payne softening": (0.1,),
     "subset smoothing": (1.2**0.5,),
     "lag between force and image": (0.0,),
+    "lens distortion": (0.12, -0.07),
 }
 EFFECTS = {effect.name: effect for effect in KNOWN}
 THICK, WARP, LENS, STRIP = "3D effect of thickness", "initial warp", "lens distortion", "unmeasured strip"

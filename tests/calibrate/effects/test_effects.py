@@ -407,14 +407,20 @@ def test_distorted_places_are_found_back(chain):
     for k in (-0.03, 0.0, 0.03):
         seen = x * (1 + k * (x**2).sum(-1, keepdims=True) / 10.0**2)
         np.testing.assert_allclose(undistorted(seen, k, 10.0), x, atol=1e-6)
-    data, k = chain.data, 0.02
-    X, R = data.points - 0.5 * jnp.array([20.0, 10.0]), 10.0
-    place = X + data.u
-    bent = [x * (1 + k * (x**2).sum(-1, keepdims=True) / R**2) for x in (X, place)]
-    from dataclasses import replace
 
-    seen = replace(data, points=bent[0], size=jnp.ptp(bent[0], axis=0).max())
-    true = LensDistortion().displacements(seen, bent[1] - bent[0], jnp.array([k]), ())
+
+@pytest.mark.parametrize("middle", [(0.0, 0.0), (0.1, -0.2)])
+def test_a_lens_is_undone_about_its_centre(chain, middle):
+    data, k, R = chain.data, 0.02, 10.0
+    X = data.points
+    place = X + data.u
+    centre = jnp.array([10.0, 5.0]) + 20 * jnp.array(middle)
+    bent = [centre + (x - centre) * (1 + k * ((x - centre) ** 2).sum(-1, keepdims=True) / R**2) for x in (X, place)]
+    size = jnp.ptp(bent[0], axis=0).max()
+    seen = dataclasses.replace(data, points=bent[0], size=size)
+    low, high = bent[0].min(axis=0), bent[0].max(axis=0)
+    shape = tuple((centre - 0.5 * (low + high)) / size)
+    true = LensDistortion().displacements(seen, bent[1] - bent[0], jnp.array([k]), shape)
     np.testing.assert_allclose(bent[0] + true, place, atol=1e-6)
 
 

@@ -87,7 +87,7 @@ def test_an_even_sheet_has_a_map_in_one_of_twenty():
 
 
 def test_effects_of_another_test_are_left_out():
-    learnt = material(Addition(LensDistortion(), (0.01,)))
+    learnt = material(Addition(LensDistortion(), (0.01,), (0.0, 0.0)))
     found = transfer(uniaxial(), learnt, AFTER, 12.0)
     assert found.left_out == ("lens distortion",)
     assert found.row(STIFFNESS).held_out.force < 5e-3
