@@ -20,7 +20,6 @@ from calibrate.effects.support.effect_data import Data
 from calibrate.equations.tensors import inverse
 
 Array = NDArray[np.float64]
-PLACE = "extent"  # unit of places and lengths over the longest side
 MATERIAL = ("energy", "set", "stiffness", "softening", "relaxation")
 MEASURED = ("kinematics", "clock", "measurement", "lens", "correlation", "load")
 STAGES = MATERIAL + MEASURED
@@ -32,7 +31,7 @@ What varies, softens or relaxes is all that comes before; what is recorded is co
 
 @dataclass(frozen=True)
 class Parameter:
-    """An amplitude or shape. null: no effect. lower, upper: physically admissible. typical: of a strong effect."""
+    """An amplitude or shape. null: no effect. lower, upper: physically admissible. typical: of a strong effect; of a shape that may be 0 its size."""
 
     name: str
     unit: str
@@ -40,6 +39,7 @@ class Parameter:
     lower: float = -np.inf
     upper: float = np.inf
     typical: float = 0.1
+    may_be_zero: bool = False
 
     @property
     def stiffness_power(self) -> int:
@@ -47,10 +47,10 @@ class Parameter:
         return {"MPa": 1, "1/MPa": -1}.get(self.unit, 0)
 
     def shape_size(self, value: float) -> float:
-        """Of a shape at a value: a radian, a typical one of a place that may be at 0, else the value itself."""
+        """Of a shape at a value: a radian, a typical one of a place or a dispersion, which may be 0, else the value itself."""
         if self.unit == "rad":
             return 1.0
-        return self.typical if self.unit == PLACE and self.lower < 0 else max(abs(value), 1e-12)
+        return self.typical if self.may_be_zero else max(abs(value), 1e-12)
 
 
 LATE = 10.0  # durations of the record: what begins so late has the time of a clock
@@ -76,7 +76,7 @@ class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.
 
     name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report; source: of the formula;
-    amplitudes; shapes; former_shape: values of the last shapes in model files that were written without them; shapes_vary: False where they only choose a
+    amplitudes; shapes; former_shape: values of the last shapes in model files that were written without them, or without some of them; shapes_vary: False where they only choose a
     derivative at the null value and mean nothing once the amplitude is known; nested_in: the effect that has it as a special case, or nearly; confounded_with: what it can never be told
     from, or nothing; decided_by: the experiment that tells it from its likes; measured_by: why it is no candidate where it is `excluded`; of_material: holds for
     every specimen of a material, not of one test alone; of_rig: of a camera and grips that several tests share; rough: adds second derivatives of the displacements to them, whose

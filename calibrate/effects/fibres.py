@@ -1,5 +1,10 @@
-"""Fibres: one family in a direction, or two mirrored about an axis, that stiffen by an exponential (Holzapfel, Gasser and Ogden 2000); without it
-(k2 = 0) the standard reinforcement (Qiu and Pence 1997). They act in tension and in compression."""
+"""Fibres: one family about a direction, or two mirrored about an axis, that stiffen by an exponential (Holzapfel, Gasser and Ogden 2000) and
+are dispersed (Gasser, Ogden and Holzapfel 2006); without both (k2 = kappa = 0) the standard reinforcement (Qiu and Pence 1997).
+
+They act in tension and in compression. With d = kappa / (1 - 3 kappa), E = I4 - 1 + d (I1 - 3) is the strain of Gasser, Ogden and Holzapfel over
+1 - 3 kappa, so that k = k1 (1 - 3 kappa)^2 and k2 is theirs times (1 - 3 kappa)^2: k is the stiffness along the fibres at small strain, however
+dispersed they are.
+"""
 
 from __future__ import annotations
 
@@ -10,39 +15,43 @@ import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter
 from calibrate.effects.support.nodal_derivatives import law_gradients
+from calibrate.equations.tensors import cofactor, det, inverse
 
 ANGLES = 12
 CLOSED = 0.1  # rad between a family and the axis, below which two are one
 ANGLE = Parameter("angle", "rad", lower=-np.pi, upper=np.pi)
 STIFFENING = Parameter("k2", "1", lower=0.0, upper=50.0)
+DISPERSION = Parameter("kappa", "1", lower=0.0, upper=0.3, typical=0.1, may_be_zero=True)  # 1/3: isotropic
+WITHOUT = (0.0, 0.0)  # stiffening and dispersion
 START = 0.1  # of k2 E^2 at the largest strain E of the test, from which a fit goes on
-SOURCE = "Qiu and Pence 1997; Holzapfel, Gasser and Ogden 2000"
+SOURCE = "Qiu and Pence 1997; Holzapfel, Gasser and Ogden 2000; Gasser, Ogden and Holzapfel 2006"
+STRAIN = "E = I4 - 1 + kappa / (1 - 3 kappa) (I1 - 3)"
 
 
 @dataclass(frozen=True)
 class OneFibreFamily(Effect):
-    """P gains 2 k E exp(k2 E^2) F M x M with E = I4 - 1, I4 = |F M|^2 and M at `angle` to x."""
+    """P gains k E exp(k2 E^2) dE/dF with I4 = |F M|^2 and M at `angle` to x."""
 
     name = "one fibre family"
     stage = "energy"
     of_material = True
-    formula = "psi + k / (2 k2) (exp(k2 (I4 - 1)^2) - 1), I4 = |F M|^2"
+    formula = f"psi + k / (2 k2) (exp(k2 E^2) - 1), {STRAIN}, I4 = |F M|^2"
     source = SOURCE
     amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
-    shapes = (ANGLE, STIFFENING)
-    former_shape = (0.0,)
+    shapes = (ANGLE, STIFFENING, DISPERSION)
+    former_shape = WITHOUT
     nested_in = "two fibre families"
     decided_by = "the same sheet cut and pulled in another direction"
 
     def shape_values(self, data):
         k2 = first_stiffening(data)
-        return [(float(angle), k2) for angle in np.arange(ANGLES) * np.pi / ANGLES]
+        return [(float(angle), k2, 0.0) for angle in np.arange(ANGLES) * np.pi / ANGLES]
 
     def stress(self, data, F, P, a, shape):
-        return P + a[0] * reinforcement(F, shape[0], shape[1])
+        return P + self.stress_formed(data, F, None, a, shape)
 
     def stress_formed(self, data, F, formed, a, shape):
-        return a[0] * reinforcement(F, shape[0], shape[1], formed)
+        return a[0] * reinforcement(F, formed, *shape)
 
 
 @dataclass(frozen=True)
@@ -52,17 +61,17 @@ class TwoFibreFamilies(Effect):
     name = "two fibre families"
     stage = "energy"
     of_material = True
-    formula = "psi + k / (2 k2) sum (exp(k2 (I4 - 1)^2) - 1) of two directions"
+    formula = f"psi + k / (2 k2) sum (exp(k2 E^2) - 1) of two directions, {STRAIN}"
     source = SOURCE
     amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
-    shapes = (Parameter("axis", "rad"), Parameter("half", "rad", lower=0.0, upper=np.pi / 4), STIFFENING)
-    former_shape = (0.0,)
+    shapes = (Parameter("axis", "rad"), Parameter("half", "rad", lower=0.0, upper=np.pi / 4), STIFFENING, DISPERSION)
+    former_shape = WITHOUT
     decided_by = "the same sheet cut and pulled in two other directions"
 
     def shape_values(self, data):
         k2 = first_stiffening(data)
         return [
-            (float(axis), float(half), k2)
+            (float(axis), float(half), k2, 0.0)
             for axis in np.arange(-4, 4) * np.pi / 8
             for half in np.arange(1, 5) * np.pi / 16
         ]
@@ -74,8 +83,8 @@ class TwoFibreFamilies(Effect):
         return P + self.stress_formed(data, F, None, a, shape)
 
     def stress_formed(self, data, F, formed, a, shape):
-        both = (reinforcement(F, shape[0] + sign * shape[1], shape[2], formed) for sign in (1, -1))
-        return a[0] * sum(both)
+        axis, half, *of_each = shape
+        return a[0] * sum(reinforcement(F, formed, axis + sign * half, *of_each) for sign in (1, -1))
 
 
 def first_stiffening(data) -> float:
@@ -85,13 +94,19 @@ def first_stiffening(data) -> float:
     return float(np.clip(START / largest**2, 0.01, 10.0)) if largest > 0 else START
 
 
-def reinforcement(F, angle, k2, formed=None):
-    """d/dF of (exp(k2 (I4 - 1)^2) - 1) / (2 k2) for fibres at `angle`, rad, to x: (..., 2, 2) at F (..., 2, 2).
+def reinforcement(F, formed, angle, k2, kappa):
+    """d/dF of (exp(k2 E^2) - 1) / (2 k2) for fibres about `angle`, rad, to x: (..., 2, 2) at F (..., 2, 2).
 
-    formed (..., 2, 2): deformation at which they are straight and free of stress, along the same line of the material.
+    formed (..., 2, 2): deformation at which they are straight and free of stress, along the same lines of the material; None: the reference.
     """
+    d = kappa / (1.0 - 3.0 * kappa)
     M = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     FM = F @ M
-    rest = 1.0 if formed is None else jnp.sum((formed @ M) ** 2, axis=-1)
-    E = jnp.sum(FM * FM, axis=-1) / rest - 1.0
-    return 2.0 * ((E * jnp.exp(k2 * E**2) / rest)[..., None] * FM)[..., :, None] * M
+    rest, back = (1.0, jnp.eye(2)) if formed is None else (jnp.sum((formed @ M) ** 2, axis=-1), inverse(formed))
+    elastic = F @ back
+    J = det(elastic)
+    I1 = jnp.sum(elastic**2, axis=(-2, -1)) + J**-2
+    E = jnp.sum(FM * FM, axis=-1) / rest - 1.0 + d * (I1 - 3.0)
+    along = jnp.broadcast_to(2.0 / rest, E.shape)[..., None, None] * FM[..., :, None] * M
+    across = (2.0 * (elastic - cofactor(elastic) * (J**-3)[..., None, None])) @ jnp.swapaxes(back, -1, -2)
+    return (E * jnp.exp(k2 * E**2))[..., None, None] * (along + d * across)

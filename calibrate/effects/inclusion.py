@@ -23,8 +23,8 @@ class Inclusion(Effect):
     formula = "P (1 + a) within `radius` of (x, y) from the middle"
     amplitudes = (Parameter("a", "1", lower=-1.0, upper=20.0, typical=0.2),)
     shapes = (
-        Parameter("x", "extent", lower=-0.5, upper=0.5, typical=0.1),
-        Parameter("y", "extent", lower=-0.5, upper=0.5, typical=0.1),
+        Parameter("x", "extent", lower=-0.5, upper=0.5, typical=0.1, may_be_zero=True),
+        Parameter("y", "extent", lower=-0.5, upper=0.5, typical=0.1, may_be_zero=True),
         Parameter("radius", "extent", lower=0.01, upper=0.5, typical=0.1),
     )
     nested_in = "stiffness field"  # nearly: beside fifteen free cosines its place and radius stand in for anything

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from calibrate.effects.effect import PLACE, Effect, Parameter, lacks_plane_stress
+from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 
 NEWTON = 4  # steps
 TRIED = (
@@ -34,8 +34,8 @@ class LensDistortion(Effect):
     source = "Brown 1971"
     amplitudes = (Parameter("k", "1", lower=-0.2, upper=0.2, typical=0.005),)
     shapes = (
-        Parameter("x", PLACE, lower=-0.5, upper=0.5, typical=0.1),
-        Parameter("y", PLACE, lower=-0.5, upper=0.5, typical=0.1),
+        Parameter("x", "extent", lower=-0.5, upper=0.5, typical=0.1, may_be_zero=True),
+        Parameter("y", "extent", lower=-0.5, upper=0.5, typical=0.1, may_be_zero=True),
     )
     former_shape = (0.0, 0.0)
     decided_by = "pictures of a dot grid"

@@ -42,7 +42,8 @@ def addition_from_dict(content: dict[str, Any]) -> tuple[Addition, tuple[float, 
         raise ValueError(f"effect '{content['effect']}' unknown; this version knows {', '.join(known)}")
     effect = known[content["effect"]]
     written = effect.shapes[: len(content["shape"])]
-    former = effect.former_shape if len(effect.shapes) == len(written) + len(effect.former_shape) else ()
+    later = len(effect.shapes) - len(written)  # than the file
+    former = effect.former_shape[-later:] if 0 < later <= len(effect.former_shape) else ()
     shapes = written if former else effect.shapes
     for key, parameters in (("amplitudes", effect.amplitudes), ("shape", shapes)):
         names, found = [p.name for p in parameters], [str(p["name"]) for p in content[key]]

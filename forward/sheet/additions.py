@@ -88,29 +88,33 @@ class CubicPart(Addition):
 
 @dataclass(frozen=True)
 class Fibres(Addition):
-    """psi + k / (2 k2) sum (exp(k2 (I4 - 1)^2) - 1), I4 = M . C M, of families at `angles` (rad) to x; k in MPa (Holzapfel, Gasser and Ogden 2000), here in
-    compression, too. k2 = 0: k / 2 sum (I4 - 1)^2 (Qiu and Pence 1997).
+    """psi + k / (2 k2) sum (exp(k2 E^2) - 1), E = I4 - 1 + kappa / (1 - 3 kappa) (I1 - 3), I4 = M . C M, of families at `angles` (rad) to x; k in MPa
+    (Holzapfel, Gasser and Ogden 2000; kappa: Gasser, Ogden and Holzapfel 2006, with k1 = k / (1 - 3 kappa)^2), here in compression, too.
+    k2 = kappa = 0: k / 2 sum (I4 - 1)^2 (Qiu and Pence 1997).
     """
 
     k: float
     angles: tuple[float, ...]
     k2: float = 0.0
+    kappa: float = 0.0
     name: ClassVar[str] = "fibres"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.k2 < 0:
             raise MaterialError(f"{self.name}: k2 = {self.k2}; give k2 >= 0")
+        if not 0 <= self.kappa < 1 / 3:
+            raise MaterialError(f"{self.name}: kappa = {self.kappa}; give a number from 0 to below 1/3")
 
     @property
     def values(self) -> tuple[float, ...]:
-        return (self.k, max(self.k2, 1e-8), *self.angles)
+        return (self.k, max(self.k2, 1e-8), self.kappa / (1 - 3 * self.kappa), *self.angles)
 
     def energy(self, I1, I2, C, p):
         families = []
         for i in range(len(self.angles)):
-            M = ufl.as_vector([ufl.cos(p[2 + i]), ufl.sin(p[2 + i])])
-            square = (ufl.dot(M, C * M) - 1) ** 2
+            M = ufl.as_vector([ufl.cos(p[3 + i]), ufl.sin(p[3 + i])])
+            square = (ufl.dot(M, C * M) - 1 + p[2] * (I1 - 3)) ** 2
             curved = (ufl.exp(p[1] * square) - 1) / p[1]
             families.append(ufl.conditional(ufl.lt(p[1] * square, STRAIGHT), square * (1 + p[1] * square / 2), curved))
         return p[0] / 2 * sum(families)

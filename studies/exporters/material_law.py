@@ -36,11 +36,17 @@ CLASSICAL_RANGE = 2.0  # stretch to which a law given by name is checked
 
 @dataclass(frozen=True)
 class Fibres:
-    """k / (2 k2) (exp(k2 (I4 - 1)^2) - 1), I4 = |F M|^2, M at `angle` (rad) to x in the plane of the sheet; k2 = 0: k / 2 (I4 - 1)^2."""
+    """k / (2 k2) (exp(k2 E^2) - 1), E = I4 - 1 + d (I1 - 3), d = kappa / (1 - 3 kappa), I4 = |F M|^2, M at `angle` (rad) to x in the plane of the sheet; k2 = 0: k / 2 E^2."""
 
     k: float
     angle: float
     k2: float
+    kappa: float
+
+    @property
+    def d(self) -> float:
+        """What I1 counts beside I4."""
+        return self.kappa / (1 - 3 * self.kappa)
 
 
 @dataclass(frozen=True)
@@ -181,9 +187,9 @@ ISOTROPIC = ("compressibility", "second invariant", "upturn")  # energies of the
 _ADDED: dict[str, Callable[..., dict[str, Any]]] = {
     "second invariant": lambda law, a, s: {"terms": (*law.terms, PowerTerm(a[0], 2))},
     "upturn": lambda law, a, s: {"terms": (*law.terms, PowerTerm(a[0], 1, 3.0))},
-    "one fibre family": lambda law, a, s: {"fibres": (*law.fibres, Fibres(a[0], s[0], s[1]))},
+    "one fibre family": lambda law, a, s: {"fibres": (*law.fibres, Fibres(a[0], *s))},
     "two fibre families": lambda law, a, s: {
-        "fibres": (*law.fibres, Fibres(a[0], s[0] + s[1], s[2]), Fibres(a[0], s[0] - s[1], s[2]))
+        "fibres": (*law.fibres, Fibres(a[0], s[0] + s[1], *s[2:]), Fibres(a[0], s[0] - s[1], *s[2:]))
     },
     "viscoelasticity": lambda law, a, s: {"branches": (*law.branches, Branch(a[0], s[0]))},
     "second relaxation time": lambda law, a, s: {"branches": (*law.branches, Branch(a[0], s[0]))},

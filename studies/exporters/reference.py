@@ -22,7 +22,7 @@ from calibrate.equations.kinematics import invariants
 
 Array = NDArray[np.float64]
 Stress = Callable[[Any, Any], Any]
-INTERVALS = 96  # of the integral of the power: exponential fibres need as many
+INTERVALS = 160  # of the integral of the power: exponential fibres need as many
 
 
 def stress_of_energy(energy: Callable[[Any], Any], F: Any, time: Any) -> Any:

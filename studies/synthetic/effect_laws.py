@@ -33,9 +33,9 @@ class Extent:
 ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {
     "second invariant": lambda a, s, extent: laws.MooneyPart(a["c01"]),
     "upturn": lambda a, s, extent: laws.CubicPart(a["c30"]),
-    "one fibre family": lambda a, s, extent: laws.Fibres(a["k"], (s["angle"],), s["k2"]),
+    "one fibre family": lambda a, s, extent: laws.Fibres(a["k"], (s["angle"],), s["k2"], s["kappa"]),
     "two fibre families": lambda a, s, extent: laws.Fibres(
-        a["k"], (s["axis"] + s["half"], s["axis"] - s["half"]), s["k2"]
+        a["k"], (s["axis"] + s["half"], s["axis"] - s["half"]), s["k2"], s["kappa"]
     ),
     "stiffness gradient": lambda a, s, extent: laws.Gradient(a["gx"], a["gy"], extent.size, *extent.centre),
     "inclusion": lambda a, s, extent: Inclusion(a["a"], *extent.place(s["x"], s["y"]), extent.size * s["radius"]),

@@ -38,7 +38,7 @@
       DOUBLE PRECISION G1(3, 3), G2(3, 3), E(3, 3), SYM, BSB
       DOUBLE PRECISION X, XMAX, PHI, DPHI, R, S, H, GAIN, TD(3, 3)
       DOUBLE PRECISION Q, M(3), OVER(3, 3), V(3, 3), EQGAIN
-      DOUBLE PRECISION CD(3, 3, 3, 3)
+      DOUBLE PRECISION CD(3, 3, 3, 3), R1(3, 3, 3, 3)
       DATA IV /1, 2, 3, 1, 1, 2/
       DATA JV /1, 2, 3, 2, 3, 3/
       KAPPA = {{ volume.bulk_modulus | fortran }}
@@ -94,6 +94,7 @@
         R = -4.0D0/3.0D0*(BB(I, J)*E(K, L) + E(I, J)*BB(K, L))
         R = R + I1*(4.0D0/9.0D0*E(I, J)*E(K, L) + 4.0D0/3.0D0*SYM)
         Q = Q + D(2)*R
+        R1(I, J, K, L) = R
         R = 4.0D0*(BB(I, J)*BB(K, L) - BSB)
         R = R - 8.0D0/3.0D0*(E(I, J)*V(K, L) + V(I, J)*E(K, L))
         R = R + I2*(16.0D0/9.0D0*E(I, J)*E(K, L) + 8.0D0/3.0D0*SYM)
@@ -107,13 +108,15 @@
       END DO
       SSE = D(1) + KAPPA/2.0D0*(DET - 1.0D0)**2
 {% for f in law.fibres %}
-!     fibres: k = {{ f.k }}, k2 = {{ f.k2 }}, along this unit vector
+!     fibres: k = {{ f.k }}, k2 = {{ f.k2 }},
+!     kappa = {{ f.kappa }}, about this unit vector
       M(1) = {{ cosines[loop.index0][0] | fortran }}
       M(2) = {{ cosines[loop.index0][1] | fortran }}
       M(3) = 0.0D0
       H = {{ f.k | fortran }}
       S = {{ f.k2 | fortran }}
-      CALL EQFIBR(H, S, M, F, T, C, SSE)
+      R = {{ f.d | fortran }}
+      CALL EQFIBR(H, S, R, M, F, I1, G1, R1, T, C, SSE)
 {% endfor %}
       X = MAX(I1 - 3.0D0, 0.0D0)
       XMAX = MAX(STATEV(1), X)
@@ -229,33 +232,40 @@
       END DO
       END
 
-      SUBROUTINE EQFIBR(K, K2, M, F, T, C, W)
-!     adds K/(2 K2) (exp(K2 E**2) - 1), E = I4 - 1, I4 = |F M|**2
+      SUBROUTINE EQFIBR(K, K2, D, M, F, I1, G1, R1, T, C, W)
+!     adds K/(2 K2) (exp(K2 E**2) - 1), E = I4 - 1 + D (I1 - 3),
+!     I4 = |F M|**2; G1, R1: derivatives of I1
       IMPLICIT NONE
-      DOUBLE PRECISION K, K2, M(3), F(3, 3), T(3, 3), C(3, 3, 3, 3), W
-      DOUBLE PRECISION V(3), I4, G, H
+      DOUBLE PRECISION K, K2, D, M(3), F(3, 3), I1, G1(3, 3)
+      DOUBLE PRECISION R1(3, 3, 3, 3), T(3, 3), C(3, 3, 3, 3), W
+      DOUBLE PRECISION V(3), E, G, H, P(3, 3)
       INTEGER I, J, A, B
-      I4 = 0.0D0
+      E = D*(I1 - 3.0D0) - 1.0D0
       DO I = 1, 3
         V(I) = F(I, 1)*M(1) + F(I, 2)*M(2) + F(I, 3)*M(3)
-        I4 = I4 + V(I)**2
+        E = E + V(I)**2
       END DO
-      G = K2*(I4 - 1.0D0)**2
-      H = (I4 - 1.0D0)**2*(1.0D0 + G/2.0D0)
+      G = K2*E**2
+      H = E**2*(1.0D0 + G/2.0D0)
       IF (G .GT. 1.0D-6) H = (EXP(G) - 1.0D0)/K2
       W = W + K/2.0D0*H
-      H = 4.0D0*K*EXP(G)*(1.0D0 + 2.0D0*G)
-      G = 2.0D0*K*EXP(G)*(I4 - 1.0D0)
+      H = K*EXP(G)*(1.0D0 + 2.0D0*G)
+      G = K*EXP(G)*E
       DO I = 1, 3
         DO J = 1, 3
-          T(I, J) = T(I, J) + G*V(I)*V(J)
-          DO A = 1, 3
-            DO B = 1, 3
-              C(I, J, A, B) = C(I, J, A, B)
-     1          + H*V(I)*V(J)*V(A)*V(B)
-            END DO
-          END DO
+          P(I, J) = 2.0D0*V(I)*V(J) + D*G1(I, J)
+          T(I, J) = T(I, J) + G*P(I, J)
         END DO
+      END DO
+      DO B = 1, 3
+      DO A = 1, 3
+      DO J = 1, 3
+      DO I = 1, 3
+        C(I, J, A, B) = C(I, J, A, B) + H*P(I, J)*P(A, B)
+     1    + G*D*R1(I, J, A, B)
+      END DO
+      END DO
+      END DO
       END DO
       END
 

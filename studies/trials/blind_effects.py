@@ -61,12 +61,16 @@ def _compressibility(rng, s):
 
 
 def _one_fibre_family(rng, s):
-    return {"k": s.shear * log_uniform(rng, 0.005, 0.15)}, {"angle": float(rng.uniform(0, np.pi)), "k2": 0.0}, {}
+    return (
+        {"k": s.shear * log_uniform(rng, 0.005, 0.15)},
+        {"angle": float(rng.uniform(0, np.pi)), "k2": 0.0, "kappa": 0.0},
+        {},
+    )
 
 
 def _two_fibre_families(rng, s):
     axis, half = float(rng.uniform(-np.pi / 2, np.pi / 2)), float(rng.uniform(np.pi / 12, np.pi / 4))
-    return {"k": s.shear * log_uniform(rng, 0.005, 0.15)}, {"axis": axis, "half": half, "k2": 0.0}, {}
+    return {"k": s.shear * log_uniform(rng, 0.005, 0.15)}, {"axis": axis, "half": half, "k2": 0.0, "kappa": 0.0}, {}
 
 
 def _stiffness_gradient(rng, s):

@@ -12,7 +12,7 @@ does about as much as the effect of the catalogue whose place it takes; its ampl
 | Mullins softening | by the energy (Ogden and Roxburgh 1999) |
 | stiffness field | an elliptic inclusion with a sharp edge |
 
-Fibres and Mullins softening are nearly of the catalogue's form since that has an exponential (without dispersion, in compression, too) and Ogden and Roxburgh's
+Fibres and Mullins softening are nearly of the catalogue's form since that has an exponential with dispersion (in compression, too) and Ogden and Roxburgh's
 error function (of I1 - 3 in place of the energy), and the inclusion since it has a round one: `NEARLY`. Others keep their form, on the foreign base, and a lens has its
 centre of distortion up to a sixth of the extent from the middle of the specimen. Noise: of two correlation lengths, with a share that all pictures have in common; stated as it is,
 half or twice as large, or not at all.

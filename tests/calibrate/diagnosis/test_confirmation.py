@@ -52,7 +52,7 @@ def base():
 def with_a_stiff_fibre():
     """A model of rubber with a fibre that is not there, ten times as stiff, in the weights that it makes itself."""
     problem, fit = prepared()
-    wrong = (Addition(effect("one fibre family"), (3.0,), (0.3, 0.0)),)
+    wrong = (Addition(effect("one fibre family"), (3.0,), (0.3, 0.0, 0.0)),)
     return Model(model_weights.reweighted(problem, fit.c, wrong), replace(fit, additions=wrong, errors=((0.01,),)))
 
 
@@ -149,7 +149,7 @@ def test_an_amplitude_at_the_end_of_what_is_possible():
 @pytest.mark.parametrize("amplitude", [1e120, 1e250])
 def test_a_fit_that_starts_beyond_all_numbers_is_refused_by_name(amplitude):
     problem, fit = prepared()
-    start = (Addition(effect("one fibre family"), (amplitude,), (0.3, 0.0)),)
+    start = (Addition(effect("one fibre family"), (amplitude,), (0.3, 0.0, 0.0)),)
     with pytest.raises(FitError, match="one fibre family ran away"):
         effect_fit.refit(problem, fit.c, start)
 

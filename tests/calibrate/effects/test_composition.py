@@ -25,8 +25,8 @@ STRONG = {
     "subset smoothing": (0.1,),
 }
 SHAPES = {
-    "one fibre family": (0.5, 0.4),
-    "two fibre families": (0.2, 0.5, 0.4),
+    "one fibre family": (0.5, 0.4, 0.1),
+    "two fibre families": (0.2, 0.5, 0.4, 0.05),
     "inclusion": (0.1, -0.1, 0.2),
     "viscoelasticity": (2.0,),
     "second relaxation time": (0.4,),

@@ -292,16 +292,26 @@ def test_upturn_is_the_third_term_of_yeoh(chain):
     np.testing.assert_allclose(found[0, 0], 2 * slope * (f - np.linalg.inv(f).T / det**2), rtol=1e-12)
 
 
-def test_fibre_stress_is_the_slope_of_its_energy():
+@pytest.mark.parametrize("formed", [None, np.array([[1.1, 0.2], [-0.1, 0.9]])])
+@pytest.mark.parametrize("kappa", [0.0, 0.2])
+def test_fibre_stress_is_the_slope_of_its_energy(kappa, formed):
+    """That of Gasser, Ogden and Holzapfel, with their k1 and k2 and their structure tensor kappa I + (1 - 3 kappa) M x M."""
     rng = np.random.default_rng(0)
     F, H = np.eye(2) + 0.2 * rng.standard_normal((2, 2)), rng.standard_normal((2, 2))
-    M, k2 = np.array([np.cos(0.4), np.sin(0.4)]), 0.7
+    formed_at = np.eye(2) if formed is None else formed
+    M = formed_at @ [np.cos(0.4), np.sin(0.4)]
+    M, k2, level = M / np.linalg.norm(M), 0.7, (1 - 3 * kappa) ** 2
 
     def energy(f):
-        return (np.exp(k2 * (((f @ M) ** 2).sum() - 1) ** 2) - 1) / (2 * k2)
+        elastic = f @ np.linalg.inv(formed_at)
+        C = np.diag([0, 0, np.linalg.det(elastic) ** -2])
+        C[:2, :2] = elastic.T @ elastic
+        A = kappa * np.eye(3) + (1 - 3 * kappa) * np.outer([*M, 0], [*M, 0])
+        return (np.exp(k2 / level * (np.sum(A * C) - 1) ** 2) - 1) / (2 * k2)
 
     slope = (energy(F + 1e-6 * H) - energy(F - 1e-6 * H)) / 2e-6
-    assert float((reinforcement(jnp.asarray(F), 0.4, k2) * H).sum()) == pytest.approx(slope, rel=1e-8)
+    found = reinforcement(jnp.asarray(F), None if formed is None else jnp.asarray(formed), 0.4, k2, kappa)
+    assert float((found * H).sum()) == pytest.approx(slope, rel=1e-8)
 
 
 @pytest.mark.parametrize("stretch", [1.1, 1.6])

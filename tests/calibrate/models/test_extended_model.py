@@ -204,14 +204,15 @@ def test_one_front_reads_every_kind_of_model(tmp_path):
         load_model(tmp_path / "other.json")
 
 
-def test_fibres_of_a_file_written_before_they_stiffened_are_of_standard_reinforcement(tmp_path):
+def test_fibres_of_a_file_written_before_they_stiffened_or_dispersed_are_of_standard_reinforcement(tmp_path):
     path = tmp_path / "model.json"
-    neo_hookean(Addition(BY_NAME["one fibre family"], (0.05,), (0.4, 0.0))).save(path)
+    neo_hookean(Addition(BY_NAME["one fibre family"], (0.05,), (0.4, 0.7, 0.1))).save(path)
     content = json.loads(path.read_text())
     (addition,) = content["additions"]
-    addition["shape"] = addition["shape"][:1]
-    path.write_text(json.dumps(content))
-    assert ExtendedModel.load(path).additions[0].shape == (0.4, 0.0)
+    for known, shape in ((2, (0.4, 0.7, 0.0)), (1, (0.4, 0.0, 0.0))):
+        addition["shape"] = addition["shape"][:known]
+        path.write_text(json.dumps(content))
+        assert ExtendedModel.load(path).additions[0].shape == shape
     addition["shape"] = []
     path.write_text(json.dumps(content))
     with pytest.raises(ModelFileError, match="angle"):

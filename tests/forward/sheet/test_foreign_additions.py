@@ -10,6 +10,7 @@ from scipy.special import erf
 
 from forward import Loading, NeoHooke
 from forward.errors import MaterialError
+from forward.sheet.additions import Fibres
 from forward.sheet.damage_and_dispersion import DispersedFibres, OgdenRoxburgh
 from forward.sheet.inelastic import solve_history
 from forward.sheet.thin_sheet import Sheet
@@ -98,6 +99,17 @@ def test_dispersed_fibres(square, kappa):
     b = brentq(lambda b: stresses(fibres, 1.6, b)[1], 0.4, 1.2, xtol=1e-12)
     assert stress_of(found)[-1] == pytest.approx(stresses(fibres, 1.6, b)[0], rel=1e-7)
     np.testing.assert_allclose(found.displacements[-1], found.points * [0.6, b - 1], atol=1e-6)
+
+
+def test_dispersed_fibres_in_both_notations(square):
+    """In tension along the fibres."""
+    k1, k2, kappa = 0.1, 0.6, 0.15
+    level = (1 - 3 * kappa) ** 2
+    found = [
+        solve_history(square, Sheet(NEO, H, (fibres,)), PULLS["pure shear"], [0.6], [1])
+        for fibres in (DispersedFibres(k1, k2, kappa, (0.4,)), Fibres(k1 * level, (0.4,), k2 * level, kappa))
+    ]
+    assert stress_of(found[0])[0] == pytest.approx(stress_of(found[1])[0], rel=1e-9)
 
 
 def test_fibres_carry_no_compression(square):

@@ -309,6 +309,7 @@ def test_additions_add_up(strip):
     [
         lambda: Fibres(np.nan, (0.1,)),
         lambda: Fibres(0.1, (0.1,), -0.5),
+        lambda: Fibres(0.1, (0.1,), 0.5, 0.4),
         lambda: Mullins(0.3, -0.1, 0.2),
         lambda: Mullins(0.3, 0.1, 0.0),
         lambda: Fibres(0.1, (np.inf,)),

@@ -43,7 +43,7 @@ def extended(additions=(), k=0):
 
 ENERGY = (("second invariant", (0.03,), ()), ("upturn", (0.001,), ()))
 HISTORY = (
-    ("two fibre families", (0.05,), (0.4, 0.2, 0.6)),
+    ("two fibre families", (0.05,), (0.4, 0.2, 0.6, 0.1)),
     ("viscoelasticity", (0.3,), (2.0,)),
     ("second relaxation time", (0.2,), (0.3,)),
     ("Mullins softening", (0.2,), (0.05, 0.3)),
@@ -74,9 +74,9 @@ def test_exported_energy_stress_and_tangent_are_those_of_the_model(name):
 
 
 @needs_gfortran
-@pytest.mark.parametrize("k2", [0.0, 0.6])
-def test_umat_at_a_material_point(k2):
-    fibres = ("two fibre families", (0.05,), (0.4, 0.2, k2))
+@pytest.mark.parametrize(("k2", "kappa"), [(0.0, 0.0), (0.6, 0.0), (0.6, 0.1)])
+def test_umat_at_a_material_point(k2, kappa):
+    fibres = ("two fibre families", (0.05,), (0.4, 0.2, k2, kappa))
     errors = targets()["umat"].export(law_of(extended((fibres,)), "law")).errors
     assert errors.energy < 1e-9 and errors.stress < 1e-10 and errors.tangent < 1e-8
 

@@ -160,8 +160,10 @@ def test_sheets_take_the_drawn_numbers():
     """Each effect of the material arrives in the sheet with amplitude and shape."""
     expected = {
         "second invariant": lambda a, s, m: MooneyPart(a["c01"]),
-        "one fibre family": lambda a, s, m: Fibres(a["k"], (s["angle"],), s["k2"]),
-        "two fibre families": lambda a, s, m: Fibres(a["k"], (s["axis"] + s["half"], s["axis"] - s["half"]), s["k2"]),
+        "one fibre family": lambda a, s, m: Fibres(a["k"], (s["angle"],), s["k2"], s["kappa"]),
+        "two fibre families": lambda a, s, m: Fibres(
+            a["k"], (s["axis"] + s["half"], s["axis"] - s["half"]), s["k2"], s["kappa"]
+        ),
         "stiffness gradient": lambda a, s, m: Gradient(a["gx"], a["gy"], 60.0),
         "stiffness field": lambda a, s, m: Patch(m["height"], m["x"], m["y"], m["width"]),
         "inclusion": lambda a, s, m: Inclusion(a["a"], 60.0 * s["x"], 60.0 * s["y"], 60.0 * s["radius"]),

@@ -17,7 +17,7 @@ from studies.trials.blind_data import draw, make, record
 from studies.trials.blind_solution import clean_experiment
 
 CASES = {
-    "one fibre family": ({"k": 0.03}, {"angle": 0.7, "k2": 0.8}, (0.6, 0.1)),
+    "one fibre family": ({"k": 0.03}, {"angle": 0.7, "k2": 0.8, "kappa": 0.1}, (0.6, 0.1, 0.0)),
     "Mullins softening": ({"r": 0.4}, {"m": 0.1, "beta": 0.2}, (0.02, 0.1)),
 }
 
