@@ -80,7 +80,8 @@ class Effect:
     derivative at the null value and mean nothing once the amplitude is known; nested_in: the effect that has it as a special case, or nearly; confounded_with: what it can never be told
     from, or nothing; decided_by: the experiment that tells it from its likes; measured_by: why it is no candidate where it is `excluded`; of_material: holds for
     every specimen of a material, not of one test alone; of_rig: of a camera and grips that several tests share; rough: adds second derivatives of the displacements to them, whose
-    noise the weights of a model with it must know (`adjoint`); truncated: its formula is the beginning of a series, so that a small part
+    noise the weights of a model with it must know (`adjoint`); reads_twin: takes from `Data.twin`, where there is one, what triangles of the camera cannot
+    tell; truncated: its formula is the beginning of a series, so that a small part
     of what it explains is left for others.
 
     In the links below a (p,) are the values of the amplitudes, shape those of the shapes, in the units of `Parameter`.
@@ -101,6 +102,7 @@ class Effect:
     of_material: ClassVar[bool] = False
     of_rig: ClassVar[bool] = False
     rough: ClassVar[bool] = False
+    reads_twin: ClassVar[bool] = False
     truncated: ClassVar[bool] = False
 
     @property

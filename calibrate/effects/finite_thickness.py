@@ -71,6 +71,7 @@ class Thickness(Effect):
     amplitudes = (Parameter("b", "mm^2", lower=0.0, typical=10.0),)
     decided_by = "a thinner specimen of the same shape"
     rough = True
+    reads_twin = True
 
     def missing(self, data):
         return lacks_plane_stress(data)

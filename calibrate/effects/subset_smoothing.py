@@ -36,6 +36,7 @@ class SubsetSmoothing(Effect):
     shapes_vary = False
     decided_by = "the same pictures correlated with smaller subsets"
     rough = True
+    reads_twin = True
 
     def shape_values(self, data):
         pitch = float(jnp.sqrt(2.0 * jnp.median(data.areas)))

@@ -22,6 +22,7 @@ class UnmeasuredStrip(Effect):
     name = "unmeasured strip"
     stage = "measurement"
     truncated = True
+    reads_twin = True
     formula = "area + w (1 - w q / 2) edge length at free edges"
     amplitudes = (Parameter("w", "mm", lower=0.0, typical=0.5),)
     decided_by = "a picture that shows the edge"

@@ -36,12 +36,13 @@ class Remark(Macro):
     OUTSIDE = "outside_range"
     BULK_MODULUS = "bulk_modulus_unused"
     LEFT_OUT = "effects_left_out"
+    WITHOUT_TWIN = "effects_without_twin"
 
 
 @dataclass(frozen=True)
 class Forecast:
     """What a model says of a test. forces: {boundary: (t, 2)} N, predicted. outside: share of area and increments beyond the
-    calibrated range. model: its name. left_out: effects of other tests, which do not hold here. factor: by which the forces are
+    calibrated range. model: its name. left_out: effects of other tests, which do not hold here; without_twin: those that hold and lack what a replay told the fit. factor: by which the forces are
     multiplied for the error, None where the levels of model and test are known; nominal_model: whether that of the model is not. remarks: on the
     model itself."""
 
@@ -50,6 +51,7 @@ class Forecast:
     outside: float
     model: str
     left_out: tuple[str, ...] = ()
+    without_twin: tuple[str, ...] = ()
     unused_bulk_modulus: float | None = None
     factor: float | None = None
     nominal_model: bool = False
@@ -81,6 +83,8 @@ class Forecast:
             found.append((Remark.BULK_MODULUS, {"bulk_modulus": self.unused_bulk_modulus, "unit": e.stress_unit}))
         if self.left_out:
             found.append((Remark.LEFT_OUT, {"effects": list(self.left_out)}))
+        if self.without_twin:
+            found.append((Remark.WITHOUT_TWIN, {"effects": list(self.without_twin)}))
         return [*self.remarks, *pictures(e), *(Finding("prediction", code, data) for code, data in found)]
 
 
@@ -108,9 +112,10 @@ def _forecast(model: Model | ExtendedModel, experiment: Experiment) -> Forecast:
     """At the level of the model."""
     if isinstance(model, ExtendedModel):
         found = model.predict(experiment)
-        kept = [a.effect.name for a in model.for_test(experiment)]
-        name = " + ".join(["I1 energy", *kept])
-        return Forecast(experiment, found.forces, found.outside, name, found.left_out)
+        kept = [a.effect for a in model.for_test(experiment)]
+        name = " + ".join(["I1 energy", *(effect.name for effect in kept)])
+        without_twin = tuple(effect.name for effect in kept if effect.reads_twin)
+        return Forecast(experiment, found.forces, found.outside, name, found.left_out, without_twin)
     if experiment.stress_unit != model.unit:
         raise ConfigError(
             f"{experiment.name}: its stresses are in {experiment.stress_unit}, the model's in {model.unit}; give the "

@@ -21,7 +21,7 @@ from calibrate.effects import CATALOGUE, KNOWN, Data
 from calibrate.effects.chain import Addition
 from calibrate.effects.chain.stages import SWEEPS
 from calibrate.effects.compressibility import Compressibility
-from calibrate.effects.fibres import reinforcement
+from calibrate.effects.fibres import first_stiffening, reinforcement
 from calibrate.effects.finite_thickness import Thickness
 from calibrate.effects.force_offset import ForceOffset
 from calibrate.effects.lag import Lag
@@ -30,7 +30,7 @@ from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.permanent_set import PermanentSet
 from calibrate.effects.support.borders import nearest_lines, subset_moments
 from calibrate.effects.support.branches import motion
-from calibrate.effects.support.nodal_derivatives import gradients, second_derivatives
+from calibrate.effects.support.nodal_derivatives import gradients, law_gradients, second_derivatives
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import Viscosity, convolved
@@ -312,6 +312,16 @@ def test_fibre_stress_is_the_slope_of_its_energy(kappa, formed):
     slope = (energy(F + 1e-6 * H) - energy(F - 1e-6 * H)) / 2e-6
     found = reinforcement(jnp.asarray(F), None if formed is None else jnp.asarray(formed), 0.4, k2, kappa)
     assert float((found * H).sum()) == pytest.approx(slope, rel=1e-8)
+
+
+def test_fibres_are_tried_with_little_stiffening_where_the_sheet_is_stretched_most(chain):
+    """By the mean stretch of a sheet with holes, most of the signature would be that of the triangles at their tips."""
+    nodes = jnp.arange(len(chain.data.points))[None, :, None] < 0.1 * len(chain.data.points)
+    local = dataclasses.replace(chain.data, u=chain.data.u + jnp.where(nodes, 0.3 * (chain.data.points - 5.0), 0.0))
+    stretches = np.linalg.svd(np.asarray(law_gradients(local, local.u)), compute_uv=False)[..., 0]
+    mean = np.linalg.svd(np.asarray(law_gradients(local, local.u)).mean(axis=1), compute_uv=False).max()
+    assert np.quantile(stretches, 0.99) ** 2 - 1 > 2 * (mean**2 - 1)
+    assert first_stiffening(local) * (np.quantile(stretches, 0.99) ** 2 - 1) ** 2 == pytest.approx(0.1, rel=1e-4)
 
 
 @pytest.mark.parametrize("stretch", [1.1, 1.6])

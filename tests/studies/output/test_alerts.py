@@ -425,6 +425,7 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
     "prediction.outside_range": lambda: forecast(outside=0.1),
     "prediction.bulk_modulus_unused": lambda: forecast(unused_bulk_modulus=100.0),
     "prediction.effects_left_out": lambda: forecast(left_out=("force offset",)),
+    "prediction.effects_without_twin": lambda: forecast(without_twin=("unmeasured strip",)),
     **dict.fromkeys(
         (
             f"replay.{name}"
