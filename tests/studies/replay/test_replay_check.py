@@ -264,6 +264,14 @@ AMPLITUDES = {
     "out-of-plane motion": (0.004,),
     "force offset": (0.5,),
 }
+
+
+def of_camera(name):
+    """The effect that undoes a disturbance of `SEEN`; a lens about the middle of the specimen."""
+    effect = BY_NAME[name]
+    return Addition(effect, AMPLITUDES[name], (0.0,) * len(effect.shapes))
+
+
 SEEN = (ForceOffset(0.5), LensDistortion(0.01), OutOfPlane(0.004), Rotation(0.02))
 
 
@@ -271,7 +279,7 @@ SEEN = (ForceOffset(0.5), LensDistortion(0.01), OutOfPlane(0.004), Rotation(0.02
 def test_effects_of_camera_and_load_cell_are_taken_out_before_a_replay(disturbance):
     """What is left of the true law is the error of the mesh, as without them; left in they leave ten times as much of the force."""
     seen = observe(solution(False), PLATE, triangles(PLATE, n_nodes=250), [disturbance], name="plate")
-    true = true_surface(seen, (Addition(BY_NAME[disturbance.name], AMPLITUDES[disturbance.name]),))
+    true = true_surface(seen, (of_camera(disturbance.name),))
     law = material_law(CHAINS, "", seen)
     exactly, corrected, left_in = (replay(e.select([5]), law, check_mesh=False) for e in (exact(False), true, seen))
     assert corrected.field_error[-1] == pytest.approx(exactly.field_error[-1], rel=1e-2)
@@ -283,7 +291,7 @@ def test_effects_of_camera_and_load_cell_are_taken_out_before_a_replay(disturban
 def test_the_replay_of_a_model_takes_its_camera_out_of_the_test_it_was_fitted_to(disturbance):
     """Of another test, of which the camera may be another, it does not."""
     seen = observe(solution(False), PLATE, triangles(PLATE, n_nodes=250), [disturbance], name="plate").select([5])
-    camera_too = Addition(BY_NAME[disturbance.name], AMPLITUDES[disturbance.name])
+    camera_too = of_camera(disturbance.name)
     null = Addition(BY_NAME["initial warp"], (0.0,) * len(BY_NAME["initial warp"].amplitudes))
     c = neo_hooke_coefficients(SingleBasis(0, 20.0), 0.4)
     model = ExtendedModel(SingleBasis(0, 20.0), c, (camera_too, null), ((0.0,), (0.0,) * len(null.amplitudes)), "MPa")
@@ -320,7 +328,7 @@ def test_the_record_is_corrected_with_the_forces_of_the_pictures():
 
 
 def test_what_is_left_of_a_corrected_noisy_test_is_its_noise():
-    lens = Addition(BY_NAME["lens distortion"], AMPLITUDES["lens distortion"])
+    lens = of_camera("lens distortion")
     seen = observe(solution(False), PLATE, triangles(PLATE, n_nodes=250), SEEN[1:2], name="plate")
     true = true_surface(noisy(seen, 0), (lens,))
     one = replay(true.select([2, 5]), material_law(CHAINS, "", true), check_mesh=False)
