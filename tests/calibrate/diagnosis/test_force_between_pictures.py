@@ -45,7 +45,7 @@ def recorded(seed: int) -> Experiment:
 
 def fitted(experiment: Experiment) -> Fit:
     problem, base = prepare([experiment], [all_rows])
-    return refit(problem, base.c, (Addition(Viscosity(), (G,), (TAU,)),), 12)
+    return refit(problem, base.c, (Addition(Viscosity(), (G,), (TAU,)),))
 
 
 @pytest.mark.slow

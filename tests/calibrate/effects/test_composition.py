@@ -44,8 +44,10 @@ COARSE = {
     (THICK, WARP): 0.04,
     (WARP, THICK): 2e-3,
     (WARP, STRIP): 5e-3,
+    (LENS, WARP): 1.5e-3,
 }
-"""Where second derivatives at edges, or those of fourth polynomials, converge slowly with the mesh."""
+"""Where second derivatives at edges, or those of fourth polynomials, converge slowly with the mesh. A lens bends the edges that the polynomials of a warp end at: the
+outermost node, which is another on either side of no lens, has no derivative."""
 
 
 @cache
