@@ -110,6 +110,13 @@ FOREIGN_SETS = (
         "revision 9a48653, the first 100 of the plan: some on 16 cores, the long ones first, then in the order of the plan; stopped for time, looked at once",
         frozenset(NEARLY),
     ),
+    TrialSet(
+        "foreign_77000.json",
+        FOREIGN.format(77000),
+        "a lens about its own centre, fibres with dispersion, tried with little stiffening",
+        "revision cab7f5d, the first of the plan, then most of its trials without an effect; stopped for time, looked at once",
+        frozenset(NEARLY),
+    ),
 )
 
 
