@@ -92,7 +92,7 @@ def first_stiffening(data) -> float:
     """k2 that is tried: little even where the sheet is stretched most, or the signature is that of a few triangles at the tips of holes."""
     F = np.asarray(law_gradients(data, data.u))
     half = 0.5 * (F**2).sum(axis=(-2, -1))
-    squares = half + np.sqrt(np.maximum(half**2 - np.linalg.det(F) ** 2, 0.0))  # of the largest stretches
+    squares = half + np.sqrt(np.maximum(half**2 - np.asarray(det(F)) ** 2, 0.0))  # of the largest stretches
     largest = float(np.quantile(squares, MOST)) - 1
     return float(np.clip(START / largest**2, 1e-4, 10.0)) if largest > 0 else START
 

@@ -78,7 +78,9 @@ def amplitudes(folder: Path, name: str) -> list[list[str]]:
         parameter = effect.amplitudes[k]
         value = f"{parameter.name} = {one['amplitudes'][k]:.3g} ± {one['standard_deviations'][k]:.1g}"
         value = with_unit(value, amplitude_unit(parameter, found["stress_unit"]))
-        shape = ", ".join(f"{p.name} = {v:.2g} {p.unit}" for p, v in zip(effect.shapes, one["shape"], strict=True))
+        shape = ", ".join(
+            with_unit(f"{p.name} = {v:.2g}", p.unit) for p, v in zip(effect.shapes, one["shape"], strict=True)
+        )
         rows.append(
             [name, fit, effect.name, value, f"{one['over_prior']:.1f}", shape, share(one["r_squared_on_others"])]
         )

@@ -2,7 +2,7 @@
 
 In: an Experiment without noise, `Rivals`, priors. Out: the difference of their ln evidence on the data that the first is expected to give: the residual -S a,
 with S its signature beside the base that the test would have and a its amplitudes as they were found. Both are weighed as a diagnosis weighs them
-(`calibrate.diagnosis.evidence.linear_evidence`): amplitudes free within their priors, all shapes tried, the error of the formulas allowed for. This is the
+(`calibrate.diagnosis.evidence.linear_evidence`): amplitudes free within their priors, all shapes tried, each with an equal share of the prior, the error of the formulas allowed for. This is the
 expected utility of Lindley (1956) for the choice between two models, linear in the amplitudes; the noise is taken to add as much to both.
 """
 
@@ -14,6 +14,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis.base_fit import prepare
@@ -47,7 +48,7 @@ def expected(e: Experiment, pairs: Sequence[Rivals], stiffness: float, priors: P
             found.append(None)
             continue
         weighed = replace(weighed, r=-change)
-        found.append(_best(weighed, pair.names) - _best(weighed, pair.others))
+        found.append(_of_all_shapes(weighed, pair.names) - _of_all_shapes(weighed, pair.others))
     return found
 
 
@@ -68,8 +69,8 @@ def _amplitudes(a: Addition, stiffer: float) -> Array:
     return np.array([(value - p.null) * stiffer**p.stiffness_power for p, value in pairs])
 
 
-def _best(weighed: Evidence, names: Sequence[str]) -> float:
-    """ln evidence of effects, of their best shapes, without prior odds; those that the test cannot show are left out."""
+def _of_all_shapes(weighed: Evidence, names: Sequence[str]) -> float:
+    """ln evidence of effects, of all their shapes, without prior odds; those that the test cannot show are left out."""
     places = [[i for i, s in enumerate(weighed.signatures) if s.name == name] for name in names]
     subsets = (weighed.subset(members) for members in product(*(own for own in places if own)))
-    return max(one.log_evidence - len(one.members) * weighed.log_odds for one in subsets)
+    return float(logsumexp([one.log_evidence - len(one.members) * weighed.log_odds for one in subsets]))

@@ -12,6 +12,8 @@ import pytest
 from discoveries import sheet
 from skip_network import MU, neo_hooke
 
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
@@ -20,6 +22,7 @@ from calibrate.models.fitness import Fitness, Use
 from calibrate.models.parameter_covariance import Uncertainty
 from studies import cli
 from studies.reports.prediction import predicted_curves as prediction
+from studies.reports.prediction.predicted_forces import forecast
 
 STRETCH = np.linspace(1.0, 2.5, 31)
 
@@ -201,6 +204,21 @@ def test_network_and_spline_of_one_energy_predict_the_same_forces_of_a_test(tmp_
     for i, (a, b) in enumerate(zip(*rows, strict=True)):
         assert float(a[f"{boundary}_x_measured"]) == pytest.approx(quiet.loaded[0].force[i, 0], rel=1e-6)
         assert float(a[f"{boundary}_x_predicted"]) == pytest.approx(float(b[f"{boundary}_x_predicted"]), rel=1e-6)
+
+
+def test_a_test_that_was_fitted_with_an_effect_of_its_edges_is_predicted_without_what_the_replay_told(
+    tmp_path: Path,
+) -> None:
+    """Of another test the effect is left out."""
+    strip = next(effect for effect in CATALOGUE if effect.name == "unmeasured strip")
+    other = replace(spline_twin(), additions=(Addition(strip, (0.1,)),), errors=((0.01,),))
+    own = replace(other, training=({"name": "sheet", "fingerprint": sheet().fingerprint},))
+    found = {}
+    for name, one in (("own", own), ("other", other)):
+        one.save(tmp_path / f"{name}.json")
+        found[name] = forecast(tmp_path / f"{name}.json", sheet())
+    assert (found["own"].without_twin, found["own"].left_out) == ((strip.name,), ())
+    assert (found["other"].without_twin, found["other"].left_out) == ((), (strip.name,))
 
 
 def test_beyond_the_calibrated_range_and_with_a_bulk_modulus_that_plane_stress_does_not_use(

@@ -110,7 +110,7 @@ def test_without_noise_what_is_expected_is_what_a_test_gives():
 
 
 def test_more_of_an_effect_is_told_more_surely_and_nothing_is_not():
-    none, some, more = (value(plate(), rivals(RECEDES, (a,), OFFSET)) for a in (0.0, RECEDED, 2 * RECEDED))
+    none, some, more = (value(plate(), rivals(RECEDES, (a,), "lens distortion")) for a in (0.0, RECEDED, 2 * RECEDED))
     assert abs(none) < DECISIVE < some
     assert more - none == pytest.approx(4 * (some - none), rel=0.2)
 

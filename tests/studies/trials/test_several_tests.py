@@ -6,6 +6,7 @@ from functools import cache
 import pytest
 
 from calibrate.diagnosis.discovery import discover
+from calibrate.diagnosis.selection import Verdict
 from forward.materials import ArrudaBoyce
 from studies.replay.twin_replay import twin_replay
 from studies.trials.blind_data import draw, make
@@ -44,10 +45,15 @@ def test_gradients_of_the_specimens_do_not_spoil_what_the_material_has():
 
 @pytest.mark.slow
 def test_a_gradient_that_all_have_is_of_the_rig():
-    """An alarm without a name is not excluded: docs/limits.md."""
     result = found((0.0, 0.15), (0.0, 0.15), (0.0, 0.15))
     assert result.named == ()  # of what the material has
     one = own(result, "gy")
     assert one.is_common
     mean, error = one.mean
     assert mean == pytest.approx(0.15, abs=3 * error)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(reason="one family of fibres is significant, adjusted p = 0.02: docs/limits.md", strict=True)
+def test_a_gradient_that_all_have_raises_no_alarm():
+    assert found((0.0, 0.15), (0.0, 0.15), (0.0, 0.15)).verdict is Verdict.NOTHING_SIGNIFICANT
