@@ -78,10 +78,11 @@ def discover(
     if replay is not None:
         say("replay of the base model")
         problem, state, without_twin = with_twins(problem, state, replay)
+    priors = priors or read_priors()
     if len(problem.trained) > 1:
-        problem, state = with_own_effects(problem, state, distinct(effects), priors or read_priors())
+        problem, state = with_own_effects(problem, state, distinct(effects), priors)
     found = diagnose(problem, state, effects, seed, say, thresholds, priors, fitted, check, all_effects)
-    noise, own = tuple(check for _, check in checked), own_effects(found.problem, found.final)
+    noise, own = tuple(check for _, check in checked), own_effects(found.problem, found.final, priors)
     return replace(found, noise=noise, without_twin=without_twin, own=own, one_modulus=one_modulus)
 
 

@@ -154,6 +154,18 @@ def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions
     neo_hooke = base_functions.first_guess([(part.assembled, part.train.rows) for part in problem.trained])
     neo_hooke *= float(load @ whole) / float(load @ (residual(problem, neo_hooke, measured) + load))
     c = coefficients_of_weights(c, neo_hooke, equations.dispersion(problem, whole - load))
+    heavier = _of_coefficients(problem, c, known)
+    return replace(heavier, dispersion=rough_dispersion(heavier, residual(heavier, fitted, additions)))
+
+
+def without_own_effects(problem: Problem) -> Problem:
+    """The same equations with weights that allow for no effects of single tests."""
+    parts = tuple(replace(part, own=()) for part in problem.parts)
+    return _of_coefficients(replace(problem, parts=parts), problem.weights_c, problem.amplifying)
+
+
+def _of_coefficients(problem: Problem, c: Array, known: Additions) -> Problem:
+    """With the weights that belong to coefficients c (n,) as stiff as the material is, and to effects."""
     parts = [
         weighted_part(
             p.chain,
@@ -169,5 +181,4 @@ def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions
         )
         for p in problem.parts
     ]
-    heavier = replace(problem, parts=tuple(parts), weights_c=c, amplifying=known)
-    return replace(heavier, dispersion=rough_dispersion(heavier, residual(heavier, fitted, additions)))
+    return replace(problem, parts=tuple(parts), weights_c=c, amplifying=known)

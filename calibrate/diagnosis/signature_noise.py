@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis import model_weights
 from calibrate.diagnosis import problem as equations
-from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.problem import Part, Problem
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import noise_covariance
 
@@ -35,15 +35,32 @@ def denoised(problem: Problem, c: Array, additions: Additions, r: Array, dispers
 
 def visible_noise(problem: Problem, c: Array, additions: Additions, r: Array) -> list[Array]:
     """Sigma K^T C^-1 r (t, n, 2), mm, of each trained part; K knows of effects those that the weights know."""
+    known = model_weights.amplifying(problem, additions)
     found, start = [], 0
     for part in problem.trained:
         forces = part.train.adjoint(r[start : start + part.train.size])
         start += part.train.size
-        factor = part.assembled.noise_factor
-        noise = np.moveaxis(part.chain.pulled_back(c, model_weights.amplifying(problem, additions), forces), 1, 0)
-        flat = factor @ (factor.T @ noise.reshape(len(noise), -1))
-        found.append(np.einsum("ij,njk->ink", part.assembled.between, flat.reshape(noise.shape)))
+        found.append(_noise_that_makes(part, c, known, forces))
     return found
+
+
+def denoised_everywhere(part: Part, c: Array) -> Chain:
+    """The chain of a test at displacements without the noise that shows in the residual of a base c (n,), also of equations that are held out: for weights, not for fits."""
+    r = part.residual(c)
+    forces, rows, squares = np.zeros(r.shape), 0, 0.0
+    for weights in [part.together()] if part.together else [part.train, part.held]:
+        white = weights(r)
+        forces += weights.adjoint(white)
+        rows, squares = rows + len(white), squares + float(white @ white)
+    return part.chain.disturbed(-_noise_that_makes(part, c, (), forces) / max(1.0, squares / max(rows, 1)))
+
+
+def _noise_that_makes(part: Part, c: Array, additions: Additions, forces: Array) -> Array:
+    """Sigma K^T f (t, n, 2), mm, of weighted residuals f (t, 2 v), 1 / N."""
+    factor = part.assembled.noise_factor
+    noise = np.moveaxis(part.chain.pulled_back(c, additions, forces), 1, 0)
+    flat = factor @ (factor.T @ noise.reshape(len(noise), -1))
+    return np.asarray(np.einsum("ij,njk->ink", part.assembled.between, flat.reshape(noise.shape)))
 
 
 def hidden_noise(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[list[Array]]:

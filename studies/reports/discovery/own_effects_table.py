@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
@@ -15,51 +14,59 @@ Table = tuple[list[str], list[list[Any]]]
 
 
 def own_effects_table(found: Sequence[OwnEffect], unit: str) -> Table:
-    """Amplitudes that are seen in any test, or alike in all."""
+    """Amplitudes that are seen in any test, of effects that are there."""
+    tests = list(dict.fromkeys(name for one in found for name in one.tests))
     rows: list[list[Any]] = []
     for one in found:
-        if not (one.is_common or one.seen_in):
-            continue
-        own = amplitude_unit(one.parameter, unit)
-        symbol = one.parameter.name if own == "1" else f"{one.parameter.name} ({own})"
-        values = [_said(a, d) for a, d in zip(one.estimates, one.errors, strict=True)]
-        told = "alike in all" if one.is_common else f"of {', '.join(one.seen_in)}"
-        rows.append([one.effect.name, symbol, f"{one.prior:.2g}", *values, told])
-    names = found[0].tests if found else ()
-    return ["effect", "amplitude", "prior", *names, "this fit"], rows
+        for i, parameter in enumerate(one.effect.amplitudes):
+            if not one.is_there or not any(one.is_seen(k, i) for k in range(len(one.tests))):
+                continue
+            own = amplitude_unit(parameter, unit)
+            symbol = parameter.name if own == "1" else f"{parameter.name} ({own})"
+            values = [_said(one, name, i) for name in tests]
+            chances = [f"{chance:.3f}" for chance in (one.own, one.common)]
+            rows.append([one.effect.name, symbol, f"{one.prior[i]:.2g}", *values, *chances])
+    return ["effect", "amplitude", "prior", *tests, "P(each its own)", "P(alike)"], rows
 
 
-def _said(value: float, error: float) -> str:
-    return plus_minus(value, BAND * error) if value == value else "not told"
+def _said(one: OwnEffect, test: str, amplitude: int) -> str:
+    if test not in one.tests:
+        return "cannot be told"
+    k = one.tests.index(test)
+    return plus_minus(one.values[k][amplitude], BAND * one.deviations[k][amplitude])
 
 
 def alike(found: Sequence[OwnEffect]) -> list[str]:
-    """Effects that are alike in all tests, with their mean."""
-    return [
-        f"{one.effect.name} ({one.parameter.name} = {plus_minus(one.mean[0], BAND * one.mean[1])})"
-        for one in found
-        if one.is_common
-    ]
+    """Effects that are alike in all tests, with what they have in common."""
+    return [f"{one.effect.name} ({_amplitudes(one)})" for one in found if one.is_common]
+
+
+def _amplitudes(one: OwnEffect) -> str:
+    """Of an effect that is alike in all tests: those that are seen, all where none is."""
+    rows = list(zip(one.effect.amplitudes, one.values[0], one.deviations[0], strict=True))
+    seen = [row for i, row in enumerate(rows) if one.is_seen(0, i)] or rows
+    return ", ".join(f"{parameter.name} = {plus_minus(a, BAND * d)}" for parameter, a, d in seen)
 
 
 def seen(found: Sequence[OwnEffect]) -> list[str]:
     """Effects of a test alone, with its name."""
-    tests = {name: dict.fromkeys(o.effect.name for o in found if name in o.seen_in) for o in found for name in o.tests}
+    tests = {name: [o.effect.name for o in found if name in o.seen_in] for o in found for name in o.tests}
     return [f"{', '.join(effects)} of {name}" for name, effects in tests.items() if effects]
 
 
 def own_effects_record(found: Sequence[OwnEffect]) -> list[dict[str, Any]]:
     """As discovery.json holds them."""
-    rows = []
-    for one in found:
-        content = {key: _finite(value) for key, value in asdict(one).items() if key not in ("effect", "parameter")}
-        names = {"effect": one.effect.name, "amplitude": one.parameter.name}
-        rows.append(names | content | {"alike": one.is_common, "seen_in": list(one.seen_in)})
-    return rows
-
-
-def _finite(value: Any) -> Any:
-    """With None for what a test does not tell."""
-    if isinstance(value, tuple):
-        return [None if isinstance(v, float) and v != v else v for v in value]
-    return value
+    return [
+        {
+            "effect": one.effect.name,
+            "amplitudes": [parameter.name for parameter in one.effect.amplitudes],
+            "prior": list(one.prior),
+            "tests": list(one.tests),
+            "values": [list(row) for row in one.values],
+            "deviations": [list(row) for row in one.deviations],
+            "probability_of_each_its_own": one.own,
+            "probability_of_alike": one.common,
+            "seen_in": list(one.seen_in),
+        }
+        for one in found
+    ]

@@ -6,12 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 from discoveries import NOISE
+from scipy import stats
 from synthetic import ArrudaBoyce, plate_experiment, with_noise
 
 from calibrate.diagnosis import base_fit, model_weights
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.effect_fit import refit
-from calibrate.diagnosis.evidence.own_effects import OwnEffect, own_effects, with_own_effects
+from calibrate.diagnosis.evidence.explanations import CERTAIN
+from calibrate.diagnosis.evidence.own_effects import OwnEffect, OwnSignatures, with_own_effects
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import all_rows
@@ -37,29 +39,46 @@ def test_only_what_is_neither_of_material_nor_rig_is_of_one_test():
     assert names == {"stiffness gradient", "stiffness field", "inclusion", "initial warp", "unmeasured strip"}
 
 
-def test_estimates_have_their_stated_errors():
-    """Residuals drawn from noise, discretisation and effects of each test: predictions are off by their deviations, and so are estimates freed of the
-    prior, whatever the effects are."""
+@cache
+def gradients_alone():
+    """The same two plates with gradients of stiffness as the only effects of each: weights without them, signatures beside a fit, and an inverse root of the noise of both."""
     plain, whole = prepared()
     parts = tuple(replace(part, own=part.own[:1]) for part in whole.parts)
     problem = model_weights.reweighted(replace(plain, parts=parts), plain.weights_c, ())
-    noise = model_weights.reweighted(plain, plain.weights_c, ())
-    inverses, fit = [_inverse(part.train) for part in noise.parts], refit(problem, problem.weights_c, ())
-    rng, off, free = np.random.default_rng(3), [], []
-    for _ in range(DRAWS):
-        drawn = [rng.standard_normal(part.own[0].sources.shape[-1]) for part in problem.parts]
-        raw = [
-            (inverse @ rng.standard_normal(len(inverse))).reshape(part.train.rows.shape) - part.own[0].sources @ a
-            for inverse, part, a in zip(inverses, problem.parts, drawn, strict=True)
-        ]
-        r = problem.whiten(raw)
-        found = own_effects(problem, replace(fit, residual=r - fit.columns @ (fit.columns.T @ r)))
-        for i, one in enumerate(found):
-            true = np.array([a[i] for a in drawn]) * one.prior
-            off.append((np.array(one.values) - true) / one.deviations)
-            free.append((np.array(one.estimates) - true) / one.errors)
+    noise = model_weights.without_own_effects(problem)
+    found = OwnSignatures.of(problem, noise, refit(problem, problem.weights_c, ()), read_priors())
+    return noise, found, [_inverse(part.train) for part in noise.parts]
+
+
+def told(rng, amplitudes):
+    """Own effects of residuals drawn from noise and discretisation, of gradients (p,) in prior standard deviations in each test."""
+    noise, found, inverses = gradients_alone()
+    raw = [
+        (inverse @ rng.standard_normal(len(inverse))).reshape(part.train.rows.shape) - one.sources @ a
+        for inverse, part, (_, one), a in zip(inverses, noise.parts, found.cells, amplitudes, strict=True)
+    ]
+    return found.told(noise.whiten(raw))[0]
+
+
+def test_amplitudes_have_their_stated_errors():
+    """As they are drawn from the prior, of each test or alike in both."""
+    rng, off = np.random.default_rng(3), []
+    for k in range(DRAWS):
+        drawn = rng.standard_normal((2, 2))
+        drawn[1] = drawn[k % 2]
+        one = told(rng, drawn)
+        off.append((np.array(one.values) - drawn * one.prior) / one.deviations)
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1.0, abs=5 / np.sqrt(2 * np.size(off)))
-    assert np.sqrt(np.nanmean(np.square(free))) == pytest.approx(1.0, abs=5 / np.sqrt(2 * np.isfinite(free).sum()))
+
+
+def test_what_is_told_is_seldom_something_else():
+    """Of gradients of the size of the noise a third has none, a third each its own, a third the same: confident answers are wrong as seldom as they say."""
+    rng, wrong = np.random.default_rng(4), 0
+    for k in range(3 * DRAWS):
+        drawn = 0.02 * rng.standard_normal((2, 2))
+        one = told(rng, (0 * drawn, drawn, drawn[:1].repeat(2, axis=0))[k % 3])
+        wrong += any(p > CERTAIN and k % 3 != here for here, p in ((1, one.own), (2, one.common)))
+    assert wrong <= stats.binom.isf(1e-3, 3 * DRAWS, 1 - CERTAIN)
 
 
 def _inverse(weights):
@@ -69,30 +88,39 @@ def _inverse(weights):
     return np.linalg.inv(weights(np.eye(size).reshape(size, *weights.rows.shape)).T)
 
 
-def made(estimates, errors, limit=3.0):
-    tests = tuple(f"test {k}" for k in range(len(estimates)))
+def made(own, common, values=((0.20, 0.0), (0.01, 0.0))):
     return OwnEffect(
-        StiffnessGradient(), StiffnessGradient().amplitudes[0], tests, 0.1, estimates, errors, estimates, errors, limit
+        StiffnessGradient(), ("test 0", "test 1"), own, common, (0.1, 0.1), values, ((0.02, 0.02),) * 2, 3.0
     )
 
 
 def test_what_is_alike_in_all_tests_is_of_no_test():
-    same = made((0.20, 0.18, 0.22), (0.02, 0.02, 0.02))
+    same = made(0.02, 0.97)
     assert same.is_common
     assert same.seen_in == ()
-    assert same.mean == pytest.approx((0.2, 0.02 / np.sqrt(3)))
 
 
 def test_what_one_test_has_is_its_own():
-    one = made((0.20, 0.01, -0.02), (0.02, 0.02, 0.02))
+    one = made(0.97, 0.02)
     assert not one.is_common
     assert one.seen_in == ("test 0",)
 
 
-def test_a_test_that_tells_nothing_does_not_count():
-    assert not made((0.2, float("nan")), (0.02, float("nan"))).is_common
-    assert made((0.2, float("nan")), (0.02, float("nan"))).seen_in == ("test 0",)
-    assert made((0.2, 0.19, float("nan")), (0.02, 0.02, float("nan"))).is_common
+def test_what_may_be_either_is_there_and_neither():
+    one = made(0.5, 0.49)
+    assert one.is_there
+    assert not one.is_common
+    assert one.seen_in == ()
+
+
+@pytest.mark.parametrize("gradients", [[(1.5, 0.0)] * 2, [(1.5, 0.0), (0.0, -1.0)], [(0.0, 0.0)] * 2])
+def test_gradients_are_told_as_they_are(gradients):
+    """Of both tests, of each, of none."""
+    one = told(np.random.default_rng(5), np.array(gradients))
+    alike, none = gradients[0] == gradients[1], not np.any(gradients)
+    assert one.is_common == (alike and not none)
+    assert one.is_there != none
+    assert one.seen_in == (() if alike else ("plate 0", "plate 1"))
 
 
 def test_what_no_equation_inside_sees_hides_no_material():

@@ -257,11 +257,11 @@ def of_updated(converged: bool = True, after: float = 0.001, neo_hooke: Any = No
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(10.0))))
 
 
-def of_own(values: tuple[float, ...], errors: tuple[float, ...]) -> Findings:
-    """Two tests with a gradient each."""
-    effect = StiffnessGradient()
-    numbers = values, errors, values, errors
-    return of_nothing(own=(OwnEffect(effect, effect.amplitudes[0], ("a", "b"), 0.1, *numbers, 3.0),))
+def of_own(own: float, common: float) -> Findings:
+    """Two tests with a gradient in x each."""
+    values, deviations = ((0.20, 0.01), (0.18, 0.01)), ((0.02, 0.02), (0.02, 0.02))
+    one = OwnEffect(StiffnessGradient(), ("a", "b"), own, common, (0.1, 0.1), values, deviations, 3.0)
+    return of_nothing(own=(one,))
 
 
 def doubtful() -> Findings:
@@ -313,8 +313,8 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.everything": of_everything,
     "discovery.plausible": of_plausible,
     "discovery.without_everything": lambda: of_nothing(without_everything="too long"),
-    "discovery.alike_in_all": lambda: of_own((0.20, 0.18), (0.02, 0.02)),
-    "discovery.of_one_test": lambda: of_own((0.20, 0.01), (0.02, 0.02)),
+    "discovery.alike_in_all": lambda: of_own(0.01, 0.99),
+    "discovery.of_one_test": lambda: of_own(0.99, 0.01),
     "discovery.replaced": lambda: replaced("second invariant"),
     "discovery.no_explanation": doubtful,
     "discovery.dominant_effect": lambda: of_explained(
