@@ -17,23 +17,29 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import islice, pairwise
+from itertools import batched, islice, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, special
+from scipy import special
 
 Array = NDArray[np.float64]
 FORMULA_ERROR = 0.02  # relative, of what an effect explains
 MOST = 3  # effects in a subset
 BEAM = 40  # subsets of one size that are extended
 GRID = 12  # variances of a discrepancy that are tried
+TOGETHER = 4_000_000  # numbers in the matrices of subsets that are solved at once
 
 
 def over_variances(log_evidence: Callable[[float], float], largest: float) -> float:
     """Log evidence averaged over a logarithmic grid of variances of smooth disturbances."""
     values = [log_evidence(float(v)) for v in np.geomspace(0.1, max(largest, 10.0), GRID)]
     return float(special.logsumexp(values) - np.log(GRID))
+
+
+def _blocks(matrix: Array, index: NDArray[np.int64]) -> Array:
+    """Rows and columns (n, k) of a matrix: (n, k, k)."""
+    return np.asarray(matrix[index[:, :, None], index[:, None, :]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,51 +104,64 @@ class Evidence:
 
     def subset(self, members: tuple[int, ...]) -> Subset:
         """Evidence of effects together, with the error of their formulas."""
-        if not members:
-            return Subset((), 0.0, ())
-        own = [self._slices[i] for i in members]
-        index = np.concatenate(own)
-        prior = sum(self.log_odds + np.log(self.signatures[i].prior) for i in members)
-        _, a, _, volume = self._solve(index, 0.0)
-        strength = float(a @ self._gram[0][np.ix_(index, index)] @ a)
-        variance = FORMULA_ERROR**2 * strength / max(self.D.shape[1], 1)
-        value, a, spread, _ = self._solve(index, variance)
-        sided = np.concatenate([self.signatures[i].one_sided for i in members])
-        value += float((np.log(2) + special.log_ndtr(a / spread))[sided].sum())
-        parts = np.split(a, np.cumsum([len(one) for one in own])[:-1])
-        return Subset(members, value + prior, tuple(parts), volume + prior)
+        return self.subsets([members])[0]
+
+    def subsets(self, many: Sequence[tuple[int, ...]]) -> list[Subset]:
+        """The same of many subsets, those of as many amplitudes together."""
+        sizes: dict[int, list[int]] = {}
+        for place, members in enumerate(many):
+            sizes.setdefault(sum(len(self._slices[i]) for i in members), []).append(place)
+        found: dict[int, Subset] = {}
+        for size, places in sizes.items():
+            for some in batched(places, max(1, TOGETHER // max(size, 1) ** 2)):
+                found |= zip(some, self._of_size([many[k] for k in some]), strict=True)
+        return [found[place] for place in range(len(many))]
+
+    def _of_size(self, many: Sequence[tuple[int, ...]]) -> Iterator[Subset]:
+        """Of subsets that have equally many amplitudes."""
+        if not many[0]:
+            yield from (Subset((), 0.0, ()) for _ in many)
+            return
+        own = [[self._slices[i] for i in members] for members in many]
+        index = np.array([np.concatenate(one) for one in own])
+        _, a, _, volumes = self._solve(index, np.zeros(len(many)))
+        strength = np.einsum("nk,nkl,nl->n", a, _blocks(self._gram[0], index), a)
+        values, a, spread, _ = self._solve(index, FORMULA_ERROR**2 * strength / max(self.D.shape[1], 1))
+        sided = np.concatenate([s.one_sided for s in self.signatures])[index]
+        values += np.where(sided, np.log(2) + special.log_ndtr(a / spread), 0.0).sum(axis=1)
+        for members, places, value, amplitudes, volume in zip(many, own, values, a, volumes, strict=True):
+            prior = sum(self.log_odds + np.log(self.signatures[i].prior) for i in members)
+            parts = np.split(amplitudes, np.cumsum([len(one) for one in places])[:-1])
+            yield Subset(members, float(value + prior), tuple(parts), float(volume + prior))
 
     def discrepancy(self) -> float:
         """Log evidence of smooth disturbances without any effect."""
-        nothing = np.zeros(0, np.int64)
-        return over_variances(lambda v: self._solve(nothing, v)[0], float(self.r @ self.r)) + self.log_odds
+        nothing = np.zeros((1, 0), np.int64)
+        value = over_variances(lambda v: float(self._solve(nothing, np.array([v]))[0][0]), float(self.r @ self.r))
+        return value + self.log_odds
 
-    def _solve(self, index: NDArray[np.int64], variance: float) -> tuple[float, Array, Array, float]:
-        """Log evidence, amplitudes, their posterior deviations, and -1/2 ln |M| of columns; D, which is orthonormal, with a variance, integrated out."""
+    def _solve(self, index: NDArray[np.int64], variance: Array) -> tuple[Array, Array, Array, Array]:
+        """Log evidence (n,), amplitudes (n, k), their posterior deviations, and -1/2 ln |M| (n,) of columns (n, k) each; D, which is orthonormal, with variances
+        (n,), integrated out."""
         (gram, of_smooth), (b, b_smooth, smooth) = self._gram, self._b
         share = variance / (1 + variance)
-        block = np.ix_(index, index)
-        M = np.eye(len(index)) + gram[block] - share * of_smooth[block]
-        right = b[index] - share * b_smooth[index]
-        root = linalg.cholesky(M, lower=True, check_finite=False)
-        inverse = linalg.solve_triangular(root, np.eye(len(index)), lower=True, check_finite=False)
-        z = inverse @ right
-        volume = -float(np.log(np.diag(root)).sum())
-        value = 0.5 * (float(z @ z) + share * smooth) + volume
-        value -= 0.5 * self.D.shape[1] * float(np.log1p(variance))
-        return (
-            value,
-            -inverse.T @ z,
-            np.linalg.norm(inverse, axis=0),
-            volume,
-        )  # r = residual + S a: the amplitude that removes it
+        M = np.eye(index.shape[1]) + _blocks(gram, index) - share[:, None, None] * _blocks(of_smooth, index)
+        right = b[index] - share[:, None] * b_smooth[index]
+        inverse = np.linalg.inv(M)
+        removed = np.einsum("nkl,nl->nk", inverse, right)
+        volume = -np.log(np.diagonal(np.linalg.cholesky(M), axis1=1, axis2=2)).sum(axis=1)
+        value = 0.5 * (np.einsum("nk,nk->n", right, removed) + share * smooth) + volume
+        value -= 0.5 * self.D.shape[1] * np.log1p(variance)
+        deviations = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2))
+        return value, -removed, deviations, volume  # r = residual + S a: the amplitude that removes it
 
     def best(self, most: int = MOST) -> list[Subset]:
         """Subsets of up to `most` different effects, the best first: all single ones, and beams of the larger."""
         found: dict[tuple[int, ...], Subset] = {(): self.subset(())}
         beam = [self.subset(())]
         for _ in range(most):
-            larger = {m: self.subset(m) for m in self._extensions(beam) if m not in found}
+            new = [m for m in dict.fromkeys(self._extensions(beam)) if m not in found]
+            larger = dict(zip(new, self.subsets(new), strict=True))
             found |= larger
             beam = sorted(larger.values(), key=lambda s: -s.log_evidence)[:BEAM]
         return sorted(found.values(), key=lambda s: -s.log_evidence)
