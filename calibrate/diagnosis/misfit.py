@@ -61,10 +61,11 @@ class Misfit:
         }
 
 
-def misfit(problem: Problem, c: Array, additions: Additions, held: bool) -> Misfit | None:
-    """Errors of coefficients c (n,) and effects on the training equations, or on those held out (None where there are none)."""
+def misfit(problem: Problem, c: Array, additions: Additions, held: bool, beside_own: bool = False) -> Misfit | None:
+    """Errors of coefficients c (n,) and effects on the training equations, or on those held out (None where there are none). beside_own: force and field without what each of several
+    tests has for itself."""
     parts = [(part, part.held if held else part.train) for part in problem.parts]
-    sums = [_sums(part, weights, c, additions) for part, weights in parts if weights.size]
+    sums = [_sums(part, weights, c, additions, beside_own) for part, weights in parts if weights.size]
     if not sums:
         return None
     force, field, measured, chi, determinant, forces, n = map(float, np.sum([one.numbers for one in sums], axis=0))
@@ -84,9 +85,10 @@ class _Sums:
     noise: Sequence[float]
 
 
-def _sums(part: Part, weights: Weights, c: Array, additions: Additions) -> _Sums:
+def _sums(part: Part, weights: Weights, c: Array, additions: Additions, beside_own: bool) -> _Sums:
     """Sums over the equations of one experiment."""
-    r, load = part.own_residual(c, part.valid(additions)), np.nan_to_num(part.system.recorded)
+    whole, load = part.own_residual(c, part.valid(additions)), np.nan_to_num(part.system.recorded)
+    r = part.beside_own_effects(whole) if beside_own else whole
     loaded = np.broadcast_to(np.tile(part.system.fields.boundary >= 0, 2), r.shape)
     forces = weights.rows & loaded & ~part.system.level_equation
     # where only fields without a load are used, errors are relative to all forces
@@ -95,7 +97,7 @@ def _sums(part: Part, weights: Weights, c: Array, additions: Additions) -> _Sums
         float((r[forces] ** 2).sum()),
         float((r[weights.rows & ~loaded] ** 2).sum()),
         float((load[of_size] ** 2).sum()),
-        float((weights(r) ** 2).sum()),
+        float((weights(whole) ** 2).sum()),
         weights.log_determinant,
         float(forces.sum()),
         float(weights.size),

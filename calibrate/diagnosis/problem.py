@@ -76,6 +76,13 @@ class Part:
         shift = self.chain.noise_shift(c, self.assembled.noise_axes, self.assembled.variances)
         return self.chain.residual(c, additions) - shift - (0.0 if self.twin is None else self.twin)
 
+    def beside_own_effects(self, r: Array) -> Array:
+        """A residual (t, 2 v), N, without what the test has for itself: best linear prediction from the training equations (Robinson 1991)."""
+        if not self.own:
+            return r
+        S = np.concatenate([one.sources for one in self.own], axis=-1)
+        return r - S @ (self.train(np.moveaxis(S, -1, 0)) @ self.train(r))
+
     def valid(self, additions: Additions) -> Additions:
         """Those that hold for this experiment: of the material, and all where it took part in the fit."""
         return additions if self.train.size else tuple(a for a in additions if a.effect.of_material)

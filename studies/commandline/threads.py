@@ -1,6 +1,7 @@
-"""How many threads linear algebra uses: few, as the matrices of a diagnosis are many and small.
+"""How many threads linear algebra uses: one, as the matrices of a diagnosis are many and small.
 
-With all of 16 cores `equigap discover` took seven times the CPU time that it takes with one thread, and was a third slower (`docs/discover.md`, what it costs).
+Two threads are no faster and take 1.4 times the CPU time; beside another process on the same two cores they wait for each other, and 16 are a third slower
+(`docs/discover.md`, what it costs).
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import os
 
 VARIABLE, CHOSEN_BY = "OPENBLAS_NUM_THREADS", ("OPENBLAS_NUM_THREADS", "GOTO_NUM_THREADS", "OMP_NUM_THREADS")
-MOST = 2
+MOST = 1
 
 
 def limit() -> None:

@@ -19,7 +19,7 @@ from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 def confirm(base: Model, final: Model, thresholds: Thresholds = DEFAULT) -> Confirmation:
     """Whether the errors of a model are such that its effects explain what the base left."""
     held = any(part.held.size for part in final.problem.parts)
-    before, after = (misfit(one.problem, one.fit.c, one.fit.additions, held) for one in (base, final))
+    before, after = (misfit(one.problem, one.fit.c, one.fit.additions, held, beside_own=True) for one in (base, final))
     assert before is not None
     assert after is not None
     limit = allowed_force_error(before, after, thresholds)

@@ -145,7 +145,7 @@ class Doubt(StrEnum):
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Errors of base and final model, held out, or fitted where nothing was. doubts: conditions that fail.
+    """Errors of base and final model, held out, or fitted where nothing was, of several tests beside what each has for itself. doubts: conditions that fail.
 
     force_allowed: force error that an explanation may leave; NaN where no force is among these equations.
     """

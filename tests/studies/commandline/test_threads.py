@@ -1,4 +1,4 @@
-"""Threads of linear algebra: few, unless the user has chosen."""
+"""Threads of linear algebra: one, unless the user has chosen."""
 
 import os
 import subprocess
@@ -11,7 +11,6 @@ from studies.commandline import threads
 CODE = """
 import ctypes, pathlib
 from studies.commandline import threads
-threads.MOST = 1
 threads.limit()
 import numpy
 libraries = sorted((pathlib.Path(numpy.__file__).parents[1] / "numpy.libs").glob("libscipy_openblas*"))
@@ -26,7 +25,7 @@ def blas_threads(**chosen: str) -> int:
     return int(done.stdout)
 
 
-def test_linear_algebra_has_few_threads_unless_the_user_chose():
+def test_linear_algebra_has_one_thread_unless_the_user_chose():
     """The loaded OpenBLAS itself is asked."""
     found = blas_threads()
     if not found or (os.cpu_count() or 1) < 2:
