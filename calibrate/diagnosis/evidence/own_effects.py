@@ -151,11 +151,13 @@ class OwnSignatures(NamedTuple):
         if fit.additions:
             adjusted.append(equations.signatures(plain, fit.chains, fit.c, fit.additions))
         U = orthonormal(np.concatenate(adjusted, axis=1))
-        start, cells, columns = 0, [], []
+        start, cells, columns = 0, [], [np.zeros((len(U), 0))]
         for part, chain, known in zip(plain.trained, fit.chains, (p.own for p in problem.trained), strict=True):
             inside = slice(start, start := start + part.train.size)
             for one in known:
                 found = _signature(problem, chain, fit.c, one.effect, priors, fit.additions)
+                if not np.isfinite(found.sources).all():
+                    continue
                 S = np.zeros((len(U), found.sources.shape[-1]))
                 S[inside] = part.train(np.moveaxis(found.sources, -1, 0)).T
                 columns.append(S - U @ (U.T @ S))
@@ -165,6 +167,8 @@ class OwnSignatures(NamedTuple):
 
     def told(self, residual: Array) -> tuple[OwnEffect, ...]:
         """Of a whitened residual (N,) of the fit."""
+        if not self.cells:
+            return ()
         return _told(_Cells(self.cells, self.W.T @ self.W / self.spread, self.W.T @ residual / self.spread))
 
 
