@@ -35,6 +35,7 @@ from calibrate.diagnosis import model_weights
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.evidence.explanations import CERTAIN
+from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import EXPECTED, prior_deviations
 from calibrate.diagnosis.problem import OwnSignature, Problem
@@ -92,7 +93,7 @@ def _signature(
 class OwnEffect:
     """An effect of each test beside a joint model. tests (n): those that may have it. own, common: probability that each test has its own, and that all have
     the same; `common` is 0 where its shapes are other ones in other tests. prior (p,): standard deviations of its amplitudes, in their units.
-    values, deviations (n, p): amplitudes in the most probable model that has it, the sum over shapes. limit: deviations from none beyond which an amplitude is
+    values, deviations (n, p): amplitudes in the most probable model that has it, the sum over shapes; of noise and of the formula, which may be wrong by 2 %. limit: deviations from none beyond which an amplitude is
     seen."""
 
     effect: Effect
@@ -240,7 +241,8 @@ def _own_effect(cells: _Cells, name: str, answers: Sequence[Answer], probabiliti
         sums = np.tile(np.eye(p), k // p) * deviation[:, None] / np.sqrt(k / p)
         values.append(tuple(map(float, sums @ mean[place])))
         variances = np.diag(sums @ covariance[place, place] @ sums.T)
-        deviations.append(tuple(map(float, np.sqrt(np.maximum(variances, 0.0)))))
+        of_formula = FORMULA_ERROR * np.array(values[-1])
+        deviations.append(tuple(map(float, np.sqrt(np.maximum(variances, 0.0) + of_formula**2))))
     return OwnEffect(
         effect, tuple(test for test, _ in tests), own, common, tuple(map(float, deviation)), tuple(values), tuple(deviations), limit
     )  # fmt: skip
