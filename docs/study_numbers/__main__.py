@@ -12,6 +12,7 @@
     python docs/study_numbers noise_lengths BEFORE AFTER      of two revisions
     python docs/study_numbers pulls results/pulls
     python docs/study_numbers diagnosis_cost results/benchmark-diagnosis
+    python docs/study_numbers blas_threads results/benchmark-blas-threads
     python docs/study_numbers skin FOLDER              in which the commands of docs/ugly_data.md were run
 
 In: output folders of the commands of `docs/results`. Out: a file of `docs/results`; `make numbers` puts it into the pages.
@@ -25,6 +26,7 @@ import json
 from datetime import date
 from pathlib import Path
 
+import blas_threads
 import design
 import diagnosis_cost
 import every_third
@@ -54,6 +56,7 @@ STUDIES = {
     "noise_lengths": noise_lengths,
     "pulls": pulls,
     "diagnosis_cost": diagnosis_cost,
+    "blas_threads": blas_threads,
 }
 
 

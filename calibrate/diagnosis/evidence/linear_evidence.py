@@ -124,15 +124,26 @@ class Evidence:
             return
         own = [[self._slices[i] for i in members] for members in many]
         index = np.array([np.concatenate(one) for one in own])
-        _, a, _, volumes = self._solve(index, np.zeros(len(many)))
-        strength = np.einsum("nk,nkl,nl->n", a, _blocks(self._gram[0], index), a)
-        values, a, spread, _ = self._solve(index, FORMULA_ERROR**2 * strength / max(self.D.shape[1], 1))
+        values, a, covariance, volumes = self._with_formula_error(index)
+        spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         sided = np.concatenate([s.one_sided for s in self.signatures])[index]
         values += np.where(sided, np.log(2) + special.log_ndtr(a / spread), 0.0).sum(axis=1)
         for members, places, value, amplitudes, volume in zip(many, own, values, a, volumes, strict=True):
             prior = sum(self.log_odds + np.log(self.signatures[i].prior) for i in members)
             parts = np.split(amplitudes, np.cumsum([len(one) for one in places])[:-1])
             yield Subset(members, float(value + prior), tuple(parts), float(volume + prior))
+
+    def posterior(self, members: tuple[int, ...]) -> tuple[Array, Array]:
+        """Mean (k,) and covariance (k, k) of the amplitudes of effects together, in prior standard deviations, without their bounds."""
+        _, mean, covariance, _ = self._with_formula_error(np.concatenate([self._slices[i] for i in members])[None])
+        return mean[0], covariance[0]
+
+    def _with_formula_error(self, index: NDArray[np.int64]) -> tuple[Array, Array, Array, Array]:
+        """Log evidence (n,), amplitudes (n, k) and their covariance (n, k, k) of columns (n, k) each; and -1/2 ln |M| (n,) without the error of the formulas."""
+        _, a, _, volumes = self._solve(index, np.zeros(len(index)))
+        strength = np.einsum("nk,nkl,nl->n", a, _blocks(self._gram[0], index), a)
+        values, a, covariance, _ = self._solve(index, FORMULA_ERROR**2 * strength / max(self.D.shape[1], 1))
+        return values, a, covariance, volumes
 
     def discrepancy(self) -> float:
         """Log evidence of smooth disturbances without any effect."""
@@ -141,8 +152,8 @@ class Evidence:
         return value + self.log_odds
 
     def _solve(self, index: NDArray[np.int64], variance: Array) -> tuple[Array, Array, Array, Array]:
-        """Log evidence (n,), amplitudes (n, k), their posterior deviations, and -1/2 ln |M| (n,) of columns (n, k) each; D, which is orthonormal, with variances
-        (n,), integrated out."""
+        """Log evidence (n,), amplitudes (n, k), their posterior covariance M^-1 (n, k, k), and -1/2 ln |M| (n,) of columns (n, k) each; D, which is orthonormal,
+        with variances (n,), integrated out."""
         (gram, of_smooth), (b, b_smooth, smooth) = self._gram, self._b
         share = variance / (1 + variance)
         M = np.eye(index.shape[1]) + _blocks(gram, index) - share[:, None, None] * _blocks(of_smooth, index)
@@ -152,8 +163,7 @@ class Evidence:
         volume = -np.log(np.diagonal(np.linalg.cholesky(M), axis1=1, axis2=2)).sum(axis=1)
         value = 0.5 * (np.einsum("nk,nk->n", right, removed) + share * smooth) + volume
         value -= 0.5 * self.D.shape[1] * np.log1p(variance)
-        deviations = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2))
-        return value, -removed, deviations, volume  # r = residual + S a: the amplitude that removes it
+        return value, -removed, inverse, volume  # r = residual + S a: the amplitude that removes it
 
     def best(self, most: int = MOST) -> list[Subset]:
         """Subsets of up to `most` different effects, the best first: all single ones, and beams of the larger."""

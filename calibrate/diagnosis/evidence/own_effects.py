@@ -10,21 +10,16 @@ S is taken at displacements without the noise that shows in the residual. The ef
 test; what the noise in S and the noise in the residual have in common would otherwise pass for a stiffer material.
 
 Which of them are there is a question of their variances: none, one for each test, or one that all tests share, as an effect of the rig or of how the
-specimens are made has it. Every answer is a covariance V and has an evidence (restricted likelihood; Patterson and Thompson 1971)
-
-    ln Z = -1/2 ln |A| + 1/2 b^T A^-1 C b,   A = 1 + C W^T W,   b = W^T r
-
-up to what all answers share, in rows whitened by noise and discretisation alone, over the dispersion and outside what the joint model adjusts: r the
-residual, W the signatures of all tests there, C the prior covariance of their amplitudes. Amplitudes are the best linear unbiased predictor of the most
-probable answer (Robinson 1991), -A^-1 C b with the covariance A^-1 C.
+specimens are made has it. Each is another signature of the effect: those of all tests side by side, or their sum. So every answer is a subset of signatures with
+its evidence (`linear_evidence`), in rows whitened by noise and discretisation alone, over the dispersion and outside what the joint model adjusts: the restricted
+likelihood of its variances (Patterson and Thompson 1971), amplitudes the best linear unbiased predictor (Robinson 1991).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import IntEnum
-from itertools import pairwise, product
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -35,9 +30,9 @@ from calibrate.diagnosis import model_weights
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.evidence.explanations import CERTAIN
-from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR
+from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, Evidence, Signature, Subset
 from calibrate.diagnosis.evidence.priors import Priors
-from calibrate.diagnosis.evidence.signatures import EXPECTED, prior_deviations
+from calibrate.diagnosis.evidence.signatures import EXPECTED, disturbances, prior_deviations
 from calibrate.diagnosis.problem import OwnSignature, Problem
 from calibrate.diagnosis.score_tests import belongs_to_one_test, untestable
 from calibrate.diagnosis.signature_noise import denoised_everywhere
@@ -48,17 +43,6 @@ from calibrate.fitting.least_squares import orthonormal
 Array = NDArray[np.float64]
 SEEN = 0.05  # of all amplitudes in all tests together: probability that any is called seen where none is (Bonferroni)
 PASSES = 2  # of weights and estimate of the true displacements, which answer each other
-
-
-class Presence(IntEnum):
-    """Where an effect is. COMMON: alike in all tests."""
-
-    ABSENT = 0
-    OWN = 1
-    COMMON = 2
-
-
-Answer = Mapping[str, Presence]  # by the name of an effect
 
 
 def with_own_effects(problem: Problem, base: Fit, effects: Sequence[Effect], priors: Priors) -> tuple[Problem, Fit]:
@@ -92,9 +76,9 @@ def _signature(
 @dataclass(frozen=True)
 class OwnEffect:
     """An effect of each test beside a joint model. tests (n): those that may have it. own, common: probability that each test has its own, and that all have
-    the same; `common` is 0 where its shapes are other ones in other tests. prior (p,): standard deviations of its amplitudes, in their units.
-    values, deviations (n, p): amplitudes in the most probable model that has it, the sum over shapes; of noise and of the formula, which may be wrong by 2 %. limit: deviations from none beyond which an amplitude is
-    seen."""
+    the same; `common` is 0 where its shapes are other ones in other tests. prior (p,): standard deviations of its amplitudes, in their units. values, deviations
+    (n, p): amplitudes, the sum over shapes, alike where it is common, else each its own; deviations of noise and of the formula, which may be wrong by 2 %.
+    limit: deviations from none beyond which an amplitude is seen."""
 
     effect: Effect
     tests: tuple[str, ...]
@@ -117,8 +101,8 @@ class OwnEffect:
 
     @property
     def seen_in(self) -> tuple[str, ...]:
-        """Tests that have it for themselves."""
-        if self.own <= CERTAIN:
+        """Tests that have it for themselves, or where it is seen and nothing says that others have the same."""
+        if self.is_common or not self.is_there:
             return ()
         return tuple(
             name for k, name in enumerate(self.tests) if any(self.is_seen(k, i) for i in range(len(self.prior)))
@@ -139,11 +123,12 @@ def own_effects(problem: Problem, fit: Fit, priors: Priors) -> tuple[OwnEffect, 
 
 
 class OwnSignatures(NamedTuple):
-    """Tests and what they may have, beside a joint fit, and the signatures W (N, k) of all of it, outside what the fit adjusts; spread: the dispersion."""
+    """What tests may have beside a joint fit. cells: name of a test, an effect, and its signatures (N, k), columns of the same shape side by side. D (N, d): smooth
+    disturbances, orthonormal. Both are outside what the fit adjusts, and all rows are to be taken over `scale`, the root of the dispersion."""
 
-    cells: tuple[tuple[str, OwnSignature], ...]
-    W: Array
-    spread: float
+    cells: tuple[tuple[str, OwnSignature, Array], ...]
+    D: Array
+    scale: float
 
     @classmethod
     def of(cls, problem: Problem, plain: Problem, fit: Fit, priors: Priors) -> OwnSignatures:
@@ -152,97 +137,67 @@ class OwnSignatures(NamedTuple):
         if fit.additions:
             adjusted.append(equations.signatures(plain, fit.chains, fit.c, fit.additions))
         U = orthonormal(np.concatenate(adjusted, axis=1))
-        start, cells, columns = 0, [], [np.zeros((len(U), 0))]
+        start, cells = 0, []
         for part, chain, known in zip(plain.trained, fit.chains, (p.own for p in problem.trained), strict=True):
             inside = slice(start, start := start + part.train.size)
             for one in known:
                 found = _signature(problem, chain, fit.c, one.effect, priors, fit.additions)
-                if not np.isfinite(found.sources).all():
-                    continue
-                S = np.zeros((len(U), found.sources.shape[-1]))
-                S[inside] = part.train(np.moveaxis(found.sources, -1, 0)).T
-                columns.append(S - U @ (U.T @ S))
-                cells.append((part.experiment.name, found))
-        spread = max(1.0, fit.free_loss / max(fit.degrees, 1))
-        return cls(tuple(cells), np.concatenate(columns, axis=1), spread)
+                if np.isfinite(found.sources).all():
+                    S = np.zeros((len(U), found.sources.shape[-1]))
+                    S[inside] = part.train(np.moveaxis(found.sources, -1, 0)).T
+                    cells.append((part.experiment.name, found, S - U @ (U.T @ S)))
+        scale = max(1.0, fit.free_loss / max(fit.degrees, 1)) ** 0.5
+        return cls(tuple(cells), disturbances(plain, U), scale)
 
     def told(self, residual: Array) -> tuple[OwnEffect, ...]:
         """Of a whitened residual (N,) of the fit."""
-        if not self.cells:
+        names = list(dict.fromkeys(one.effect.name for _, one, _ in self.cells))
+        if not names:
             return ()
-        return _told(_Cells(self.cells, self.W.T @ self.W / self.spread, self.W.T @ residual / self.spread))
+        found: list[Signature] = []
+        choices: list[list[tuple[int, ...]]] = []
+        for name in names:
+            ways = self._ways(name)
+            choices.append([(), *((len(found) + i,) for i in range(len(ways)))])
+            found += ways
+        evidence = Evidence(tuple(found), residual / self.scale, self.D, float(np.log(EXPECTED / len(names))))
+        subsets = evidence.subsets([sum(choice, ()) for choice in product(*choices)])
+        chances = special.softmax([one.log_evidence for one in subsets])
+        limit = float(stats.norm.isf(0.5 * SEEN / sum(len(one.deviation) for _, one, _ in self.cells)))
+        return tuple(self._told(name, evidence, subsets, chances, limit) for name in names)
 
+    def _ways(self, name: str) -> list[Signature]:
+        """An effect as each test has its own, and, where all have the same shapes, as all have the same."""
+        own = [(one, S / self.scale) for _, one, S in self.cells if one.effect.name == name]
+        ways = [np.concatenate([S for _, S in own], axis=1)]
+        if len(own) > 1 and len({S.shape for _, S in own}) == 1:
+            ways.append(np.sum([S for _, S in own], axis=0))
+        bounded = [p.lower == p.null for p in own[0][0].effect.amplitudes]
+        return [Signature(name, (), S, 1 / len(ways), np.tile(bounded, S.shape[1] // len(bounded))) for S in ways]
 
-class _Cells(NamedTuple):
-    """What tests may have, with W^T W (k, k) and W^T r (k,), over the dispersion."""
-
-    cells: tuple[tuple[str, OwnSignature], ...]
-    gram: Array
-    product: Array
-
-    def of(self, name: str) -> list[slice]:
-        """Places of the signatures of an effect, test by test."""
-        ends = np.cumsum([0, *(one.sources.shape[-1] for _, one in self.cells)])
-        own = [one.effect.name == name for _, one in self.cells]
-        return [slice(a, b) for (a, b), here in zip(pairwise(ends), own, strict=True) if here]
-
-    def covariance(self, answer: Answer) -> Array:
-        """C (k, k) of the amplitudes."""
-        C = np.zeros(self.gram.shape)
-        for name, presence in answer.items():
-            places = self.of(name)
-            for a, b in product(places, places):
-                if presence is Presence.COMMON or (presence is Presence.OWN and a == b):
-                    np.fill_diagonal(C[a, b], 1.0)
-        return C
-
-    def log_evidence(self, answer: Answer) -> float:
-        """With prior odds, up to what all answers share."""
-        C = self.covariance(answer)
-        A = np.eye(len(C)) + C @ self.gram
-        fall = self.product @ np.linalg.solve(A, C @ self.product)
-        odds = EXPECTED / len(answer)
-        prior = sum(np.log(1 - odds) if one is Presence.ABSENT else np.log(odds / 2) for one in answer.values())
-        return float(prior - 0.5 * np.linalg.slogdet(A)[1] + 0.5 * fall)
-
-    def amplitudes(self, answer: Answer) -> tuple[Array, Array]:
-        """Mean (k,) and covariance (k, k), in prior standard deviations."""
-        C = self.covariance(answer)
-        covariance = np.linalg.solve(np.eye(len(C)) + C @ self.gram, C)
-        return -covariance @ self.product, covariance
-
-
-def _told(cells: _Cells) -> tuple[OwnEffect, ...]:
-    names = list(dict.fromkeys(one.effect.name for _, one in cells.cells))
-    choices = []
-    for name in names:
-        places = cells.of(name)
-        alike = len(places) > 1 and len({place.stop - place.start for place in places}) == 1
-        choices.append([Presence.ABSENT, Presence.OWN, *([Presence.COMMON] if alike else [])])
-    answers: list[Answer] = [dict(zip(names, found, strict=True)) for found in product(*choices)]
-    probabilities = special.softmax([cells.log_evidence(answer) for answer in answers])
-    n = sum(len(one.deviation) for _, one in cells.cells)
-    limit = float(stats.norm.isf(0.5 * SEEN / n))
-    return tuple(_own_effect(cells, name, answers, probabilities, limit) for name in names)
-
-
-def _own_effect(cells: _Cells, name: str, answers: Sequence[Answer], probabilities: Array, limit: float) -> OwnEffect:
-    own, common = (
-        float(sum(p for p, answer in zip(probabilities, answers, strict=True) if answer[name] is here))
-        for here in (Presence.OWN, Presence.COMMON)
-    )
-    there = [p if answer[name] else -1.0 for p, answer in zip(probabilities, answers, strict=True)]
-    mean, covariance = cells.amplitudes(answers[int(np.argmax(there))])
-    tests = [(test, one) for test, one in cells.cells if one.effect.name == name]
-    effect, deviation = tests[0][1].effect, tests[0][1].deviation
-    values, deviations = [], []
-    for place in cells.of(name):
-        p, k = len(deviation), place.stop - place.start
-        sums = np.tile(np.eye(p), k // p) * deviation[:, None] / np.sqrt(k / p)
-        values.append(tuple(map(float, sums @ mean[place])))
-        variances = np.diag(sums @ covariance[place, place] @ sums.T)
-        of_formula = FORMULA_ERROR * np.array(values[-1])
-        deviations.append(tuple(map(float, np.sqrt(np.maximum(variances, 0.0) + of_formula**2))))
-    return OwnEffect(
-        effect, tuple(test for test, _ in tests), own, common, tuple(map(float, deviation)), tuple(values), tuple(deviations), limit
-    )  # fmt: skip
+    def _told(
+        self, name: str, evidence: Evidence, subsets: Sequence[Subset], chances: Array, limit: float
+    ) -> OwnEffect:
+        """An effect by the evidence of all answers, with its amplitudes in the most probable one."""
+        ways = [i for i, signature in enumerate(evidence.signatures) if signature.name == name]
+        own, *common = (sum(p for p, one in zip(chances, subsets, strict=True) if i in one.members) for i in ways)
+        alike = bool(common) and common[0] > CERTAIN
+        way = ways[1] if alike else ways[0]
+        members = next(one.members for one in sorted(subsets, key=lambda one: -one.log_evidence) if way in one.members)
+        mean, covariance = evidence.posterior(members)
+        start = sum(evidence.signatures[i].columns.shape[1] for i in members[: members.index(way)])
+        tests, values, deviations = [], [], []
+        for test, one, S in self.cells:
+            if one.effect.name == name:
+                place, p = slice(start, start + S.shape[1]), len(one.deviation)
+                shapes = S.shape[1] // p
+                sums = np.tile(np.eye(p), shapes) * one.deviation[:, None] / np.sqrt(shapes)
+                a, variance = sums @ mean[place], np.diag(sums @ covariance[place, place] @ sums.T)
+                tests.append(test)
+                values.append(tuple(map(float, a)))
+                deviations.append(tuple(map(float, np.sqrt(variance + (FORMULA_ERROR * a) ** 2))))
+                start += 0 if alike else S.shape[1]
+        first = next(one for _, one, _ in self.cells if one.effect.name == name)
+        chance = float(own), float(common[0]) if common else 0.0
+        prior = tuple(map(float, first.deviation))
+        return OwnEffect(first.effect, tuple(tests), *chance, prior, tuple(values), tuple(deviations), limit)

@@ -55,7 +55,7 @@ def told(rng, amplitudes):
     noise, found, inverses = gradients_alone()
     raw = [
         (inverse @ rng.standard_normal(len(inverse))).reshape(part.train.rows.shape) - one.sources @ a
-        for inverse, part, (_, one), a in zip(inverses, noise.parts, found.cells, amplitudes, strict=True)
+        for inverse, part, (_, one, _), a in zip(inverses, noise.parts, found.cells, amplitudes, strict=True)
     ]
     return found.told(noise.whiten(raw))[0]
 
@@ -106,11 +106,35 @@ def test_what_one_test_has_is_its_own():
     assert one.seen_in == ("test 0",)
 
 
-def test_what_may_be_either_is_there_and_neither():
+def test_what_may_be_either_is_told_of_the_tests_where_it_is_seen():
     one = made(0.5, 0.49)
     assert one.is_there
     assert not one.is_common
-    assert one.seen_in == ()
+    assert one.seen_in == ("test 0",)
+
+
+@pytest.mark.parametrize(
+    ("amplitudes", "common", "seen_in"),
+    [
+        ((2.0, 0.0), False, ("plate 0",)),
+        ((2.0, 2.0), True, ()),
+        ((2.0, 0.0, 0.0), False, ("plate 0",)),
+        ((2.0, 2.0, 0.0), True, ()),
+    ],
+)
+def test_a_test_that_tells_nothing_does_not_count(amplitudes, common, seen_in):
+    """Where the amplitude is none, the test has no signature of it: one test that tells is not alike with itself, two are."""
+    _, found, _ = gradients_alone()
+    rows = 40
+    cells, r = [], np.zeros(rows * len(amplitudes))
+    for k, a in enumerate(amplitudes):
+        S = np.zeros((len(r), 2))
+        S[rows * k : rows * (k + 1)] = 20 * np.random.default_rng(k).standard_normal((rows, 2)) * (a != 0)
+        cells.append((f"plate {k}", found.cells[0][1], S))
+        r -= S @ [a, 0.0]
+    (one,) = OwnSignatures(tuple(cells), np.zeros((len(r), 0)), 1.0).told(r)
+    assert one.is_common == common
+    assert one.seen_in == seen_in
 
 
 @pytest.mark.parametrize("gradients", [[(1.5, 0.0)] * 2, [(1.5, 0.0), (0.0, -1.0)], [(0.0, 0.0)] * 2])
