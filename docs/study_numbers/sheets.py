@@ -14,7 +14,7 @@ from wording import share
 
 from calibrate.effects import KNOWN
 from calibrate.models.addition_json import amplitude_unit
-from studies.reports.discovery.statement import with_unit
+from studies.output.words import with_unit
 
 SHORT = {"Soft_Homo": "soft", "Stiff2_Homo": "stiff", "Stiff2_Hetero": "hetero"}
 MODELS = {

@@ -1,7 +1,7 @@
 """How many threads linear algebra uses: one, as the matrices of a diagnosis are many and small.
 
-Two threads are no faster and take 1.4 times the CPU time; beside another process on the same two cores they wait for each other, and 16 are a third slower
-(`docs/discover.md`, what it costs).
+Two threads are no faster and take 1.35 times the CPU time, beside another process on the same two cores 1.7 times; 16 are a third slower (`docs/discover.md`, what it
+costs).
 """
 
 from __future__ import annotations

@@ -59,6 +59,11 @@ def digits_if_any(value: float | None) -> str | None:
     return None if value is None else digits(value)
 
 
+def with_unit(text: str, unit: str) -> str:
+    """A quantity with its unit, which is left out where it is '1'."""
+    return text if unit == "1" else f"{text} {unit}"
+
+
 def plus_minus(value: float, half: float) -> str:
     """'0.01630 +- 0.00060': half the 95 % interval to two digits, the value to the same place."""
     if not 0 < half < float("inf"):

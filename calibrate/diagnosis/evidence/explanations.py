@@ -69,6 +69,7 @@ class Finding(StrEnum):
     INVISIBLE = "invisible in this test"
     UNDECIDED = "undecided, as the model leaves more than noise"
     MEASURED = "measured otherwise"
+    OWN = "each test may have its own"
 
 
 @dataclass(frozen=True)

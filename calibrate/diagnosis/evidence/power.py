@@ -44,6 +44,8 @@ def _of_candidate(problem: Problem, one: Candidate, significance: float, priors:
     if score.status is Status.EXCLUDED:
         return Power(effect, Finding.MEASURED, effect.amplitudes[0])
     prior = prior_deviations(problem, effect, priors)
+    if any(own.effect.name == effect.name for part in problem.trained for own in part.own):
+        return Power(effect, Finding.OWN, effect.amplitudes[0], None, None, float(prior[0]))
     if not score.is_tested:
         return Power(effect, Finding.INVISIBLE, effect.amplitudes[0], None, None, float(prior[0]), score.missing)
     limits = [

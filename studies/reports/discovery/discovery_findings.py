@@ -136,7 +136,7 @@ def _of_all_effects(view: View) -> Iterator[Finding]:
 
 def _of_own_effects(view: View) -> Iterator[Finding]:
     """Of what several tests have for themselves."""
-    if names := alike(view.discovery.own):
+    if names := alike(view.discovery.own, view.unit):
         yield _finding(DiscoveryCode.ALIKE, names=names)
     if names := seen(view.discovery.own):
         yield _finding(DiscoveryCode.OF_ONE_TEST, names=names)

@@ -7,7 +7,7 @@ from typing import Any
 
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.models.addition_json import amplitude_unit
-from studies.output.words import plus_minus
+from studies.output.words import plus_minus, with_unit
 from studies.reports.discovery.view import BAND
 
 Table = tuple[list[str], list[list[Any]]]
@@ -36,16 +36,19 @@ def _said(one: OwnEffect, test: str, amplitude: int) -> str:
     return plus_minus(one.values[k][amplitude], BAND * one.deviations[k][amplitude])
 
 
-def alike(found: Sequence[OwnEffect]) -> list[str]:
+def alike(found: Sequence[OwnEffect], unit: str) -> list[str]:
     """Effects that are alike in all tests, with what they have in common."""
-    return [f"{one.effect.name} ({_amplitudes(one)})" for one in found if one.is_common]
+    return [f"{one.effect.name} ({_amplitudes(one, unit)})" for one in found if one.is_common]
 
 
-def _amplitudes(one: OwnEffect) -> str:
+def _amplitudes(one: OwnEffect, unit: str) -> str:
     """Of an effect that is alike in all tests: those that are seen, all where none is."""
     rows = list(zip(one.effect.amplitudes, one.values[0], one.deviations[0], strict=True))
     seen = [row for i, row in enumerate(rows) if one.is_seen(0, i)] or rows
-    return ", ".join(f"{parameter.name} = {plus_minus(a, BAND * d)}" for parameter, a, d in seen)
+    return ", ".join(
+        with_unit(f"{parameter.name} = {plus_minus(a, BAND * d)}", amplitude_unit(parameter, unit))
+        for parameter, a, d in seen
+    )
 
 
 def seen(found: Sequence[OwnEffect]) -> list[str]:

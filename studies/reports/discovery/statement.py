@@ -10,7 +10,7 @@ from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Round
 from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.fitness import Use
-from studies.output.words import plus_minus
+from studies.output.words import plus_minus, with_unit
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words
 from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.records import shape_records
@@ -154,11 +154,6 @@ def effect_values(fit: Fit, i: int, unit: str, level: float = 1.0) -> list[str]:
         return [*values, place]
     return values + [with_unit(f"{s.name} = {s.value:.3g}", s.unit) for s in
                      shape_records(addition.effect, addition.shape, unit)]  # fmt: skip
-
-
-def with_unit(text: str, unit: str) -> str:
-    """A quantity with its unit, which is left out where it is '1'."""
-    return text if unit == "1" else f"{text} {unit}"
 
 
 def _errors(view: View) -> ErrorChange:

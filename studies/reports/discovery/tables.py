@@ -9,9 +9,10 @@ from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.effects import Effect
 from calibrate.models.addition_json import amplitude_unit
+from studies.output.words import with_unit
 from studies.reports.discovery.candidate_outcome import WORDS, indistinguishable, outcome_words
 from studies.reports.discovery.records import amplitude_records, model_name, shape_records
-from studies.reports.discovery.statement import LISTED, effect_values, with_unit
+from studies.reports.discovery.statement import LISTED, effect_values
 from studies.reports.discovery.view import BAND, View
 
 SMALLEST = 1e-16  # p-values below are all the same

@@ -11,6 +11,7 @@ from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.view import BAND
 
 SHOWN, LEAST = 8, 1e-3  # explanations in a table; probability of one that a sentence names
+NOTHING_NEEDED = (Finding.FOUND, Finding.EXCLUDED, Finding.MEASURED, Finding.OWN)
 Table = tuple[list[str], list[list[Any]]]
 
 
@@ -43,7 +44,7 @@ def power_table(found: Weighing, unit: str) -> Table:
         included = probability(found.alternatives.inclusion.get(one.effect.name, 0.0))
         limit, prior = ("" if v is None else f"{v:.2g}" for v in (one.limit, one.prior))
         value = "" if one.value is None else plus_minus(one.value[0], BAND * one.value[1])
-        needed = "" if one.finding in (Finding.FOUND, Finding.EXCLUDED, Finding.MEASURED) else one.needed
+        needed = "" if one.finding in NOTHING_NEEDED else one.needed
         rows.append([one.effect.name, str(one.finding), symbol, value, limit, prior, included, needed])
     return ["effect", "this test", "amplitude", "value", "limit (95 %)", "prior", "probability", "would show it"], rows
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +13,15 @@ from synthetic import ArrudaBoyce, plate_experiment, with_noise
 from calibrate.diagnosis import base_fit, model_weights
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.effect_fit import refit
-from calibrate.diagnosis.evidence.explanations import CERTAIN
+from calibrate.diagnosis.evidence.explanations import CERTAIN, Finding
 from calibrate.diagnosis.evidence.own_effects import OwnEffect, OwnSignatures, with_own_effects
+from calibrate.diagnosis.evidence.power import powers
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import all_rows
+from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.effects import CATALOGUE
+from calibrate.effects.finite_thickness import Thickness
 from calibrate.effects.stiffness_gradient import StiffnessGradient
 from studies.sheets.homogeneous import homogeneous_experiments
 from studies.sheets.homogeneous.homogeneous_experiments import curve
@@ -145,6 +149,17 @@ def test_gradients_are_told_as_they_are(gradients):
     assert one.is_common == (alike and not none)
     assert one.is_there != none
     assert one.seen_in == (() if alike else ("plate 0", "plate 1"))
+
+
+def test_what_each_test_may_have_is_not_called_invisible():
+    """The score test does not test it: it has a table of its own."""
+    _, problem = prepared()
+    scores = [Score(effect, Status.NOT_TESTABLE) for effect in (StiffnessGradient(), Thickness())]
+    last = SimpleNamespace(
+        fit=SimpleNamespace(additions=(), errors=()), candidates=[SimpleNamespace(score=score) for score in scores]
+    )
+    found = {one.effect.name: one.finding for one in powers(problem, last, 0.05, read_priors())}
+    assert found == {"stiffness gradient": Finding.OWN, "3D effect of thickness": Finding.INVISIBLE}
 
 
 def test_what_no_equation_inside_sees_hides_no_material():

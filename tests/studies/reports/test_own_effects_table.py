@@ -24,15 +24,16 @@ def test_rows_are_amplitudes_that_are_seen():
 def test_what_is_not_probable_has_no_row():
     unsure = replace(GRADIENT, own=0.5, common=0.1)
     assert own_effects_table((unsure,), "MPa")[1] == []
-    assert alike((unsure,)) == seen((unsure,)) == []
+    assert alike((unsure,), "MPa") == seen((unsure,)) == []
 
 
 def test_sentences_name_tests_and_common_amplitudes():
     common = replace(GRADIENT, own=0.01, common=0.99, values=((0.2, 0.0),) * 2)
     assert seen((GRADIENT, STRIP)) == ["stiffness gradient, unmeasured strip of a"]
-    assert len(alike((common,))) == 1
-    assert alike((common,))[0].startswith("stiffness gradient (gx = 0.2")
-    assert "gy" not in alike((common,))[0]
+    assert len(alike((common,), "MPa")) == 1
+    assert alike((common,), "MPa")[0].startswith("stiffness gradient (gx = 0.2")
+    assert alike((common,), "MPa")[0].endswith(" 1/extent)")
+    assert "gy" not in alike((common,), "MPa")[0]
 
 
 def test_the_record_has_every_number():
