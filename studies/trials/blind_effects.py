@@ -15,8 +15,7 @@ import numpy as np
 from calibrate.effects.mullins import LINEAR
 from studies.errors import OptionError
 
-# a patch of another stiffness is both: either name is right
-ALSO = {"stiffness field": ("inclusion",), "inclusion": ("stiffness field",)}
+ALSO = {"stiffness field": ("inclusion",)}  # a patch of another stiffness is both: either name is right
 
 
 @dataclass(frozen=True)
@@ -27,9 +26,6 @@ class Hidden:
     amplitudes: dict[str, float]
     shape: dict[str, float]
     more: dict[str, float]
-
-
-ALSO = {"stiffness field": ("inclusion",)}  # a patch of another stiffness is both: either name is right
 
 
 @dataclass(frozen=True)
