@@ -7,6 +7,7 @@ then on; named here, it has a place. `chain` applies the effects; `support` hold
 import pkgutil
 from importlib import import_module
 
+from calibrate.effects.camera_tilt import CameraTilt
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.dic_scale import Scale
 from calibrate.effects.effect import Effect, Parameter, distinct
@@ -51,6 +52,7 @@ LISTED: tuple[Effect, ...] = (
     Lag(),
     Rotation(),
     Scale(),
+    CameraTilt(),
     LensDistortion(),
     OutOfPlane(),
     SubsetSmoothing(),

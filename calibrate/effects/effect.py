@@ -21,7 +21,7 @@ from calibrate.equations.tensors import inverse
 
 Array = NDArray[np.float64]
 MATERIAL = ("energy", "set", "stiffness", "softening", "relaxation")
-MEASURED = ("kinematics", "clock", "measurement", "lens", "correlation", "load")
+MEASURED = ("kinematics", "clock", "measurement", "perspective", "lens", "correlation", "load")
 STAGES = MATERIAL + MEASURED
 """Where effects act, from the material to what is recorded: on the energy; by chains formed anew; as a factor that depends on the
 place; as one that depends on the history; over time; on what a sheet is in three dimensions; on when, where and how it is seen.

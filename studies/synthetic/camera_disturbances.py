@@ -32,6 +32,18 @@ class LensDistortion(Disturbance):
 
 
 @dataclass(frozen=True)
+class Tilt(Disturbance):
+    """A pinhole camera that is not perpendicular to the sheet: a point at x from the middle is seen at x / (1 + t . x / R), R half the extent, in every picture."""
+
+    tx: float
+    ty: float
+    name: ClassVar[str] = "camera tilt"
+
+    def see(self, x, share, size):
+        return x / (1 + x @ np.array([self.tx, self.ty]) / (0.5 * size))[..., None]
+
+
+@dataclass(frozen=True)
 class OutOfPlane(Disturbance):
     """The specimen comes nearer as it is loaded: the picture grows by m at the largest load."""
 

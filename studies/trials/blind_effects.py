@@ -130,6 +130,11 @@ def _lens(rng, s):
     return {"k": _signed(rng, 3e-4, 0.01)}, {"x": 0.0, "y": 0.0}, {}
 
 
+def _tilt(rng, s):
+    size, angle = log_uniform(rng, 2e-4, 0.008), rng.uniform(0, 2 * np.pi)
+    return {"tx": float(size * np.cos(angle)), "ty": float(size * np.sin(angle))}, {}, {}
+
+
 def _out_of_plane(rng, s):
     return {"m": _signed(rng, 2e-4, 0.008)}, {}, {}
 
@@ -176,17 +181,19 @@ RECORDING: dict[str, Draw] = {
     "subset smoothing": _subset,
     "unmeasured strip": _strip,
     "initial warp": _warp,
+    "camera tilt": _tilt,
 }
 EFFECTS = {**MATERIAL, **RECORDING}
 CONFOUNDED = ("force gain", "DIC scale")
 LATER = (
     "permanent set",
     "inclusion",
+    "camera tilt",
 )  # their seeds come after all others, so that runs from before them keep their trials
 FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
 UNLOADING = ("Mullins softening", "Payne softening", "permanent set")
 SOLID = "3D effect of thickness"
-UNPAIRED = (SOLID, "inclusion")  # in random pairs, as the seeds of pairs are older than the inclusion
+UNPAIRED = (SOLID, "inclusion", "camera tilt")  # in random pairs, as the seeds of pairs are older than the last two
 
 
 def check(names: list[str]) -> None:

@@ -23,7 +23,7 @@ from forward.solution import SurfaceSolution
 from meshes import Mesh, quads, specimen_from_dict, triangles
 from meshes.extrusion import extrude
 from studies.synthetic import effect_laws
-from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation, Scale
+from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation, Scale, Tilt
 from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
 from studies.synthetic.disturbances import Disturbance, observe
 from studies.synthetic.load_cell_disturbances import ForceGain, ForceOffset, Lag
@@ -130,7 +130,7 @@ def disturbances(trial: Trial) -> list[Disturbance]:
     """The effects that are in the recording."""
     kinds: dict[str, type[Disturbance]] = {
         kind.name: kind
-        for kind in (ForceOffset, ForceGain, Lag, Rotation, Scale, LensDistortion, OutOfPlane, UnmeasuredStrip)
+        for kind in (ForceOffset, ForceGain, Lag, Rotation, Scale, Tilt, LensDistortion, OutOfPlane, UnmeasuredStrip)
     }
     found: list[Disturbance] = []
     for hidden in trial.effects:

@@ -18,6 +18,7 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment, LoadedBoundary
 from calibrate.diagnosis.score_tests import Status, untestable
 from calibrate.effects import CATALOGUE, KNOWN, Data
+from calibrate.effects.camera_tilt import CameraTilt
 from calibrate.effects.chain import Addition
 from calibrate.effects.chain.stages import SWEEPS
 from calibrate.effects.compressibility import Compressibility
@@ -91,7 +92,7 @@ def test_signature_is_the_derivative(chain, c, effect):
 
 
 TOGETHER = ("second invariant", "stiffness gradient", "Mullins softening", "viscoelasticity", "permanent set",
-            "3D effect of thickness", "compressibility", "initial warp", "lens distortion", "force offset",
+            "3D effect of thickness", "compressibility", "initial warp", "camera tilt", "lens distortion", "force offset",
             "lag between force and image", "unmeasured strip")  # fmt: skip
 
 
@@ -442,6 +443,25 @@ def test_a_lens_is_undone_about_its_centre(chain, middle):
     shape = tuple((centre - 0.5 * (low + high)) / size)
     true = LensDistortion().displacements(seen, bent[1] - bent[0], jnp.array([k]), shape)
     np.testing.assert_allclose(bent[0] + true, place, atol=1e-6)
+
+
+def test_a_tilt_is_undone(chain):
+    """Rays through a pinhole: the picture of a plane whose depth grows along t; middle and half the extent are those in the picture."""
+    data, t = chain.data, jnp.array([0.02, -0.03])
+    X, seen = data.points, data
+
+    def pinhole(x):
+        x = x - seen.centre
+        return seen.centre + x / (1 + x @ t / (0.5 * seen.size))[..., None]
+
+    for _ in range(30):
+        points = pinhole(X)
+        seen = dataclasses.replace(data, points=points, size=jnp.ptp(points, axis=0).max())
+    u = pinhole(X + data.u) - seen.points
+    assert jnp.abs(u - data.u).max() > 0.1
+    true = CameraTilt().displacements(seen, u, t, ())
+    np.testing.assert_allclose(seen.points + true, X + data.u, atol=1e-12)
+    np.testing.assert_allclose(CameraTilt().places(seen, seen.points, t, ()), X, atol=1e-12)
 
 
 def test_out_of_plane_motion_is_undone(chain):

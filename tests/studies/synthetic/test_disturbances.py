@@ -8,7 +8,7 @@ import pytest
 from forward.solution import SurfaceSolution
 from meshes import Mesh, PlateWithHole, SquareSheet, quads, triangles
 from studies.errors import OptionError
-from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation, Scale
+from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation, Scale, Tilt
 from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
 from studies.synthetic.disturbances import observe
 from studies.synthetic.load_cell_disturbances import ForceGain, ForceOffset, Lag
@@ -68,7 +68,7 @@ def test_a_solution_in_plane_strain_stays_one(exact, mesh):
     assert observe(strained, SHEET, mesh).plane == "strain"
 
 
-@pytest.mark.parametrize("disturbance", [LensDistortion(0.0), OutOfPlane(0.0), Rotation(0.0), Scale(0.0),
+@pytest.mark.parametrize("disturbance", [LensDistortion(0.0), OutOfPlane(0.0), Rotation(0.0), Scale(0.0), Tilt(0.0, 0.0),
                                          ForceOffset(0.0), ForceGain(0.0), UnmeasuredStrip(0.0),
                                          Warp(0, 0.0, 1.0, 5.0)])  # fmt: skip
 def test_no_amplitude_no_change(exact, mesh, clean, disturbance):
@@ -88,6 +88,23 @@ def test_lens_distorts_both_pictures(exact, mesh, clean):
     x = clean.points + clean.displacements
     expected = x * (1 + k * (x**2).sum(-1, keepdims=True) / 20.0**2)
     np.testing.assert_allclose(seen.points + seen.displacements, expected)
+
+
+def test_a_tilted_camera_is_a_pinhole_whose_axis_is_not_the_normal(exact, mesh, clean):
+    """Rays through a pinhole in front of the middle, turned about the y axis: exact up to the factor cos(theta) of a whole direction."""
+    distance, theta = 400.0, np.radians(3)
+    seen = observe(exact, SHEET, mesh, [Tilt(20.0 * np.tan(theta) / distance, 0.0)])
+
+    def pinhole(x):
+        across, depth = x[..., 0] * np.cos(theta), distance + x[..., 0] * np.sin(theta)
+        return distance * np.stack([across, x[..., 1]], axis=-1) / depth[..., None]
+
+    for found, places in (
+        (seen.points, clean.points),
+        (seen.points + seen.displacements, clean.points + clean.displacements),
+    ):
+        assert np.abs(found - places).max() > 0.05  # mm
+        np.testing.assert_allclose(found * [np.cos(theta), 1.0], pinhole(places), atol=5e-3)
 
 
 def test_out_of_plane_motion_follows_the_load(exact, mesh, clean):
