@@ -15,7 +15,8 @@ from calibrate.data.readings_between import with_readings
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.decision import decided
-from calibrate.diagnosis.evidence.own_effects import own_effects, with_own_effects
+from calibrate.diagnosis.evidence.levels import StiffnessLevel, at_one_level
+from calibrate.diagnosis.evidence.own_effects import own_effects, refined_levels, with_own_effects
 from calibrate.diagnosis.evidence.priors import Priors, read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
@@ -58,7 +59,7 @@ def discover(
     hold_out: see `HoldOut.default`. spacing: of the virtual fields, mm (None: from the noise). base: see `base_fit.prepare`. replay: solves a
     test by finite elements, so that its discretisation error is known (`twin`); None: it is allowed for. readings: parts of each interval between
     pictures at whose ends the force of the machine record is used, see `readings_between`. Of several tests each may have a warp, a gradient, ... of its own,
-    which the weights allow for (`own_effects`). Where a flexible base follows the noise of a weak strain, neo-Hooke takes its place. Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
+    which the weights allow for (`own_effects`), and where no thickness is known a level of its own (`levels`). Where a flexible base follows the noise of a weak strain, neo-Hooke takes its place. Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
     `calibrate.equations.equilibrium.equilibrium`.
     """
     say = progress or (lambda text: None)
@@ -68,6 +69,7 @@ def discover(
     say("base model")
     train = [hold_out.training] * len(experiments) + [_nothing] * len(held)
     tests = [with_readings(e, readings, 0) if readings else e for e, _ in checked]
+    tests[: len(experiments)], levels = at_one_level(tests[: len(experiments)], hold_out.training, spacing)
     try:
         problem, state = prepare(tests, train, spacing, base=base)
         one_modulus = False
@@ -83,7 +85,9 @@ def discover(
         problem, state = with_own_effects(problem, state, distinct(effects), priors)
     found = diagnose(problem, state, effects, seed, say, thresholds, priors, fitted, check, all_effects)
     noise, own = tuple(check for _, check in checked), own_effects(found.problem, found.final, priors)
-    return replace(found, noise=noise, without_twin=without_twin, own=own, one_modulus=one_modulus)
+    levels = refined_levels(levels, own)
+    own = tuple(one for one in own if not isinstance(one.effect, StiffnessLevel))
+    return replace(found, noise=noise, without_twin=without_twin, own=own, levels=levels, one_modulus=one_modulus)
 
 
 def diagnose(

@@ -30,6 +30,7 @@ from calibrate.diagnosis import model_weights
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.evidence.explanations import CERTAIN
+from calibrate.diagnosis.evidence.levels import Level, StiffnessLevel, have_unknown_levels
 from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, Evidence, Signature, Subset
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import EXPECTED, disturbances, prior_deviations
@@ -52,10 +53,14 @@ def with_own_effects(problem: Problem, base: Fit, effects: Sequence[Effect], pri
     without an equation inside, as homogeneous ones: of what varies over the specimen they see one factor on the force, in which a material would hide.
     """
     own = [e for e in effects if belongs_to_one_test(e) and not e.rough and untestable(problem.of_one_test, e) is None]
+    levels: list[Effect] = (
+        [StiffnessLevel()] if have_unknown_levels([part.experiment for part in problem.trained]) else []
+    )
     for _ in range(PASSES):
         parts = []
         for part in problem.parts:
             seen = own if part.train.size and part.inside.any() else []
+            seen = seen + levels if part in problem.trained[1:] else seen
             chain = denoised_everywhere(part, base.c) if seen else part.chain
             known = tuple(_signature(problem, chain, base.c, effect, priors) for effect in seen)
             parts.append(replace(part, own=tuple(one for one in known if np.isfinite(one.sources).all())))
@@ -120,6 +125,22 @@ def own_effects(problem: Problem, fit: Fit, priors: Priors) -> tuple[OwnEffect, 
     plain = model_weights.without_own_effects(problem)
     found = OwnSignatures.of(problem, plain, fit, priors)
     return found.told(equations.residual(plain, fit.c, fit.additions))
+
+
+def refined_levels(levels: Sequence[Level], own: Sequence[OwnEffect]) -> tuple[Level, ...]:
+    """Levels with what each test was found to have of a `StiffnessLevel`."""
+    found = {
+        test: (1 + g, deviation)
+        for one in own
+        if isinstance(one.effect, StiffnessLevel)
+        for test, (g,), (deviation,) in zip(one.tests, one.values, one.deviations, strict=True)
+    }
+    return tuple(
+        replace(level, factor=level.factor * found[level.test][0], deviation=level.factor * found[level.test][1])
+        if level.test in found
+        else level
+        for level in levels
+    )
 
 
 class OwnSignatures(NamedTuple):

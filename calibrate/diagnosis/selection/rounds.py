@@ -8,6 +8,7 @@ from typing import Any
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Power, Weighing
+from calibrate.diagnosis.evidence.levels import Level
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.misfit import Misfit
@@ -184,7 +185,7 @@ class Discovery:
     experiment, stated and found; empty where it was not looked at. start: with the weights of the base. weighing: of all
     explanations. replaced: effects that the rounds had found before a more probable explanation took their place. everything: the fit of all
     effects at once, where no few of them explain the test; without_everything: why it could not be made. without_twin: why tests were not replayed. own: what
-    every one of several tests has for itself.
+    every one of several tests has for itself. levels: of several tests whose thicknesses are unknown; empty where these are known.
     replay_check: of base and final model; None where it was not asked for. dominant: of a test that is not explained; None where nothing is. one_modulus:
     whether the base is neo-Hooke because a flexible one followed the noise of a weak strain.
     """
@@ -205,6 +206,7 @@ class Discovery:
     without_everything: str = ""
     without_twin: tuple[str, ...] = ()
     own: tuple[OwnEffect, ...] = ()
+    levels: tuple[Level, ...] = ()
     replay_check: ReplayCheck | NoReplayCheck | None = field(default=None, repr=False)
     dominant: DominantEffect | None = None
     one_modulus: bool = False

@@ -25,6 +25,7 @@ from studies.reports.experiments.experiment_findings import experiment_findings,
 from studies.reports.headline import Reason
 
 ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
+OTHER_LEVEL = 0.3  # from that of the first test, which thicknesses of one kind of specimen do not explain
 OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
 
 
@@ -50,6 +51,7 @@ class DiscoveryCode(Macro):
     ALIKE = "alike_in_all"
     OF_ONE_TEST = "of_one_test"
     THICKNESS_UNKNOWN = "no_thickness"
+    LEVELS_UNKNOWN = "levels_unknown"
     ATTENUATED = "attenuated"
     WEAK_STRAIN = "weak_strain"
     PLANE_STRAIN = "plane_strain"
@@ -159,6 +161,11 @@ def _of_verdict(found: Discovery) -> Iterator[Finding]:
 def _of_stiffness(view: View) -> Iterator[Finding]:
     if view.unit != "MPa":
         yield _finding(DiscoveryCode.THICKNESS_UNKNOWN)
+    if view.discovery.levels:
+        first, *others = view.discovery.levels
+        far = any(abs(one.factor - 1) > OTHER_LEVEL for one in others)
+        said = [(one.test, plus_minus(one.factor, BAND * one.deviation), f"{one.divided_by:.4g}") for one in others]
+        yield _finding(DiscoveryCode.LEVELS_UNKNOWN, far, first=first.test, levels=said)
     factor = discovery_quality(view).attenuation
     replayed = isinstance(view.discovery.replay_check, ReplayCheck)  # whose level makes up for it
     if factor > ATTENUATED and not (replayed or view.discovery.problem.level_is_nominal):

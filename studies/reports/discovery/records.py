@@ -270,4 +270,5 @@ def content(view: View) -> dict[str, Any]:
         "replay": replay_record(found.replay_check),
         "all_effects": everything_record(found.everything),
         "own_effects": own_effects_record(found.own),
+        "levels": [asdict(one) for one in found.levels],
     }

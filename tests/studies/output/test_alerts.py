@@ -23,6 +23,7 @@ from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.strain_signal import StrainSignal
 from calibrate.diagnosis.evidence.explanations import Weighing
+from calibrate.diagnosis.evidence.levels import Level
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.evidence.power import Finding as Power
 from calibrate.diagnosis.joint.shares import Everything, Share
@@ -322,6 +323,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     ),
     "discovery.tie": lambda: of_explained(groups={"second invariant": ("second invariant", "upturn")}),
     "discovery.no_thickness": lambda: of_experiment(lambda e: replace(e, thickness=None)),
+    "discovery.levels_unknown": lambda: of_nothing(levels=(Level("first", 1.0, 1.0), Level("second", 1.1, 1.11, 0.01))),
     "discovery.attenuated": lambda: with_patch("discovery_quality", lambda view: replace(GOOD, attenuation=1.2)),
     "discovery.weak_strain": lambda: of_experiment(noisy),
     "discovery.replayed": lambda: of_nothing(replay_check=check(observations())),
@@ -449,6 +451,7 @@ CASES = {**OF_HEADLINE, **OF_CALIBRATION, **OF_DISCOVERY, **OF_OTHERS}
 
 # the higher severity, where the numbers ask for it
 RAISED: dict[str, Callable[[], Findings]] = {
+    "D110": lambda: of_nothing(levels=(Level("first", 1.0, 1.0), Level("second", 0.44, 0.44, 0.01))),
     "D103": lambda: reasons(signals=WEAK, level_is_nominal=True),
     "N207": lambda: reasons(reduced_chi_square=200.0, level_is_nominal=True),
     "N208": lambda: reasons(attenuation=1.6),
