@@ -34,6 +34,7 @@ from calibrate.diagnosis.evidence.levels import Level, StiffnessLevel, have_unkn
 from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, Evidence, Signature, Subset
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import EXPECTED, disturbances, prior_deviations
+from calibrate.diagnosis.joint.shares import FAR
 from calibrate.diagnosis.problem import OwnSignature, Problem
 from calibrate.diagnosis.score_tests import belongs_to_one_test, untestable
 from calibrate.diagnosis.signature_noise import denoised_everywhere
@@ -128,11 +129,13 @@ def own_effects(problem: Problem, fit: Fit, priors: Priors) -> tuple[OwnEffect, 
 
 
 def refined_levels(levels: Sequence[Level], own: Sequence[OwnEffect]) -> tuple[Level, ...]:
-    """Levels with what each test was found to have of a `StiffnessLevel`."""
+    """Levels with what each test was found to have of a `StiffnessLevel`; where that is beyond what may be left of one, the joint fit misses the forces, and the level is as uncertain as
+    before it."""
     found = {
-        test: (1 + g, deviation)
+        test: (1 + g, deviation) if abs(g) < FAR * prior else (1.0, prior)
         for one in own
         if isinstance(one.effect, StiffnessLevel)
+        for prior in one.prior
         for test, (g,), (deviation,) in zip(one.tests, one.values, one.deviations, strict=True)
     }
     return tuple(

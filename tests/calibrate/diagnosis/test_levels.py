@@ -12,7 +12,7 @@ from calibrate import errors
 from calibrate.data.load_record import LoadRecord
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.evidence.levels import Level, StiffnessLevel, at_one_level, divided
-from calibrate.diagnosis.evidence.own_effects import own_effects, refined_levels, with_own_effects
+from calibrate.diagnosis.evidence.own_effects import OwnEffect, own_effects, refined_levels, with_own_effects
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.problem import all_rows
 from calibrate.effects import CATALOGUE
@@ -95,3 +95,11 @@ def test_what_is_left_of_a_level_is_of_the_test(left):
     assert (first.factor, first.deviation, second.divided_by) == (1.0, 0.0, FACTOR)
     assert second.factor == pytest.approx(FACTOR * (1 + left), abs=4 * max(second.deviation, 0.002))
     assert not any(one.is_there for one in found if one is not level)
+
+
+def test_a_level_that_no_thickness_explains_is_as_uncertain_as_before():
+    """As where the joint fit misses the forces of the first test."""
+    one = OwnEffect(StiffnessLevel(), ("b", "c"), 1.0, 0.0, (0.1,), ((0.9,), (0.05,)), ((0.01,), (0.002,)), 3.0)
+    found = refined_levels((Level("a", 1.0, 1.0), Level("b", 2.0, 2.0), Level("c", 2.0, 2.0)), (one,))
+    assert [level.factor for level in found] == [1.0, 2.0, 2.1]
+    assert [level.deviation for level in found] == [0.0, 0.2, 0.004]

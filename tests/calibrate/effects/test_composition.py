@@ -38,9 +38,11 @@ SHAPES = {
 }
 EFFECTS = {effect.name: effect for effect in KNOWN}
 THICK, WARP, LENS, STRIP = "3D effect of thickness", "initial warp", "lens distortion", "unmeasured strip"
+TILT = "camera tilt"
 COARSE = {
     THICK: 2e-3,
     (THICK, LENS): 0.015,
+    (THICK, TILT): 4e-3,
     (THICK, WARP): 0.04,
     (WARP, THICK): 2e-3,
     (WARP, STRIP): 5e-3,
@@ -124,7 +126,7 @@ def test_every_signature_beside_every_effect(beside):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("beside", [LENS, WARP])
+@pytest.mark.parametrize("beside", [LENS, WARP, TILT])
 def test_thickness_beside_another_reference_converges(beside):
     """Of first order in the mesh, at whose edges its second derivatives are taken."""
     coarse, fine = (error_of_signature(THICK, beside, cells) for cells in (1, 4))
