@@ -26,6 +26,7 @@ from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.replayed.parameter_spread import Directions
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Additions
+from calibrate.fitting.least_squares import bounded
 from forward.errors import ForwardError
 from studies.commands.import_data import Frames, import_experiment
 from studies.output.folder import open_output_folder
@@ -84,7 +85,7 @@ def fitted(test: ComparedTest, c: Array, names: Sequence[str]) -> Fitted:
     )
     now = replayed(test, c, start)
     for _ in range(REPLAYS if effects else 0):
-        step = np.linalg.lstsq(now.slopes, -now.residual, rcond=1e-8)[0]
+        step = _step(now)
         better = next(filter(None, (_tried(test, c, now, 0.5**k * step) for k in range(HALVINGS))), None)
         if better is None:
             break
@@ -95,15 +96,23 @@ def fitted(test: ComparedTest, c: Array, names: Sequence[str]) -> Fitted:
     return now
 
 
+def _step(now: Fitted) -> Array:
+    """Of Gauss and Newton, of every amplitude, within its bounds."""
+    variables = Variables(now.additions)
+    amplitudes = ~variables.is_shape
+    low, high = (np.array([getattr(p, end) for p, _ in variables.parameters])[amplitudes] for end in ("lower", "upper"))
+    size = np.linalg.norm(now.slopes, axis=0)
+    values = variables.values[amplitudes]
+    return bounded(now.slopes / size, -now.residual, (low - values) * size, (high - values) * size) / size
+
+
 def _tried(test: ComparedTest, c: Array, now: Fitted, step: Array) -> Fitted | None:
-    """Amplitudes a step away, within their bounds; None where that leaves more, or has no equilibrium."""
+    """Amplitudes a step away; None where that leaves more, or has no equilibrium."""
     variables = Variables(now.additions)
     values = variables.values.copy()
     values[~variables.is_shape] += step
-    low = np.array([p.lower for p, _ in variables.parameters])
-    high = np.array([p.upper for p, _ in variables.parameters])
     try:
-        found = replayed(test, c, variables.at(np.clip(values, low, high)))
+        found = replayed(test, c, variables.at(values))
     except ForwardError:
         return None
     return found if found.misfit < now.misfit else None

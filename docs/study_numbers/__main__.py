@@ -7,6 +7,8 @@
     python docs/study_numbers replay results/replay results/calibrate
     python docs/study_numbers replay_sheet results/discover
     python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
+    python docs/study_numbers sheet_fields results/sheet-fields
+    python docs/study_numbers joint_sheets results/discover
     python docs/study_numbers every_third results/discover
     python docs/study_numbers noise_grid results/false-alarms
     python docs/study_numbers noise_lengths BEFORE AFTER      of two revisions
@@ -31,12 +33,14 @@ import design
 import diagnosis_cost
 import every_third
 import generalise
+import joint_sheets
 import noise_grid
 import noise_lengths
 import pulls
 import replay
 import replay_sheet
 import resolution
+import sheet_fields
 import sheets
 import skin
 import thickness
@@ -50,6 +54,8 @@ STUDIES = {
     "replay": replay,
     "replay_sheet": replay_sheet,
     "sheets": sheets,
+    "sheet_fields": sheet_fields,
+    "joint_sheets": joint_sheets,
     "every_third": every_third,
     "skin": skin,
     "noise_grid": noise_grid,
