@@ -114,6 +114,11 @@ class OwnEffect:
             name for k, name in enumerate(self.tests) if any(self.is_seen(k, i) for i in range(len(self.prior)))
         )
 
+    @property
+    def is_plausible(self) -> bool:
+        """Whether no amplitude is beyond what a specimen could have; else it stands in for something that nothing in the joint model has."""
+        return bool(np.all(np.abs(self.values) <= FAR * np.array(self.prior)))
+
     def is_seen(self, test: int, amplitude: int) -> bool:
         """Whether an amplitude of a test is further from none than `limit`."""
         return abs(self.values[test][amplitude]) > self.limit * self.deviations[test][amplitude]

@@ -17,7 +17,7 @@ from studies.reports.alert_table import merged
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
 from studies.reports.discovery.everything_table import everything_data
-from studies.reports.discovery.own_effects_table import alike, seen
+from studies.reports.discovery.own_effects_table import alike, seen, stand_ins
 from studies.reports.discovery.replay_section import plausible_findings, plausible_replay, replay_findings
 from studies.reports.discovery.view import BAND, View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
@@ -50,6 +50,7 @@ class DiscoveryCode(Macro):
     WITHOUT_EVERYTHING = "without_everything"
     ALIKE = "alike_in_all"
     OF_ONE_TEST = "of_one_test"
+    OWN_STAND_INS = "own_stand_ins"
     THICKNESS_UNKNOWN = "no_thickness"
     LEVELS_UNKNOWN = "levels_unknown"
     ATTENUATED = "attenuated"
@@ -142,6 +143,8 @@ def _of_own_effects(view: View) -> Iterator[Finding]:
         yield _finding(DiscoveryCode.ALIKE, names=names)
     if names := seen(view.discovery.own):
         yield _finding(DiscoveryCode.OF_ONE_TEST, names=names)
+    if names := stand_ins(view.discovery.own):
+        yield _finding(DiscoveryCode.OWN_STAND_INS, names=names)
 
 
 def _of_verdict(found: Discovery) -> Iterator[Finding]:

@@ -38,7 +38,12 @@ def _said(one: OwnEffect, test: str, amplitude: int) -> str:
 
 def alike(found: Sequence[OwnEffect], unit: str) -> list[str]:
     """Effects that are alike in all tests, with what they have in common."""
-    return [f"{one.effect.name} ({_amplitudes(one, unit)})" for one in found if one.is_common]
+    return [f"{one.effect.name} ({_amplitudes(one, unit)})" for one in found if one.is_common and one.is_plausible]
+
+
+def stand_ins(found: Sequence[OwnEffect]) -> list[str]:
+    """Effects that are there, but larger than a specimen could have them."""
+    return [one.effect.name for one in found if one.is_there and not one.is_plausible]
 
 
 def _amplitudes(one: OwnEffect, unit: str) -> str:
@@ -53,7 +58,8 @@ def _amplitudes(one: OwnEffect, unit: str) -> str:
 
 def seen(found: Sequence[OwnEffect]) -> list[str]:
     """Effects of a test alone, with its name."""
-    tests = {name: [o.effect.name for o in found if name in o.seen_in] for o in found for name in o.tests}
+    plausible = [one for one in found if one.is_plausible]
+    tests = {name: [o.effect.name for o in plausible if name in o.seen_in] for o in found for name in o.tests}
     return [f"{', '.join(effects)} of {name}" for name, effects in tests.items() if effects]
 
 
@@ -70,6 +76,7 @@ def own_effects_record(found: Sequence[OwnEffect]) -> list[dict[str, Any]]:
             "probability_of_each_its_own": one.own,
             "probability_of_alike": one.common,
             "seen_in": list(one.seen_in),
+            "is_plausible": one.is_plausible,
         }
         for one in found
     ]

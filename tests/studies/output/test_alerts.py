@@ -258,10 +258,10 @@ def of_updated(converged: bool = True, after: float = 0.001, neo_hooke: Any = No
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(10.0))))
 
 
-def of_own(own: float, common: float) -> Findings:
+def of_own(own: float, common: float, prior: float = 0.1) -> Findings:
     """Two tests with a gradient in x each."""
     values, deviations = ((0.20, 0.01), (0.18, 0.01)), ((0.02, 0.02), (0.02, 0.02))
-    one = OwnEffect(StiffnessGradient(), ("a", "b"), own, common, (0.1, 0.1), values, deviations, 3.0)
+    one = OwnEffect(StiffnessGradient(), ("a", "b"), own, common, (prior, prior), values, deviations, 3.0)
     return of_nothing(own=(one,))
 
 
@@ -316,6 +316,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.without_everything": lambda: of_nothing(without_everything="too long"),
     "discovery.alike_in_all": lambda: of_own(0.01, 0.99),
     "discovery.of_one_test": lambda: of_own(0.99, 0.01),
+    "discovery.own_stand_ins": lambda: of_own(0.99, 0.01, 0.05),
     "discovery.replaced": lambda: replaced("second invariant"),
     "discovery.no_explanation": doubtful,
     "discovery.dominant_effect": lambda: of_explained(

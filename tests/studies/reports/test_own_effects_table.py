@@ -5,7 +5,7 @@ from dataclasses import replace
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.effects.stiffness_gradient import StiffnessGradient
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
-from studies.reports.discovery.own_effects_table import alike, own_effects_record, own_effects_table, seen
+from studies.reports.discovery.own_effects_table import alike, own_effects_record, own_effects_table, seen, stand_ins
 
 GRADIENT = OwnEffect(
     StiffnessGradient(), ("a", "b"), 0.99, 0.0, (0.1, 0.1), ((0.2, 0.0), (0.01, 0.0)), ((0.02, 0.02),) * 2, 3.0
@@ -34,6 +34,16 @@ def test_sentences_name_tests_and_common_amplitudes():
     assert alike((common,), "MPa")[0].startswith("stiffness gradient (gx = 0.2")
     assert alike((common,), "MPa")[0].endswith(" 1/extent)")
     assert "gy" not in alike((common,), "MPa")[0]
+
+
+def test_what_no_specimen_could_have_is_named_of_none():
+    """A gradient of 0.2 where a deviation is 0.05: it stands in for something else."""
+    far = replace(GRADIENT, prior=(0.05, 0.05))
+    assert stand_ins((far, STRIP)) == ["stiffness gradient"]
+    assert stand_ins((GRADIENT, STRIP)) == []
+    assert seen((far, STRIP)) == ["unmeasured strip of a"]
+    assert alike((replace(far, own=0.01, common=0.99),), "MPa") == []
+    assert len(own_effects_table((far,), "MPa")[1]) == 1
 
 
 def test_the_record_has_every_number():
