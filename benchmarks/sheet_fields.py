@@ -5,12 +5,15 @@ In: the published sheets. A neo-Hookean sheet with effects is replayed in four p
 prescribed the level of a neo-Hookean sheet changes no field.
 
 Out: ``sheet_fields.json`` with a row for every sheet and set of effects: amplitudes, root mean square of measured minus replayed displacement, mm, in the pictures fitted
-and in those held out, beside the stated noise of the camera. Sets are those of `SETS`, fixed before what comes after 15 s was looked at.
+and in those held out, beside the stated noise of the camera. Sets are those of `SETS`, fixed before what comes after 15 s was looked at. Then, with the amplitudes of `BOTH`
+as they are, the level and one relaxation branch (g with its prior) are fitted to the forces of the first 15 s, of twelve pictures, as `equigap discover` updates a model: a row
+``forces`` for every sheet, with the error of the forces, too. --forces does the latter alone, with the amplitudes of an earlier run in the folder.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,10 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis import base_fit
+from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence.priors import read_priors
+from calibrate.diagnosis.evidence.signatures import prior_deviations
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.parameters import Variables
+from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.replayed.observations import ReplayErrors, level_of
 from calibrate.diagnosis.replayed.parameter_spread import Directions
-from calibrate.effects import CATALOGUE
+from calibrate.diagnosis.replayed.updating import update
+from calibrate.effects import CATALOGUE, Viscosity
 from calibrate.effects.chain import Addition, Additions
 from calibrate.fitting.least_squares import bounded
 from forward.errors import ForwardError
@@ -33,7 +42,9 @@ from studies.output.folder import open_output_folder
 from studies.output.manifest import Manifest
 from studies.output.writing import write_json
 from studies.replay.compared_test import ComparedTest, ReplayedModel
+from studies.replay.flat_rows import observations
 from studies.replay.parameter_changes import of_parameters
+from studies.replay.updated_replay import Replays
 
 Array = NDArray[np.float64]
 SHEETS = ("Soft_Homo", "Stiff2_Homo", "Stiff2_Hetero")
@@ -49,6 +60,8 @@ SETS: tuple[tuple[str, ...], ...] = (
 )  # fmt: skip
 FRAMES, PICTURES, UNTIL = 24, 4, 15.0  # imported; replayed, of those fitted and of those held out; s
 REPLAYS, HALVINGS, ENOUGH = 8, 4, 1e-3  # at most; of a step; relative fall of the misfit that ends a fit
+FORCES, HELD = 12, 1e-6  # pictures whose forces are fitted; deviation of amplitudes that are as the fields have them
+RELAXATION = Viscosity()
 EFFECTS = {effect.name: effect for effect in CATALOGUE}
 
 
@@ -118,11 +131,16 @@ def _tried(test: ComparedTest, c: Array, now: Fitted, step: Array) -> Fitted | N
     return found if found.misfit < now.misfit else None
 
 
+def prepared(sheet: str) -> tuple[Problem, Fit]:
+    """Equations of the first 15 s, and neo-Hooke fitted to them."""
+    experiment = import_experiment(sheet, frames=Frames(FRAMES))
+    return base_fit.prepare([experiment], [HoldOut.parse(f"after:{UNTIL:g}").training], base="neo-Hooke")
+
+
 def rows_of(sheet: str) -> list[dict[str, Any]]:
     """Of one sheet: every set of effects."""
-    experiment = import_experiment(sheet, frames=Frames(FRAMES))
-    training = HoldOut.parse(f"after:{UNTIL:g}").training
-    problem, base = base_fit.prepare([experiment], [training], base="neo-Hooke")
+    problem, base = prepared(sheet)
+    experiment = problem.parts[0].experiment
     test = ComparedTest(problem.parts[0], PICTURES)
     held = test.held[test.layout.chosen]
     noise = experiment.noise.displacement_std if experiment.noise else None
@@ -141,18 +159,51 @@ def rows_of(sheet: str) -> list[dict[str, Any]]:
     return found
 
 
+def with_forces(sheet: str, amplitudes: dict[str, dict[str, float]]) -> dict[str, Any]:
+    """Effects as the fields have them, beside a relaxation that the forces have."""
+    problem, base = prepared(sheet)
+    held = tuple(Addition(EFFECTS[name], tuple(values.values())) for name, values in amplitudes.items())
+    times = [tuple(shape) for shape in RELAXATION.shape_values(problem.parts[0].chain.data)]
+    starts = [(*held, Addition(RELAXATION, (0.0,), shape)) for shape in times]
+    known = {a.effect.name: (np.array(a.amplitudes), np.full(len(a.amplitudes), HELD)) for a in held}
+    prior = known | {RELAXATION.name: (np.zeros(1), prior_deviations(problem, RELAXATION, read_priors()))}
+    found = update(Replays([ComparedTest(problem.parts[0], FORCES, False)]), base.c, starts[0], prior, starts[1:])
+    assert found is not None
+    test = ComparedTest(problem.parts[0])
+    rows = observations([test], [test.replayed(ReplayedModel(found.c, found.present[0]), True)[0]])
+    rows = rows.scaled(level_of(rows).factor)
+    errors = {
+        name: ReplayErrors.of(rows, which).to_dict()
+        for name, which in (("fitted", ~rows.held), ("held_out", rows.held))
+    }
+    relaxation = found.additions[-1]
+    return {
+        "sheet": sheet,
+        "g": relaxation.amplitudes[0],
+        "tau": relaxation.shape[0],
+        "converged": found.converged,
+        **errors,
+    }
+
+
 def main() -> None:
     """Every sheet, kept as soon as it is there."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=Path("results/sheet-fields"))
     parser.add_argument("--overwrite", action="store_true")
+    parser.add_argument("--forces", action="store_true", help="only what forces add to an earlier run")
     options = parser.parse_args()
     started = time.time()
     open_output_folder(options.output, options.overwrite, {"benchmark": "sheet fields"})
-    found: list[dict[str, Any]] = []
+    path = options.output / "sheet_fields.json"
+    found: list[dict[str, Any]] = json.loads(path.read_text())["rows"] if options.forces else []
+    forces: list[dict[str, Any]] = []
     for sheet in SHEETS:
-        found += rows_of(sheet)
-        write_json(options.output / "sheet_fields.json", {"rows": found})
+        found += [] if options.forces else rows_of(sheet)
+        both = next(row for row in found if row["sheet"] == sheet and row["effects"] == list(BOTH))
+        forces.append(with_forces(sheet, both["amplitudes"]))
+        print(forces[-1], flush=True)
+        write_json(path, {"rows": found, "forces": forces})
     Manifest(0, {}, started=started).beside(options.output / "sheet_fields.json")
 
 

@@ -33,7 +33,7 @@ EACH = 12  # increments of a test that are compared
 def updated(problem: Problem, one: Everything) -> Updated:
     """Effects of a fit that are not at their null values, and all with a memory. Raises `OptionError` where the model as it was fitted cannot be
     solved, and the errors of `ComparedTest.replayed`."""
-    replays = _Replays([ComparedTest(part, EACH, False) for part in problem.trained])
+    replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
     there = [a for a in one.fit.additions if not a.is_null]
     has_law = {a.effect.name for a in one.fit.additions if is_solved(a.effect.name) or is_expressed(a.effect)}
     used = {a.effect.name for a in there} | {a.effect.name for a in one.fit.additions if a.effect.remembers}
@@ -66,7 +66,7 @@ def _prior(share: Share) -> tuple[Array, Array]:
 
 
 @dataclass(eq=False)
-class _Replays:
+class Replays:
     """As `update` calls them."""
 
     tests: list[ComparedTest]
