@@ -8,7 +8,7 @@ from typing import Any
 
 from calibrate.effects import CATALOGUE
 from calibrate.models.addition_json import amplitude_unit
-from studies.output.words import with_unit
+from studies.output.words import percent, with_unit
 
 SHORT = {"Soft_Homo": "soft", "Stiff2_Homo": "stiff", "Stiff2_Hetero": "hetero"}
 UNITS = {(e.name, p.name): amplitude_unit(p, "N/mm") for e in CATALOGUE for p in e.amplitudes}
@@ -16,8 +16,16 @@ UNITS = {(e.name, p.name): amplitude_unit(p, "N/mm") for e in CATALOGUE for p in
 
 def take(folder: Path) -> dict[str, Any]:
     """Root mean squares of measured minus replayed displacements, and amplitudes."""
-    found = json.loads((folder / "sheet_fields.json").read_text())["rows"]
-    numbers: dict[str, Any] = {}
+    content = json.loads((folder / "sheet_fields.json").read_text())
+    found, numbers = content["rows"], {}
+    for row in content["forces"]:
+        short = SHORT[row["sheet"]]
+        numbers |= {f"{short}_g": f"{row['g']:.2f}", f"{short}_tau": f"{row['tau']:.1f}"}
+        for part in ("fitted", "held_out"):
+            numbers |= {
+                f"{short}_forces_{part}": percent(row[part]["force"]),
+                f"{short}_forces_{part}_mm": f"{row[part]['field']:.3f}",
+            }
     table = [["sheet", "neo-Hooke and", "amplitudes", "displacements off by, fitted (mm)", "held out (mm)"]]
     for row in found:
         key = "_".join([SHORT[row["sheet"]], *(name.replace(" ", "_").replace("-", "_") for name in row["effects"])])
