@@ -84,9 +84,8 @@ def discover(
     if len(problem.trained) > 1:
         problem, state = with_own_effects(problem, state, distinct(effects), priors)
     found = diagnose(problem, state, effects, seed, say, thresholds, priors, fitted, check, all_effects)
-    noise, own = tuple(check for _, check in checked), own_effects(found.problem, found.final, priors)
-    levels = refined_levels(levels, own)
-    own = tuple(one for one in own if not isinstance(one.effect, StiffnessLevel))
+    noise, levels = tuple(check for _, check in checked), refined_levels(levels, found.own)
+    own = tuple(one for one in found.own if not isinstance(one.effect, StiffnessLevel))
     return replace(found, noise=noise, without_twin=without_twin, own=own, levels=levels, one_modulus=one_modulus)
 
 
@@ -112,6 +111,7 @@ def diagnose(
     found = close_loop(problem, base, effects, seed, say, thresholds)
     weighing = weigh(found, priors, effects, fitted, say)
     found = decided(found, weighing, priors, effects, seed, say)
+    found = replace(found, own=own_effects(found.problem, found.final, priors))
     if check is not None:
         say("replay of base and final model")
         found = judged_by_replay(found, check(found))

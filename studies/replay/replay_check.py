@@ -117,8 +117,15 @@ class _Check:
         changes = self._changes(spread, [one for _, one in pairs], level.factor)
         band = band_of(rows, base_rows, level, changes, alternatives, self._beyond(rows))
         own = Replayed(level, level_deviation(level, rows, base_rows, changes), rows)
-        judgement = replay_rule.judge(base_rows, rows, band.covariance, self.found.problem.noise_is_known)
+        judgement = replay_rule.judge(
+            base_rows, rows, band.covariance, self.found.problem.noise_is_known, self._with_own_effects()
+        )
         return ReplayCheck(base or own, own, band, judgement, tuple(one.names for one in alternatives))
+
+    def _with_own_effects(self) -> list[int]:
+        """Tests that have something for themselves, or with all others, beside a joint model, whose replay lacks it."""
+        own = {test for one in self.found.own if one.is_there for test in (one.tests if one.is_common else one.seen_in)}
+        return [i for i, test in enumerate(self.tests) if test.part.experiment.name in own]
 
     def at_own_level(self, model: ReplayedModel) -> Replayed:
         """Raises what the replay raises."""

@@ -17,6 +17,7 @@ It is also worse where its force error grows by more than noise, and is above th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,20 +60,28 @@ class Judgement:
         return self.outside or self.worse
 
 
-def judge(base: Observations, final: Observations, covariance: Array, noise_is_known: bool = True) -> Judgement:
+def judge(
+    base: Observations,
+    final: Observations,
+    covariance: Array,
+    noise_is_known: bool = True,
+    without: Sequence[int] = (),
+) -> Judgement:
     """covariance (N, N): of the residuals of the final model, see `band`. Where the noise is not known, nothing is outside of a band, and worse is what
-    has a larger force error than the base, above that of a load cell."""
-    where = final.judged
+    has a larger force error than the base, above that of a load cell. without: tests that have something for themselves, which no model of all tests has in its replay: they
+    judge nothing."""
+    where = final.judged & ~np.isin(final.test, list(without))
+    if not where.any():
+        return Judgement(None, None, False)
     if not noise_is_known:
         old, new = (ReplayErrors.of(rows, where).force for rows in (base, final))
         return Judgement(None, None, bool(new > max(old, LOAD_CELL)))
     force, field = (_chi_square(final.residual, covariance, where & kind) for kind in (final.is_force, ~final.is_force))
-    return Judgement(force, field, base is not final and is_worse(base, final))
+    return Judgement(force, field, base is not final and is_worse(base, final, where))
 
 
-def is_worse(base: Observations, final: Observations) -> bool:
-    """Whether the final model predicts worse than the base, beyond noise."""
-    where = final.judged
+def is_worse(base: Observations, final: Observations, where: Mask) -> bool:
+    """Whether the final model predicts rows (N,) worse than the base, beyond noise."""
     lower = cholesky_factor(final.noise[np.ix_(where, where)])
     before, after = (scipy.linalg.solve_triangular(lower, rows.residual[where], lower=True) for rows in (base, final))
     apart = float(np.linalg.norm(after - before))

@@ -91,9 +91,22 @@ def test_a_model_that_predicts_worse_than_the_base_is_worse_though_its_band_is_w
 def test_a_right_model_is_hardly_ever_called_worse_than_one_that_is_wrong_by(apart):
     """In one of a hundred draws of noise, or fewer."""
     wrong = only_held(apart)
-    worse = [is_worse(observations(e + wrong), observations(e)) for e in draws()]
+    judged = observations().judged
+    worse = [is_worse(observations(e + wrong), observations(e), judged) for e in draws()]
     assert np.mean(worse) < 0.01 + 3 * np.sqrt(0.01 / len(worse))
-    assert not is_worse(observations(), observations())
+    assert not is_worse(observations(), observations(), judged)
+
+
+def test_a_test_that_has_something_for_itself_judges_no_model_of_all():
+    """Of two tests the second is far off, as one with a gradient that the model of both does not have."""
+    off = observations(only_held(20.0))
+    second = replace(off, test=off.test + 1)
+    both = check(observations()).final.rows
+    covariance = check(observations()).band.covariance
+    assert judge(both, second, covariance).speaks_against
+    assert not judge(both, second, covariance, without=[1]).speaks_against
+    assert judge(both, second, covariance, without=[0]).speaks_against
+    assert judge(both, second, covariance, without=[0, 1]).p_value == 1.0
 
 
 def test_without_a_known_noise_there_is_no_band_to_leave():
