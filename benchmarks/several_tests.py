@@ -32,7 +32,8 @@ from studies.replay.replay_check import FiniteElementCheck
 from studies.replay.twin_replay import twin_replay
 from studies.synthetic.camera import stream
 from studies.trials import blind_data
-from studies.trials.blind_effects import ALSO, EFFECTS, Hidden, Situation
+from studies.trials.blind_case import catalogue_without
+from studies.trials.blind_effects import ALSO, EFFECTS, Hidden
 from studies.trials.blind_trial import SPECIMENS, Trial
 
 TESTS, DRAWS = 3, 3  # a set; of a size
@@ -87,16 +88,9 @@ class Set:
 
 def _largest(name: str, rng: np.random.Generator, trial: Trial) -> Hidden:
     """Of some draws."""
-    specimen, steps = SPECIMENS[trial.specimen], np.diff(trial.times)
-    force = trial.material.shear_modulus * trial.thickness * 2 * specimen.dimensions()["half_width"]
-    situation = Situation(
-        2 * max(specimen.half_extent),
-        trial.material.shear_modulus,
-        trial.times[-1],
-        float(steps.min()),
-        force * (trial.stretch - trial.stretch**-2),
-    )
-    draws = [Hidden(name, *EFFECTS[name](rng, situation)) for _ in range(DRAWS)]
+    specimen, interval = SPECIMENS[trial.specimen], float(np.diff(trial.times).min())
+    about = blind_data.situation(specimen, trial.material, trial.thickness, trial.stretch, trial.times[-1], interval)
+    draws = [Hidden(name, *EFFECTS[name](rng, about)) for _ in range(DRAWS)]
 
     def size(one: Hidden) -> float:
         sizes = list(one.amplitudes.values()) or [one.more[key] for key in ("height", "slope") if key in one.more]
@@ -129,15 +123,10 @@ def diagnosed(one: Set, folder: Path) -> None:
     began = time.process_time()
     trials = one.trials()
     tests = [replace(blind_data.make(trial)[0], name=f"test {k}") for k, trial in enumerate(trials)]
-    effects = tuple(e for e in CATALOGUE if not one.removed or e.name not in _without(one.material))
+    effects = catalogue_without([one.material])[0] if one.removed else CATALOGUE
     found = discover(tests, effects=effects, replay=twin_replay, check=FiniteElementCheck(), all_effects=False)
     write_json(folder / f"{one.name}.json", {**_judged(one, found), "labels": [blind_data.label(t) for t in trials],
                                              "seconds": time.process_time() - began})  # fmt: skip
-
-
-def _without(material: str) -> set[str]:
-    """Names that go with it: what contains it as a special case, too."""
-    return {material, *(e.nested_in for e in CATALOGUE if e.name == material)} - {""}
 
 
 def _judged(one: Set, found: Discovery) -> dict[str, Any]:
@@ -197,7 +186,9 @@ def main() -> None:
     """Make what is missing, and write the summary."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=998000, help="seed of the first test")
-    parser.add_argument("--most", type=int, help="so many sets (default: all)")
+    parser.add_argument(
+        "--most", type=int, help="so many sets (default: all; 0: only the summary of those that are there)"
+    )
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("-o", "--output", type=Path, default=Path("results/several-tests"))
     parser.add_argument("--overwrite", action="store_true")

@@ -148,12 +148,11 @@ def rows_of(sheet: str) -> list[dict[str, Any]]:
     for names in SETS:
         one = fitted(test, base.c, names)
         errors = [float(np.sqrt(one.squares[which].mean())) for which in (~held, held)]
-        modulus = float(2 * np.median(base.c[base.c > 0]))
         amplitudes = {
             a.effect.name: dict(zip((p.name for p in a.effect.amplitudes), a.amplitudes, strict=True))
             for a in one.additions
         }
-        found.append({"sheet": sheet, "effects": list(names), "amplitudes": amplitudes, "modulus": modulus,
+        found.append({"sheet": sheet, "effects": list(names), "amplitudes": amplitudes,
                       "fitted_mm": errors[0], "held_out_mm": errors[1], "noise_mm": noise})  # fmt: skip
         print(sheet, names, amplitudes, [f"{error:.4f}" for error in errors], flush=True)
     return found

@@ -7,6 +7,7 @@
     python docs/study_numbers replay results/replay results/calibrate
     python docs/study_numbers replay_sheet results/discover
     python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
+    python docs/study_numbers several_tests results/several-tests
     python docs/study_numbers sheet_fields results/sheet-fields
     python docs/study_numbers joint_sheets results/discover
     python docs/study_numbers every_third results/discover
@@ -40,6 +41,7 @@ import pulls
 import replay
 import replay_sheet
 import resolution
+import several_tests
 import sheet_fields
 import sheets
 import skin
@@ -54,6 +56,7 @@ STUDIES = {
     "replay": replay,
     "replay_sheet": replay_sheet,
     "sheets": sheets,
+    "several_tests": several_tests,
     "sheet_fields": sheet_fields,
     "joint_sheets": joint_sheets,
     "every_third": every_third,

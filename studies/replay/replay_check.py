@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence.levels import StiffnessLevel
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed import replay_rule
@@ -118,14 +119,21 @@ class _Check:
         band = band_of(rows, base_rows, level, changes, alternatives, self._beyond(rows))
         own = Replayed(level, level_deviation(level, rows, base_rows, changes), rows)
         judgement = replay_rule.judge(
-            base_rows, rows, band.covariance, self.found.problem.noise_is_known, self._with_own_effects()
+            base_rows, rows, band.covariance, self.found.problem.noise_is_known, self._judges(rows)
         )
         return ReplayCheck(base or own, own, band, judgement, tuple(one.names for one in alternatives))
 
-    def _with_own_effects(self) -> list[int]:
-        """Tests that have something for themselves, or with all others, beside a joint model, whose replay lacks it."""
-        own = {test for one in self.found.own if one.is_there for test in (one.tests if one.is_common else one.seen_in)}
-        return [i for i, test in enumerate(self.tests) if test.part.experiment.name in own]
+    def _judges(self, rows: Observations) -> NDArray[np.bool_]:
+        """Rows (N,) without what a test has for itself, or with all others, beside a joint model, whose replay lacks it: of a level the forces alone. What stands in for something
+        excuses no test."""
+        found = np.ones(len(rows.test), bool)
+        for one in self.found.own:
+            if not (one.is_there and one.is_plausible):
+                continue
+            names = one.tests if one.is_common else one.seen_in
+            has = np.array([test.part.experiment.name in names for test in self.tests])[rows.test]
+            found &= ~(has & rows.is_force) if isinstance(one.effect, StiffnessLevel) else ~has
+        return found
 
     def at_own_level(self, model: ReplayedModel) -> Replayed:
         """Raises what the replay raises."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from calibrate.diagnosis.replayed.checked_replay import replay_record
 from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
 from calibrate.diagnosis.selection import Discovery
 from calibrate.diagnosis.selection.rounds import Round
-from calibrate.effects import CATALOGUE
+from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.chain import Addition
 from studies.output.writing import write_json
 from studies.replay.replay_check import FiniteElementCheck
@@ -106,14 +107,18 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         assert found.start is not None
-        general = {e.nested_in for e in CATALOGUE if e.name in without} - {""}
-        out = {*without, *general, *(also for name in without for also in ALSO.get(name, ()))}
-        rest = tuple(e for e in CATALOGUE if e.name not in out)
-        content["without"] = sorted(out)
+        rest, content["without"] = catalogue_without(without)
         content["absent"] = described(
             discovery.diagnose(found.start, found.base, rest, check=FiniteElementCheck(), all_effects=False)
         )
     return content
+
+
+def catalogue_without(names: Sequence[str]) -> tuple[tuple[Effect, ...], list[str]]:
+    """The catalogue without effects, and what contains them as a special case or is the same; and the names of all that are out."""
+    general = {e.nested_in for e in CATALOGUE if e.name in names} - {""}
+    out = {*names, *general, *(also for name in names for also in ALSO.get(name, ()))}
+    return tuple(e for e in CATALOGUE if e.name not in out), sorted(out)
 
 
 def described(found: Discovery) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.triangulation import signed_areas
 from forward.materials import ArrudaBoyce, Material, NeoHooke, Yeoh
-from meshes import Mesh
+from meshes import Mesh, Specimen
 from studies.output.writing import write_json
 from studies.synthetic.camera import GaussianField, stream
 from studies.trials.blind_effects import EFFECTS, FREQUENT, SOLID, UNLOADING, Hidden, Situation, check, log_uniform
@@ -67,12 +67,19 @@ def draw(seed: int, effect: str | None = "random", second: str | None = None) ->
         extent * float(rng.uniform(0.015, 0.03)),
         log_uniform(rng, 1e-4, 1e-3),
     )
-    force = material.shear_modulus * thickness * 2 * specimen.dimensions()["half_width"] * (stretch - stretch**-2)
-    situation = Situation(extent, material.shear_modulus, duration, float(np.diff(times).min()), force)
-    effects = tuple(Hidden(name, *EFFECTS[name](rng, situation)) for name in names)
+    about = situation(specimen, material, thickness, stretch, duration, float(np.diff(times).min()))
+    effects = tuple(Hidden(name, *EFFECTS[name](rng, about)) for name in names)
     for hidden in effects:
         thickness = hidden.more.get("thickness", thickness)
     return Trial(seed, key, material, thickness, stretch, factors, times, effects, *noise, force_floor=0.2 * noise[2])
+
+
+def situation(
+    specimen: Specimen, material: Material, thickness: float, stretch: float, duration: float, interval: float
+) -> Situation:
+    """What sizes of effects depend on, of a test with these numbers; see `Trial`. duration, and the shortest interval, s."""
+    force = material.shear_modulus * thickness * 2 * specimen.dimensions()["half_width"] * (stretch - stretch**-2)
+    return Situation(2 * max(specimen.half_extent), material.shear_modulus, duration, interval, force)
 
 
 def _material(rng: np.random.Generator) -> Material:

@@ -17,7 +17,6 @@ It is also worse where its force error grows by more than noise, and is above th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,12 +64,12 @@ def judge(
     final: Observations,
     covariance: Array,
     noise_is_known: bool = True,
-    without: Sequence[int] = (),
+    judges: Mask | None = None,
 ) -> Judgement:
     """covariance (N, N): of the residuals of the final model, see `band`. Where the noise is not known, nothing is outside of a band, and worse is what
-    has a larger force error than the base, above that of a load cell. without: tests that have something for themselves, which no model of all tests has in its replay: they
-    judge nothing."""
-    where = final.judged & ~np.isin(final.test, list(without))
+    has a larger force error than the base, above that of a load cell. judges (N,): rows that may judge, None for all: a test that has something
+    for itself does not judge a replay that lacks it."""
+    where = final.judged if judges is None else final.judged & judges
     if not where.any():
         return Judgement(None, None, False)
     if not noise_is_known:

@@ -104,9 +104,9 @@ def test_a_test_that_has_something_for_itself_judges_no_model_of_all():
     both = check(observations()).final.rows
     covariance = check(observations()).band.covariance
     assert judge(both, second, covariance).speaks_against
-    assert not judge(both, second, covariance, without=[1]).speaks_against
-    assert judge(both, second, covariance, without=[0]).speaks_against
-    assert judge(both, second, covariance, without=[0, 1]).p_value == 1.0
+    assert not judge(both, second, covariance, judges=second.test != 1).speaks_against
+    assert judge(both, second, covariance, judges=second.test != 0).speaks_against
+    assert judge(both, second, covariance, judges=second.test > 1).p_value == 1.0
 
 
 def test_without_a_known_noise_there_is_no_band_to_leave():

@@ -13,6 +13,8 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.load_record import LoadRecord
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.discovery import discover
+from calibrate.diagnosis.evidence.levels import StiffnessLevel
+from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
 from calibrate.diagnosis.replayed.parameter_spread import spread_of
@@ -22,6 +24,7 @@ from calibrate.diagnosis.selection.rounds import Doubt
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.effects.chain.true_surface import is_expressed, true_surface
+from calibrate.effects.stiffness_gradient import StiffnessGradient
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
@@ -32,7 +35,7 @@ from forward.sheet.plane_stress import solve
 from meshes import PlateWithHole, quads, triangles
 from studies.replay.compared_test import ComparedTest, ReplayedModel
 from studies.replay.model_law import law_of, material_law
-from studies.replay.replay_check import FiniteElementCheck
+from studies.replay.replay_check import FiniteElementCheck, _Check
 from studies.replay.replay_rows import Layout, sheet_rows
 from studies.replay.replayed_experiment import replay
 from studies.replay.twin_replay import twin_replay
@@ -349,3 +352,23 @@ def test_one_increment_leaves_nothing_to_judge():
     found = FiniteElementCheck()(SimpleNamespace(problem=SimpleNamespace(parts=parts)))
     assert isinstance(found, NoReplayCheck)
     assert "one increment" in found.reason
+
+
+def judging(*own):
+    """Rows of two tests, each a force and a displacement, that may judge a joint model beside what the tests have for themselves."""
+    checked = _Check(SimpleNamespace(own=own))
+    checked.tests = [SimpleNamespace(part=SimpleNamespace(experiment=SimpleNamespace(name=name))) for name in "ab"]
+    rows = SimpleNamespace(test=np.array([0, 0, 1, 1]), is_force=np.array([True, False, True, False]))
+    return checked._judges(rows).tolist()
+
+
+def test_a_replay_is_judged_by_the_tests_that_lack_nothing_it_lacks():
+    """What stands in for something excuses no test, or a wrong model would be judged by none; of a level the forces alone do not judge."""
+    gradient = OwnEffect(StiffnessGradient(), ("a", "b"), 1.0, 0.0, (0.1, 0.1), ((0.0, 0.0), (0.2, 0.0)), ((0.01, 0.01),) * 2, 3.0)  # fmt: skip
+    level = OwnEffect(StiffnessLevel(), ("b",), 1.0, 0.0, (0.1,), ((0.01,),), ((0.001,),), 3.0)
+    assert judging() == [True] * 4
+    assert judging(gradient) == [True, True, False, False]
+    assert judging(replace(gradient, own=0.5)) == [True] * 4
+    assert judging(replace(gradient, own=0.0, common=1.0)) == [False] * 4
+    assert judging(replace(gradient, prior=(0.05, 0.05))) == [True] * 4
+    assert judging(level) == [True, True, False, True]

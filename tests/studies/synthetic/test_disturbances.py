@@ -104,7 +104,7 @@ def test_a_tilted_camera_is_a_pinhole_whose_axis_is_not_the_normal(exact, mesh, 
         (seen.points + seen.displacements, clean.points + clean.displacements),
     ):
         assert np.abs(found - places).max() > 0.05  # mm
-        np.testing.assert_allclose(found * [np.cos(theta), 1.0], pinhole(places), atol=5e-3)
+        np.testing.assert_allclose(found * [np.cos(theta), 1.0], pinhole(places), atol=1e-3)
 
 
 def test_out_of_plane_motion_follows_the_load(exact, mesh, clean):
