@@ -137,8 +137,11 @@ def _with_everything(
         used = replace(used, replayed=check.of_model(found, used.fit.c, used.fit.present))
         say("plausible effects updated by the forces of their replays")
         used = replace(used, updated=check.updated(found, used))
-        if used.neo_hooke is not None:
-            used = replace(used, neo_hooke_replayed=check.of_model(found, used.neo_hooke, ()))
+        neo_hooke = used.neo_hooke
+        if neo_hooke is not None:
+            used = replace(used, neo_hooke_replayed=check.of_model(found, neo_hooke, ()))
+            say("few effects by the fields of replays")
+            found = replace(found, few=check.few_effects(found, neo_hooke, effects, priors, say))
         everything = used if everything.plausible is None else replace(everything, plausible=used)
     return replace(found, everything=everything)
 

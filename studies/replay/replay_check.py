@@ -15,23 +15,26 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.levels import StiffnessLevel
+from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed import replay_rule
 from calibrate.diagnosis.replayed.band import Alternative, band_of, level_deviation
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
+from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.replayed.observations import Observations, level_of
 from calibrate.diagnosis.replayed.parameter_spread import Spread, spread_of
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection.rounds import Discovery
 from calibrate.diagnosis.twin import stiffening_base
+from calibrate.effects import Effect
 from calibrate.effects.chain import Additions
 from calibrate.equations.basis import polyconvex
 from calibrate.errors import EquigapError
 from forward.errors import ForwardError
 from meshes.errors import MeshError
 from studies.errors import StudyError
-from studies.replay import updated_replay
+from studies.replay import few_effects_replay, updated_replay
 from studies.replay.compared_test import ComparedTest, ReplayedModel
 from studies.replay.competing_models import own_probability, rivals
 from studies.replay.flat_rows import observations
@@ -69,6 +72,21 @@ class FiniteElementCheck:
             return replace(new, check=_Check(found).of_updated(new))
         except FAILURES as error:
             return NoReplayCheck(str(error))
+
+    def few_effects(
+        self, found: Discovery, c: Array, effects: Sequence[Effect], priors: Priors, say: Callable[[str], None]
+    ) -> FewEffects | NoReplayCheck:
+        """Beside neo-Hooke, those that leave least of the fields, with the forces of their replays."""
+        try:
+            few = few_effects_replay.few_by_fields(found.problem, c, effects, priors, say)
+        except FAILURES as error:
+            return NoReplayCheck(str(error))
+        say("few effects updated by the forces of their replays")
+        try:
+            new = few_effects_replay.with_forces(found.problem, few, effects, priors)
+            return replace(few, updated=replace(new, check=_Check(found).of_updated(new)))
+        except FAILURES as error:
+            return replace(few, updated=NoReplayCheck(str(error)))
 
 
 @dataclass(eq=False)

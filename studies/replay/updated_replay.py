@@ -40,13 +40,13 @@ def updated(problem: Problem, one: Everything) -> Updated:
     additions = tuple(a for a in one.fit.additions if a.effect.name in used & has_law)
     left_out = tuple(a.effect.name for a in there if a.effect.name not in has_law)
     priors = {share.effect.name: _prior(share) for share in one.shares}
-    found = update(replays, one.fit.c, additions, priors, _other_times(additions, problem.trained[0].chain.data))
+    found = update(replays, one.fit.c, additions, priors, other_times(additions, problem.trained[0].chain.data))
     if found is None:
         raise OptionError(f"the plausible effects have no equilibrium to start from: {replays.failure}")
     return replace(found, left_out=left_out)
 
 
-def _other_times(additions: Additions, data: Data) -> list[Additions]:
+def other_times(additions: Additions, data: Data) -> list[Additions]:
     """The same effects with every other time that the score tests try, of a material that remembers one; its amplitude is left as it is."""
     found = []
     for i, a in enumerate(additions):

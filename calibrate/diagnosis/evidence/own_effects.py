@@ -32,9 +32,8 @@ from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.evidence.explanations import CERTAIN
 from calibrate.diagnosis.evidence.levels import Level, StiffnessLevel, have_unknown_levels
 from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, Evidence, Signature, Subset
-from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.evidence.priors import FAR, Priors
 from calibrate.diagnosis.evidence.signatures import EXPECTED, disturbances, prior_deviations
-from calibrate.diagnosis.joint.shares import FAR
 from calibrate.diagnosis.problem import OwnSignature, Problem
 from calibrate.diagnosis.score_tests import belongs_to_one_test, untestable
 from calibrate.diagnosis.signature_noise import denoised_everywhere

@@ -20,6 +20,7 @@ from calibrate.effects import BESIDE, CATALOGUE, Effect
 
 Array = NDArray[np.float64]
 FILE = Path(__file__).with_name("priors.toml")
+FAR = 3.0  # standard deviations that no amplitude should be beyond
 SHEET = 2.0  # mm, where the thickness is unknown
 KEYS = {"std", "of", "why"}
 

@@ -20,13 +20,13 @@ from calibrate import errors
 from calibrate.diagnosis import base_functions, effect_fit, model_weights, score_tests
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.evidence.priors import FAR, Priors
 from calibrate.diagnosis.evidence.signatures import prior_deviations
 from calibrate.diagnosis.joint import discrepancy
 from calibrate.diagnosis.joint import fit as joint_fit
 from calibrate.diagnosis.joint.equations import Widths
 from calibrate.diagnosis.joint.fit import Joint
-from calibrate.diagnosis.joint.shares import FAR, Everything, Share
+from calibrate.diagnosis.joint.shares import Everything, Share
 from calibrate.diagnosis.misfit import Misfit, misfit
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.diagnosis.evidence.priors import FAR
 from calibrate.diagnosis.joint.fit import Joint
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
@@ -15,7 +16,6 @@ from calibrate.effects import Effect
 from calibrate.effects.chain import Additions
 
 Array = NDArray[np.float64]
-FAR = 3.0  # prior standard deviations that no amplitude should be beyond
 AT_LIMIT = 0.01  # relative distance from that
 
 

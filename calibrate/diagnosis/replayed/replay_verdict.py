@@ -6,6 +6,7 @@ that is worse than that of the base. A replay that was not made changes no verdi
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -13,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.problem import level_factor
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
+from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Verdict
+from calibrate.effects import Effect
 from calibrate.effects.chain import Additions
 
 Array = NDArray[np.float64]
@@ -36,6 +40,12 @@ class Check(Protocol):
 
     def updated(self, found: Discovery, one: Everything) -> Updated | NoReplayCheck:
         """A fit of several effects, updated by the forces of its replays, and the replay of what it becomes."""
+        ...
+
+    def few_effects(
+        self, found: Discovery, c: Array, effects: Sequence[Effect], priors: Priors, say: Callable[[str], None]
+    ) -> FewEffects | NoReplayCheck:
+        """Those that leave least of the fields beside neo-Hooke (n,), updated by forces, and the replay of what that becomes."""
         ...
 
 

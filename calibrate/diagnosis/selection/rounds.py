@@ -14,6 +14,7 @@ from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck
+from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.residual_tests import ChiSquare, Misfits
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
@@ -184,7 +185,7 @@ class Discovery:
     that these data cannot tell from it. confirmation: of the final model against the base, where it has effects. noise: of every
     experiment, stated and found; empty where it was not looked at. start: with the weights of the base. weighing: of all
     explanations. replaced: effects that the rounds had found before a more probable explanation took their place. everything: the fit of all
-    effects at once, where no few of them explain the test; without_everything: why it could not be made. without_twin: why tests were not replayed. own: what
+    effects at once, where no few of them explain the test; without_everything: why it could not be made. few: effects that leave least of the fields of a replay, there, too. without_twin: why tests were not replayed. own: what
     every one of several tests has for itself. levels: of several tests whose thicknesses are unknown; empty where these are known.
     replay_check: of base and final model; None where it was not asked for. dominant: of a test that is not explained; None where nothing is. one_modulus:
     whether the base is neo-Hooke because a flexible one followed the noise of a weak strain.
@@ -204,6 +205,7 @@ class Discovery:
     replaced: tuple[str, ...] | None = None
     everything: Everything | None = field(default=None, repr=False)
     without_everything: str = ""
+    few: FewEffects | NoReplayCheck | None = field(default=None, repr=False)
     without_twin: tuple[str, ...] = ()
     own: tuple[OwnEffect, ...] = ()
     levels: tuple[Level, ...] = ()

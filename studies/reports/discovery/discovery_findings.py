@@ -18,7 +18,7 @@ from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
 from studies.reports.discovery.everything_table import everything_data
 from studies.reports.discovery.own_effects_table import alike, seen, stand_ins
-from studies.reports.discovery.replay_section import plausible_findings, plausible_replay, replay_findings
+from studies.reports.discovery.replay_section import few_findings, plausible_findings, plausible_replay, replay_findings
 from studies.reports.discovery.view import BAND, View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
@@ -132,6 +132,7 @@ def _of_all_effects(view: View) -> Iterator[Finding]:
             data = everything_data(view.discovery.everything.plausible)
             keys = ("needed", "at_limit", "held", "worse", "before", "after")
             yield _finding(DiscoveryCode.PLAUSIBLE, bool(data["worse"]), **{key: data[key] for key in keys})
+        yield from few_findings(view.discovery)
         yield from plausible_findings(view.discovery)
     if view.discovery.without_everything:
         yield _finding(DiscoveryCode.WITHOUT_EVERYTHING, reason=view.discovery.without_everything)

@@ -12,11 +12,12 @@ from calibrate.diagnosis import distillation
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.joint.shares import Usable
 from calibrate.diagnosis.replayed.checked_replay import replay_record
+from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.replayed.replay_verdict import replayed_level, stiffness_level
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects.chain import Additions
 from calibrate.models.extended_model import ExtendedModel
-from studies.reports.discovery.replay_section import ALL_EFFECTS, NEO_HOOKE_FILE, PLAUSIBLE_FILE
+from studies.reports.discovery.replay_section import ALL_EFFECTS, FEW_FILE, NEO_HOOKE_FILE, PLAUSIBLE_FILE
 from studies.reports.discovery.statement import network_words
 
 
@@ -38,13 +39,14 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
 
 
 def unexplained(found: Discovery, hold_out: str, record: dict[str, Any]) -> dict[str, ExtendedModel]:
-    """Models of a test that nothing explains, without a network, by their files: all effects, the plausible ones, and neo-Hooke; those that were fitted."""
+    """Models of a test that nothing explains, without a network, by their files: all effects, the plausible ones, few, and neo-Hooke; those that were fitted."""
     if found.everything is None:
         return {}
     used, plausible = found.everything.to_be_used, found.everything.plausible
     fits = {
         ALL_EFFECTS: found.everything.usable,
         PLAUSIBLE_FILE: None if plausible is None else plausible.usable,
+        FEW_FILE: found.few.usable if isinstance(found.few, FewEffects) else None,
         NEO_HOOKE_FILE: used.usable_neo_hooke,
     }
     return {name: _without_network(found, one, hold_out, record) for name, one in fits.items() if one is not None}

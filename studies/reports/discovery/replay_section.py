@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck, Replayed
+from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.replayed.observations import ReplayErrors
 from calibrate.diagnosis.replayed.replay_rule import LEVEL, misses_more
 from calibrate.diagnosis.replayed.updating import Updated
@@ -16,11 +16,13 @@ from calibrate.diagnosis.selection import Discovery, Verdict
 from studies.output.findings import Finding, Macro
 from studies.output.words import percent, plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS
+from studies.reports.discovery.everything_table import few_data
 
 Table = tuple[list[str], list[list[Any]]]
 BASE, FINAL, PLAUSIBLE, UPDATED = "base model", "final model", "plausible effects", "plausible effects, updated"
-NEO_HOOKE = "neo-Hooke"
+NEO_HOOKE, FEW = "neo-Hooke", "few effects"
 ALL_EFFECTS, PLAUSIBLE_FILE, NEO_HOOKE_FILE = "model_all_effects.json", "model_plausible.json", "model_neo_hooke.json"
+FEW_FILE = "model_few_effects.json"
 
 
 class ReplayCode(Macro):
@@ -37,6 +39,8 @@ class ReplayCode(Macro):
     NO_PLAUSIBLE = "plausible_not_replayed"
     UPDATED = "plausible_updated"
     NOT_UPDATED = "plausible_not_updated"
+    FEW = "few_effects"
+    NO_FEW = "no_few_effects"
 
 
 def replay_findings(found: Discovery) -> Iterator[Finding]:
@@ -86,7 +90,7 @@ def plausible_replay(found: Discovery) -> Replayed | NoReplayCheck | None:
 
 
 def to_predict_with(found: Discovery) -> str | None:
-    """File of the first of these, where nothing explains the test: the fit of all effects that is to be used, neo-Hooke; of which neither force nor field of what was held out is
+    """File of the first of these, where nothing explains the test: few effects, the fit of all effects that is to be used, neo-Hooke; of which neither force nor field of what was held out is
     missed by more (`misses_more`) than another replayed model misses them. None where each is beaten in one of both, or none was replayed."""
     offered, check = _offered(found), found.replay_check
     others = [one for _, one in offered] + ([check.final] if isinstance(check, ReplayCheck) else [])
@@ -102,7 +106,7 @@ def _offered(found: Discovery) -> list[tuple[str, Replayed]]:
     if found.everything is None:
         return []
     neo_hooke = found.everything.to_be_used.neo_hooke_replayed
-    pairs = [(all_effects_file(found), plausible_replay(found)), (NEO_HOOKE_FILE, neo_hooke)]
+    pairs = [(FEW_FILE, _few_replay(found)), (all_effects_file(found), plausible_replay(found)), (NEO_HOOKE_FILE, neo_hooke)]  # fmt: skip
     return [(file, one) for file, one in pairs if isinstance(one, Replayed)]
 
 
@@ -139,8 +143,30 @@ def plausible_findings(found: Discovery) -> Iterator[Finding]:
     yield _finding(
         ReplayCode.PLAUSIBLE, file != all_effects_file(found), held=bool(one.rows.held.any()), level=plus_minus(one.level.factor, INTERVAL * one.level.deviation),
         force=None if np.isnan(one.judged.force) else one.judged.force, field=one.judged.field,
-        other=None if other is None else other.to_dict(), file=file, own=all_effects_file(found), band=_band(found.everything.to_be_used), neo_hooke=_neo_hooke(found),
+        other=None if other is None else other.to_dict(), file=file, own=all_effects_file(found), band=_band(found.everything.to_be_used.update_in_use), neo_hooke=_neo_hooke(found),
     )  # fmt: skip
+
+
+def few_findings(found: Discovery) -> Iterator[Finding]:
+    """Which few effects leave least of the fields, and what their model misses."""
+    few = found.few
+    if isinstance(few, NoReplayCheck):
+        yield _finding(ReplayCode.NO_FEW, reason=few.reason)
+    if not isinstance(few, FewEffects):
+        return
+    if isinstance(few.updated, NoReplayCheck):
+        yield _finding(ReplayCode.NO_FEW, reason=few.updated.reason)
+    one, new = _few_replay(found), few.updated
+    missed = None if one is None else one.judged.to_dict()
+    held = one is not None and bool(one.rows.held.any())
+    remembered = remembered_values(new) if isinstance(new, Updated) else []
+    yield _finding(ReplayCode.FEW, **few_data(few), missed=missed, held=held, band=_band(new), remembered=remembered)
+
+
+def _few_replay(found: Discovery) -> Replayed | None:
+    """Of the model of few effects; None where it was not replayed."""
+    one = found.few.replayed if isinstance(found.few, FewEffects) else None
+    return one if isinstance(one, Replayed) else None
 
 
 def _neo_hooke(found: Discovery) -> dict[str, Any] | None:
@@ -148,9 +174,9 @@ def _neo_hooke(found: Discovery) -> dict[str, Any] | None:
     return next((one.judged.to_dict() for name, one in replayed_models(found) if name == NEO_HOOKE), None)
 
 
-def _band(used: Everything) -> dict[str, Any] | None:
-    """Of the updated model; None where it is not used, which alone has one."""
-    check = None if used.update_in_use is None else used.update_in_use.check
+def _band(new: Updated | NoReplayCheck | None) -> dict[str, Any] | None:
+    """Of an updated model; others have none."""
+    check = new.check if isinstance(new, Updated) else None
     if check is None:
         return None
     within = {f"{name}_within": None if test is None else test.p_value >= LEVEL
@@ -167,26 +193,32 @@ def _updated_findings(found: Discovery) -> Iterator[Finding]:
     if isinstance(new, NoReplayCheck):
         yield _finding(ReplayCode.NOT_UPDATED, reason=new.reason)
     if isinstance(new, Updated):
-        remembered = [
-            {"effect": a.effect.name, "values": [[p.name, plus_minus(v, INTERVAL * d), p.unit] for p, v, d in
-             zip((*a.effect.amplitudes, *a.effect.shapes), (*a.amplitudes, *a.shape), (*deviations, *shapes), strict=True)]}
-            for a, deviations, shapes in zip(new.additions, new.deviations, new.shape_deviations, strict=True)
-            if a.effect.remembers and not a.is_null
-        ]  # fmt: skip
         yield _finding(
             ReplayCode.UPDATED, not (new.converged and used.update_in_use), before=new.before.force, after=new.after.force, forces=new.forces,
-            converged=new.converged, used=used.update_in_use is not None, remembered=remembered, left_out=list(new.left_out),
+            converged=new.converged, used=used.update_in_use is not None, remembered=remembered_values(new), left_out=list(new.left_out),
         )  # fmt: skip
 
 
-def updated_band(found: Discovery) -> ReplayErrors | None:
-    """Half of the band of the updated model, None where there is none."""
-    new = None if found.everything is None else found.everything.to_be_used.updated
-    return new.check.expected if isinstance(new, Updated) and new.check is not None else None
+def remembered_values(new: Updated) -> list[dict[str, Any]]:
+    """Amplitudes and shapes of effects with a memory, with half their 95 % interval."""
+    return [
+        {"effect": a.effect.name, "values": [[p.name, plus_minus(v, INTERVAL * d), p.unit] for p, v, d in
+         zip((*a.effect.amplitudes, *a.effect.shapes), (*a.amplitudes, *a.shape), (*deviations, *shapes), strict=True)]}
+        for a, deviations, shapes in zip(new.additions, new.deviations, new.shape_deviations, strict=True)
+        if a.effect.remembers and not a.is_null
+    ]  # fmt: skip
+
+
+def updated_bands(found: Discovery) -> list[tuple[str, ReplayErrors]]:
+    """Half of the bands of models that were updated by forces."""
+    plausible = None if found.everything is None else found.everything.to_be_used.updated
+    few = found.few.updated if isinstance(found.few, FewEffects) else None
+    pairs = [(UPDATED, plausible), (FEW, few)]
+    return [(name, new.check.expected) for name, new in pairs if isinstance(new, Updated) and new.check is not None]
 
 
 def replayed_models(found: Discovery) -> list[tuple[str, Replayed]]:
-    """Of neo-Hooke, and of the model that is to be used where nothing explains the test: as the equations have it, and updated; those that were replayed."""
+    """Of neo-Hooke, of the fit of all effects that is to be used where nothing explains the test, as the equations have it and updated, and of few effects; those that were replayed."""
     if found.everything is None:
         return []
     used = found.everything.to_be_used
@@ -194,6 +226,7 @@ def replayed_models(found: Discovery) -> list[tuple[str, Replayed]]:
         (NEO_HOOKE, used.neo_hooke_replayed),
         (PLAUSIBLE, used.replayed),
         (UPDATED, used.updated.replayed if isinstance(used.updated, Updated) else None),
+        (FEW, _few_replay(found)),
     ]
     return [(name, one) for name, one in pairs if isinstance(one, Replayed)]
 
@@ -205,9 +238,9 @@ def models_of(check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] = ()
 
 
 def replay_table(
-    check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] = (), updated: ReplayErrors | None = None
+    check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] = (), bands: Sequence[tuple[str, ReplayErrors]] = ()
 ) -> Table:
-    """One line a model, and the bands. plausible: see `replayed_models`; updated: half of the band of the updated model."""
+    """One line a model, and the bands. plausible: see `replayed_models`; bands: see `updated_bands`."""
     where = "held out" if check.held_out else "fitted"
     columns = ["model", "level", "force error, fitted", f"force error, {where}", f"displacement error, {where}, mm", f"smooth part, {where}, mm"]  # fmt: skip
     smooth = dict(zip((BASE, FINAL), check.smooth, strict=True))
@@ -235,10 +268,8 @@ def replay_table(
             _mm(check.expected.field),
         ]
     )
-    if updated is not None:
-        rows.append(
-            [f"half of the 95 % band of the {UPDATED}", "", None, _share(updated.force), None, _mm(updated.field)]
-        )
+    for name, band in bands:
+        rows.append([f"half of the 95 % band of the {name}", "", None, _share(band.force), None, _mm(band.field)])
     return columns, rows
 
 
@@ -249,35 +280,6 @@ def _share(value: float) -> str | None:
 
 def _mm(value: float) -> str:
     return f"{value:.2g}"
-
-
-def band_rows(check: ReplayCheck, names: list[str], times: list[Any]) -> Table:
-    """Forces of every increment that was compared, N, with half their 95 % band. names, times: of the tests, and of their pictures, s, or None."""
-    base, final, deviation = check.base.rows, check.final.rows, check.band.deviation
-    columns = ["experiment", "increment", "time", "held_out", "boundary_component", "measured", "base", "final", "half_band"]  # fmt: skip
-    rows = []
-    for i in np.flatnonzero(final.is_force):
-        test, k = int(final.test[i]), int(final.increment[i])
-        time = None if times[test] is None else float(times[test][k])
-        rows.append([names[test], k + 1, time, int(final.held[i]), final.labels[i], *map(float, (
-            final.measured[i], base.replayed[i], final.replayed[i], INTERVAL * deviation[i]))])  # fmt: skip
-    return columns, rows
-
-
-def band_fields(check: ReplayCheck, names: list[str]) -> Table:
-    """Smooth part of measured minus replayed displacement of every increment that was compared, mm, with half its 95 % band."""
-    base, final, variance = check.base.rows, check.final.rows, check.band.deviation**2
-    columns = ["experiment", "increment", "held_out", "residual_rms", "smooth_base", "smooth_final", "half_band"]
-    rows = []
-    pairs = sorted(set(zip(final.test.tolist(), final.increment.tolist(), strict=True)))
-    for test, k in pairs:
-        where = (final.test == test) & (final.increment == k) & ~final.is_force
-        size = np.sqrt(2 * final.points[test])
-        smooth = [float(np.sqrt((one.residual[where] ** 2).sum()) / size) for one in (base, final)]
-        band = INTERVAL * float(np.sqrt(variance[where].sum())) / size
-        held = int(final.held[where].any())
-        rows.append([names[test], k + 1, held, float(np.sqrt(final.squares[test, k])), *smooth, float(band)])
-    return columns, rows
 
 
 def _finding(code: ReplayCode, raised: bool = False, /, **data: Any) -> Finding:

@@ -1,4 +1,4 @@
-"""Course of the forces of every model that was replayed: a `Discovery` in, `ForceCourse`s and rows of a file out."""
+"""Forces and fields of models that were replayed, picture by picture: a `Discovery` in; `ForceCourse`s and rows of files out."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
+from calibrate.diagnosis.replayed.checked_replay import INTERVAL, ReplayCheck
 from calibrate.diagnosis.replayed.observations import Observations
 from calibrate.diagnosis.selection import Discovery
-from studies.reports.discovery.replay_section import models_of, replayed_models
+from studies.reports.discovery.replay_section import Table, models_of, replayed_models
 
 Array = NDArray[np.float64]
 
@@ -64,4 +64,33 @@ def course_rows(courses: Sequence[ForceCourse], tests: Sequence[Experiment]) -> 
         for k, picture in enumerate(one.pictures.tolist()):
             now = None if seen is None else float(seen[picture])
             rows.append([tests[one.test].name, picture + 1, now, int(one.held[k]), one.model, float(one.measured[k]), float(one.replayed[k])])  # fmt: skip
+    return columns, rows
+
+
+def band_rows(check: ReplayCheck, names: list[str], times: list[Any]) -> Table:
+    """Forces of every increment that was compared, N, with half their 95 % band. names, times: of the tests, and of their pictures, s, or None."""
+    base, final, deviation = check.base.rows, check.final.rows, check.band.deviation
+    columns = ["experiment", "increment", "time", "held_out", "boundary_component", "measured", "base", "final", "half_band"]  # fmt: skip
+    rows = []
+    for i in np.flatnonzero(final.is_force):
+        test, k = int(final.test[i]), int(final.increment[i])
+        time = None if times[test] is None else float(times[test][k])
+        rows.append([names[test], k + 1, time, int(final.held[i]), final.labels[i], *map(float, (
+            final.measured[i], base.replayed[i], final.replayed[i], INTERVAL * deviation[i]))])  # fmt: skip
+    return columns, rows
+
+
+def band_fields(check: ReplayCheck, names: list[str]) -> Table:
+    """Smooth part of measured minus replayed displacement of every increment that was compared, mm, with half its 95 % band."""
+    base, final, variance = check.base.rows, check.final.rows, check.band.deviation**2
+    columns = ["experiment", "increment", "held_out", "residual_rms", "smooth_base", "smooth_final", "half_band"]
+    rows = []
+    pairs = sorted(set(zip(final.test.tolist(), final.increment.tolist(), strict=True)))
+    for test, k in pairs:
+        where = (final.test == test) & (final.increment == k) & ~final.is_force
+        size = np.sqrt(2 * final.points[test])
+        smooth = [float(np.sqrt((one.residual[where] ** 2).sum()) / size) for one in (base, final)]
+        band = INTERVAL * float(np.sqrt(variance[where].sum())) / size
+        held = int(final.held[where].any())
+        rows.append([names[test], k + 1, held, float(np.sqrt(final.squares[test, k])), *smooth, float(band)])
     return columns, rows

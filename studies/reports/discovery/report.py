@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
+from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.equations.basis import energy_basis
 from calibrate.equations.deformation_modes import largest_stretch, stretches_to_gradient
 from calibrate.models.extended_model import ExtendedModel
@@ -21,11 +22,15 @@ from studies.reports.discovery import figures
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
-from studies.reports.discovery.everything_table import errors_table, shares_table, updated_table
+from studies.reports.discovery.everything_table import errors_table, few_table, shares_table, updated_table
 from studies.reports.discovery.own_effects_table import own_effects_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
-from studies.reports.discovery.replay_section import band_fields, band_rows, replay_table, replayed_models, updated_band
-from studies.reports.discovery.replayed_forces import course_rows, force_courses
+from studies.reports.discovery.replay_section import (
+    replay_table,
+    replayed_models,
+    updated_bands,
+)
+from studies.reports.discovery.replayed_forces import band_fields, band_rows, course_rows, force_courses
 from studies.reports.discovery.statement import untestable, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
@@ -74,7 +79,9 @@ def _results(report: Report, folder: Path, view: View) -> None:
     if view.discovery.problem.noise_is_known:
         report.heading("Residual against noise").table(*misfit_table(view), WORDS.misfit_caption())
     if isinstance(view.discovery.replay_check, ReplayCheck):
-        table = replay_table(view.discovery.replay_check, replayed_models(view.discovery), updated_band(view.discovery))
+        table = replay_table(
+            view.discovery.replay_check, replayed_models(view.discovery), updated_bands(view.discovery)
+        )
         report.heading("Replay").table(*table, WORDS.replay_caption())
     if view.weighing is not None and discovery_headline(view).verdict is not Use.NOT:
         report.heading("All explanations").table(*alternatives_table(view.weighing), WORDS.alternatives_caption())
@@ -88,6 +95,9 @@ def _results(report: Report, folder: Path, view: View) -> None:
         updated = updated_table(view.discovery.everything.to_be_used, view.unit)
         if updated is not None:
             report.heading("Updated by the forces of replays").table(*updated, WORDS.updated_caption())
+    if isinstance(view.discovery.few, FewEffects):
+        report.heading("Few effects by the fields of replays")
+        report.table(*few_table(view.discovery.few, view.unit), WORDS.few_caption())
     if view.discovery.own:
         report.heading("What each test has for itself")
         report.table(*own_effects_table(view.discovery.own, view.unit), WORDS.own_caption())

@@ -29,6 +29,7 @@ from calibrate.diagnosis.evidence.power import Finding as Power
 from calibrate.diagnosis.joint.shares import Everything, Share
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
+from calibrate.diagnosis.replayed.few_effects import FewEffects, FittedSet
 from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
 from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.updating import Updated
@@ -258,6 +259,23 @@ def of_updated(converged: bool = True, after: float = 0.001, neo_hooke: Any = No
     return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(10.0))))
 
 
+def of_few(wrong: float | None = 0.0, names: tuple[str, ...] = ("second invariant",)) -> Findings:
+    """Few effects by the fields, whose replay with relaxation misses forces held out by `wrong` standard deviations (None: it was not made), plausible effects by 5 %."""
+    before, new = check(observations(only_held(20.0))), check(observations(only_held(wrong or 0.0)))
+    additions = (Addition(SecondInvariant(), (0.04,)), Addition(Viscosity(), (0.9,), (1.2,)))
+    best = FittedSet(additions[:1], 5.0, ErrorsOfReplay(0.05, 0.02), 0.1, {"second invariant": (np.array([0.04]), np.array([0.01]))})  # fmt: skip
+    spread = Spread(Directions.of(np.ones(4), additions, np.ones((4, 1)), 1.0), 0.1 * np.eye(4))
+    updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, 0.002)), True, 6, check=new)
+    few = FewEffects(
+        np.ones(4), ErrorsOfReplay(0.05, 0.06), ((names, 0.7), ((), 0.2)), (best,), {"second invariant": 0.72, "compressibility": 0.01},
+        NoReplayCheck("no force is known") if wrong is None else updated,
+    )  # fmt: skip
+    found = of_all(replayed=before.final)
+    return of_nothing(
+        everything=replace(found, plausible=found), replay_check=check(observations(only_held(10.0))), few=few
+    )
+
+
 def of_own(own: float, common: float, prior: float = 0.1) -> Findings:
     """Two tests with a gradient in x each."""
     values, deviations = ((0.20, 0.01), (0.18, 0.01)), ((0.02, 0.02), (0.02, 0.02))
@@ -341,6 +359,8 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
         everything=of_all(replayed=NoReplayCheck("unmeasured strip: no law has it"))
     ),
     "discovery.plausible_updated": of_updated,
+    "discovery.few_effects": of_few,
+    "discovery.no_few_effects": lambda: of_few(None),
     "discovery.plausible_not_updated": lambda: of_nothing(
         everything=of_all(replayed=check(observations()).final, updated=NoReplayCheck("no force is known"))
     ),
@@ -683,6 +703,24 @@ def test_the_model_that_replays_updated_is_the_one_to_predict_with() -> None:
     refused = {one.alert.code: one for one in of_updated(after=0.05)}
     assert refused["R616"].text.endswith("it is not used.")
     assert "no better" in refused["R614"].text
+
+
+def test_few_effects_are_offered_where_their_replay_is_the_best() -> None:
+    """It misses none of the forces held out, or 5 %, beside plausible effects with 5 % and a final model with half of that."""
+    told = {one.alert.code: one for one in of_few()}
+    said = told["R619"].text
+    assert (
+        "second invariant (probability 70 %), 0.06 -> 0.02 mm in what was fitted" in said
+        and "compressibility" not in said
+    )
+    assert "viscoelasticity g = 0.90 +- 0.20, tau = 1.20 +- 0.20 s" in said and "forces by 0 %" in said
+    assert "model to predict with: model_few_effects.json" in told["R614"].text and "R620" not in told
+    worse = {one.alert.code: one.text for one in of_few(20.0)}
+    assert "model_few_effects" not in worse["R614"]
+    none = {one.alert.code: one.text for one in of_few(names=())}
+    assert "none (probability 70 %); neo-Hooke alone leaves 0.06 mm" in none["R619"]
+    refused = {one.alert.code: one.text for one in of_few(None)}
+    assert "no force is known" in refused["R620"] and "model_few_effects" not in refused["R614"] + refused["R619"]
 
 
 def test_a_model_that_replays_worse_than_neo_hooke_is_not_offered() -> None:

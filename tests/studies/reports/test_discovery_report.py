@@ -34,13 +34,11 @@ from studies.reports.discovery.model_files import unexplained
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
 from studies.reports.discovery.replay_section import (
     ReplayCode,
-    band_fields,
-    band_rows,
     recommendation,
     replay_table,
     to_predict_with,
 )
-from studies.reports.discovery.replayed_forces import course_rows, force_courses
+from studies.reports.discovery.replayed_forces import band_fields, band_rows, course_rows, force_courses
 from studies.reports.discovery.statement import Statement, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, model_table
 from studies.reports.discovery.view import decorrelated, deviations, forces, held_increments, nodal

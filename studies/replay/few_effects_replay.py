@@ -1,0 +1,70 @@
+"""Few effects that leave least of the fields of a replay, see `calibrate.diagnosis.replayed.few_effects`.
+
+In: the `Problem` of a diagnosis, a neo-Hookean base, effects and priors. Out: `FewEffects`, with what the forces add: a factor on the base and effects with a memory, as of other models that are updated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.evidence.signatures import prior_deviations
+from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.replayed.few_effects import Candidate, FewEffects, few_effects
+from calibrate.diagnosis.replayed.updating import Updated, update
+from calibrate.diagnosis.score_tests import untestable
+from calibrate.effects import Effect
+from calibrate.effects.chain.true_surface import is_expressed
+from studies.errors import OptionError
+from studies.replay.compared_test import ComparedTest
+from studies.replay.model_law import is_solved
+from studies.replay.updated_replay import EACH, Replays, other_times
+
+Array = NDArray[np.float64]
+PICTURES = (
+    4  # of a test that was fitted: what a model misses persists over the load, so that more of them tell little more
+)
+FEW = 2  # amplitudes, at most: more are a series that describes any smooth field
+
+
+def few_by_fields(
+    problem: Problem, c: Array, effects: Sequence[Effect], priors: Priors, say: Callable[[str], None]
+) -> FewEffects:
+    """Beside neo-Hooke, c (n,), MPa. Raises `OptionError` where it has no equilibrium, and the errors of `ComparedTest.replayed`."""
+    replays = Replays([ComparedTest(part, PICTURES, False) for part in problem.trained])
+    candidates = [one for one in _candidates(problem, effects, priors) if not one.effect.remembers and len(one.deviations) <= FEW]  # fmt: skip
+    found = few_effects(replays, c, candidates, say)
+    if found is None:
+        raise OptionError(f"neo-Hooke has no equilibrium to start from: {replays.failure}")
+    return found
+
+
+def with_forces(problem: Problem, found: FewEffects, effects: Sequence[Effect], priors: Priors) -> Updated:
+    """The best of them, updated by forces. Raises `FitError` where no force is known, `OptionError` without an equilibrium."""
+    remembered = [one for one in _candidates(problem, effects, priors) if one.effect.remembers]
+    best = () if found.best is None else found.best.additions
+    additions = (*best, *(one.at_null(one.shapes[0]) for one in remembered))
+    known = {} if found.best is None else dict(found.best.priors)
+    known |= {one.effect.name: (np.array([p.null for p in one.effect.amplitudes]), one.deviations) for one in remembered}  # fmt: skip
+    replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
+    new = update(replays, found.c, additions, known, other_times(additions, problem.trained[0].chain.data))
+    if new is None:
+        raise OptionError(f"the few effects have no equilibrium to start from: {replays.failure}")
+    return new
+
+
+def _candidates(problem: Problem, effects: Sequence[Effect], priors: Priors) -> list[Candidate]:
+    """Effects that can be tested with these data, and that finite elements have."""
+    data = problem.trained[0].chain.data
+    return [
+        Candidate(
+            effect,
+            tuple(tuple(map(float, shape)) for shape in effect.shape_values(data)),
+            prior_deviations(problem, effect, priors),
+        )
+        for effect in effects
+        if untestable(problem, effect) is None and (is_solved(effect.name) or is_expressed(effect))
+    ]

@@ -1,0 +1,94 @@
+"""Few effects by the fields of replays: the gradient that a relaxing sheet was solved with, from its fitted pictures alone, and nothing where nothing is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from calibrate.data.experiment import Experiment, Noise
+from calibrate.diagnosis import base_fit
+from calibrate.diagnosis.evidence.priors import read_priors
+from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.joint import everything
+from calibrate.diagnosis.replayed.few_effects import FewEffects
+from calibrate.diagnosis.replayed.updating import Updated
+from calibrate.effects import CATALOGUE
+from calibrate.equations.noise_covariance import noise_factor, sample
+from forward.loading import Loading
+from forward.materials import NeoHooke
+from forward.sheet.inelastic import solve_history
+from meshes import quads, triangles
+from meshes.known_specimens import SPECIMENS
+from studies.replay.few_effects_replay import few_by_fields, with_forces
+from studies.reports.discovery.everything_table import few_record, few_table
+from studies.synthetic import camera, effect_laws
+
+STRIP = SPECIMENS["strip"]()
+NAMES = {"compressibility", "second invariant", "stiffness gradient", "image rotation", "viscoelasticity"}  # fmt: skip
+EFFECTS = tuple(effect for effect in CATALOGUE if effect.name in NAMES)
+GX, G, TAU, C10, FITTED = -0.2, 0.8, 1.5, 0.2, 6.0
+
+
+@cache
+def strip_test(gradient: float) -> Experiment:
+    pull, times = Loading.clamped(STRIP.loaded, 15.0), np.arange(1.0, 11.0)
+    effects = [("stiffness gradient", {"gx": gradient, "gy": 0.0}, {}), ("viscoelasticity", {"g": G}, {"tau": TAU})]
+    low, high = STRIP_MESH.points.min(axis=0), STRIP_MESH.points.max(axis=0)
+    extent = effect_laws.Extent(float((high - low).max()), tuple(((low + high) / 2).tolist()))
+    sheet = effect_laws.sheet(NeoHooke(C10), 1.0, effects, extent, [])
+    exact = camera.observe(solve_history(quads(STRIP), sheet, pull, times / 10, times), STRIP_MESH, name="strip")
+    noise = Noise(3e-3, 2.0, 1e-3)
+    errors = sample(noise_factor(exact.points, noise), np.random.default_rng(1), exact.n_increments)
+    return replace(exact, displacements=exact.displacements + errors, noise=noise)
+
+
+STRIP_MESH = triangles(STRIP, n_nodes=250)
+
+
+@cache
+def found(gradient: float, later: float = 1.0) -> tuple[FewEffects, Updated]:
+    """Of a test whose forces and displacements after `FITTED` are as many times larger."""
+    test = strip_test(gradient)
+    factor = np.where(test.time > FITTED, later, 1.0)[:, None]
+    loaded = tuple(replace(b, force=factor * b.force) for b in test.loaded)
+    test = replace(test, loaded=loaded, displacements=factor[..., None] * test.displacements)
+    problem, base = base_fit.prepare([test], [HoldOut.parse(f"after:{FITTED:g}", 0).training], base="neo-Hooke")
+    problem = everything.simple_base(problem)
+    few = few_by_fields(problem, base.c, EFFECTS, read_priors(), lambda text: None)
+    return few, with_forces(problem, few, EFFECTS, read_priors())
+
+
+def test_a_gradient_and_the_relaxation_beside_it_are_found():
+    few, updated = found(GX)
+    assert few.best is not None and few.best.effects == ("stiffness gradient",)
+    assert few.inclusion["stiffness gradient"] > 0.95
+    (mean, deviation) = few.best.priors["stiffness gradient"]
+    assert mean[0] == pytest.approx(GX, rel=0.02) and np.all(np.abs(mean - [GX, 0.0]) < 3 * deviation)
+    assert few.best.errors.field < 0.3 * few.base.field
+    relaxation = next(a for a in updated.additions if a.effect.remembers)
+    assert relaxation.amplitudes[0] * relaxation.shape[0] == pytest.approx(G * TAU, rel=0.1)
+    assert updated.converged and updated.after.force < 3e-3
+
+
+def test_nothing_is_found_where_nothing_is():
+    few, updated = found(0.0)
+    assert few.best is None and few.sets[0][0] == () and max(few.inclusion.values()) < 0.5
+    assert {a.effect.name for a in updated.additions} == {"viscoelasticity"}
+
+
+def test_nothing_that_is_held_out_is_used():
+    (own, updated), (other, again) = found(GX), found(GX, 1.2)
+    assert own.inclusion == pytest.approx(other.inclusion, rel=1e-3)
+    np.testing.assert_allclose(updated.c, again.c, rtol=1e-3)
+
+
+def test_table_and_record_have_what_was_found():
+    few, updated = found(GX)
+    columns, rows = few_table(few, "MPa")
+    assert rows[0][0] == "stiffness gradient" and "gx = -0.199" in rows[0][2] and len(rows[0]) == len(columns)
+    record = few_record(replace(few, updated=updated))
+    assert record["sets"][0]["effects"] == ["stiffness gradient"] and record["updated"]["converged"]
+    assert few_record(None) is None
