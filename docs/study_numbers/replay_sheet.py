@@ -13,7 +13,7 @@ from wording import share
 from studies.output.words import percent
 
 COLUMNS = ["sheet", "model", "level", "force error before 15 s", "after 15 s", "half of its 95 % band", "displacements after 15 s, mm"]  # fmt: skip
-MODELS = {"neo_hooke": "neo-Hooke", "base": "base", "final": "base and effects found", "plausible": "plausible effects", "updated": "plausible effects, updated"}  # fmt: skip
+MODELS = {"neo_hooke": "neo-Hooke", "base": "base", "final": "base and effects found", "plausible": "plausible effects", "updated": "plausible effects, updated", "few": "few effects"}  # fmt: skip
 VARIANTS = {"neo-Hooke, fitted to the forces": "neo_hooke", "stiffness map": "map"}
 
 
@@ -57,7 +57,7 @@ def _used(found: dict[str, Any]) -> dict[str, Any]:
 def _replays(found: dict[str, Any]) -> dict[str, tuple[dict[str, Any], float | None]]:
     """Replays by the keys of `MODELS`, with half of the band of the force error; those that were made."""
     used, check = _used(found), found["replay"]
-    updated = used["updated"].get("replay") or {}
+    updated, few = (one.get("replay") or {} for one in (used["updated"], found["few_effects"].get("updated") or {}))
     band, only_base = check.get("band", {}).get("force"), check.get("base") == check.get("final")
     made = {
         "neo_hooke": (used["neo_hooke"], None),
@@ -65,6 +65,7 @@ def _replays(found: dict[str, Any]) -> dict[str, tuple[dict[str, Any], float | N
         "final": (None if only_base else check.get("final"), band),
         "plausible": (used["replay"], None),
         "updated": (updated.get("final"), updated.get("band", {}).get("force")),
+        "few": (few.get("final"), few.get("band", {}).get("force")),
     }
     return {key: (one, band) for key, (one, band) in made.items() if one is not None and "not_made" not in one}
 

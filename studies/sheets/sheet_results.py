@@ -16,6 +16,7 @@ from studies.transfer.transferred import ForceAndField, Row, Transferred
 
 NEO_HOOKE, BASE, FOUND = "neo-Hooke", "base", "base and effects found"
 ALL, PLAUSIBLE, UPDATED = "all effects at once", "plausible effects", "plausible effects, updated"
+FEW = "few effects"
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class ModelErrors(Plain):
 @dataclass(frozen=True)
 class ReplayedErrors(Plain):
     """A model replayed from the motion of the grips. level: factor on its stiffness; errors of forces, relative, in the increments that were fitted and held out; field: mm, held out;
-    band: half of the 95 % band of the force error; None of the base and of plausible effects that were not updated."""
+    band: half of the 95 % band of the force error; None of the base and of models that were not updated."""
 
     name: str
     level: float
@@ -40,8 +41,10 @@ class ReplayedErrors(Plain):
     band: float | None
 
     @classmethod
-    def of(cls, found: Mapping[str, Any] | None, plausible: Mapping[str, Any] | None) -> list[Self]:
-        """Of base and final model, and of the plausible effects as equations and replays have them, from discovery.json; none where they were not replayed."""
+    def of(
+        cls, found: Mapping[str, Any] | None, plausible: Mapping[str, Any] | None, few: Mapping[str, Any] | None
+    ) -> list[Self]:
+        """Of base and final model, of the plausible effects as equations and replays have them, and of few effects, from discovery.json; none where they were not replayed."""
         pairs: list[tuple[str, Mapping[str, Any], float | None]] = []
         if found is not None and "not_made" not in found:
             pairs += [(BASE, found["base"], None), (FOUND, found["final"], found["band"]["force"])]
@@ -50,6 +53,8 @@ class ReplayedErrors(Plain):
             pairs += [(name, one, None) for name, one in ((NEO_HOOKE, plausible["neo_hooke"]), (PLAUSIBLE, plausible["replay"]))
                       if one is not None and "not_made" not in one]  # fmt: skip
             pairs += [(UPDATED, updated["final"], updated["band"]["force"])] if updated else []
+        replay = ((few or {}).get("updated") or {}).get("replay")
+        pairs += [(FEW, replay["final"], replay["band"]["force"])] if replay else []
         return [
             cls(
                 name,
@@ -110,7 +115,9 @@ class SheetResult(StepResult):
             implausible=[one["effect"] for one in effects if one["implausible"]],
             discrepancy=None if together is None else together["discrepancy_over_noise"],
             alerts=sorted({one["code"] for one in found["alerts"]}),
-            replays=ReplayedErrors.of(found["replay"], together and (together["plausible"] or together)),
+            replays=ReplayedErrors.of(
+                found["replay"], together and (together["plausible"] or together), found["few_effects"]
+            ),
         )
 
     def model(self, name: str) -> ModelErrors:
