@@ -120,8 +120,8 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
     return tested + skipped
 
 
-def untestable(problem: Problem, effect: Effect) -> Score | None:
-    """Score of an effect that cannot be tested with these data, or None."""
+def untestable(problem: Problem, effect: Effect, alike: bool = False) -> Score | None:
+    """Score of an effect that cannot be tested with these data, or None. alike: several tests may have one of a specimen alike."""
     if effect.confounded_with:
         return Score(effect, Status.CONFOUNDED)
     if all(effect.excluded(part.chain.data) for part in problem.trained):
@@ -129,7 +129,7 @@ def untestable(problem: Problem, effect: Effect) -> Score | None:
     missing = {effect.missing(part.chain.data) for part in problem.trained} - {None}
     if problem.level_is_nominal and effect.of_forces:
         missing |= {"forces of the section"}
-    if missing or (len(problem.trained) > 1 and belongs_to_one_test(effect)):
+    if missing or (len(problem.trained) > 1 and belongs_to_one_test(effect) and not alike):
         return Score(effect, Status.NOT_TESTABLE, tuple(sorted(map(str, missing))))
     return None
 

@@ -57,7 +57,7 @@ def with_forces(problem: Problem, found: FewEffects, effects: Sequence[Effect], 
 
 
 def _candidates(problem: Problem, effects: Sequence[Effect], priors: Priors) -> list[Candidate]:
-    """Effects that can be tested with these data, and that finite elements have."""
+    """Effects that can be tested with these data, and that finite elements have; of several tests, alike in all."""
     data = problem.trained[0].chain.data
     return [
         Candidate(
@@ -66,5 +66,5 @@ def _candidates(problem: Problem, effects: Sequence[Effect], priors: Priors) -> 
             prior_deviations(problem, effect, priors),
         )
         for effect in effects
-        if untestable(problem, effect) is None and (is_solved(effect.name) or is_expressed(effect))
+        if untestable(problem, effect, alike=True) is None and (is_solved(effect.name) or is_expressed(effect))
     ]
