@@ -28,7 +28,8 @@ from calibrate.effects.chain import Addition, Additions
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
-FITTED = 4  # sets, the most probable
+Names = tuple[str, ...]  # of the effects of a set, sorted
+FITTED, MOST_FITS = 4, 8  # sets, the most probable; until these are fitted, at most
 LISTED = 0.01  # probability, from which a set is kept
 
 
@@ -63,7 +64,7 @@ class FittedSet:
     priors: dict[str, tuple[Array, Array]]
 
     @property
-    def effects(self) -> tuple[str, ...]:
+    def effects(self) -> Names:
         return tuple(sorted(a.effect.name for a in self.additions))
 
 
@@ -74,15 +75,15 @@ class FewEffects:
 
     c: Array
     base: ReplayErrors
-    sets: tuple[tuple[tuple[str, ...], float], ...]
+    sets: tuple[tuple[Names, float], ...]
     fitted: tuple[FittedSet, ...]
     inclusion: dict[str, float]
     updated: Updated | NoReplayCheck | None = None
 
     @property
     def best(self) -> FittedSet | None:
-        """None where neo-Hooke alone is the most probable."""
-        return self.fitted[0] if self.fitted and self.fitted[0].effects == self.sets[0][0] else None
+        """None where neo-Hooke alone is more probable."""
+        return self.fitted[0] if self.fitted and self.fitted[0].log_odds > 0 else None
 
     @property
     def usable(self) -> Usable | None:
@@ -111,14 +112,22 @@ def few_effects(
     evidence = FieldEvidence(base.residual, base.modes, len(candidates))
     ranked = evidence.ranked([s for one in candidates for s in _signatures(base, one)])
     known = {one.effect.name: one for one in candidates}
-    fitted = []
-    for one in [s for s in ranked if s.effects][:FITTED]:
-        say(f"replays with {' and '.join(one.effects)}")
-        fitted.append(_fitted(replays, base, evidence, [known[name] for name in one.effects], one))
-    fitted.sort(key=lambda one: -one.log_odds)
-    values = {one.effects: one.log_odds for one in ranked} | {one.effects: one.log_odds for one in fitted}
+    values, by_names = {one.effects: one.log_odds for one in ranked}, {one.effects: one for one in ranked}
+    fitted: dict[Names, FittedSet] = {}
+    while len(fitted) < MOST_FITS:
+        names = next((key for key in _in_order(values)[:FITTED] if key and key not in fitted), None)
+        if names is None:
+            break
+        say(f"replays with {' and '.join(names)}")
+        fitted[names] = _fitted(replays, base, evidence, [known[name] for name in names], by_names[names])
+        values[names] = fitted[names].log_odds
     sets, inclusion = _probabilities(values, tuple(known))
-    return FewEffects(c, base.errors, sets, tuple(fitted), inclusion)
+    return FewEffects(c, base.errors, sets, tuple(sorted(fitted.values(), key=lambda one: -one.log_odds)), inclusion)
+
+
+def _in_order(values: dict[Names, float]) -> list[Names]:
+    """Most probable first."""
+    return sorted(values, key=lambda key: -values[key])
 
 
 def _signatures(fit: FieldFit, one: Candidate) -> list[FieldSignature]:
@@ -142,10 +151,10 @@ def _fitted(
 
 
 def _probabilities(
-    values: dict[tuple[str, ...], float], effects: Sequence[str]
-) -> tuple[tuple[tuple[tuple[str, ...], float], ...], dict[str, float]]:
+    values: dict[Names, float], effects: Sequence[str]
+) -> tuple[tuple[tuple[Names, float], ...], dict[str, float]]:
     """Of sets, best first, and of effects."""
-    names = sorted(values, key=lambda key: -values[key])
+    names = _in_order(values)
     shares = np.exp(np.array([values[key] for key in names]) - max(values.values()))
     shares /= shares.sum()
     inclusion = {e: float(sum(p for key, p in zip(names, shares, strict=True) if e in key)) for e in effects}

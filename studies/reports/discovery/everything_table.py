@@ -98,9 +98,10 @@ def _of_set(one: FittedSet | None, unit: str) -> list[Any]:
 def few_data(found: FewEffects) -> dict[str, Any]:
     """For one sentence."""
     best = found.best
+    names = () if best is None else best.effects
     return {
-        "names": [] if best is None else list(best.effects),
-        "probability": found.sets[0][1],
+        "names": list(names),
+        "probability": dict(found.sets).get(names, 0.0),
         "before": found.base.field,
         "after": None if best is None else best.errors.field,
         "inclusion": sorted(([k, p] for k, p in found.inclusion.items() if p >= SAID), key=lambda one: -one[1]),

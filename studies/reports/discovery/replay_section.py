@@ -160,7 +160,15 @@ def few_findings(found: Discovery) -> Iterator[Finding]:
     missed = None if one is None else one.judged.to_dict()
     held = one is not None and bool(one.rows.held.any())
     remembered = remembered_values(new) if isinstance(new, Updated) else []
-    yield _finding(ReplayCode.FEW, **few_data(few), missed=missed, held=held, band=_band(new), remembered=remembered)
+    yield _finding(
+        ReplayCode.FEW,
+        **few_data(few),
+        alike=len(found.problem.trained) > 1,
+        missed=missed,
+        held=held,
+        band=_band(new),
+        remembered=remembered,
+    )
 
 
 def _few_replay(found: Discovery) -> Replayed | None:

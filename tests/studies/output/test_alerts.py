@@ -263,11 +263,11 @@ def of_few(wrong: float | None = 0.0, names: tuple[str, ...] = ("second invarian
     """Few effects by the fields, whose replay with relaxation misses forces held out by `wrong` standard deviations (None: it was not made), plausible effects by 5 %."""
     before, new = check(observations(only_held(20.0))), check(observations(only_held(wrong or 0.0)))
     additions = (Addition(SecondInvariant(), (0.04,)), Addition(Viscosity(), (0.9,), (1.2,)))
-    best = FittedSet(additions[:1], 5.0, ErrorsOfReplay(0.05, 0.02), 0.1, {"second invariant": (np.array([0.04]), np.array([0.01]))})  # fmt: skip
+    best = FittedSet(additions[:1], 5.0 if names else -1.0, ErrorsOfReplay(0.05, 0.02), 0.1, {"second invariant": (np.array([0.04]), np.array([0.01]))})  # fmt: skip
     spread = Spread(Directions.of(np.ones(4), additions, np.ones((4, 1)), 1.0), 0.1 * np.eye(4))
     updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, 0.002)), True, 6, check=new)
     few = FewEffects(
-        np.ones(4), ErrorsOfReplay(0.05, 0.06), ((names, 0.7), ((), 0.2)), (best,), {"second invariant": 0.72, "compressibility": 0.01},
+        np.ones(4), ErrorsOfReplay(0.05, 0.06), ((names, 0.7), (("compressibility",), 0.2)), (best,), {"second invariant": 0.72, "compressibility": 0.01},
         NoReplayCheck("no force is known") if wrong is None else updated,
     )  # fmt: skip
     found = of_all(replayed=before.final)
