@@ -8,7 +8,6 @@
     python docs/study_numbers replay_sheet results/discover
     python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
     python docs/study_numbers several_tests results/several-tests
-    python docs/study_numbers sheet_fields results/sheet-fields
     python docs/study_numbers joint_sheets results/discover
     python docs/study_numbers every_third results/discover
     python docs/study_numbers few_effects results/measured results/discover      the second of all three sheets together
@@ -44,7 +43,6 @@ import replay
 import replay_sheet
 import resolution
 import several_tests
-import sheet_fields
 import sheets
 import skin
 import thickness
@@ -59,7 +57,6 @@ STUDIES = {
     "replay_sheet": replay_sheet,
     "sheets": sheets,
     "several_tests": several_tests,
-    "sheet_fields": sheet_fields,
     "joint_sheets": joint_sheets,
     "every_third": every_third,
     "few_effects": few_effects,
