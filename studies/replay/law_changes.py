@@ -55,4 +55,5 @@ class LawChanges:
 
     def of(self, change: Array) -> Array:
         """(k, rows) of a change of P (k, m, 2, 2), MPa."""
-        return np.asarray(np.einsum("krmij,kmij->kr", self._slopes, change))
+        k, rows = self._slopes.shape[:2]
+        return np.asarray((self._slopes.reshape(k, rows, -1) @ change.reshape(k, -1, 1))[..., 0])

@@ -19,7 +19,7 @@ from calibrate.diagnosis.evidence.power import powers
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.problem import all_rows
-from calibrate.diagnosis.score_tests import Score, Status
+from calibrate.diagnosis.score_tests import Score, Status, untestable
 from calibrate.effects import CATALOGUE
 from calibrate.effects.finite_thickness import Thickness
 from calibrate.effects.stiffness_gradient import StiffnessGradient
@@ -149,6 +149,14 @@ def test_gradients_are_told_as_they_are(gradients):
     assert one.is_common == (alike and not none)
     assert one.is_there != none
     assert one.seen_in == (() if alike else ("plate 0", "plate 1"))
+
+
+def test_what_a_specimen_may_have_is_tested_of_several_only_where_they_may_have_it_alike():
+    """As of few effects by replays."""
+    plain, _ = prepared()
+    refused = untestable(plain, StiffnessGradient())
+    assert refused is not None and refused.status is Status.NOT_TESTABLE
+    assert untestable(plain, StiffnessGradient(), alike=True) is None
 
 
 def test_what_each_test_may_have_is_not_called_invisible():
