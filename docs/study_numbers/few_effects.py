@@ -30,13 +30,13 @@ def take(folder: Path, joint: Path | None = None) -> dict[str, Any]:
         fitted = {tuple(sorted(e["effect"] for e in one["effects"])): one for one in few["fitted"]}
         for one in few["sets"][:LISTED]:
             own = fitted.get(tuple(one["effects"]))
-            sets.append([name, ", ".join(one["effects"]) or "nothing", share(one["probability"]),
+            sets.append([name, ", ".join(one["effects"]) or "nothing", _probability(one["probability"]),
                          "" if own is None else _amplitudes(own, unit), "" if own is None else f"{own['fitted']['field']:.3f}"])  # fmt: skip
         inclusion[name] = few["inclusion"]
-        numbers |= {f"{short}_p_{key.replace(' ', '_')}": share(p) for key, p in few["inclusion"].items()}
+        numbers |= {f"{short}_p_{key.replace(' ', '_')}": _probability(p) for key, p in few["inclusion"].items()}
         numbers |= {
             f"{short}_best": " and ".join(few["sets"][0]["effects"]) or "none",
-            f"{short}_p": share(few["sets"][0]["probability"]),
+            f"{short}_p": _probability(few["sets"][0]["probability"]),
         }
         numbers[f"{short}_neo_hooke_mm"] = f"{few['neo_hooke_fitted']['field']:.3f}"
         best = fitted.get(tuple(few["sets"][0]["effects"]))
@@ -50,6 +50,11 @@ def take(folder: Path, joint: Path | None = None) -> dict[str, Any]:
         "numbers": numbers,
         "tables": {"sets": sets, "inclusion": _inclusion(inclusion)},
     }  # fmt: skip
+
+
+def _probability(p: float) -> str:
+    """'more than 99 %' of 0.999."""
+    return "more than 99 %" if p > 0.99 else share(p)
 
 
 def _amplitudes(one: dict[str, Any], unit: str) -> str:
@@ -72,6 +77,8 @@ def _updated(new: dict[str, Any] | None) -> dict[str, str]:
         "band_force": percent(band["force"]),
         "band_mm": f"{band['field']:.3f}",
     }
+    if new["replay"]["force_test"] is not None:  # of several tests none may judge
+        numbers["force_p"] = f"{new['replay']['force_test']['p']:.2f}"
     for one in new["effects"]:
         if one["effect"] == "viscoelasticity":
             numbers |= {"g": f"{one['amplitudes'][0]:.2f}", "tau": f"{one['shape'][0]:.1f}"}
@@ -81,5 +88,5 @@ def _updated(new: dict[str, Any] | None) -> dict[str, str]:
 def _inclusion(found: dict[str, dict[str, float]]) -> list[list[str]]:
     """Effects by their largest probability, of at least 5 % in one sheet."""
     effects = sorted({e for one in found.values() for e in one}, key=lambda e: -max(one.get(e, 0.0) for one in found.values()))  # fmt: skip
-    rows = [[e, *(share(one[e]) if e in one else "" for one in found.values())] for e in effects if max(one.get(e, 0.0) for one in found.values()) >= 0.05]  # fmt: skip
+    rows = [[e, *(_probability(one[e]) if e in one else "" for one in found.values())] for e in effects if max(one.get(e, 0.0) for one in found.values()) >= 0.05]  # fmt: skip
     return [["effect", *found], *rows]
