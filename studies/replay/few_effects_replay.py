@@ -24,9 +24,7 @@ from studies.replay.model_law import is_solved
 from studies.replay.updated_replay import EACH, Replays, other_times
 
 Array = NDArray[np.float64]
-PICTURES = (
-    4  # of a test that was fitted: what a model misses persists over the load, so that more of them tell little more
-)
+PICTURES = 4  # of a test that was fitted: more tell little, as what a model misses persists over the load
 FEW = 2  # amplitudes, at most: more are a series that describes any smooth field
 
 
