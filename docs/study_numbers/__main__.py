@@ -11,6 +11,7 @@
     python docs/study_numbers joint_sheets results/discover
     python docs/study_numbers every_third results/discover
     python docs/study_numbers few_effects results/measured results/discover      the second of all three sheets together
+    python docs/study_numbers few_effects_trials results/few-effects
     python docs/study_numbers noise_grid results/false-alarms
     python docs/study_numbers noise_lengths BEFORE AFTER      of two revisions
     python docs/study_numbers pulls results/pulls
@@ -34,6 +35,7 @@ import design
 import diagnosis_cost
 import every_third
 import few_effects
+import few_effects_trials
 import generalise
 import joint_sheets
 import noise_grid
@@ -60,6 +62,7 @@ STUDIES = {
     "joint_sheets": joint_sheets,
     "every_third": every_third,
     "few_effects": few_effects,
+    "few_effects_trials": few_effects_trials,
     "skin": skin,
     "noise_grid": noise_grid,
     "noise_lengths": noise_lengths,
