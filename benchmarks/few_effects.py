@@ -18,6 +18,7 @@ from typing import Any
 
 from benchmarks.noise.kept_records import records
 from calibrate.diagnosis import base_fit
+from calibrate.diagnosis.evidence.explanations import CERTAIN
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.effects import CATALOGUE
@@ -37,7 +38,7 @@ BESIDE = {
     "initial warp": set[str](),
 }  # and what is nearly a part of it
 ROUNDS = 3
-NAMED, OF_THE_BASE = 0.95, "upturn"
+OF_THE_BASE = "upturn"
 
 
 @dataclass(frozen=True)
@@ -74,10 +75,9 @@ def ranked(one: Test, folder: Path) -> None:
     problem, base = base_fit.prepare([experiment], [HoldOut().training], base="neo-Hooke")
     found = few_by_fields(problem, base.c, distinct(CATALOGUE), read_priors(), lambda text: None)
     right = {one.effect, *ALSO.get(one.effect, ())}
-    named = [name for name, p in found.inclusion.items() if p > NAMED and name != OF_THE_BASE]
+    named = [name for name, p in found.inclusion.items() if p > CERTAIN and name != OF_THE_BASE]
     write_json(folder / f"{one.name}.json", {
         "name": one.name, "effect": one.effect, "beside": one.beside, "label": blind_data.label(trial), "inclusion": found.inclusion,
-        "probability": sum(p for names, p in found.sets if right & set(names)) if one.effect else None,
         "named_right": [name for name in named if name in right], "named_wrong": [name for name in named if name not in right | BESIDE[one.beside]],
         "named_part": [name for name in named if name in BESIDE[one.beside] - right],
         "left_mm": [found.base.field, None if found.best is None else found.best.errors.field], "seconds": time.process_time() - began,
@@ -101,7 +101,7 @@ def table(found: list[dict[str, Any]]) -> list[list[str]]:
         if not own:
             continue
         right, wrong, part = (sum(bool(one[f"named_{key}"]) for one in own) for key in ("right", "wrong", "part"))
-        shares = ", ".join(f"{one['probability']:.2f}" for one in own) if effect else ""
+        shares = ", ".join(f"{one['inclusion'].get(effect, 0.0):.2f}" for one in own) if effect else ""
         rows.append([effect or "nothing", str(len(own)), str(right) if effect else "", str(wrong), str(part), shares])
     return rows
 

@@ -20,7 +20,13 @@ def take(folder: Path, joint: Path | None = None) -> dict[str, Any]:
     """Sets with their probabilities, probability of every effect, and what the best with relaxation misses of what was held out."""
     homes = {name: folder / name for name in SHORT} | ({} if joint is None else {TOGETHER: joint})
     sets = [
-        ["sheet", "beside neo-Hooke", "probability", "amplitudes by the fields", "displacements off by, fitted (mm)"]
+        [
+            "sheet",
+            "beside neo-Hooke",
+            "probability",
+            "amplitudes and shapes by the fields",
+            "displacements off by, fitted (mm)",
+        ]
     ]
     numbers: dict[str, Any] = {}
     inclusion: dict[str, dict[str, float]] = {}
@@ -62,6 +68,7 @@ def _amplitudes(one: dict[str, Any], unit: str) -> str:
     for effect in one["effects"]:
         for p, value, deviation in zip(EFFECTS[effect["effect"]].amplitudes, effect["amplitudes"], effect["standard_deviations"], strict=True):  # fmt: skip
             said.append(with_unit(f"{p.name} = {plus_minus(value, INTERVAL * deviation)}", amplitude_unit(p, unit)))
+        said += [with_unit(f"{p.name} = {v:.2g}", p.unit) for p, v in zip(EFFECTS[effect["effect"]].shapes, effect["shape"], strict=True)]  # fmt: skip
     return ", ".join(said)
 
 

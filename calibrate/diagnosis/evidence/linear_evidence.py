@@ -124,14 +124,18 @@ class Evidence:
             return
         own = [[self._slices[i] for i in members] for members in many]
         index = np.array([np.concatenate(one) for one in own])
-        values, a, covariance, volumes = self._with_formula_error(index)
-        spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        sided = np.concatenate([s.one_sided for s in self.signatures])[index]
-        values += np.where(sided, np.log(2) + special.log_ndtr(a / spread), 0.0).sum(axis=1)
+        values, a, volumes = self.weighed(index)
         for members, places, value, amplitudes, volume in zip(many, own, values, a, volumes, strict=True):
             prior = sum(self.log_odds + np.log(self.signatures[i].prior) for i in members)
             parts = np.split(amplitudes, np.cumsum([len(one) for one in places])[:-1])
             yield Subset(members, float(value + prior), tuple(parts), float(volume + prior))
+
+    def weighed(self, index: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+        """Log evidence (n,) without prior odds, amplitudes (n, k), and -1/2 ln |M| (n,) of columns (n, k) each; an amplitude of one sign has a half-normal prior."""
+        values, a, covariance, volumes = self._with_formula_error(index)
+        spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        sided = np.concatenate([s.one_sided for s in self.signatures])[index]
+        return values + np.where(sided, np.log(2) + special.log_ndtr(a / spread), 0.0).sum(axis=1), a, volumes
 
     def posterior(self, members: tuple[int, ...]) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the amplitudes of effects together, in prior standard deviations, without their bounds."""

@@ -10,16 +10,18 @@ In: replays, computed elsewhere. Out: `FewEffects`. Nothing that is held out is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
+from calibrate.diagnosis.evidence.linear_evidence import Signature
 from calibrate.diagnosis.joint.shares import Usable
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
-from calibrate.diagnosis.replayed.field_evidence import FieldEvidence, FieldSignature, RankedSet, Shape
+from calibrate.diagnosis.replayed.field_evidence import FieldEvidence
 from calibrate.diagnosis.replayed.field_fit import FieldFit
 from calibrate.diagnosis.replayed.observations import ReplayErrors, level_of
 from calibrate.diagnosis.replayed.updating import Replays, Updated
@@ -28,9 +30,10 @@ from calibrate.effects.chain import Addition, Additions
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
+Shape = tuple[float, ...]
 Names = tuple[str, ...]  # of the effects of a set, sorted
 FITTED, MOST_FITS = 4, 8  # sets, the most probable; until these are fitted, at most
-LISTED = 0.01  # probability, from which a set is kept
+LISTED = 0.01  # probability, from which a set is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +48,11 @@ class Candidate:
         """With this shape."""
         return Addition(self.effect, tuple(p.null for p in self.effect.amplitudes), shape)
 
-    def signature(self, shape: Shape, columns: Array) -> FieldSignature:
+    def signature(self, shape: Shape, columns: Array) -> Signature:
         """columns: derivatives (m, p) of the residual by amplitudes, or with those by shapes about the one that was tried."""
         one_sided = np.array([p.lower == p.null for p in self.effect.amplitudes])
         of_shapes = np.zeros(columns.shape[1] - len(one_sided), bool)
-        return FieldSignature(self.effect.name, shape, -columns, len(self.shapes), np.append(one_sided, of_shapes))
+        return Signature(self.effect.name, shape, columns, 1 / len(self.shapes), np.append(one_sided, of_shapes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +73,26 @@ class FittedSet:
 
 @dataclass(frozen=True, eq=False)
 class FewEffects:
-    """c (n,), MPa: neo-Hooke, at the level of the forces of its replay; base: its errors in pictures that were fitted. sets: all that are probable, best first, (effects, probability).
-    fitted: the most probable, after their fits, best first; none where no effect is better. inclusion: probability of every effect. updated: the best with its forces, and relaxation."""
+    """c (n,), MPa: neo-Hooke, at the level of the forces of its replay; base: its errors in pictures that were fitted. alternatives: all sets; fitted: the most probable, after their fits, best first.
+    updated: the best with its forces, and relaxation."""
 
     c: Array
     base: ReplayErrors
-    sets: tuple[tuple[Names, float], ...]
+    alternatives: Alternatives
     fitted: tuple[FittedSet, ...]
-    inclusion: dict[str, float]
     updated: Updated | NoReplayCheck | None = None
+
+    @property
+    def sets(self) -> tuple[tuple[Names, float], ...]:
+        """Effects and probability of those to tell, best first."""
+        return tuple(
+            (one.names, one.probability) for one in self.alternatives.explanations if one.probability >= LISTED
+        )
+
+    @property
+    def inclusion(self) -> dict[str, float]:
+        """Probability of every effect that is seen."""
+        return self.alternatives.inclusion
 
     @property
     def best(self) -> FittedSet | None:
@@ -109,54 +123,42 @@ def few_effects(
     assert replayed is not None  # the level changes no field
     priors = {one.effect.name: one.deviations for one in candidates}
     base = FieldFit(c, (), (), replayed, priors)
-    evidence = FieldEvidence(base.residual, base.modes, len(candidates))
-    ranked = evidence.ranked([s for one in candidates for s in _signatures(base, one)])
     known = {one.effect.name: one for one in candidates}
-    values, by_names = {one.effects: one.log_odds for one in ranked}, {one.effects: one for one in ranked}
+    evidence = FieldEvidence.of(
+        base.residual, base.modes, [s for one in candidates for s in _signatures(base, one)], len(candidates)
+    )
+    ranked = evidence.best()
+    sets = {tuple(sorted(evidence.names(one))): one.members for one in evidence.by_names(ranked, len(ranked))}
+    values = {names: evidence.subset(members).log_evidence for names, members in sets.items()}
     fitted: dict[Names, FittedSet] = {}
     while len(fitted) < MOST_FITS:
-        names = next((key for key in _in_order(values)[:FITTED] if key and key not in fitted), None)
+        first_of = sorted(values, key=lambda key: -values[key])[:FITTED]
+        names = next((key for key in first_of if key and key not in fitted), None)
         if names is None:
             break
         say(f"replays with {' and '.join(names)}")
-        fitted[names] = _fitted(replays, base, evidence, [known[name] for name in names], by_names[names])
+        fitted[names] = _fitted(replays, base, evidence, known, sets[names])
         values[names] = fitted[names].log_odds
-    sets, inclusion = _probabilities(values, tuple(known))
-    return FewEffects(c, base.errors, sets, tuple(sorted(fitted.values(), key=lambda one: -one.log_odds)), inclusion)
+    alternatives = Alternatives.of([Explanation(names, value) for names, value in values.items()])
+    return FewEffects(c, base.errors, alternatives, tuple(sorted(fitted.values(), key=lambda one: -one.log_odds)))
 
 
-def _in_order(values: dict[Names, float]) -> list[Names]:
-    """Most probable first."""
-    return sorted(values, key=lambda key: -values[key])
-
-
-def _signatures(fit: FieldFit, one: Candidate) -> list[FieldSignature]:
+def _signatures(fit: FieldFit, one: Candidate) -> list[Signature]:
     """Of an effect that is not there: at null a shape changes nothing."""
     return [one.signature(shape, fit.slopes((one.at_null(shape),))[:, : len(one.deviations)]) for shape in one.shapes]
 
 
 def _fitted(
-    replays: Replays, base: FieldFit, evidence: FieldEvidence, candidates: Sequence[Candidate], ranked: RankedSet
+    replays: Replays, base: FieldFit, evidence: FieldEvidence, known: Mapping[str, Candidate], members: tuple[int, ...]
 ) -> FittedSet:
     """From null on; shapes are fitted, too."""
-    start = tuple(one.at_null(shape) for one, shape in zip(candidates, ranked.shapes, strict=True))
-    at_null = [
-        s for one, a in zip(candidates, start, strict=True) for s in _signatures(base, replace(one, shapes=(a.shape,)))
-    ]
-    fit = replace(base, start=start, additions=start).at_minimum(replays, evidence.log_odds(at_null)[1])
-    ends = np.cumsum(Variables(start).sizes)[:-1]
-    parts = zip(candidates, start, np.split(fit.S, ends, axis=1), strict=True)
-    log_odds, tau = evidence.log_odds([one.signature(a.shape, own) for one, a, own in parts], fit.at_start)
+    chosen = [evidence.signatures[i] for i in members]
+    start = tuple(known[one.name].at_null(one.shape) for one in chosen)
+    fit = replace(base, start=start, additions=start).at_minimum(replays, evidence.tau(members))
+    parts = np.split(fit.S, np.cumsum(Variables(start).sizes)[:-1], axis=1)
+    own = [known[one.name].signature(one.shape, columns) for one, columns in zip(chosen, parts, strict=True)]
+    at_end = FieldEvidence.of(fit.at_start, base.modes, own, len(known), evidence.taus)
+    everything = tuple(range(len(at_end.signatures)))
+    log_odds = at_end.subset(everything).log_evidence + at_end.of_none - evidence.of_none
+    tau = at_end.tau(everything)
     return FittedSet(fit.additions, log_odds, fit.errors, tau, fit.posterior(tau))
-
-
-def _probabilities(
-    values: dict[Names, float], effects: Sequence[str]
-) -> tuple[tuple[tuple[Names, float], ...], dict[str, float]]:
-    """Of sets, best first, and of effects."""
-    names = _in_order(values)
-    shares = np.exp(np.array([values[key] for key in names]) - max(values.values()))
-    shares /= shares.sum()
-    inclusion = {e: float(sum(p for key, p in zip(names, shares, strict=True) if e in key)) for e in effects}
-    listed = tuple((key, float(p)) for key, p in zip(names, shares, strict=True) if p >= LISTED)
-    return listed, inclusion

@@ -10,7 +10,7 @@ from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
 from calibrate.diagnosis.replayed.few_effects import FewEffects, FittedSet
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.models.addition_json import amplitude_unit
-from studies.output.words import plus_minus
+from studies.output.words import plus_minus, with_unit
 from studies.reports.discovery.view import BAND
 
 Table = tuple[list[str], list[list[Any]]]
@@ -81,7 +81,12 @@ def few_table(found: FewEffects, unit: str) -> Table:
     """Sets of effects by their probability; of those that were fitted, what they are and leave."""
     fitted = {one.effects: one for one in found.fitted}
     rows = [[" and ".join(names) or "neo-Hooke alone", f"{p:.1%}", *_of_set(fitted.get(names), unit)] for names, p in found.sets]  # fmt: skip
-    return ["beside neo-Hooke", "probability", "amplitudes by the fields", "displacement error, fitted, mm"], rows
+    return [
+        "beside neo-Hooke",
+        "probability",
+        "amplitudes and shapes by the fields",
+        "displacement error, fitted, mm",
+    ], rows
 
 
 def _of_set(one: FittedSet | None, unit: str) -> list[Any]:
@@ -90,8 +95,8 @@ def _of_set(one: FittedSet | None, unit: str) -> list[Any]:
     said = []
     for a in one.additions:
         for p, mean, deviation in zip(a.effect.amplitudes, *one.priors[a.effect.name], strict=True):
-            own = amplitude_unit(p, unit)
-            said.append(f"{p.name} = {plus_minus(mean, BAND * deviation)}{'' if own == '1' else ' ' + own}")
+            said.append(with_unit(f"{p.name} = {plus_minus(mean, BAND * deviation)}", amplitude_unit(p, unit)))
+        said += [with_unit(f"{p.name} = {v:.2g}", p.unit) for p, v in zip(a.effect.shapes, a.shape, strict=True)]
     return [", ".join(said), f"{one.errors.field:.2g}"]
 
 

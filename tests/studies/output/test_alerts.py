@@ -22,7 +22,7 @@ from skip_network import neo_hooke
 from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.strain_signal import StrainSignal
-from calibrate.diagnosis.evidence.explanations import Weighing
+from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation, Weighing
 from calibrate.diagnosis.evidence.levels import Level
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.evidence.power import Finding as Power
@@ -266,10 +266,9 @@ def of_few(wrong: float | None = 0.0, names: tuple[str, ...] = ("second invarian
     best = FittedSet(additions[:1], 5.0 if names else -1.0, ErrorsOfReplay(0.05, 0.02), 0.1, {"second invariant": (np.array([0.04]), np.array([0.01]))})  # fmt: skip
     spread = Spread(Directions.of(np.ones(4), additions, np.ones((4, 1)), 1.0), 0.1 * np.eye(4))
     updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, 0.002)), True, 6, check=new)
-    few = FewEffects(
-        np.ones(4), ErrorsOfReplay(0.05, 0.06), ((names, 0.7), (("compressibility",), 0.2)), (best,), {"second invariant": 0.72, "compressibility": 0.01},
-        NoReplayCheck("no force is known") if wrong is None else updated,
-    )  # fmt: skip
+    sets = Explanation(names, 0.0, probability=0.7), Explanation(("compressibility",), 0.0, probability=0.02)
+    force = NoReplayCheck("no force is known") if wrong is None else updated
+    few = FewEffects(np.ones(4), ErrorsOfReplay(0.05, 0.06), Alternatives(sets), (best,), force)
     found = of_all(replayed=before.final)
     return of_nothing(
         everything=replace(found, plausible=found), replay_check=check(observations(only_held(10.0))), few=few
