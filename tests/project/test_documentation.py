@@ -101,6 +101,20 @@ def test_every_trial_is_counted_once() -> None:
     assert n["removed_explained"] == n["removed_alike"] + n["removed_wrong"]
 
 
+def words(text: str) -> int:
+    """That a reader sees: without the markers of numbers and the bars of tables."""
+    return len(re.sub(r"<!--.*?-->|\|", " ", text, flags=re.DOTALL).split())
+
+
+def test_pages_that_everybody_reads_are_short() -> None:
+    """README is one page, whose table is read cell by cell; the guide to the diagnosis has no place for its results."""
+    readme = (ROOT / "README.md").read_text()
+    assert words(readme) < 1100
+    cells = [cell for line in readme.splitlines() if line.startswith("| ") for cell in line.split("|")]
+    assert max(map(words, cells)) <= 50
+    assert words((DOCS / "discover.md").read_text()) < 2600
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_links_lead_somewhere(page: Path) -> None:
     assert not re.search("^(<{7}|>{7}) ", page.read_text(), re.MULTILINE), "conflict of a merge"
