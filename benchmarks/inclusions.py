@@ -67,7 +67,7 @@ def make(test: Test, folder: Path) -> None:
     trial = test.trial
     data = observed(trial, clean_experiment(trial))
     began = time.process_time()
-    found = discover([data], replay=twin_replay, check=FiniteElementCheck(), all_effects=False)
+    found = discover([data], replay=twin_replay, check=FiniteElementCheck(), few_effects=False)
     record = {
         "kind": test.kind,
         "specimen": trial.specimen,

@@ -124,7 +124,7 @@ def diagnosed(one: Set, folder: Path) -> None:
     trials = one.trials()
     tests = [replace(blind_data.make(trial)[0], name=f"test {k}") for k, trial in enumerate(trials)]
     effects = catalogue_without([one.material])[0] if one.removed else CATALOGUE
-    found = discover(tests, effects=effects, replay=twin_replay, check=FiniteElementCheck(), all_effects=False)
+    found = discover(tests, effects=effects, replay=twin_replay, check=FiniteElementCheck(), few_effects=False)
     write_json(folder / f"{one.name}.json", {**_judged(one, found), "labels": [blind_data.label(t) for t in trials],
                                              "seconds": time.process_time() - began})  # fmt: skip
 

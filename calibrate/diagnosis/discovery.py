@@ -13,6 +13,7 @@ import numpy as np
 from calibrate.data.experiment import Experiment
 from calibrate.data.readings_between import with_readings
 from calibrate.diagnosis.base_fit import prepare
+from calibrate.diagnosis.base_functions import first_guess
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.decision import decided
 from calibrate.diagnosis.evidence.levels import StiffnessLevel, at_one_level
@@ -20,7 +21,6 @@ from calibrate.diagnosis.evidence.own_effects import own_effects, refined_levels
 from calibrate.diagnosis.evidence.priors import Priors, read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.joint.everything import fit_everything
 from calibrate.diagnosis.problem import Mask, Problem
 from calibrate.diagnosis.replayed.replay_verdict import Check, judged_by_replay
 from calibrate.diagnosis.selection.dominant_effect import dominant_effect
@@ -31,7 +31,7 @@ from calibrate.diagnosis.twin import Replay, with_twins
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
 from calibrate.equations.equilibrium import Equilibrium
-from calibrate.errors import FitError, WeakStrainError
+from calibrate.errors import WeakStrainError
 from calibrate.fitting.noise.noise_check import with_checked_noise
 
 Say = Callable[[str], None]
@@ -52,7 +52,7 @@ def discover(
     replay: Replay | None = None,
     readings: int = 0,
     check: Check | None = None,
-    all_effects: bool = True,
+    few_effects: bool = True,
 ) -> Discovery:
     """Fit `experiments`, hold out equations of them and all of the experiments `held`, and find what is missing.
 
@@ -83,7 +83,7 @@ def discover(
     priors = priors or read_priors()
     if len(problem.trained) > 1:
         problem, state = with_own_effects(problem, state, distinct(effects), priors)
-    found = diagnose(problem, state, effects, seed, say, thresholds, priors, fitted, check, all_effects)
+    found = diagnose(problem, state, effects, seed, say, thresholds, priors, fitted, check, few_effects)
     noise, levels = tuple(check for _, check in checked), refined_levels(levels, found.own)
     own = tuple(one for one in found.own if not isinstance(one.effect, StiffnessLevel))
     return replace(found, noise=noise, without_twin=without_twin, own=own, levels=levels, one_modulus=one_modulus)
@@ -99,13 +99,12 @@ def diagnose(
     priors: Priors | None = None,
     fitted: bool = True,
     check: Check | None = None,
-    all_effects: bool = True,
+    few_effects: bool = True,
 ) -> Discovery:
-    """Rounds from a base fit, the verdict in the light of all explanations, and where none explains the test all effects at once.
+    """Rounds from a base fit, the verdict in the light of all explanations, and where none explains the test few effects by the fields of replays.
 
     priors: of amplitudes, None for the default. fitted: whether
-    the best explanations are fitted and change the verdict. check: replays base and final model, which may change the verdict, too, and what is to be used
-    where nothing explains the test. all_effects: whether they are fitted at once there, which changes no verdict (not without `fitted`).
+    the best explanations are fitted and change the verdict. check: replays base and final model, which may change the verdict, too. few_effects: whether they are looked for there, which changes no verdict (not without `fitted` and `check`).
     """
     effects, priors = distinct(effects), priors or read_priors()
     found = close_loop(problem, base, effects, seed, say, thresholds)
@@ -117,33 +116,11 @@ def diagnose(
         found = judged_by_replay(found, check(found))
     if fitted:
         found = replace(found, dominant=dominant_effect(found, say))
-    return _with_everything(found, effects, priors, say, check) if fitted and all_effects else found
-
-
-def _with_everything(
-    found: Discovery, effects: Sequence[Effect], priors: Priors, say: Say, check: Check | None
-) -> Discovery:
-    """With the fit of all effects at once, where the test is not explained, and the replay of what is to be used of it; with the reason where it cannot be made."""
-    if found.verdict is not Verdict.NOT_EXPLAINED:
+    if check is None or not (fitted and few_effects) or found.verdict is not Verdict.NOT_EXPLAINED:
         return found
-    assert found.start is not None
-    try:
-        everything = fit_everything(found.start, effects, priors, say)
-    except FitError as error:
-        return replace(found, without_everything=str(error))
-    if check is not None:
-        say("replay of the plausible effects")
-        used = everything.to_be_used
-        used = replace(used, replayed=check.of_model(found, used.fit.c, used.fit.present))
-        say("plausible effects updated by the forces of their replays")
-        used = replace(used, updated=check.updated(found, used))
-        neo_hooke = used.neo_hooke
-        if neo_hooke is not None:
-            used = replace(used, neo_hooke_replayed=check.of_model(found, neo_hooke, ()))
-            say("few effects by the fields of replays")
-            found = replace(found, few=check.few_effects(found, neo_hooke, effects, priors, say))
-        everything = used if everything.plausible is None else replace(everything, plausible=used)
-    return replace(found, everything=everything)
+    say("few effects by the fields of replays")
+    neo_hooke = first_guess([(part.assembled, part.train.rows) for part in found.problem.trained])
+    return replace(found, few=check.few_effects(found, neo_hooke, effects, priors, say))
 
 
 def _nothing(system: Equilibrium) -> Mask:

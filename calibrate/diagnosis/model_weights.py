@@ -73,18 +73,6 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
     return replace(problem, parts=tuple(parts), amplifying=found)
 
 
-def with_field_variance(problem: Problem, variance: float) -> Problem:
-    """The same equations with weights that allow for errors in those without a load of a variance as many times as that of noise, which the forces do not share: else small
-    differences between both would be known ever so well."""
-    parts = []
-    for part in problem.parts:
-        noise = noise_of(part.chain, part.assembled, problem.weights_c, problem.amplifying if part.train.size else ())
-        more = np.where(part.inside, (variance - 1) ** 0.5, 0.0)[:, None] * noise.spreads
-        spreads = np.concatenate([noise.spreads, more], axis=2)
-        parts.append(_weighted_by(part, EquationNoise.of(part.system, part.assembled.noise, spreads, noise.shares)))
-    return replace(problem, parts=tuple(parts))
-
-
 def _weighted_by(part: Part, noise: EquationNoise) -> Part:
     """The same equations with the weights of a noise."""
     given = noise, part.train.rows, part.held.rows, part.common

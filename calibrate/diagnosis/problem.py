@@ -59,6 +59,11 @@ class Part:
     own: tuple[OwnSignature, ...] = field(default=(), repr=False)
 
     @property
+    def inside(self) -> Mask:
+        """(2 v,): equations of virtual fields without a load."""
+        return np.tile(self.system.fields.boundary < 0, 2)
+
+    @property
     def known(self) -> Array:
         """What is no misfit in the residual of the chain (t, 2 v), N: the mean that noise brings into it, and the discretisation error."""
         return self.shift if self.twin is None else self.shift + self.twin
@@ -86,11 +91,6 @@ class Part:
     def valid(self, additions: Additions) -> Additions:
         """Those that hold for this experiment: of the material, and all where it took part in the fit."""
         return additions if self.train.size else tuple(a for a in additions if a.effect.of_material)
-
-    @property
-    def inside(self) -> Mask:
-        """(2 v,): equations of virtual fields without a load."""
-        return np.tile(self.system.fields.boundary < 0, 2)
 
     @property
     def experiment(self) -> Experiment:

@@ -108,11 +108,6 @@ def _smooth_forces(part: Part) -> Array:
     return _over_increments(part, np.concatenate([_body_cosines(part, PLACE_COSINES), loaded]))
 
 
-def smooth_body_forces(part: Part, n: int) -> Array:
-    """Those (k, t, 2 v) of body forces alone, of n cosines over each side of the specimen."""
-    return _over_increments(part, _body_cosines(part, n))
-
-
 def _body_cosines(part: Part, n: int) -> Array:
     """Forces (n^2, v) that body forces as cosines over the specimen make on every virtual field."""
     system, points = part.system, part.experiment.points

@@ -27,7 +27,7 @@ from studies.importers import measured_data
 from studies.output import Manifest, open_output_folder
 from studies.output.plain import StepResult
 from studies.output.writing import write_json
-from studies.reports.discovery.replay_section import ALL_EFFECTS, PLAUSIBLE_FILE
+from studies.reports.discovery.replay_section import FEW_FILE
 from studies.sheets import measured_control
 from studies.sheets.homogeneous import measured_homogeneous
 from studies.sheets.homogeneous.homogeneous_loops import Loop, loops
@@ -154,8 +154,8 @@ class Steps:
         return SheetResult.of(name, json.loads((done.folder / "discovery.json").read_text()))
 
     def transferred(self, name: str) -> TransferResult:
-        """What `equigap transfer` says of a sheet with the first one's model: with all effects, where that was fitted."""
-        candidates = [self.folder / SHEETS[0] / file for file in (PLAUSIBLE_FILE, ALL_EFFECTS, "model.json")]
+        """What `equigap transfer` says of a sheet with the first one's model: of few effects, where nothing explains it."""
+        candidates = [self.folder / SHEETS[0] / file for file in (FEW_FILE, "model.json")]
         model = next(path for path in candidates if path.exists())
         output = self.folder / f"transfer_{name}"
         done = transfer(model, self.sheet(name), hold_out=self.options.hold_out, output=output, overwrite=True)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.levels import StiffnessLevel
 from calibrate.diagnosis.evidence.priors import Priors
-from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed import replay_rule
 from calibrate.diagnosis.replayed.band import Alternative, band_of, level_deviation
@@ -28,13 +27,12 @@ from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection.rounds import Discovery
 from calibrate.diagnosis.twin import stiffening_base
 from calibrate.effects import Effect
-from calibrate.effects.chain import Additions
 from calibrate.equations.basis import polyconvex
 from calibrate.errors import EquigapError
 from forward.errors import ForwardError
 from meshes.errors import MeshError
 from studies.errors import StudyError
-from studies.replay import few_effects_replay, updated_replay
+from studies.replay import few_effects_replay
 from studies.replay.compared_test import ComparedTest, ReplayedModel
 from studies.replay.competing_models import own_probability, rivals
 from studies.replay.flat_rows import observations
@@ -58,21 +56,6 @@ class FiniteElementCheck:
         except FAILURES as error:
             return NoReplayCheck(str(error))
 
-    def of_model(self, found: Discovery, c: Array, additions: Additions) -> Replayed | NoReplayCheck:
-        """Another model at its own level, on the rows that base and final model are compared on."""
-        try:
-            return _Check(found).at_own_level(ReplayedModel(c, additions))
-        except FAILURES as error:
-            return NoReplayCheck(str(error))
-
-    def updated(self, found: Discovery, one: Everything) -> Updated | NoReplayCheck:
-        """What the equations leave open of a fit, from the forces of its replays; at its own level."""
-        try:
-            new = updated_replay.updated(found.problem, one)
-            return replace(new, check=_Check(found).of_updated(new))
-        except FAILURES as error:
-            return NoReplayCheck(str(error))
-
     def few_effects(
         self, found: Discovery, c: Array, effects: Sequence[Effect], priors: Priors, say: Callable[[str], None]
     ) -> FewEffects | NoReplayCheck:
@@ -81,12 +64,20 @@ class FiniteElementCheck:
             few = few_effects_replay.few_by_fields(found.problem, c, effects, priors, say)
         except FAILURES as error:
             return NoReplayCheck(str(error))
+        few = replace(few, neo_hooke=self._at_own_level(found, few.c))
         say("few effects updated by the forces of their replays")
         try:
             new = few_effects_replay.with_forces(found.problem, few, effects, priors)
             return replace(few, updated=replace(new, check=_Check(found).of_updated(new)))
         except FAILURES as error:
             return replace(few, updated=NoReplayCheck(str(error)))
+
+    def _at_own_level(self, found: Discovery, c: Array) -> Replayed | NoReplayCheck:
+        """A base alone, on the rows that base and final model are compared on."""
+        try:
+            return _Check(found).at_own_level(ReplayedModel(c, ()))
+        except FAILURES as error:
+            return NoReplayCheck(str(error))
 
 
 @dataclass(eq=False)

@@ -1,7 +1,6 @@
-"""Replays that the parameters of a model are updated by, see `calibrate.diagnosis.replayed.updating`.
+"""Replays that the parameters of a model are fitted by, see `calibrate.diagnosis.replayed.few_effects` and `updating`.
 
-In: the `Problem` of a diagnosis and a fit of its effects. Out: `Updated`. An effect that neither the forward model nor a correction of what was measured has is left out, and what it
-does to the forces is left to the others. Only increments that were fitted are solved, and those before them that a history needs.
+In: tests. Out: `Replays`, a function of base and effects. Only increments that were fitted are solved, and those before them that a history needs.
 """
 
 from __future__ import annotations
@@ -11,39 +10,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.joint.shares import Everything, Share
-from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed.parameter_spread import Directions
-from calibrate.diagnosis.replayed.updating import ReplayedRows, Updated, update
+from calibrate.diagnosis.replayed.updating import ReplayedRows
 from calibrate.effects.chain import Additions
-from calibrate.effects.chain.true_surface import is_expressed
 from calibrate.effects.support.effect_data import Data
 from forward.errors import ForwardError
-from studies.errors import OptionError
 from studies.replay.compared_test import ComparedTest, ReplayedModel
 from studies.replay.flat_rows import observations
-from studies.replay.model_law import is_solved
 from studies.replay.parameter_changes import Departure, of_parameters
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 EACH = 12  # increments of a test that are compared
-
-
-def updated(problem: Problem, one: Everything) -> Updated:
-    """Effects of a fit that are not at their null values, and all with a memory. Raises `OptionError` where the model as it was fitted cannot be
-    solved, and the errors of `ComparedTest.replayed`."""
-    replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
-    there = [a for a in one.fit.additions if not a.is_null]
-    has_law = {a.effect.name for a in one.fit.additions if is_solved(a.effect.name) or is_expressed(a.effect)}
-    used = {a.effect.name for a in there} | {a.effect.name for a in one.fit.additions if a.effect.remembers}
-    additions = tuple(a for a in one.fit.additions if a.effect.name in used & has_law)
-    left_out = tuple(a.effect.name for a in there if a.effect.name not in has_law)
-    priors = {share.effect.name: _prior(share) for share in one.shares}
-    found = update(replays, one.fit.c, additions, priors, other_times(additions, problem.trained[0].chain.data))
-    if found is None:
-        raise OptionError(f"the plausible effects have no equilibrium to start from: {replays.failure}")
-    return replace(found, left_out=left_out)
 
 
 def other_times(additions: Additions, data: Data) -> list[Additions]:
@@ -56,13 +34,6 @@ def other_times(additions: Additions, data: Data) -> list[Additions]:
                 for shape in a.effect.shape_values(data)
             ]
     return found
-
-
-def _prior(share: Share) -> tuple[Array, Array]:
-    """Mean and standard deviations of its amplitudes: those of the fit to the equations, or before the test where it has a memory."""
-    if share.effect.remembers:
-        return np.array([p.null for p in share.effect.amplitudes]), np.array(share.priors)
-    return np.array(share.amplitudes), np.array(share.deviations)
 
 
 @dataclass(eq=False)

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from studies.output import style
-from studies.sheets.sheet_results import ALL, BASE, FOUND, NEO_HOOKE, PLAUSIBLE, MeasuredResults
+from studies.sheets.sheet_results import BASE, FOUND, MeasuredResults
 from studies.transfer.transferred import ForceAndField
 
-COLOURS = {NEO_HOOKE: "vermilion", BASE: "orange", FOUND: "green", ALL: "blue", PLAUSIBLE: "purple"}
+COLOURS = {BASE: "orange", FOUND: "green"}
 
 
 def errors(results: MeasuredResults) -> Figure:

@@ -14,9 +14,7 @@ from calibrate.diagnosis.selection import Verdict
 from studies.output.plain import Plain, StepResult
 from studies.transfer.transferred import ForceAndField, Row, Transferred
 
-NEO_HOOKE, BASE, FOUND = "neo-Hooke", "base", "base and effects found"
-ALL, PLAUSIBLE, UPDATED = "all effects at once", "plausible effects", "plausible effects, updated"
-FEW = "few effects"
+NEO_HOOKE, BASE, FOUND, FEW = "neo-Hooke", "base", "base and effects found", "few effects"
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class ModelErrors(Plain):
 @dataclass(frozen=True)
 class ReplayedErrors(Plain):
     """A model replayed from the motion of the grips. level: factor on its stiffness; errors of forces, relative, in the increments that were fitted and held out; field: mm, held out;
-    band: half of the 95 % band of the force error; None of the base and of models that were not updated."""
+    band: half of the 95 % band of the force error; None of bases."""
 
     name: str
     level: float
@@ -41,18 +39,14 @@ class ReplayedErrors(Plain):
     band: float | None
 
     @classmethod
-    def of(
-        cls, found: Mapping[str, Any] | None, plausible: Mapping[str, Any] | None, few: Mapping[str, Any] | None
-    ) -> list[Self]:
-        """Of base and final model, of the plausible effects as equations and replays have them, and of few effects, from discovery.json; none where they were not replayed."""
+    def of(cls, found: Mapping[str, Any] | None, few: Mapping[str, Any] | None) -> list[Self]:
+        """Of base and final model, of neo-Hooke and of few effects, from discovery.json; none where they were not replayed."""
         pairs: list[tuple[str, Mapping[str, Any], float | None]] = []
         if found is not None and "not_made" not in found:
             pairs += [(BASE, found["base"], None), (FOUND, found["final"], found["band"]["force"])]
-        if plausible is not None:
-            updated = (plausible["updated"] or {}).get("replay") or {}
-            pairs += [(name, one, None) for name, one in ((NEO_HOOKE, plausible["neo_hooke"]), (PLAUSIBLE, plausible["replay"]))
-                      if one is not None and "not_made" not in one]  # fmt: skip
-            pairs += [(UPDATED, updated["final"], updated["band"]["force"])] if updated else []
+        neo_hooke = (few or {}).get("neo_hooke")
+        if neo_hooke is not None and "not_made" not in neo_hooke:
+            pairs.append((NEO_HOOKE, neo_hooke, None))
         replay = ((few or {}).get("updated") or {}).get("replay")
         pairs += [(FEW, replay["final"], replay["band"]["force"])] if replay else []
         return [
@@ -70,8 +64,8 @@ class ReplayedErrors(Plain):
 
 @dataclass(frozen=True)
 class SheetResult(StepResult):
-    """What `equigap discover` says of a sheet. needed, implausible: effects in the fit of all, where it was made; discrepancy: over noise;
-    alerts: codes; answer: the verdict in words; replays: of base and final model, where they were made."""
+    """What `equigap discover` says of a sheet. few, probability: the most probable set of few effects, where nothing explains it; inclusion: probability of each;
+    alerts: codes; answer: the verdict in words; replays: of every model that was replayed."""
 
     name: str
     verdict: Verdict
@@ -80,29 +74,20 @@ class SheetResult(StepResult):
     answer: str
     chi_square: float
     models: list[ModelErrors]
-    needed: list[str]
-    implausible: list[str]
-    discrepancy: float | None
+    few: list[str]
+    probability: float | None
+    inclusion: dict[str, float]
     alerts: list[str]
     replays: list[ReplayedErrors] = field(default_factory=list)
 
     @classmethod
     def of(cls, name: str, found: Mapping[str, Any]) -> Self:
         """From the content of discovery.json."""
-        first, last, together = found["rounds"][0], found["rounds"][-1], found["all_effects"]
+        first, last, together = found["rounds"][0], found["rounds"][-1], found["few_effects"]
         models = [ModelErrors(BASE, _errors(first["train"]), _errors(first["held_out"]))]
         if last is not first:
             models.append(ModelErrors(FOUND, _errors(last["train"]), _errors(last["held_out"])))
-        effects: list[Mapping[str, Any]] = []
-        if together is not None:
-            pairs = together["fitted_and_held_out"]
-            models[:0] = [ModelErrors(NEO_HOOKE, *map(_errors, pairs["before"]))]
-            models.append(ModelErrors(ALL, *map(_errors, pairs["after"])))
-            if together["plausible"] is not None:
-                models.append(
-                    ModelErrors(PLAUSIBLE, *map(_errors, together["plausible"]["fitted_and_held_out"]["after"]))
-                )
-            effects = [one for one in together["effects"] if one["needed"]]
+        sets = (together or {}).get("sets") or [{"effects": [], "probability": None}]
         return cls(
             name=name,
             verdict=Verdict(found["verdict"]),
@@ -111,13 +96,11 @@ class SheetResult(StepResult):
             answer=found["in_words"],
             chi_square=last["reduced_chi_square"],
             models=models,
-            needed=[one["effect"] for one in effects if not one["implausible"]],
-            implausible=[one["effect"] for one in effects if one["implausible"]],
-            discrepancy=None if together is None else together["discrepancy_over_noise"],
+            few=list(sets[0]["effects"]),
+            probability=sets[0]["probability"],
+            inclusion=dict((together or {}).get("inclusion", {})),
             alerts=sorted({one["code"] for one in found["alerts"]}),
-            replays=ReplayedErrors.of(
-                found["replay"], together and (together["plausible"] or together), found["few_effects"]
-            ),
+            replays=ReplayedErrors.of(found["replay"], together),
         )
 
     def model(self, name: str) -> ModelErrors:

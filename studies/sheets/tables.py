@@ -9,25 +9,26 @@ from studies.output.words import Words, digits, digits_if_any, percent
 from studies.sheets.sheet_results import ControlResult, HomogeneousResult, SheetResult, TransferResult
 
 WORDS = Words("measured")
+SAID = 0.05  # probability of an effect, from which it is told
 Table = tuple[list[str], list[list[Any]]]
 ERRORS = ["force error, fitted", "field error, fitted", "force error, held out", "field error, held out"]
 
 
 def verdict_table(sheets: Mapping[str, SheetResult]) -> Table:
     """One line a sheet: what `equigap discover` says."""
-    columns = ["sheet", "verdict", "reduced chi-square of the base", "effects needed", "effects implausible",
-               "discrepancy over noise", "alerts"]  # fmt: skip
+    columns = ["sheet", "verdict", "reduced chi-square of the base", "few effects, most probable set", "its probability",
+               "by themselves, from 5 %", "alerts"]  # fmt: skip
     rows: list[list[Any]] = []
     for one in sheets.values():
-        needed, implausible = (", ".join(names) or "none" for names in (one.needed or one.named, one.implausible))
+        alone = sorted(one.inclusion.items(), key=lambda pair: -pair[1])
         rows.append(
             [
                 one.name,
                 str(one.verdict),
                 digits_if_any(one.chi_square),
-                needed,
-                implausible,
-                digits_if_any(one.discrepancy),
+                ", ".join(one.few or one.named) or "none",
+                one.probability and percent(one.probability),
+                ", ".join(f"{name} {percent(p)}" for name, p in alone if p >= SAID) or None,
                 ", ".join(one.alerts),
             ]
         )

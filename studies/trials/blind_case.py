@@ -102,14 +102,14 @@ def diagnose(path: Path, without: tuple[str, ...]) -> dict[str, Any]:
     start = time.process_time()
     experiment = Experiment.load(path)
     found = discovery.discover(
-        [experiment], replay=twin_replay, check=FiniteElementCheck(), all_effects=False
+        [experiment], replay=twin_replay, check=FiniteElementCheck(), few_effects=False
     )  # the verdict is what is judged
     content = {"full": described(found), "seconds": time.process_time() - start}
     if without:
         assert found.start is not None
         rest, content["without"] = catalogue_without(without)
         content["absent"] = described(
-            discovery.diagnose(found.start, found.base, rest, check=FiniteElementCheck(), all_effects=False)
+            discovery.diagnose(found.start, found.base, rest, check=FiniteElementCheck(), few_effects=False)
         )
     return content
 

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.evidence.linear_evidence import Signature
-from calibrate.diagnosis.joint.shares import Usable
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
 from calibrate.diagnosis.replayed.field_evidence import FieldEvidence
@@ -72,15 +71,26 @@ class FittedSet:
 
 
 @dataclass(frozen=True, eq=False)
+class Usable:
+    """A model to predict with: base c (n,), MPa, effects that are not at their null values, their deviations, and its replay."""
+
+    c: Array
+    additions: Additions
+    deviations: tuple[tuple[float, ...], ...]
+    replayed: Replayed | NoReplayCheck | None
+
+
+@dataclass(frozen=True, eq=False)
 class FewEffects:
     """c (n,), MPa: neo-Hooke, at the level of the forces of its replay; base: its errors in pictures that were fitted. alternatives: all sets; fitted: the most probable, after their fits, best first.
-    updated: the best with its forces, and relaxation."""
+    updated: the best with its forces, and relaxation. neo_hooke: its replay, with what was held out."""
 
     c: Array
     base: ReplayErrors
     alternatives: Alternatives
     fitted: tuple[FittedSet, ...]
     updated: Updated | NoReplayCheck | None = None
+    neo_hooke: Replayed | NoReplayCheck | None = None
 
     @property
     def sets(self) -> tuple[tuple[Names, float], ...]:
@@ -104,6 +114,11 @@ class FewEffects:
         """The model to predict with; None where it was not updated."""
         new = self.updated
         return Usable(new.c, *new.present, new.replayed) if isinstance(new, Updated) else None
+
+    @property
+    def usable_neo_hooke(self) -> Usable:
+        """The base alone."""
+        return Usable(self.c, (), (), self.neo_hooke)
 
     @property
     def replayed(self) -> Replayed | NoReplayCheck | None:

@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.priors import Priors
-from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.problem import level_factor
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.few_effects import FewEffects
-from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Verdict
 from calibrate.effects import Effect
 from calibrate.effects.chain import Additions
@@ -34,18 +32,10 @@ class Check(Protocol):
         """Of its base and final model."""
         ...
 
-    def of_model(self, found: Discovery, c: Array, additions: Additions) -> Replayed | NoReplayCheck:
-        """Of another base (n,) with effects, at its own level."""
-        ...
-
-    def updated(self, found: Discovery, one: Everything) -> Updated | NoReplayCheck:
-        """A fit of several effects, updated by the forces of its replays, and the replay of what it becomes."""
-        ...
-
     def few_effects(
         self, found: Discovery, c: Array, effects: Sequence[Effect], priors: Priors, say: Callable[[str], None]
     ) -> FewEffects | NoReplayCheck:
-        """Those that leave least of the fields beside neo-Hooke (n,), updated by forces, and the replay of what that becomes."""
+        """Those that leave least of the fields beside neo-Hooke, c (n,), MPa, at any level, updated by forces, and the replays of both."""
         ...
 
 

@@ -6,7 +6,7 @@ camera, of the load cell as stated, and of one of class 0.5 (ISO 7500-1),
 
 .. math:: e^T V^{-1} e + \sum_k (a_k - m_k)^2 / \lambda_k^2
 
-is minimised over a factor on the base, amplitudes a and shapes. Amplitudes have m and lambda of the fit to the equations; those of effects with a memory their prior.
+is minimised over a factor on the base, amplitudes a and shapes. Amplitudes have m and lambda of the fit to the fields; those of effects with a memory their prior.
 Nothing that is held out is used.
 
 Between two replays the forces follow the law through the virtual fields of the last one, at its displacements: that is exact there, and not linear in the law.
@@ -62,14 +62,13 @@ Replays = Callable[[Array, Additions], ReplayedRows | None]  # None where there 
 @dataclass(frozen=True, eq=False)
 class Updated:
     """A model after it was updated: spread: its coefficients, effects and their covariance. before, after: errors of the increments that were fitted, each at its own level. converged: whether one more fit
-    would change nothing that matters. forces: how many were fitted. left_out: effects that finite elements do not have. check: its replay beside that of the base of the diagnosis, with band and what was held out."""
+    would change nothing that matters. forces: how many were fitted. check: its replay beside that of the base of the diagnosis, with band and what was held out."""
 
     spread: Spread
     before: ReplayErrors
     after: ReplayErrors
     converged: bool
     forces: int
-    left_out: tuple[str, ...] = ()
     check: ReplayCheck | None = None
 
     @property

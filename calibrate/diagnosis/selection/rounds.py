@@ -10,7 +10,6 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Power, Weighing
 from calibrate.diagnosis.evidence.levels import Level
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
-from calibrate.diagnosis.joint.shares import Everything
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck
@@ -184,8 +183,8 @@ class Discovery:
     named: effects that the residual confirms; closest: those added that it does not. groups: for each added effect, the effects
     that these data cannot tell from it. confirmation: of the final model against the base, where it has effects. noise: of every
     experiment, stated and found; empty where it was not looked at. start: with the weights of the base. weighing: of all
-    explanations. replaced: effects that the rounds had found before a more probable explanation took their place. everything: the fit of all
-    effects at once, where no few of them explain the test; without_everything: why it could not be made. few: effects that leave least of the fields of a replay, there, too. without_twin: why tests were not replayed. own: what
+    explanations. replaced: effects that the rounds had found before a more probable explanation took their place. few: effects that leave least of the fields of a
+    replay, where nothing explains the test. without_twin: why tests were not replayed. own: what
     every one of several tests has for itself. levels: of several tests whose thicknesses are unknown; empty where these are known.
     replay_check: of base and final model; None where it was not asked for. dominant: of a test that is not explained; None where nothing is. one_modulus:
     whether the base is neo-Hooke because a flexible one followed the noise of a weak strain.
@@ -203,8 +202,6 @@ class Discovery:
     start: Problem | None = field(default=None, repr=False)
     weighing: Weighing | None = field(default=None, repr=False)
     replaced: tuple[str, ...] | None = None
-    everything: Everything | None = field(default=None, repr=False)
-    without_everything: str = ""
     few: FewEffects | NoReplayCheck | None = field(default=None, repr=False)
     without_twin: tuple[str, ...] = ()
     own: tuple[OwnEffect, ...] = ()

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from calibrate.diagnosis.distillation import bulk_modulus
-from calibrate.diagnosis.replayed.checked_replay import ReplayCheck, Replayed
+from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.selection import Discovery
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import Use
@@ -16,9 +16,8 @@ from studies.output.words import plus_minus
 from studies.reports.alert_table import merged
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
-from studies.reports.discovery.everything_table import everything_data
 from studies.reports.discovery.own_effects_table import alike, seen, stand_ins
-from studies.reports.discovery.replay_section import few_findings, plausible_findings, plausible_replay, replay_findings
+from studies.reports.discovery.replay_section import few_findings, neo_hooke_replay, replay_findings, use_finding
 from studies.reports.discovery.view import BAND, View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
@@ -45,9 +44,6 @@ class DiscoveryCode(Macro):
     DOMINANT = "dominant_effect"
     TIE = "tie"
     POWER = "power"
-    EVERYTHING = "everything"
-    PLAUSIBLE = "plausible"
-    WITHOUT_EVERYTHING = "without_everything"
     ALIKE = "alike_in_all"
     OF_ONE_TEST = "of_one_test"
     OWN_STAND_INS = "own_stand_ins"
@@ -69,9 +65,12 @@ def remarks(view: View) -> list[Finding]:
     result += replay_findings(view.discovery)
     if found.verdict is not Use.NOT:
         result += [*_of_effects(view), *_of_own_effects(view)]
-    at_their_level = {Reason.ATTENUATED} if isinstance(plausible_replay(view.discovery), Replayed) else set()
+    at_their_level = {Reason.ATTENUATED} if neo_hooke_replay(view.discovery) is not None else set()
     if all(one.code in OF_THE_MODEL | at_their_level for one in found.against):
-        result += _of_all_effects(view)
+        result += [
+            *few_findings(view.discovery),
+            *use_finding(view.discovery),
+        ]  # with a base of their own, whatever the forces of the final model are
     result += [*_of_stiffness(view), *_of_tests(view), *_of_plane_strain(view)]
     return merged(found.reasons, result)
 
@@ -121,21 +120,6 @@ def _of_effects(view: View) -> Iterator[Finding]:
         alternatives = alternatives_data(view.weighing)
         yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unknown"], **alternatives)
         yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))
-
-
-def _of_all_effects(view: View) -> Iterator[Finding]:
-    """Of fits that have a base of their own, whatever the forces of the final model are."""
-    if view.discovery.everything is not None:
-        data = everything_data(view.discovery.everything)
-        yield _finding(DiscoveryCode.EVERYTHING, bool(data["implausible"] or data["worse"]), **data)
-        if view.discovery.everything.plausible is not None:
-            data = everything_data(view.discovery.everything.plausible)
-            keys = ("needed", "at_limit", "held", "worse", "before", "after")
-            yield _finding(DiscoveryCode.PLAUSIBLE, bool(data["worse"]), **{key: data[key] for key in keys})
-        yield from few_findings(view.discovery)
-        yield from plausible_findings(view.discovery)
-    if view.discovery.without_everything:
-        yield _finding(DiscoveryCode.WITHOUT_EVERYTHING, reason=view.discovery.without_everything)
 
 
 def _of_own_effects(view: View) -> Iterator[Finding]:

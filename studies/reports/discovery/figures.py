@@ -18,7 +18,7 @@ from calibrate.effects.chain import Addition
 from calibrate.models.addition_json import amplitude_unit
 from studies.output import style
 from studies.reports.discovery.candidate_outcome import WORDS
-from studies.reports.discovery.replay_section import BASE, FEW, FINAL, NEO_HOOKE, PLAUSIBLE, UPDATED
+from studies.reports.discovery.replay_section import BASE, FEW, FINAL, NEO_HOOKE
 from studies.reports.discovery.replayed_forces import force_courses
 from studies.reports.discovery.view import BAND, View, decorrelated, held_increments, nodal
 from studies.reports.force_record import COMPONENTS, worth_drawing
@@ -30,8 +30,6 @@ LOOKS = {
     BASE: {"color": style.COLOURS["vermilion"], "linestyle": "--", "marker": "x", "ms": 4},
     FINAL: {"color": style.COLOURS["blue"], "linestyle": "-", "marker": ".", "ms": 5},
     NEO_HOOKE: {"color": "0.5", "linestyle": ":", "marker": "+", "ms": 5},
-    PLAUSIBLE: {"color": style.COLOURS["orange"], "linestyle": "-.", "marker": "^", "ms": 3},
-    UPDATED: {"color": style.COLOURS["green"], "linestyle": "-", "marker": "s", "ms": 3},
     FEW: {"color": style.COLOURS["purple"], "linestyle": "--", "marker": "D", "ms": 3},
 }
 

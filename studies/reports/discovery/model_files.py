@@ -10,14 +10,13 @@ from typing import Any
 
 from calibrate.diagnosis import distillation
 from calibrate.diagnosis.distillation import bulk_modulus
-from calibrate.diagnosis.joint.shares import Usable
 from calibrate.diagnosis.replayed.checked_replay import replay_record
-from calibrate.diagnosis.replayed.few_effects import FewEffects
+from calibrate.diagnosis.replayed.few_effects import FewEffects, Usable
 from calibrate.diagnosis.replayed.replay_verdict import replayed_level, stiffness_level
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects.chain import Additions
 from calibrate.models.extended_model import ExtendedModel
-from studies.reports.discovery.replay_section import ALL_EFFECTS, FEW_FILE, NEO_HOOKE_FILE, PLAUSIBLE_FILE
+from studies.reports.discovery.replay_section import FEW_FILE, NEO_HOOKE_FILE
 from studies.reports.discovery.statement import network_words
 
 
@@ -39,16 +38,10 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
 
 
 def unexplained(found: Discovery, hold_out: str, record: dict[str, Any]) -> dict[str, ExtendedModel]:
-    """Models of a test that nothing explains, without a network, by their files: all effects, the plausible ones, few, and neo-Hooke; those that were fitted."""
-    if found.everything is None:
+    """Models of a test that nothing explains, without a network, by their files: few effects, where they were updated by forces, and neo-Hooke."""
+    if not isinstance(found.few, FewEffects):
         return {}
-    used, plausible = found.everything.to_be_used, found.everything.plausible
-    fits = {
-        ALL_EFFECTS: found.everything.usable,
-        PLAUSIBLE_FILE: None if plausible is None else plausible.usable,
-        FEW_FILE: found.few.usable if isinstance(found.few, FewEffects) else None,
-        NEO_HOOKE_FILE: used.usable_neo_hooke,
-    }
+    fits = {FEW_FILE: found.few.usable, NEO_HOOKE_FILE: found.few.usable_neo_hooke}
     return {name: _without_network(found, one, hold_out, record) for name, one in fits.items() if one is not None}
 
 

@@ -24,7 +24,7 @@ from calibrate.effects import Effect
 from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.addition_json import amplitude_unit
 from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
-from studies.reports.discovery.everything_table import everything_record, few_record
+from studies.reports.discovery.few_effects_table import few_record
 from studies.reports.discovery.own_effects_table import own_effects_record
 from studies.reports.discovery.view import BAND, View, held_increments
 from studies.reports.discovery.weighing_tables import weighing_record
@@ -268,7 +268,6 @@ def content(view: View) -> dict[str, Any]:
         "modulus": modulus(found.problem),
         "duration_s": _duration(found.problem),
         "replay": replay_record(found.replay_check),
-        "all_effects": everything_record(found.everything),
         "few_effects": few_record(found.few),
         "own_effects": own_effects_record(found.own),
         "levels": [asdict(one) for one in found.levels],

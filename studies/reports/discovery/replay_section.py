@@ -16,13 +16,11 @@ from calibrate.diagnosis.selection import Discovery, Verdict
 from studies.output.findings import Finding, Macro
 from studies.output.words import percent, plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS
-from studies.reports.discovery.everything_table import few_data
+from studies.reports.discovery.few_effects_table import few_data
 
 Table = tuple[list[str], list[list[Any]]]
-BASE, FINAL, PLAUSIBLE, UPDATED = "base model", "final model", "plausible effects", "plausible effects, updated"
-NEO_HOOKE, FEW = "neo-Hooke", "few effects"
-ALL_EFFECTS, PLAUSIBLE_FILE, NEO_HOOKE_FILE = "model_all_effects.json", "model_plausible.json", "model_neo_hooke.json"
-FEW_FILE = "model_few_effects.json"
+BASE, FINAL, NEO_HOOKE, FEW = "base model", "final model", "neo-Hooke", "few effects"
+FEW_FILE, NEO_HOOKE_FILE = "model_few_effects.json", "model_neo_hooke.json"
 
 
 class ReplayCode(Macro):
@@ -35,10 +33,7 @@ class ReplayCode(Macro):
     LEVELS = "replay_levels"
     BEYOND = "replay_beyond"
     STAND_IN = "replay_stand_in"
-    PLAUSIBLE = "plausible_replayed"
-    NO_PLAUSIBLE = "plausible_not_replayed"
-    UPDATED = "plausible_updated"
-    NOT_UPDATED = "plausible_not_updated"
+    USE = "model_to_use"
     FEW = "few_effects"
     NO_FEW = "no_few_effects"
 
@@ -84,13 +79,14 @@ def level_words(check: ReplayCheck) -> list[str]:
     return [plus_minus(*pair) for pair in pairs] if any(deviation for _, deviation in pairs) else []
 
 
-def plausible_replay(found: Discovery) -> Replayed | NoReplayCheck | None:
-    """Of the model that is to be used where nothing explains the test; None where there is none."""
-    return None if found.everything is None else found.everything.to_be_used.usable_replay
+def neo_hooke_replay(found: Discovery) -> Replayed | None:
+    """Where nothing explains the test; None where it was not replayed."""
+    one = found.few.neo_hooke if isinstance(found.few, FewEffects) else None
+    return one if isinstance(one, Replayed) else None
 
 
 def to_predict_with(found: Discovery) -> str | None:
-    """File of the first of these, where nothing explains the test: few effects, the fit of all effects that is to be used, neo-Hooke; of which neither force nor field of what was held out is
+    """File of the first of these, where nothing explains the test: few effects, neo-Hooke; of which neither force nor field of what was held out is
     missed by more (`misses_more`) than another replayed model misses them. None where each is beaten in one of both, or none was replayed."""
     offered, check = _offered(found), found.replay_check
     others = [one for _, one in offered] + ([check.final] if isinstance(check, ReplayCheck) else [])
@@ -103,10 +99,7 @@ def to_predict_with(found: Discovery) -> str | None:
 
 def _offered(found: Discovery) -> list[tuple[str, Replayed]]:
     """Models without a named effect that were replayed, by their files."""
-    if found.everything is None:
-        return []
-    neo_hooke = found.everything.to_be_used.neo_hooke_replayed
-    pairs = [(FEW_FILE, _few_replay(found)), (all_effects_file(found), plausible_replay(found)), (NEO_HOOKE_FILE, neo_hooke)]  # fmt: skip
+    pairs = [(FEW_FILE, _few_replay(found)), (NEO_HOOKE_FILE, neo_hooke_replay(found))]
     return [(file, one) for file, one in pairs if isinstance(one, Replayed)]
 
 
@@ -125,26 +118,11 @@ def recommendation(found: Discovery) -> str:
     )
 
 
-def all_effects_file(found: Discovery) -> str:
-    """Of the fit of all effects that is to be used where nothing explains the test."""
-    return ALL_EFFECTS if found.everything is None or found.everything.plausible is None else PLAUSIBLE_FILE
-
-
-def plausible_findings(found: Discovery) -> Iterator[Finding]:
-    """Whether that model is to be used, by its replay."""
-    one, check = plausible_replay(found), found.replay_check
-    if isinstance(one, NoReplayCheck):
-        yield _finding(ReplayCode.NO_PLAUSIBLE, reason=one.reason)
-    else:
-        yield from _updated_findings(found)
-    if not isinstance(one, Replayed) or found.everything is None:
-        return
-    other, file = check.final.judged if isinstance(check, ReplayCheck) else None, to_predict_with(found)
-    yield _finding(
-        ReplayCode.PLAUSIBLE, file != all_effects_file(found), held=bool(one.rows.held.any()), level=plus_minus(one.level.factor, INTERVAL * one.level.deviation),
-        force=None if np.isnan(one.judged.force) else one.judged.force, field=one.judged.field,
-        other=None if other is None else other.to_dict(), file=file, own=all_effects_file(found), band=_band(found.everything.to_be_used.update_in_use), neo_hooke=_neo_hooke(found),
-    )  # fmt: skip
+def use_finding(found: Discovery) -> Iterator[Finding]:
+    """Which model is to be used, by its replay, where nothing explains the test."""
+    if _offered(found):
+        file = to_predict_with(found)
+        yield _finding(ReplayCode.USE, file is None, said=recommendation(found))
 
 
 def few_findings(found: Discovery) -> Iterator[Finding]:
@@ -160,6 +138,7 @@ def few_findings(found: Discovery) -> Iterator[Finding]:
     missed = None if one is None else one.judged.to_dict()
     held = one is not None and bool(one.rows.held.any())
     remembered = remembered_values(new) if isinstance(new, Updated) else []
+    converged = not isinstance(new, Updated) or new.converged
     yield _finding(
         ReplayCode.FEW,
         **few_data(few),
@@ -168,6 +147,7 @@ def few_findings(found: Discovery) -> Iterator[Finding]:
         held=held,
         band=_band(new),
         remembered=remembered,
+        converged=converged,
     )
 
 
@@ -175,11 +155,6 @@ def _few_replay(found: Discovery) -> Replayed | None:
     """Of the model of few effects; None where it was not replayed."""
     one = found.few.replayed if isinstance(found.few, FewEffects) else None
     return one if isinstance(one, Replayed) else None
-
-
-def _neo_hooke(found: Discovery) -> dict[str, Any] | None:
-    """Errors of neo-Hooke."""
-    return next((one.judged.to_dict() for name, one in replayed_models(found) if name == NEO_HOOKE), None)
 
 
 def _band(new: Updated | NoReplayCheck | None) -> dict[str, Any] | None:
@@ -190,21 +165,6 @@ def _band(new: Updated | NoReplayCheck | None) -> dict[str, Any] | None:
     within = {f"{name}_within": None if test is None else test.p_value >= LEVEL
               for name, test in (("force", check.judgement.force), ("field", check.judgement.field))}  # fmt: skip
     return {**check.expected.to_dict(), **within}
-
-
-def _updated_findings(found: Discovery) -> Iterator[Finding]:
-    """What forces of replays changed of the plausible effects, or why they changed nothing."""
-    if found.everything is None:
-        return
-    used = found.everything.to_be_used
-    new = used.updated
-    if isinstance(new, NoReplayCheck):
-        yield _finding(ReplayCode.NOT_UPDATED, reason=new.reason)
-    if isinstance(new, Updated):
-        yield _finding(
-            ReplayCode.UPDATED, not (new.converged and used.update_in_use), before=new.before.force, after=new.after.force, forces=new.forces,
-            converged=new.converged, used=used.update_in_use is not None, remembered=remembered_values(new), left_out=list(new.left_out),
-        )  # fmt: skip
 
 
 def remembered_values(new: Updated) -> list[dict[str, Any]]:
@@ -219,41 +179,31 @@ def remembered_values(new: Updated) -> list[dict[str, Any]]:
 
 def updated_bands(found: Discovery) -> list[tuple[str, ReplayErrors]]:
     """Half of the bands of models that were updated by forces."""
-    plausible = None if found.everything is None else found.everything.to_be_used.updated
-    few = found.few.updated if isinstance(found.few, FewEffects) else None
-    pairs = [(UPDATED, plausible), (FEW, few)]
+    pairs = [(FEW, found.few.updated if isinstance(found.few, FewEffects) else None)]
     return [(name, new.check.expected) for name, new in pairs if isinstance(new, Updated) and new.check is not None]
 
 
 def replayed_models(found: Discovery) -> list[tuple[str, Replayed]]:
-    """Of neo-Hooke, of the fit of all effects that is to be used where nothing explains the test, as the equations have it and updated, and of few effects; those that were replayed."""
-    if found.everything is None:
-        return []
-    used = found.everything.to_be_used
-    pairs = [
-        (NEO_HOOKE, used.neo_hooke_replayed),
-        (PLAUSIBLE, used.replayed),
-        (UPDATED, used.updated.replayed if isinstance(used.updated, Updated) else None),
-        (FEW, _few_replay(found)),
-    ]
-    return [(name, one) for name, one in pairs if isinstance(one, Replayed)]
+    """Of neo-Hooke and of few effects, where nothing explains the test; those that were replayed."""
+    pairs = [(NEO_HOOKE, neo_hooke_replay(found)), (FEW, _few_replay(found))]
+    return [(name, one) for name, one in pairs if one is not None]
 
 
-def models_of(check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] = ()) -> list[tuple[str, Replayed]]:
+def models_of(check: ReplayCheck, others: Sequence[tuple[str, Replayed]] = ()) -> list[tuple[str, Replayed]]:
     """Base, final model where it is another one, and further ones."""
     final = [] if check.final is check.base else [(FINAL, check.final)]
-    return [(BASE, check.base), *final, *plausible]
+    return [(BASE, check.base), *final, *others]
 
 
 def replay_table(
-    check: ReplayCheck, plausible: Sequence[tuple[str, Replayed]] = (), bands: Sequence[tuple[str, ReplayErrors]] = ()
+    check: ReplayCheck, others: Sequence[tuple[str, Replayed]] = (), bands: Sequence[tuple[str, ReplayErrors]] = ()
 ) -> Table:
-    """One line a model, and the bands. plausible: see `replayed_models`; bands: see `updated_bands`."""
+    """One line a model, and the bands. others: see `replayed_models`; bands: see `updated_bands`."""
     where = "held out" if check.held_out else "fitted"
     columns = ["model", "level", "force error, fitted", f"force error, {where}", f"displacement error, {where}, mm", f"smooth part, {where}, mm"]  # fmt: skip
     smooth = dict(zip((BASE, FINAL), check.smooth, strict=True))
     rows: list[list[Any]] = []
-    for name, one in models_of(check, plausible):
+    for name, one in models_of(check, others):
         level = plus_minus(one.level.factor, INTERVAL * one.level.deviation) if one.level.deviation else "as it was"
         fitted = None if one.fitted is None else _share(one.fitted.force)
         rows.append(

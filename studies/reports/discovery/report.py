@@ -22,7 +22,7 @@ from studies.reports.discovery import figures
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
-from studies.reports.discovery.everything_table import errors_table, few_table, shares_table, updated_table
+from studies.reports.discovery.few_effects_table import few_table
 from studies.reports.discovery.own_effects_table import own_effects_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
 from studies.reports.discovery.replay_section import (
@@ -87,14 +87,6 @@ def _results(report: Report, folder: Path, view: View) -> None:
         report.heading("All explanations").table(*alternatives_table(view.weighing), WORDS.alternatives_caption())
         report.heading("What this test shows of every effect")
         report.table(*power_table(view.weighing, view.unit), WORDS.power_caption())
-    if view.discovery.everything is not None:
-        report.heading("All effects at once").table(*errors_table(view.discovery.everything))
-        report.table(*shares_table(view.discovery.everything, view.unit), WORDS.everything_caption())
-        if view.discovery.everything.plausible is not None:
-            report.heading("Plausible effects").table(*shares_table(view.discovery.everything.plausible, view.unit))
-        updated = updated_table(view.discovery.everything.to_be_used, view.unit)
-        if updated is not None:
-            report.heading("Updated by the forces of replays").table(*updated, WORDS.updated_caption())
     if isinstance(view.discovery.few, FewEffects):
         report.heading("Few effects by the fields of replays")
         report.table(*few_table(view.discovery.few, view.unit), WORDS.few_caption())

@@ -121,7 +121,7 @@ def verdict(view: View) -> str:
 def use_of_models(view: View) -> list[str]:
     """Which model to predict with, and what to know of model.json; nothing where the verdict says that it is not to be used."""
     use = discovery_headline(view)
-    if use.verdict is Use.NOT and view.discovery.everything is None:
+    if use.verdict is Use.NOT and view.discovery.few is None:
         return []
     own = [f"model.json: {use.text[0].lower()}{use.text[1:]}"] if use.verdict is Use.RESERVATIONS else []
     return [recommendation(view.discovery), *own]

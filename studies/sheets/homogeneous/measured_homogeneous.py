@@ -34,7 +34,7 @@ def close(loop: Loop, say: Callable[[str], None]) -> HomogeneousResult:
         held,
         base="positive",
         progress=lambda text: say(f"{loop.name}: {text}"),
-        all_effects=False,
+        few_effects=False,
     )
     return HomogeneousResult(
         name=loop.name,

@@ -10,7 +10,6 @@ import synthetic
 
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, model_weights
-from calibrate.diagnosis.joint import discrepancy
 from calibrate.diagnosis.problem import all_rows, loads, residual
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
@@ -76,36 +75,6 @@ def test_an_explanation_keeps_what_the_best_one_does_to_noise_but_for_its_own_in
     assert best.amplifying == (rough,)
     assert set(model_weights.as_stiff(best, base.c, (lag,)).amplifying) == {rough, lag}
     assert model_weights.as_stiff(model_weights.reweighted(problem, base.c, (lag,)), base.c, ()).amplifying == ()
-
-
-@pytest.mark.parametrize("larger", [1.0, 2.0])
-def test_the_variance_of_the_equations_without_a_load_is_that_of_the_noise_there(larger):
-    """Over that of the noise as it is stated, of which the data have `larger` times as much; a mean over seeds. Below 1 it is 1."""
-    found = []
-    for seed in range(4):
-        e = synthetic.with_noise(synthetic.plate_experiment(n_increments=4), NOISE.scaled(larger), seed)
-        problem, base = base_fit.prepare([replace(e, noise=NOISE)], [all_rows], with_discrepancy=False)
-        found.append(discrepancy.field_variance(problem, base.c))
-    assert np.mean(found) == pytest.approx(larger**2, rel=0.08)
-
-
-def test_larger_noise_in_the_equations_without_a_load_leaves_the_forces_their_weight(prepared):
-    """By itself such an equation counts a quarter as much, and a force as before."""
-    problem, base = prepared
-    larger = model_weights.with_field_variance(problem, 4.0)
-    (before,), (after,) = problem.parts, larger.parts
-    loaded = np.broadcast_to(np.tile(before.system.fields.boundary >= 0, 2), before.train.variance.shape)
-    used = before.train.rows
-    np.testing.assert_allclose(after.train.variance[used & loaded], before.train.variance[used & loaded])
-    np.testing.assert_allclose(after.train.variance[used & ~loaded], 4 * before.train.variance[used & ~loaded])
-    forces = np.where(loaded, before.chain.external(), 0.0)
-    other = np.where(loaded, 0.0, before.chain.residual(base.c))
-    for r in (forces, other, forces + other):  # no difference between both is known better than before
-        assert (after.train(r) ** 2).sum() <= (before.train(r) ** 2).sum() * (1 + 1e-9)
-    assert (after.train(other) ** 2).sum() < 0.3 * (before.train(other) ** 2).sum()
-    assert model_weights.with_field_variance(larger, 1.0).parts[0].train.variance == pytest.approx(
-        before.train.variance
-    )
 
 
 def test_weights_are_those_of_the_base_where_it_leaves_noise_alone_and_of_neo_hooke_where_it_leaves_much():

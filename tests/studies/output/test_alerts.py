@@ -26,15 +26,13 @@ from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation,
 from calibrate.diagnosis.evidence.levels import Level
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.evidence.power import Finding as Power
-from calibrate.diagnosis.joint.shares import Everything, Share
-from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
 from calibrate.diagnosis.replayed.few_effects import FewEffects, FittedSet
 from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
 from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.residual_tests import ChiSquare
-from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Refusal, RefusalReason
+from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Refusal, RefusalReason, Verdict
 from calibrate.effects.chain import Addition
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.stiffness_gradient import StiffnessGradient
@@ -224,55 +222,24 @@ def of_explained(**changes: Any) -> Findings:
     return remarks(seen(replace(explained(), **changes)))
 
 
-def of_all(force: float = 0.05, field: float = 0.05, **changes: Any) -> Everything:
-    """A fit of all effects with these errors, neo-Hooke having 0.1 and 0.05."""
-    errors = (Misfit(0.1, 0.05, 9.0, 100), None), (Misfit(force, field, 2.0, 100), None)
-    fit: Any = SimpleNamespace(converged=True)
-    return replace(Everything(fit, (), *errors, 24.0, 1.0), **changes)
-
-
-def of_everything(value: float = 0.1) -> Findings:
-    """With one effect of this amplitude, whose prior has a standard deviation of 0.1."""
-    share = Share(SecondInvariant(), (value,), (0.01,), (0.1,), (), 500.0, 0.1)
-    return of_nothing(everything=of_all(0.02, 0.04, shares=(share,)))
-
-
-def of_plausible(force: float = 0.05) -> Findings:
-    """The same with a second fit of this force error, neo-Hooke having 0.1."""
-    share = Share(SecondInvariant(), (0.9,), (0.01,), (0.1,), (), 500.0, 0.1)
-    return of_nothing(everything=of_all(force, shares=(share,), plausible=of_all(force)))
-
-
-def of_plausible_replay(wrong: float = 0.0) -> Findings:
-    """Plausible effects that were replayed, with forces held out wrong by so much, N, beside a final model that is replayed with 1 N."""
-    found = of_all(replayed=check(observations(only_held(wrong))).final)
-    return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(1.0))))
-
-
-def of_updated(converged: bool = True, after: float = 0.001, neo_hooke: Any = None, wrong: float = 0.0) -> Findings:
-    """Plausible effects whose replay misses forces held out by 5 %, the final model by half of that, and after an update by replays by `wrong` standard deviations."""
-    before, new = (check(observations(only_held(wrong))) for wrong in (20.0, wrong))
-    relaxation = Addition(Viscosity(), (0.9,), (1.2,))
-    spread = Spread(Directions.of(np.ones(4), (relaxation,), np.ones((4, 1)), 1.0), 0.1 * np.eye(3))
-    updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, after)), converged, 6, check=new)
-    found = of_all(replayed=before.final, updated=updated, neo_hooke_replayed=neo_hooke)
-    return of_nothing(everything=replace(found, plausible=found), replay_check=check(observations(only_held(10.0))))
-
-
-def of_few(wrong: float | None = 0.0, names: tuple[str, ...] = ("second invariant",)) -> Findings:
-    """Few effects by the fields, whose replay with relaxation misses forces held out by `wrong` standard deviations (None: it was not made), plausible effects by 5 %."""
-    before, new = check(observations(only_held(20.0))), check(observations(only_held(wrong or 0.0)))
+def of_few(
+    wrong: float | None = 0.0,
+    names: tuple[str, ...] = ("second invariant",),
+    neo_hooke: float | None = 20.0,
+    converged: bool = True,
+) -> Findings:
+    """Few effects by the fields, whose replay with relaxation misses forces held out by `wrong` standard deviations (None: it was not made), beside neo-Hooke with `neo_hooke`, of which 20 are 5 %, and a
+    final model with 10."""
+    new = check(observations(only_held(wrong or 0.0)))
     additions = (Addition(SecondInvariant(), (0.04,)), Addition(Viscosity(), (0.9,), (1.2,)))
     best = FittedSet(additions[:1], 5.0 if names else -1.0, ErrorsOfReplay(0.05, 0.02), 0.1, {"second invariant": (np.array([0.04]), np.array([0.01]))})  # fmt: skip
     spread = Spread(Directions.of(np.ones(4), additions, np.ones((4, 1)), 1.0), 0.1 * np.eye(4))
-    updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, 0.002)), True, 6, check=new)
+    updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, 0.002)), converged, 6, check=new)
     sets = Explanation(names, 0.0, probability=0.7), Explanation(("compressibility",), 0.0, probability=0.02)
     force = NoReplayCheck("no force is known") if wrong is None else updated
-    few = FewEffects(np.ones(4), ErrorsOfReplay(0.05, 0.06), Alternatives(sets), (best,), force)
-    found = of_all(replayed=before.final)
-    return of_nothing(
-        everything=replace(found, plausible=found), replay_check=check(observations(only_held(10.0))), few=few
-    )
+    base = NoReplayCheck("no equilibrium") if neo_hooke is None else check(observations(only_held(neo_hooke))).final
+    few = FewEffects(np.ones(4), ErrorsOfReplay(0.05, 0.06), Alternatives(sets), (best,), force, base)
+    return of_nothing(verdict=Verdict.NOT_EXPLAINED, replay_check=check(observations(only_held(10.0))), few=few)
 
 
 def of_own(own: float, common: float, prior: float = 0.1) -> Findings:
@@ -328,9 +295,6 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.round_remark": lambda: of_first_round(refusals=(Refusal("upturn", RefusalReason.HELD_OUT_NOT_BETTER),)),
     "discovery.alternatives": of_weighing,
     "discovery.power": of_weighing,
-    "discovery.everything": of_everything,
-    "discovery.plausible": of_plausible,
-    "discovery.without_everything": lambda: of_nothing(without_everything="too long"),
     "discovery.alike_in_all": lambda: of_own(0.01, 0.99),
     "discovery.of_one_test": lambda: of_own(0.99, 0.01),
     "discovery.own_stand_ins": lambda: of_own(0.99, 0.01, 0.05),
@@ -353,16 +317,9 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
         replay_check=replace(check(observations()), stand_ins=(True, True))
     ),
     "discovery.replay_beyond": lambda: of_nothing(replay_check=check(observations(), beyond=0.5)),
-    "discovery.plausible_replayed": of_plausible_replay,
-    "discovery.plausible_not_replayed": lambda: of_nothing(
-        everything=of_all(replayed=NoReplayCheck("unmeasured strip: no law has it"))
-    ),
-    "discovery.plausible_updated": of_updated,
+    "discovery.model_to_use": of_few,
     "discovery.few_effects": of_few,
     "discovery.no_few_effects": lambda: of_few(None),
-    "discovery.plausible_not_updated": lambda: of_nothing(
-        everything=of_all(replayed=check(observations()).final, updated=NoReplayCheck("no force is known"))
-    ),
     "discovery.plane_strain": lambda: with_patch("bulk_modulus", lambda problem, fit: (100.0, 5.0)),
 }
 
@@ -485,10 +442,7 @@ RAISED: dict[str, Callable[[], Findings]] = {
     ),
     "F312": lambda: fit_findings.findings(review(classical=laws(law("Yeoh", -50.0)))),
     "E402": of_weighing,
-    "E407": lambda: of_everything(0.9),
-    "E409": lambda: of_plausible(0.2),
-    "R614": lambda: of_plausible_replay(9.0),
-    "R616": lambda: of_updated(False),
+    "R614": lambda: of_few(20.0),
     "R609": lambda: of_explained(replay_check=check(observations(only_held(9.0)), observations())),
     "P501": lambda: curves(USELESS),
     "P505": lambda: bands(False),
@@ -680,32 +634,22 @@ def test_noise_that_pictures_have_in_common_is_told_with_its_parts():
     [
         (Reason.FORCES_NOT_PREDICTED, False, True),
         (Reason.WEAK_STRAIN, True, False),
-        (Reason.ATTENUATED, True, True),  # a replay gives the model of all effects a level of its own
+        (Reason.ATTENUATED, True, True),  # a replay gives the model of few effects a level of its own
         (Reason.ATTENUATED, False, False),
     ],
 )
-def test_all_effects_are_told_where_only_the_final_model_fails(
+def test_few_effects_are_told_where_only_the_final_model_fails(
     reason: Reason, replayed: bool, told: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     against = SimpleNamespace(verdict=Use.NOT, against=(SimpleNamespace(code=reason),), reasons=())
     monkeypatch.setattr(discovery_findings, "discovery_headline", lambda view: against)
-    codes = {one.alert.code for one in (of_plausible_replay(0.0) if replayed else of_plausible())}
-    assert ("E409" in codes) is told
+    codes = {one.alert.code for one in of_few(neo_hooke=20.0 if replayed else None)}
+    assert ("R619" in codes) is told
     assert "E402" not in codes
 
 
-def test_the_model_that_replays_updated_is_the_one_to_predict_with() -> None:
-    """It misses none of the forces held out, as it was 5 % and the final model half of that; where the update met the fitted forces no better it is not used."""
-    told = {one.alert.code: one for one in of_updated()}
-    assert "4 % -> 0.1 %; viscoelasticity g = 0.90 +- 0.20, tau = 1.20 +- 0.20 s." in told["R616"].text
-    assert "model to predict with" in told["R614"].text and "forces are within it" in told["R614"].text
-    refused = {one.alert.code: one for one in of_updated(after=0.05)}
-    assert refused["R616"].text.endswith("it is not used.")
-    assert "no better" in refused["R614"].text
-
-
 def test_few_effects_are_offered_where_their_replay_is_the_best() -> None:
-    """It misses none of the forces held out, or 5 %, beside plausible effects with 5 % and a final model with half of that."""
+    """It misses none of the forces held out, or 5 %, beside neo-Hooke with 5 % and a final model with half of that."""
     told = {one.alert.code: one for one in of_few()}
     said = told["R619"].text
     assert (
@@ -713,9 +657,12 @@ def test_few_effects_are_offered_where_their_replay_is_the_best() -> None:
         and "compressibility" not in said
     )
     assert "viscoelasticity g = 0.90 +- 0.20, tau = 1.20 +- 0.20 s" in said and "forces by 0 %" in said
-    assert "model to predict with: model_few_effects.json" in told["R614"].text and "R620" not in told
+    assert told["R614"].text.startswith("To predict with: model_few_effects.json.") and "R620" not in told
     worse = {one.alert.code: one.text for one in of_few(20.0)}
-    assert "model_few_effects" not in worse["R614"]
+    assert worse["R614"].startswith("Nothing to predict with beyond doubt")
+    assert "which would still change" not in said and "which would still change" in next(
+        one.text for one in of_few(converged=False) if one.alert.code == "R619"
+    )
     none = {one.alert.code: one.text for one in of_few(names=())}
     assert "none (probability 70 %); neo-Hooke alone leaves 0.06 mm" in none["R619"]
     refused = {one.alert.code: one.text for one in of_few(None)}
@@ -723,23 +670,11 @@ def test_few_effects_are_offered_where_their_replay_is_the_best() -> None:
 
 
 def test_a_model_that_replays_worse_than_neo_hooke_is_not_offered() -> None:
-    """Neo-Hooke misses none of the forces that were held out, the updated model 1 %, the final model 2.6 %."""
-    findings = of_updated(neo_hooke=check(observations()).final, wrong=4.0)
-    told = next(one for one in findings if one.alert.code == "R614")
-    assert "neo-Hooke at its level" in told.text and "no better" in told.text and "model_plausible" not in told.text
-    assert "model to predict with: model_neo_hooke.json" in told.text
-    better = of_updated(neo_hooke=check(observations(only_held(10.0))).final, wrong=4.0)
-    assert "model to predict with" in next(one.text for one in better if one.alert.code == "R614")
-
-
-def test_the_plausible_effects_are_offered_only_where_their_replay_is_better() -> None:
-    """By forces that were held out: 0, or 9 N wrong, beside a final model with 1 N."""
-    better, worse = (
-        next(one.text for one in findings if one.alert.code == "R614")
-        for findings in (of_plausible_replay(0.0), of_plausible_replay(9.0))
-    )
-    assert "model to predict with: model_plausible.json" in better
-    assert "no better" in worse and "model_plausible.json" not in worse
+    """Neo-Hooke misses none of the forces that were held out, few effects 1 %, the final model 2.6 %."""
+    told = next(one for one in of_few(4.0, neo_hooke=0.0) if one.alert.code == "R614")
+    assert told.text.startswith("To predict with: model_neo_hooke.json.")
+    better = next(one.text for one in of_few(4.0) if one.alert.code == "R614")
+    assert better.startswith("To predict with: model_few_effects.json.") and "model_neo_hooke.json misses" in better
 
 
 def test_a_law_that_misses_the_forces_by_more_is_not_recommended():

@@ -12,7 +12,6 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.joint import everything
 from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.effects import CATALOGUE
@@ -23,7 +22,7 @@ from forward.sheet.inelastic import solve_history
 from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
 from studies.replay.few_effects_replay import few_by_fields, with_forces
-from studies.reports.discovery.everything_table import few_record, few_table
+from studies.reports.discovery.few_effects_table import few_record, few_table
 from studies.synthetic import camera, effect_laws
 
 STRIP = SPECIMENS["strip"]()
@@ -56,7 +55,6 @@ def found(gradient: float, later: float = 1.0) -> tuple[FewEffects, Updated]:
     loaded = tuple(replace(b, force=factor * b.force) for b in test.loaded)
     test = replace(test, loaded=loaded, displacements=factor[..., None] * test.displacements)
     problem, base = base_fit.prepare([test], [HoldOut.parse(f"after:{FITTED:g}", 0).training], base="neo-Hooke")
-    problem = everything.simple_base(problem)
     few = few_by_fields(problem, base.c, EFFECTS, read_priors(), lambda text: None)
     return few, with_forces(problem, few, EFFECTS, read_priors())
 

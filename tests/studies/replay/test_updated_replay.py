@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,11 +11,7 @@ import pytest
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.joint import everything
-from calibrate.diagnosis.joint.shares import Everything, Share
-from calibrate.diagnosis.misfit import Misfit
-from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
-from calibrate.diagnosis.replayed.updating import Updated
+from calibrate.diagnosis.replayed.updating import Updated, update
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from forward.loading import Loading
@@ -25,14 +20,13 @@ from forward.sheet.inelastic import solve_history
 from forward.sheet.thin_sheet import Prony, Sheet
 from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
-from studies.replay.updated_replay import updated
-from studies.reports.discovery.everything_table import everything_record, updated_table
+from studies.replay.compared_test import ComparedTest
+from studies.replay.updated_replay import EACH, Replays, other_times
+from studies.reports.discovery.few_effects_table import update_record
 from studies.synthetic import camera
 
 STRIP = SPECIMENS["strip"]()
-VISCO, STRIP_BESIDE = (
-    next(effect for effect in CATALOGUE if effect.name == name) for name in ("viscoelasticity", "unmeasured strip")
-)
+VISCO = next(effect for effect in CATALOGUE if effect.name == "viscoelasticity")
 G, TAU, C10 = 0.8, 1.5, 0.2
 FITTED = 6.0  # s
 
@@ -47,17 +41,18 @@ def ramp() -> Experiment:
 
 
 @cache
-def update_of(held_out_forces: float = 1.0, strip: bool = False) -> Updated:
+def update_of(held_out_forces: float = 1.0) -> Updated:
     """From relaxation so slow and a base so soft that forces are 10 % off; forces after `FITTED` are a factor larger."""
     test = ramp()
     later = np.where(test.time > FITTED, held_out_forces, 1.0)[:, None]
     test = replace(test, loaded=tuple(replace(b, force=later * b.force) for b in test.loaded))
     problem, base = base_fit.prepare([test], [HoldOut.parse(f"after:{FITTED:g}", 0).training], base="neo-Hooke")
-    addition = Addition(VISCO, (0.3,), (20.0,))
-    share = SimpleNamespace(effect=VISCO, amplitudes=(0.3,), deviations=(0.05,), priors=(1.0,))
-    more = (Addition(STRIP_BESIDE, (0.5,)),) if strip else ()
-    fit = SimpleNamespace(c=0.8 * base.c, additions=(addition, *more))
-    return updated(everything.simple_base(problem), SimpleNamespace(fit=fit, shares=(share,)))
+    additions = (Addition(VISCO, (0.3,), (20.0,)),)
+    replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
+    priors = {VISCO.name: (np.zeros(1), np.ones(1))}
+    found = update(replays, 0.8 * base.c, additions, priors, other_times(additions, problem.trained[0].chain.data))
+    assert found is not None
+    return found
 
 
 def test_relaxation_that_is_faster_than_the_equations_have_it_is_found():
@@ -75,24 +70,10 @@ def test_nothing_that_is_held_out_is_used():
     assert own.additions[0].amplitudes == pytest.approx(other.additions[0].amplitudes, rel=1e-9)
 
 
-def test_what_finite_elements_do_not_have_is_left_out_and_said():
-    own, other = update_of(), update_of(strip=True)
-    assert (own.left_out, other.left_out) == ((), ("unmeasured strip",))
-    assert other.c == pytest.approx(own.c)
-    assert other.additions[0].amplitudes == pytest.approx(own.additions[0].amplitudes)
-
-
-def test_the_report_has_what_was_updated_beside_what_the_equations_said():
-    """Values, units and the record of discovery.json."""
-    share = Share(VISCO, (0.3,), (0.05,), (1.0,), (20.0,), 5.0, 0.2)
-    misfits = (Misfit(0.1, 0.05, 9.0, 100), None)
-    one = Everything(SimpleNamespace(converged=True), (share,), misfits, misfits, 1.0, 1.0, updated=update_of())
-    columns, rows = updated_table(one, "MPa")
-    assert columns[2:] == ["by the equations", "updated"]
-    assert [row[:2] for row in rows] == [["viscoelasticity", "g"], ["viscoelasticity", "tau (s)"]]
-    value, half = map(float, rows[1][3].split(" +- "))
-    assert float(rows[1][2]) == 20.0 and value == pytest.approx(TAU, rel=0.1) and abs(value - TAU) < half
-    record = everything_record(one)["updated"]
-    assert record["effects"][0]["shape_standard_deviations"] == [pytest.approx(half / 1.96, rel=0.05)]
-    assert record["converged"] and record["replay"] is None and not record["used"]  # not replayed at its level here
-    assert updated_table(replace(one, updated=NoReplayCheck("no force is known")), "MPa") is None
+def test_the_record_has_the_deviation_of_a_time() -> None:
+    """Of discovery.json."""
+    record = update_record(update_of())
+    (visco,) = record["effects"]
+    assert visco["shape"] == [pytest.approx(TAU, rel=0.1)]
+    assert abs(visco["shape"][0] - TAU) < 1.96 * visco["shape_standard_deviations"][0]
+    assert record["converged"] and record["replay"] is None  # not replayed at its level here

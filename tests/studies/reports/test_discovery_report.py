@@ -15,9 +15,13 @@ from discovery_stand_in import StandInManifest, StandInModel
 from made_up_replay import HELD, INCREMENTS, check, observations, only_held
 from matplotlib.figure import Figure
 
-from calibrate.diagnosis.joint.shares import Everything
+from calibrate.diagnosis.evidence.explanations import Alternatives
 from calibrate.diagnosis.model_weights import noise_of
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
+from calibrate.diagnosis.replayed.few_effects import FewEffects
+from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
+from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
+from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Discovery, Verdict
@@ -335,47 +339,55 @@ def test_the_model_to_predict_with_is_said_first():
     good, bad = (check(observations(only_held(size))) for size in (1.0, 30.0))
     named_one = replace(explained(), replay_check=good)
     assert recommendation(named_one).startswith("To predict with: model.json. By finite elements")
-    fit = Everything(None, (), (None, None), (None, None), 1.0, 1.0, replayed=good.final, neo_hooke_replayed=bad.final)
-    open_one = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, everything=fit)
-    assert recommendation(open_one).startswith("To predict with: model_all_effects.json.")
+    fit = few_effects(good.final, bad.final)
+    open_one = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, few=fit)
+    assert recommendation(open_one).startswith("To predict with: model_few_effects.json.")
     assert "identifies no effect" in recommendation(open_one)
-    worse = replace(open_one, everything=replace(fit, replayed=bad.final, neo_hooke_replayed=good.final))
+    worse = replace(open_one, few=few_effects(bad.final, good.final))
     assert recommendation(worse).startswith("To predict with: model_neo_hooke.json.")
     assert "It is one modulus" in recommendation(worse)
-    both = replace(fit, replayed=bad.final, neo_hooke_replayed=bad.final)
-    neither = replace(open_one, replay_check=good, everything=both)
+    neither = replace(open_one, replay_check=good, few=few_effects(bad.final, bad.final))
     assert recommendation(neither).startswith("Nothing to predict with beyond doubt")
-    assert recommendation(replace(open_one, everything=None)).startswith("Nothing to predict with: nothing explains")
+    assert recommendation(replace(open_one, few=None)).startswith("Nothing to predict with: nothing explains")
+
+
+def few_effects(replayed: Any, neo_hooke: Any, c: Any = None) -> FewEffects:
+    """With these replays of the model and of neo-Hooke, c (n,)."""
+    c = nothing().base.c if c is None else c
+    spread = Spread(Directions.of(c, (), c[:, None], 1.0), 0.1 * np.eye(1))
+    errors = ErrorsOfReplay(0.05, 0.02)
+    made = SimpleNamespace(final=replayed, expected=errors, judgement=SimpleNamespace(force=None, field=None))
+    updated = Updated(spread, errors, errors, True, 6, check=made)
+    return FewEffects(c, errors, Alternatives(()), (), updated, neo_hooke)
 
 
 def test_a_model_that_is_recommended_is_a_file(tmp_path):
     """Neo-Hooke at the level of its replay, where that misses the least; and where it alone was replayed."""
     good, bad, found = check(observations(only_held(1.0))), check(observations(only_held(30.0))), nothing()
-    fit = SimpleNamespace(c=found.base.c, present=(), deviations={})
-    errors: Any = (None, None)
     neo_hooke = np.full_like(found.base.c, 0.14)
-    fitted = Everything(fit, (), errors, errors, 1.0, 1.0, replayed=bad.final, neo_hooke=neo_hooke, neo_hooke_replayed=good.final)  # fmt: skip
-    open_one = replace(found, verdict=Verdict.NOT_EXPLAINED, replay_check=bad, everything=fitted)
+    few = few_effects(bad.final, good.final, neo_hooke)
+    open_one = replace(found, verdict=Verdict.NOT_EXPLAINED, replay_check=bad, few=few)
     record = dict.fromkeys(("command", "settings", "inputs", "versions", "revision"), "of a test")
     models = unexplained(open_one, "half", record)
     file = to_predict_with(open_one)
-    assert file == "model_neo_hooke.json" and set(models) == {file, "model_all_effects.json"}
+    assert file == "model_neo_hooke.json" and set(models) == {file, "model_few_effects.json"}
     models[file].save(tmp_path / file)
     loaded = ExtendedModel.load(tmp_path / file)
     assert loaded.additions == () and loaded.c == pytest.approx(good.final.level.factor * neo_hooke)
-    alone = replace(open_one, replay_check=None, everything=replace(fitted, replayed=NoReplayCheck("no equilibrium")))
+    alone = replace(open_one, replay_check=None, few=replace(few, updated=NoReplayCheck("no equilibrium")))
     assert "no other model was replayed" in recommendation(alone)
-    assert unexplained(replace(open_one, everything=None), "half", record) == {}
+    assert unexplained(replace(open_one, few=None), "half", record) == {}
 
 
-@pytest.mark.parametrize(("more", "file"), [(0.8, "model_all_effects.json"), (1.2, None)])
+@pytest.mark.parametrize(("more", "file"), [(0.8, "model_few_effects.json"), (1.2, None)])
 def test_fields_that_noise_cannot_tell_apart_refuse_no_model_that_meets_the_forces(more, file):
     """What one misses more, in quadrature, over the noise of the camera."""
     good, bad = (check(observations(only_held(size))) for size in (1.0, 30.0))
     noise = nothing().problem.trained[0].experiment.noise.total_std
     rows = replace(good.final.rows, squares=good.final.rows.squares + (more * noise) ** 2)
-    fit = Everything(None, (), (None, None), (None, None), 1.0, 1.0, replayed=replace(good.final, rows=rows))
-    found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, everything=fit)
+    few = few_effects(replace(good.final, rows=rows), bad.final)
+    check_of_base = good if file is None else bad
+    found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=check_of_base, few=few)
     said = f"To predict with: {file}." if file else "Nothing to predict with"
     assert recommendation(found).startswith(said)
 

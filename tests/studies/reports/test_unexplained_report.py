@@ -44,7 +44,7 @@ def test_no_effect_is_named_and_few_effects_have_the_probability_of_none():
 def test_every_replayed_model_is_drawn_and_written(tmp_path):
     found = unknown()
     view, models = View(found, "every third increment"), unexplained(found, "every:3", RECORD)
-    assert set(models) == {"model_all_effects.json", "model_few_effects.json", "model_neo_hooke.json"}
+    assert set(models) == {"model_few_effects.json", "model_neo_hooke.json"}
     path = report.write(tmp_path, view, extended(found, "every:3", RECORD), Manifest(0, {}), models)
     assert "Few effects by the fields of replays" in path.read_text()
     assert (tmp_path / "replayed_forces.png").exists()
