@@ -10,16 +10,15 @@ from studies.output.words import percent
 
 
 def take(folder: Path) -> dict[str, Any]:
-    """Errors of replays in the pictures held out: neo-Hooke, the final model where it was replayed, the plausible effects as the equations have them and updated."""
+    """Errors of replays in the pictures held out: neo-Hooke, the final model where it was replayed, few effects."""
     found = json.loads((folder / "discovery.json").read_text())
     record = json.loads((folder / "report.json").read_text())
-    used, noise = found["all_effects"]["plausible"], found["noise"][0]["found_std_mm"]
-    updated = used["updated"]["replay"]
+    few, noise = found["few_effects"], found["noise"][0]["found_std_mm"]
+    updated = few["updated"]["replay"]
     replays = {
-        "neo_hooke": used["neo_hooke"],
+        "neo_hooke": few["neo_hooke"],
         "final": found["replay"].get("final"),
-        "plausible": used["replay"],
-        "updated": updated["final"],
+        "few": updated["final"],
     }
     numbers: dict[str, Any] = {"noise_mm": f"{noise:.3f}", "verdict": found["verdict"]}
     for name, one in replays.items():
@@ -36,7 +35,9 @@ def take(folder: Path) -> dict[str, Any]:
         "band_mm": f"{updated['band']['field']:.3f}",
         "smooth_mm": f"{updated['smooth_field'][1]:.3f}",
     }
-    for one in used["updated"]["effects"]:
+    numbers["best"] = " and ".join(few["sets"][0]["effects"]) or "none"
+    numbers["added"] = ", ".join(now["added"] for now in found["rounds"] if now["added"]) or "none"
+    for one in few["updated"]["effects"]:
         if one["effect"] == "viscoelasticity":
             numbers |= {"g": f"{one['amplitudes'][0]:.2f}", "tau": f"{one['shape'][0]:.1f}"}
     return {

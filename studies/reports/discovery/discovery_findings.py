@@ -67,10 +67,8 @@ def remarks(view: View) -> list[Finding]:
         result += [*_of_effects(view), *_of_own_effects(view)]
     at_their_level = {Reason.ATTENUATED} if neo_hooke_replay(view.discovery) is not None else set()
     if all(one.code in OF_THE_MODEL | at_their_level for one in found.against):
-        result += [
-            *few_findings(view.discovery),
-            *use_finding(view.discovery),
-        ]  # with a base of their own, whatever the forces of the final model are
+        # with a base of their own, whatever the forces of the final model are
+        result += [*few_findings(view.discovery), *use_finding(view.discovery)]
     result += [*_of_stiffness(view), *_of_tests(view), *_of_plane_strain(view)]
     return merged(found.reasons, result)
 

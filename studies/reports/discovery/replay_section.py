@@ -122,7 +122,7 @@ def use_finding(found: Discovery) -> Iterator[Finding]:
     """Which model is to be used, by its replay, where nothing explains the test."""
     if _offered(found):
         file = to_predict_with(found)
-        yield _finding(ReplayCode.USE, file is None, said=recommendation(found))
+        yield _finding(ReplayCode.USE, file is None, file=file)
 
 
 def few_findings(found: Discovery) -> Iterator[Finding]:

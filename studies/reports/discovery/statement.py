@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from calibrate.diagnosis.distillation import Distilled
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Round
 from calibrate.models.addition_json import amplitude_unit
@@ -13,6 +14,7 @@ from calibrate.models.fitness import Use
 from studies.output.words import plus_minus, with_unit
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words
 from studies.reports.discovery.discovery_quality import discovery_headline
+from studies.reports.discovery.few_effects_table import few_data
 from studies.reports.discovery.records import shape_records
 from studies.reports.discovery.replay_section import recommendation
 from studies.reports.discovery.view import BAND, View
@@ -119,12 +121,14 @@ def verdict(view: View) -> str:
 
 
 def use_of_models(view: View) -> list[str]:
-    """Which model to predict with, and what to know of model.json; nothing where the verdict says that it is not to be used."""
+    """Where nothing explains the test, what comes nearest; which model to predict with, and what to know of model.json; nothing where the verdict says that it is not to be used."""
     use = discovery_headline(view)
     if use.verdict is Use.NOT and view.discovery.few is None:
         return []
     own = [f"model.json: {use.text[0].lower()}{use.text[1:]}"] if use.verdict is Use.RESERVATIONS else []
-    return [recommendation(view.discovery), *own]
+    few = view.discovery.few
+    nearest = [WORDS.nearest(**few_data(few))] if isinstance(few, FewEffects) and few.best is not None else []
+    return [*nearest, recommendation(view.discovery), *own]
 
 
 def _effects(view: View, names: tuple[str, ...]) -> tuple[NamedEffect, ...]:

@@ -657,9 +657,9 @@ def test_few_effects_are_offered_where_their_replay_is_the_best() -> None:
         and "compressibility" not in said
     )
     assert "viscoelasticity g = 0.90 +- 0.20, tau = 1.20 +- 0.20 s" in said and "forces by 0 %" in said
-    assert told["R614"].text.startswith("To predict with: model_few_effects.json.") and "R620" not in told
+    assert told["R614"].text == "To predict with: model_few_effects.json." and "R620" not in told
     worse = {one.alert.code: one.text for one in of_few(20.0)}
-    assert worse["R614"].startswith("Nothing to predict with beyond doubt")
+    assert worse["R614"].startswith("No model is the one to predict with")
     assert "which would still change" not in said and "which would still change" in next(
         one.text for one in of_few(converged=False) if one.alert.code == "R619"
     )
@@ -674,7 +674,7 @@ def test_a_model_that_replays_worse_than_neo_hooke_is_not_offered() -> None:
     told = next(one for one in of_few(4.0, neo_hooke=0.0) if one.alert.code == "R614")
     assert told.text.startswith("To predict with: model_neo_hooke.json.")
     better = next(one.text for one in of_few(4.0) if one.alert.code == "R614")
-    assert better.startswith("To predict with: model_few_effects.json.") and "model_neo_hooke.json misses" in better
+    assert better.startswith("To predict with: model_few_effects.json.")
 
 
 def test_a_law_that_misses_the_forces_by_more_is_not_recommended():

@@ -15,10 +15,10 @@ from discovery_stand_in import StandInManifest, StandInModel
 from made_up_replay import HELD, INCREMENTS, check, observations, only_held
 from matplotlib.figure import Figure
 
-from calibrate.diagnosis.evidence.explanations import Alternatives
+from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.model_weights import noise_of
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
-from calibrate.diagnosis.replayed.few_effects import FewEffects
+from calibrate.diagnosis.replayed.few_effects import FewEffects, FittedSet
 from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
 from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.updating import Updated
@@ -27,6 +27,8 @@ from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.diagnosis.selection.rounds import DominantEffect, Refusal, RefusalReason
 from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
+from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.equations.weights import weights_of
 from calibrate.models.extended_model import ExtendedModel
 from studies.output.alerts import Severity
@@ -349,6 +351,20 @@ def test_the_model_to_predict_with_is_said_first():
     neither = replace(open_one, replay_check=good, few=few_effects(bad.final, bad.final))
     assert recommendation(neither).startswith("Nothing to predict with beyond doubt")
     assert recommendation(replace(open_one, few=None)).startswith("Nothing to predict with: nothing explains")
+
+
+def test_what_comes_nearest_is_said_before_it():
+    """With its probability, and as no finding; nothing where neo-Hooke alone is more probable."""
+    good, bad = (check(observations(only_held(size))) for size in (1.0, 30.0))
+    best = FittedSet((Addition(SecondInvariant(), (0.04,)),), 5.0, ErrorsOfReplay(0.05, 0.02), 0.1, {})
+    sets = Alternatives((Explanation(("second invariant",), 0.0, probability=0.7),))
+    few = replace(few_effects(good.final, bad.final), alternatives=sets, fitted=(best,))
+    found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, few=few)
+    first, second, *_ = use_of_models(view(found))
+    assert first.startswith("What comes nearest: second invariant, which leaves 0.02 of 0.02 mm")
+    assert "(probability 70 %" in first and "no finding" in first and second.startswith("To predict with")
+    none = replace(found, few=replace(few, fitted=()))
+    assert not any(line.startswith("What comes nearest") for line in use_of_models(view(none)))
 
 
 def few_effects(replayed: Any, neo_hooke: Any, c: Any = None) -> FewEffects:
