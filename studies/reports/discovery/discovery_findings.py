@@ -116,7 +116,7 @@ def _of_effects(view: View) -> Iterator[Finding]:
         yield _finding(DiscoveryCode.REPLACED, by=list(by), names=list(view.discovery.replaced))
     if view.weighing is not None:
         alternatives = alternatives_data(view.weighing)
-        yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unknown"], **alternatives)
+        yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unknown"] is not None, **alternatives)
         yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))
 
 

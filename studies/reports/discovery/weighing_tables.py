@@ -60,7 +60,8 @@ def alternatives_data(found: Weighing) -> dict[str, Any]:
             if one.probability > LEAST]  # fmt: skip
     certain = [name for name, value in found.alternatives.inclusion.items() if value > CERTAIN]
     spans = {name: list(group) for name, group in found.groups.items() if group}
-    unknown = bool(found.alternatives.unexplained > UNKNOWN)
+    unexplained = found.alternatives.unexplained
+    unknown = float(unexplained) if unexplained > UNKNOWN else None
     return {"said": said[:3], "certain": certain, "spans": spans, "fitted": found.fitted, "unknown": unknown}
 
 
