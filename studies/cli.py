@@ -203,7 +203,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise OptionError(f"the first word must be a command: {', '.join(COMMANDS)}")
         return _show(run(words))
     except KeyboardInterrupt:
-        return _say("interrupted; the same command goes on from the last finished step", 130)
+        return _say(
+            "interrupted; the same command goes on: a study from its last finished step, a single fit or diagnosis from its beginning",
+            130,
+        )
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1

@@ -29,13 +29,9 @@ def not_distinct_from_null(addition: Addition, deviations: Sequence[float]) -> b
 
 
 def at_bounds(addition: Addition) -> bool:
-    """Whether every amplitude that differs from its null value is at the end of what is possible, and one does."""
-    ends = [
-        a in (p.lower, p.upper)
-        for a, p in zip(addition.amplitudes, addition.effect.amplitudes, strict=True)
-        if a != p.null
-    ]
-    return bool(ends) and all(ends)
+    """Whether an amplitude is at the end of what is possible, and not at its null value: it would go further, and is none that a specimen or a rig has."""
+    pairs = zip(addition.amplitudes, addition.effect.amplitudes, strict=True)
+    return any(a != p.null and a in (p.lower, p.upper) for a, p in pairs)
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,8 @@ class ClassicalFit:
 
     def deviations(self, scale: float = 1.0) -> Array:
         """Standard deviations (q,) of `values`; of a reciprocal to first order. scale: variance of the whitened noise."""
-        fitted = np.sqrt(scale * np.diag(self.found.covariance))
+        variances = scale * np.diag(self.found.covariance)
+        fitted = np.sqrt(np.where(variances > 0, variances, np.inf))  # a singular covariance knows none
         reciprocal = np.array([p.reciprocal for p in self.law.parameters])
         return np.where(reciprocal, fitted / self.found.parameters**2, fitted)
 

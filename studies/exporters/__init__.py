@@ -22,11 +22,17 @@ def targets() -> dict[str, Target]:
 
 
 def target_named(name: str) -> Target:
-    """Raises `ExportError` for an unknown name."""
+    """In any case, with or without underscores. Raises `ExportError` for an unknown name."""
     known = targets()
-    if name not in known:
+    spelled = {_plain(one): one for one in known}
+    if _plain(name) not in spelled:
         raise ExportError(f"--to {name}: unknown; choose from {', '.join(known)}")
-    return known[name]
+    return known[spelled[_plain(name)]]
+
+
+def _plain(name: str) -> str:
+    """'mat181' of MAT_181."""
+    return name.casefold().replace("_", "").replace("-", "")
 
 
 def _kinds(parent: Any) -> Iterator[Any]:

@@ -34,7 +34,7 @@ def read_curves(path: str | Path) -> Curves:
         raise errors.DataNotFoundError(f"{path}: no such file; give a table with {NEEDED}")
     file = text_file(path)
     if file is None or file.is_matrix:
-        raise errors.FileFormatError(f"{path}: no table with a header; {NEEDED}")
+        raise errors.FileFormatError(_no_table(path))
     mode, stretch, stress = (_column(file, *names) for names in (("mode", "test"), ("stretch", "strain"), ("stress",)))
     table = read_table(path, [stretch, stress], file.layout)
     modes = [_mode(path, row, word) for row, word in enumerate(read_words(path, mode, file.layout), 1)]
@@ -53,6 +53,28 @@ def read_curves(path: str | Path) -> Curves:
         curves[name] = (x[own][order], P[own][order])
     check_curves(curves)
     return curves
+
+
+def _no_table(path: Path) -> str:
+    """Which cell is no number, where the first line is a header; else what is needed."""
+    rows = [line.split(",") for line in path.read_text(errors="replace").splitlines() if line.strip()]
+    head = [name.strip() for name in rows[0]] if rows else []
+    for number, row in enumerate(rows[1:], 1):
+        for name, cell in zip(head, row, strict=False):
+            if plain(name).casefold() not in ("mode", "test") and not _is_number(cell):
+                return (
+                    f"{path}, row {number} below the header, column '{name}': '{cell.strip()}' is no number; {NEEDED}"
+                )
+    first = f"; the first line has {', '.join(head)}" if head else ""
+    return f"{path}: no table with a header{first}; {NEEDED}"
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _column(file: TextFile, *wanted: str) -> str:

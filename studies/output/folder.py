@@ -46,7 +46,7 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
         if overwrite:
             _empty(path)
         elif earlier == settings:
-            print(f"equigap: resuming in {path}", file=sys.stderr)
+            print(f"equigap: going on in {path}", file=sys.stderr)
             return path
         else:
             raise OutputFolderError(

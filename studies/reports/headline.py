@@ -36,6 +36,7 @@ class Reason(Macro):
     IMBALANCE = "unbalanced"
     RIM = "only_ratios"
     ASK_RIM = "is_the_force_that_of_the_section"
+    UNEXPLAINED = "unexplained"
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Quality:
     what noise alone would make of it, None where it is unknown; held_error: on increments held out, None where none were;
     neo_hooke_error: of the best single modulus, NaN where it is not known. attenuation: factor by which noise lowers the stiffness, and
     whether the stiffness was raised by it. relative_deviation: of the initial shear modulus. imbalance: of the measured forces, over the
-    largest, None where they balance. alike: of so many starts, those that ended as low as the best."""
+    largest, None where they balance. alike: of so many starts, those that ended as low as the best. unexplained: whether a diagnosis found nothing that explains the test."""
 
     signals: tuple[StrainSignal, ...]
     level_is_nominal: bool
@@ -82,6 +83,7 @@ class Quality:
     imbalance: float | None = None
     starts: int = 1
     alike: int = 1
+    unexplained: bool = False
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,8 @@ def _found(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:
         yield False, _finding(Reason.FEW_STARTS, alike=q.alike, starts=q.starts)
     if q.imbalance is not None:
         yield False, _finding(Reason.IMBALANCE, share=q.imbalance)
+    if q.unexplained:
+        yield False, _finding(Reason.UNEXPLAINED)
 
 
 def _of_forces(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:

@@ -92,8 +92,9 @@ class Power:
 
     @property
     def beside_a_misfit(self) -> Power:
-        """Of a model that leaves more than noise: what it excludes may be part of that."""
-        return replace(self, finding=Finding.UNDECIDED, limit=None) if self.finding is Finding.EXCLUDED else self
+        """Of a model that leaves more than noise: what it excludes may be part of that, and what it has may stand in for it."""
+        decided = self.finding in (Finding.EXCLUDED, Finding.FOUND)
+        return replace(self, finding=Finding.UNDECIDED, limit=None) if decided else self
 
 
 @dataclass(frozen=True, eq=False)

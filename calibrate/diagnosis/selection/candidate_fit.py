@@ -97,7 +97,7 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
         return RefusalReason.NO_BETTER_FIT
     if not_distinct_from_null(candidate.addition, candidate.deviations):
         return RefusalReason.NULL_AMPLITUDE
-    if at_bounds(candidate.addition):
+    if any(at_bounds(one) for one in candidate.fit.additions):
         return RefusalReason.INADMISSIBLE
     if candidate.addition.effect.is_degenerate(candidate.addition.shape):
         return RefusalReason.DEGENERATE

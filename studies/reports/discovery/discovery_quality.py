@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from calibrate.diagnosis.problem import stiffness_factor
+from calibrate.diagnosis.selection import Verdict
 from studies.reports.discovery.view import View
 from studies.reports.headline import Headline, Quality, headline
 
@@ -24,4 +25,5 @@ def discovery_quality(view: View) -> Quality:
         held_error=None if last.held is None else last.held.force,
         reduced_chi_square=found.final.reduced_chi_square if found.problem.noise_is_known else float("nan"),
         attenuation=stiffness_factor(found.problem, found.final.c, found.final.additions),
+        unexplained=found.verdict is Verdict.NOT_EXPLAINED,
     )

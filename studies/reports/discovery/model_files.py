@@ -16,8 +16,10 @@ from calibrate.diagnosis.replayed.replay_verdict import replayed_level, stiffnes
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects.chain import Additions
 from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.fitness import Fitness, Use
 from studies.reports.discovery.replay_section import FEW_FILE, NEO_HOOKE_FILE
 from studies.reports.discovery.statement import network_words
+from studies.reports.headline import WORDS as HEADLINE
 
 
 def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
@@ -48,6 +50,7 @@ def unexplained(found: Discovery, hold_out: str, record: dict[str, Any]) -> dict
 def _without_network(found: Discovery, use: Usable, hold_out: str, record: dict[str, Any]) -> ExtendedModel:
     """At the level of its replay where there is one."""
     model = _file(found, use.c, use.additions, use.deviations, hold_out, record)
+    model = replace(model, fitness=Fitness(Use.RESERVATIONS, (HEADLINE.unexplained(),)))
     return model.scaled(replayed_level(found, use.replayed, use.c, use.additions))
 
 

@@ -9,6 +9,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.fitting.noise.noise_check import NoiseCheck
 from studies.output.findings import Finding, Macro
 
+FAR = 1.5  # factor between the noise that is used and the stated one, from which it is a warning
 LEAST = 0.005  # of the largest force, by which forces that were measured need not balance
 
 
@@ -59,4 +60,5 @@ def noise_found(name: str, check: NoiseCheck, clock_unit: str = "s") -> Finding:
         "used": used,
         "common_found": check.common_found,
     }
-    return Finding("experiment", ExperimentCode.NOISE_FOUND, {"name": name, **data, "clock_unit": clock_unit})
+    far = stated is None or not 1 / FAR <= check.factor <= FAR
+    return Finding("experiment", ExperimentCode.NOISE_FOUND, {"name": name, **data, "clock_unit": clock_unit}, far)

@@ -568,6 +568,9 @@ def test_nothing_is_excluded_beside_a_model_that_leaves_more_than_noise():
     changed = [p for p, before in zip(powers, quiet.powers, strict=True) if before.finding is Finding.EXCLUDED]
     assert all(p.finding is Finding.UNDECIDED and p.limit is None for p in changed)
     assert [p.effect for p in powers] == [p.effect for p in quiet.powers]
+    true = replace(found(0.0), weighing=weighed(0.03))
+    assert any(p.finding is Finding.FOUND for p in true.powers)
+    assert not any(p.finding is Finding.FOUND for p in replace(true, verdict=Verdict.NOT_EXPLAINED).powers)
 
 
 @pytest.mark.slow

@@ -64,6 +64,12 @@ def test_strain_in_percent_kilopascals_and_decimal_commas(tmp_path):
         ("mode,stretch,stress_MPa\nut,1.1,0.1\nshear,1.2,0.2\n", errors.FileFormatError, "row 2 .*'shear'"),
         ("stretch,stress_MPa\n1.1,0.1\n1.2,0.2\n", errors.FileFormatError, "no column of mode"),
         ("mode,stretch,stress_MPa\nut,1.1,0.1\nut,nan,0.2\n", errors.FileFormatError, "row 2"),
+        (
+            "mode,stretch,stress_MPa\nuniaxial,1.1,0.1\nuniaxial,1.2,abc\n",
+            errors.FileFormatError,
+            "row 2 .*'stress_MPa': 'abc'",
+        ),
+        ("mode,stretch\nuniaxial,1.1\nuniaxial,1.2\n", errors.FileFormatError, "stress"),
         ("mode,stretch,stress_MPa\nut,110,0.1\nut,120,0.2\n", errors.UnitsError, "give ratios"),
     ],
 )

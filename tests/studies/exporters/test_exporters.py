@@ -15,7 +15,7 @@ from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.network_model import Model
 from forward.materials import MATERIALS, Yeoh
 from studies.errors import ExportError
-from studies.exporters import targets
+from studies.exporters import target_named, targets
 from studies.exporters.certificate import random_states, relative
 from studies.exporters.fortran_code import compiler
 from studies.exporters.material_law import law_of
@@ -150,3 +150,10 @@ def test_the_range_of_a_law_is_that_of_its_own_invariants():
     assert wide.top == (5.0, np.inf)
     assert narrow.top == (5.0, 3.2)
     assert wide.largest_stretch("equibiaxial") > narrow.largest_stretch("equibiaxial")
+
+
+@pytest.mark.parametrize(("asked", "name"), [("UHYPER", "uhyper"), ("MAT_181", "mat181"), ("Card", "card")])
+def test_targets_are_named_as_their_programs_spell_them(asked: str, name: str) -> None:
+    assert target_named(asked).name.replace("_", "") == name
+    with pytest.raises(ExportError, match="choose from"):
+        target_named("abaqus")

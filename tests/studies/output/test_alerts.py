@@ -92,6 +92,7 @@ OF_HEADLINE: dict[str, Callable[[], Findings]] = {
     "headline.few_starts": lambda: reasons(starts=20, alike=2),
     "headline.unbalanced": lambda: reasons(imbalance=0.1),
     "headline.only_ratios": lambda: reasons(level_is_nominal=True),
+    "headline.unexplained": lambda: reasons(unexplained=True),
     "headline.is_the_force_that_of_the_section": lambda: reasons(force_error=0.08, has_rim=True),
 }
 
@@ -287,7 +288,7 @@ STATED = Noise(0.01, 3.0)
 OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.no_time": no_time,
     "discovery.unknown_noise": lambda: of_problem(noise_is_known=False),
-    "experiment.noise_found": lambda: of_nothing(noise=(NoiseCheck(STATED, 0.015, STATED.scaled(1.5)),)),
+    "experiment.noise_found": lambda: of_nothing(noise=(NoiseCheck(STATED, 0.012, STATED.scaled(1.2)),)),
     "discovery.overstated_noise": quiet,
     "discovery.no_twin": lambda: of_nothing(without_twin=("plate: a replay needs thin sheets",)),
     "discovery.nothing_held_out": lambda: of_first_round(held=None),
@@ -441,6 +442,7 @@ RAISED: dict[str, Callable[[], Findings]] = {
         review(held_out=SimpleNamespace(increments=3, relative_force_error=0.2, chi_square_per_equation=1.1))
     ),
     "F312": lambda: fit_findings.findings(review(classical=laws(law("Yeoh", -50.0)))),
+    "N203": lambda: of_nothing(noise=(NoiseCheck(STATED, 0.018, STATED.scaled(1.8)),)),
     "E402": of_weighing,
     "R614": lambda: of_few(20.0),
     "R609": lambda: of_explained(replay_check=check(observations(only_held(9.0)), observations())),

@@ -129,7 +129,7 @@ class TestFolder:
         (target / "done.txt").write_text("x")
         open_output_folder(target, False, {"seeds": [0, 1]})
         assert (target / "done.txt").exists()
-        assert "resuming" in capsys.readouterr().err
+        assert "going on in" in capsys.readouterr().err
 
     def test_with_other_settings_is_refused_and_names_them(self, tmp_path: Path) -> None:
         open_output_folder(tmp_path / "a", False, {"seeds": 10, "nodes": 5})
