@@ -87,7 +87,7 @@ def read_fields[T](path: str | Path, build: Callable[..., T]) -> T:
     try:
         return build(**_fields(content))
     except KeyError as error:
-        raise errors.FileFormatError(f"{path}: array {error} is missing; write the file again") from error
+        raise errors.FileFormatError(f"{path}: array {error} is missing; import the test again") from error
     except errors.EquigapError as error:
         raise type(error)(f"{path}: {error}") from error
     except (ValueError, TypeError) as error:
@@ -98,6 +98,11 @@ def _read_arrays(path: Path) -> dict[str, Any]:
     """All arrays of a file of this format and version."""
     if not path.exists():
         raise errors.DataNotFoundError(f"{path}: no such file; give the path of an Experiment .npz")
+    if path.is_dir():
+        inside = path / "experiment.npz"
+        raise errors.FileFormatError(
+            f"{path}: a folder; give {inside if inside.exists() else 'the Experiment .npz in it'}"
+        )
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             content = {key: data[key] for key in data.files}
@@ -111,9 +116,11 @@ def _read_arrays(path: Path) -> dict[str, Any]:
             f"{path}: an .npz, but not an Experiment (its 'format' is {content.get('format')}); "
             "raw measurements are read with `equigap import`"
         )
+    if "version" not in content:
+        raise errors.FileFormatError(f"{path}: array 'version' is missing; import the test again")
     if str(content.get("version")) not in map(str, range(VERSION, WITH_TWO_LENGTHS + 1)):
         raise errors.FileFormatError(
-            f"{path}: Experiment version {content.get('version')}, this program reads {VERSION} to {WITH_TWO_LENGTHS}; "
+            f"{path}: Experiment version {content['version']}, this program reads {VERSION} to {WITH_TWO_LENGTHS}; "
             "update equigap"
         )
     return content

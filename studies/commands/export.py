@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -34,16 +34,19 @@ WORDS = Words("export")
 
 @dataclass(frozen=True)
 class Exported(Outcome):
-    """A written file. errors: of its code against the model, None where it could not be run here."""
+    """A written file. errors: of its code against the model, None where it could not be run here. defaults: parameters of a classical law that nobody gave."""
 
     file: Path
     left_out: tuple[str, ...]
     errors: Errors | None
     remarks: tuple[Finding, ...] = ()
+    defaults: str = ""
 
     def lines(self) -> Iterable[str]:
         """What the model file says of itself, the error, what was left out, and the file."""
         yield from alert_lines(self.remarks)
+        if self.defaults:
+            yield f"not given, so the default: {self.defaults}"
         yield WORDS.accuracy(errors=self.errors)
         if self.left_out:
             yield WORDS.left_out(names=self.left_out)
@@ -96,4 +99,11 @@ def export(
         file, left_out=law.left_out, largest_stretches=law.stretches, errors=written.errors and asdict(written.errors)
     )
     remarks = tuple(remarks_of_file(model)) if is_file and not parameter else ()
-    return Exported(file, law.left_out, written.errors, remarks)
+    defaults = "" if is_file else _defaults(found, dict(parameter))
+    return Exported(file, law.left_out, written.errors, remarks, defaults)
+
+
+def _defaults(material: Any, given: dict[str, float]) -> str:
+    """'mu = 0.3' of parameters that were not given."""
+    own = {key: value for key, value in material.to_dict().items() if key != "material" and key not in given}
+    return ", ".join(f"{key} = {value:g}" for key, value in own.items() if isinstance(value, (int, float)))

@@ -63,8 +63,9 @@ class SheetOptions:
         ):
             if getattr(self, name) not in choices:
                 raise errors.ConfigError(f"{name} '{getattr(self, name)}' unknown; choose one of {', '.join(choices)}")
-        if (self.scale is not None and not self.scale > 0) or (self.frame_rate is not None and not self.frame_rate > 0):
-            raise errors.ConfigError("scale (mm per pixel) and frame rate (Hz) must be positive")
+        for option, value, unit in (("--scale", self.scale, "mm per pixel"), ("--frame-rate", self.frame_rate, "Hz")):
+            if value is not None and not value > 0:
+                raise errors.ConfigError(f"{option} {value:g}: must be positive ({unit})")
         if self.drop_rows < 0 or self.drop_columns < 0:
             raise errors.ConfigError("numbers of rows and columns to drop cannot be negative")
 

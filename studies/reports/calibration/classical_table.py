@@ -14,6 +14,7 @@ from studies.output.words import plus_minus
 from studies.reports.calibration.fit_review import Review
 
 Mask = NDArray[np.bool_]
+UNKNOWN = 10.0  # standard deviations over a parameter, from which it is not identified
 
 
 def classical_table(view: Review, found: Comparison) -> tuple[list[str], list[list[Any]]]:
@@ -115,14 +116,16 @@ def force_error(view: Review, candidate: Candidate, increments: Mask) -> float |
 
 
 def values(fit: ClassicalFit, unit: str, scale: float) -> str:
-    """'mu = 0.270 +- 0.010 MPa, N = 21.0 +- 2.0'."""
-    parts = []
+    """'mu = 0.270 +- 0.010 MPa, N = 21.0 +- 2.0'; that a parameter is not identified, where its deviation is larger than itself by far."""
+    parts, unknown = [], []
     for p, (name, x), d in zip(fit.law.parameters, fit.values.items(), fit.deviations(scale), strict=True):
         if not np.isfinite(x):
             parts.append(f"{name} not seen")
         else:
-            parts.append(f"{name} = {plus_minus(x, d)}{' ' + unit if p.modulus else ''}")
-    return ", ".join(parts)
+            unknown += [name] if d > UNKNOWN * abs(x) else []
+            known = f"{x:.4g}" if d > UNKNOWN * abs(x) else plus_minus(x, d)
+            parts.append(f"{name} = {known}{' ' + unit if p.modulus else ''}")
+    return ", ".join(parts) + (f" ({' and '.join(unknown)} not identified)" if unknown else "")
 
 
 def _state(fit: ClassicalFit) -> str:

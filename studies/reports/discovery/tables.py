@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Round
@@ -71,12 +73,12 @@ def catalogue_table(view: View) -> Table:
     return ["effect", "stage", "formula (source)", "amplitudes and shapes (unit)", "decided by"], sorted(rows)
 
 
-def _p(value: float) -> float:
-    return max(value, SMALLEST)
+def _p(value: float) -> float | str:
+    return value if value > SMALLEST else f"< {SMALLEST:g}"
 
 
 def candidate_table(now: Round, unit: str, level: float = 1.0) -> Table:
-    """Every candidate of a round, those that could not be tested last."""
+    """Every candidate of a round by its score, those that could not be tested last."""
     held = now.held
     columns = [
         "effect", "outcome", "cannot be told from", "score", "degrees", "adjusted p", "improvement predicted, %",
@@ -88,7 +90,8 @@ def candidate_table(now: Round, unit: str, level: float = 1.0) -> Table:
         "similar to (cosine)", "decided by",
     ]  # fmt: skip
     rows = [_in_the_model(now.fit, i, unit, level, len(columns)) for i in range(len(now.fit.additions))]
-    return columns, rows + [_candidate(candidate, now, unit, level, len(columns)) for candidate in now.candidates]
+    ordered = sorted(now.candidates, key=lambda c: -c.score.score if c.score.is_tested else np.inf)
+    return columns, rows + [_candidate(candidate, now, unit, level, len(columns)) for candidate in ordered]
 
 
 def _head(name: str, before: float | None) -> str:
