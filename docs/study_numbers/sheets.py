@@ -37,6 +37,7 @@ def take(folder: Path, replay: Path, neo_hooke: Path) -> dict[str, Any]:
                     numbers[f"{short}_{MODELS[model['name']]}_{kind}_{part}"] = share(model[part][kind])
         numbers[f"{short}_chi_square"] = f"{one['chi_square']:.0f}"
         numbers[f"{short}_verdict"] = one["verdict"]
+        numbers[f"{short}_added"] = ", ".join(one["named"] or one["closest"]) or "nothing"
         numbers[f"{short}_minutes"] = f"{one['seconds'] / 60:.0f}"
     controls = [one for name, one in found.items() if name.startswith("control_")]
     numbers["control_smallest_p"] = f"{min(one['smallest_adjusted_p'] for one in controls):.2f}"
