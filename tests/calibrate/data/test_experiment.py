@@ -151,7 +151,7 @@ def test_other_versions_and_missing_arrays_are_refused(tmp_path):
         ({**content, "version": "new"}, "version new"),
         ({**content, "provenance": "{"}, "garbled"),
         ({**content, "noise": ["a", "b"]}, "garbled"),
-        (without["version"], "version None"),
+        (without["version"], "'version' is missing"),
         (without["displacements"], "displacements"),
     ):
         np.savez(path, **wrong)
