@@ -31,6 +31,7 @@ PICTURES = {
         "thickness/figures/predictions_thickness-corrected.png",
         "thickness/figures/predictions_thickness-corrected.json",
     ),
+    "measured_forces": ("measured/Soft_Homo/replayed_forces.png", "measured/Soft_Homo/report.json"),
     "measured_errors": ("measured/errors.png", "measured/report.json"),
     "measured_stiffness": (
         "measured/transfer_Stiff2_Hetero/stiffness.png",
