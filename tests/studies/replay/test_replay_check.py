@@ -12,9 +12,11 @@ import pytest
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.load_record import LoadRecord
 from calibrate.diagnosis import base_fit
+from calibrate.diagnosis.base_functions import first_guess
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.evidence.levels import StiffnessLevel
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
+from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
 from calibrate.diagnosis.replayed.parameter_spread import spread_of
@@ -115,18 +117,21 @@ def test_the_level_of_a_model_that_is_too_stiff_is_found_from_replayed_forces():
     assert abs(own.final.level.factor - 1) < 3 * own.final.deviation
 
 
-def test_a_model_beside_the_final_one_has_its_own_level_and_its_errors():
-    """The final model itself, made stiffer: the same errors at the inverse level. A model that cannot be solved is said."""
+def test_neo_hooke_beside_few_effects_has_its_own_level_and_its_errors():
+    """Made stiffer: the same errors, and the level of the forces is in its coefficients. One that cannot be solved is said."""
     one = found(True)
-    (second,) = one.final.additions
-    more = replace(second, amplitudes=(SEVENTH * second.amplitudes[0],))
-    own, beside = one.replay_check, FiniteElementCheck().of_model(one, SEVENTH * one.final.c, (more,))
-    assert isinstance(beside, Replayed)
-    assert beside.level.factor * SEVENTH == pytest.approx(own.final.level.factor, rel=1e-4)
-    assert beside.judged.force == pytest.approx(own.final.judged.force, rel=1e-2)
-    assert beside.judged.field == pytest.approx(own.final.judged.field, rel=1e-2)
-    assert replayed_level(one, beside, one.final.c, (more,)) == beside.level.factor
-    nothing = FiniteElementCheck().of_model(one, 0 * one.final.c, ())
+    neo_hooke = first_guess([(part.assembled, part.train.rows) for part in one.problem.trained])
+    few = [
+        FiniteElementCheck().few_effects(one, factor * neo_hooke, (), read_priors(), lambda text: None)
+        for factor in (1.0, SEVENTH)
+    ]
+    own, stiffer_one = (part.neo_hooke for part in few)
+    assert isinstance(own, Replayed) and isinstance(stiffer_one, Replayed)
+    assert few[1].c == pytest.approx(few[0].c, rel=1e-4)
+    assert stiffer_one.judged.force == pytest.approx(own.judged.force, rel=1e-2)
+    assert stiffer_one.judged.field == pytest.approx(own.judged.field, rel=1e-2)
+    assert replayed_level(one, own, few[0].c, ()) == own.level.factor
+    nothing = FiniteElementCheck().few_effects(one, 0 * neo_hooke, (), read_priors(), lambda text: None)
     assert isinstance(nothing, NoReplayCheck) and nothing.reason
     assert replayed_level(one, nothing, one.final.c, ()) == 1.0
 
