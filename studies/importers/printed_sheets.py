@@ -192,6 +192,7 @@ def sheet_series(
         synchronisation_std=1.0 / rate / np.sqrt(12.0),
         provenance={
             "reader": "DIC sheet on a pixel grid",
+            "recording": {"image_scale": f"{scale:g} mm/pixel", "frame_rate": f"{rate:g} Hz"},
             "options": {**asdict(options), "frame_rate": rate},
             "grid": [columns, rows],
             "unmeasured_strip_mm": strip,
