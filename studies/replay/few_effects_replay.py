@@ -20,8 +20,8 @@ from calibrate.effects import Effect
 from calibrate.effects.chain.true_surface import is_expressed
 from studies.errors import OptionError
 from studies.replay.compared_test import ComparedTest
+from studies.replay.fitted_replays import EACH, Replays, other_times
 from studies.replay.model_law import is_solved
-from studies.replay.updated_replay import EACH, Replays, other_times
 
 Array = NDArray[np.float64]
 PICTURES = 4  # of a test that was fitted: more tell little, as what a model misses persists over the load

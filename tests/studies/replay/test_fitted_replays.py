@@ -21,7 +21,7 @@ from forward.sheet.thin_sheet import Prony, Sheet
 from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
 from studies.replay.compared_test import ComparedTest
-from studies.replay.updated_replay import EACH, Replays, other_times
+from studies.replay.fitted_replays import EACH, Replays, other_times
 from studies.reports.discovery.few_effects_table import update_record
 from studies.synthetic import camera
 
