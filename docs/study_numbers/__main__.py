@@ -7,6 +7,7 @@
     python docs/study_numbers replay results/replay results/calibrate
     python docs/study_numbers replay_sheet results/discover
     python docs/study_numbers sheets results/measured results/replay results/replay-neo-hooke
+    python docs/study_numbers sheet_stability results/sheet-stability
     python docs/study_numbers several_tests results/several-tests
     python docs/study_numbers joint_sheets results/discover
     python docs/study_numbers every_third results/discover
@@ -45,6 +46,7 @@ import replay
 import replay_sheet
 import resolution
 import several_tests
+import sheet_stability
 import sheets
 import skin
 import thickness
@@ -58,6 +60,7 @@ STUDIES = {
     "replay": replay,
     "replay_sheet": replay_sheet,
     "sheets": sheets,
+    "sheet_stability": sheet_stability,
     "several_tests": several_tests,
     "joint_sheets": joint_sheets,
     "every_third": every_third,

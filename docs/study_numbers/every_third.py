@@ -35,6 +35,8 @@ def take(folder: Path) -> dict[str, Any]:
         "band_mm": f"{updated['band']['field']:.3f}",
         "smooth_mm": f"{updated['smooth_field'][1]:.3f}",
     }
+    for name in ("stiffness gradient", "compressibility"):
+        numbers[f"p_{name.split()[-1]}"] = percent(few["inclusion"].get(name, 0.0))
     numbers["best"] = " and ".join(few["sets"][0]["effects"]) or "none"
     numbers["added"] = ", ".join(now["added"] for now in found["rounds"] if now["added"]) or "none"
     for one in few["updated"]["effects"]:
