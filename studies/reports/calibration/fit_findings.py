@@ -29,6 +29,7 @@ class FitCode(Macro):
     AS_NOISE = "residuals_as_noise"
     STARTS = "starts"
     FORCES = "forces"
+    GRIPS = "grips_differ"
     NOMINAL_LEVEL = "nominal_level"
     HELD_OUT = "held_out"
     CLASSICAL = "classical_laws"
@@ -47,7 +48,7 @@ class Thresholds:
 
     few_starts: share of the starts that should agree, and their least number. Forces: worse than neo-Hooke by `factor` and
     more than `negligible`; held-out ones worse than `held_factor` times the fitted and more than `held_least`. Equilibrium of
-    held-out increments: `held_chi_square` times the chi-square per equation of the fitted ones, or of noise if that is more.
+    held-out increments: `held_chi_square` times the chi-square per equation of the fitted ones, or of noise if that is more. imbalance: of the model's forces, over the largest.
     """
 
     overestimated: float = 0.6
@@ -59,6 +60,7 @@ class Thresholds:
     held_factor: float = 3.0
     held_least: float = 0.05
     held_chi_square: float = 2.0
+    imbalance: float = 0.05
 
 
 LIMITS = Thresholds()
@@ -66,7 +68,7 @@ LIMITS = Thresholds()
 
 def findings(view: Review) -> list[Finding]:
     """What a reader of the numbers should know, the most important first."""
-    found = [residuals(view), starts(view), forces(view), held_out(view), classical(view)]
+    found = [residuals(view), starts(view), forces(view), *grips(view), held_out(view), classical(view)]
     if view.polish is not None:
         found.insert(0, polish(view.polish))
     if view.model.uncertainty is not None:
@@ -143,6 +145,19 @@ def forces(view: Review) -> Finding:
     error, simple = view.force_error(view.fitted), view.neo_hooke_error
     worse = bool(error > max(LIMITS.factor * simple, LIMITS.negligible))
     return _finding(FitCode.FORCES, worse, error=error, neo_hooke_error=simple, worse_than_neo_hooke=worse)
+
+
+def grips(view: Review) -> list[Finding]:
+    """Whether the model's forces of the grips balance as the measured ones do; nothing where there is one grip, or forces are not those of the section."""
+    if view.experiment.level_is_nominal or len(view.measured) < 2:
+        return []
+    sums = [np.sum([one[view.fitted] for one in forces.values()], axis=0) for forces in (view.forces, view.measured)]
+    largest = max(float(np.nanmax(np.abs(one[view.fitted]))) for one in view.measured.values())
+    own, measured = (float(np.max(np.abs(one))) / largest for one in sums)
+    if not own > LIMITS.imbalance + measured:  # a force that was not measured is none of these
+        return []
+    each = {name: float(np.linalg.norm(view.forces[name][view.fitted][-1])) for name in view.measured}
+    return [_finding(FitCode.GRIPS, share=own, measured=measured, each=each)]
 
 
 def level_increment(view: Review) -> int:

@@ -141,6 +141,14 @@ def review(chi_square: float | None = 1.0, **changes: Any) -> Any:
     return SimpleNamespace(**{**known, **changes})
 
 
+def two_grips(right: float) -> dict[str, Any]:
+    """Forces of 2 N on either side in the last increment that was fitted, of which the model has `right` on one."""
+    sides = {"left": -1.0, "right": 1.0}
+    course = np.array([0.0, 1.0, 2.0, 0.0, 0.0])[:, None] * [1.0, 0.0]
+    measured = {name: sign * course for name, sign in sides.items()}
+    return {"measured": measured, "forces": {**measured, "right": 0.5 * right * course}}
+
+
 def law(name: str, criterion: float, converged: bool = True) -> Any:
     """A classical law that was fitted."""
     fit = SimpleNamespace(reason=SimpleNamespace(is_success=converged), stability=1.0, stress=lambda F: F)
@@ -165,6 +173,7 @@ OF_CALIBRATION: dict[str, Callable[[], Findings]] = {
     "calibration.residuals_below_noise": lambda: fit_findings.findings(review(0.3)),
     "calibration.starts": lambda: fit_findings.findings(review()),
     "calibration.forces": lambda: fit_findings.findings(review()),
+    "calibration.grips_differ": lambda: fit_findings.findings(review(**two_grips(1.5))),
     "calibration.nominal_level": lambda: fit_findings.findings(review(experiment=poor_test(level_is_nominal=True))),
     "calibration.held_out": lambda: fit_findings.findings(review(held_out=HELD)),
     "calibration.polished": lambda: fit_findings.findings(review(polish=POLISHED)),
@@ -691,3 +700,11 @@ def test_a_law_that_misses_the_forces_by_more_is_not_recommended():
         if one.alert.code == "F312"
     )
     assert "take that law" in better
+
+
+def test_forces_of_grips_that_differ_are_told():
+    """A quarter of the largest force is left over; by two per cent nothing is said, nor of a single grip."""
+    told = made("calibration.grips_differ").text
+    assert "25 % of the largest is left over (measured: 0 %)" in told and "left 2 N, right 1.5 N" in told
+    for quiet in (two_grips(1.96), {}):
+        assert "F319" not in {one.alert.code for one in fit_findings.findings(review(**quiet))}
