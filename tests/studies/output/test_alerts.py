@@ -51,7 +51,7 @@ from studies.output.words import percent
 from studies.output.writing import plain
 from studies.replay import report as replay_report
 from studies.reports.alert_table import COLUMNS, add_alerts, alert_lines, alert_records, in_order
-from studies.reports.calibration import fit_findings
+from studies.reports.calibration import classical_table, fit_findings
 from studies.reports.calibration.polish_record import Kept, PolishRecord, ReplayErrors
 from studies.reports.discovery import discovery_findings
 from studies.reports.discovery.discovery_findings import remarks
@@ -708,3 +708,18 @@ def test_forces_of_grips_that_differ_are_told():
     assert "25 % of the largest is left over (measured: 0 %)" in told and "left 2 N, right 1.5 N" in told
     for quiet in (two_grips(1.96), {}):
         assert "F319" not in {one.alert.code for one in fit_findings.findings(review(**quiet))}
+
+
+@pytest.mark.parametrize(
+    ("found", "deviations", "said"),
+    [
+        ({"mu": 0.5, "alpha": 2.0}, (0.1, 0.1), "mu = 0.50 +- 0.10 MPa, alpha = 2.00 +- 0.10"),
+        ({"mu": 0.5, "alpha": 2.0}, (0.1, 97075.0), "mu = 0.50 +- 0.10 MPa, alpha = 2 (alpha not identified)"),
+        ({"mu1": 0.4, "alpha1": 2.476, "mu2": 0.1, "alpha2": 2.476}, (0.1,) * 4, "(two terms not identified)"),
+    ],
+)
+def test_parameters_that_the_data_do_not_identify_are_said(found, deviations, said):
+    """Whose deviation is far larger than themselves, or two terms that are one."""
+    parameters = tuple(SimpleNamespace(name=name, modulus=name.startswith("mu")) for name in found)
+    fit: Any = SimpleNamespace(law=SimpleNamespace(parameters=parameters), values=found, deviations=lambda scale: np.array(deviations))  # fmt: skip
+    assert classical_table.values(fit, "MPa", 1.0).endswith(said)
