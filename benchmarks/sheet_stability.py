@@ -19,6 +19,7 @@ from benchmarks.noise.kept_records import records
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut, Kind
+from calibrate.diagnosis.replayed.checked_replay import INTERVAL
 from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.effects import CATALOGUE
@@ -33,7 +34,6 @@ from studies.output.writing import write_json
 from studies.replay.few_effects_replay import few_by_fields, with_forces
 
 PAIR = ("stiffness gradient", "compressibility")
-INTERVAL = 1.96
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ except ImportError as error:
         f"DOLFINx 0.11 with PETSc is not installed ({error}); run `make setup` (Linux x86-64) or use the container"
     ) from error
 
-PETSc.Sys.popSignalHandler()  # a closed pipe or an interruption is Python's to handle, not to abort all processes for
+PETSc.Sys.popSignalHandler()  # else a closed pipe (`equigap ... | head`) is an abort of all processes with a page of text
 
 # Quadrature must be stated: the energy is a high power, for which FFCx would take thousands of points.
 QUADRATURE_DEGREE = 5

@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 TOLD_APART = 10.0  # difference of the criterion that counts as very strong (Kass and Raftery 1995)
 EVALUATIONS = 100  # of a fit, at most
 AT_REST = (3.001, 3.001)  # invariants
+SINGULAR = 1e-7  # of the largest singular value, below which a combination of parameters changes nothing
 
 
 class Verdict(StrEnum):
@@ -78,8 +79,7 @@ class ClassicalFit:
 
     def deviations(self, scale: float = 1.0) -> Array:
         """Standard deviations (q,) of `values`; of a reciprocal to first order. scale: variance of the whitened noise."""
-        variances = scale * np.diag(self.found.covariance)
-        fitted = np.sqrt(np.where(variances > 0, variances, np.inf))  # a singular covariance knows none
+        fitted = np.sqrt(scale * np.diag(self.found.covariance))
         reciprocal = np.array([p.reciprocal for p in self.law.parameters])
         return np.where(reciprocal, fitted / self.found.parameters**2, fitted)
 
@@ -169,7 +169,19 @@ def least_squares_fit(
     reason = Stop.CONVERGED if found.success else Stop.ITERATION_LIMIT
     if not np.isfinite(found.x).all():
         reason = Stop.NOT_FINITE
-    return LeastSquares(found.x, float(2 * found.cost), size, reason, np.linalg.pinv(found.jac.T @ found.jac))
+    return LeastSquares(found.x, float(2 * found.cost), size, reason, _covariance(found.jac))
+
+
+def _covariance(J: Array) -> Array:
+    """(q, q) of parameters with the derivatives J (n, q) of unit noise; the variance of those that a combination changes which nothing sees is infinite, as of two terms that are one."""
+    sizes = np.linalg.norm(J, axis=0)
+    scale = np.where(sizes > 0, sizes, 1.0)
+    _, s, V = np.linalg.svd(J / scale, full_matrices=False)
+    unseen = s <= SINGULAR * s[0]
+    found = (V[~unseen].T / s[~unseen] ** 2) @ V[~unseen] / np.outer(scale, scale)
+    involved = (np.abs(V[unseen]) > np.sqrt(SINGULAR)).any(axis=0)
+    found[np.diag(involved)] = np.inf
+    return np.asarray(found)
 
 
 def compare(calibration: Calibration, laws: Sequence[Law] = CLASSICAL_LAWS) -> Comparison | None:

@@ -14,7 +14,6 @@ from studies.output.words import plus_minus
 from studies.reports.calibration.fit_review import Review
 
 Mask = NDArray[np.bool_]
-SAME = 0.01  # relative distance of two exponents that are one
 UNKNOWN = 10.0  # standard deviations over a parameter, from which it is not identified
 
 
@@ -126,8 +125,6 @@ def values(fit: ClassicalFit, unit: str, scale: float) -> str:
             unknown += [name] if d > UNKNOWN * abs(x) else []
             known = f"{x:.4g}" if d > UNKNOWN * abs(x) else plus_minus(x, d)
             parts.append(f"{name} = {known}{' ' + unit if p.modulus else ''}")
-    if {"alpha1", "alpha2"} <= set(fit.values) and np.isclose(fit.values["alpha1"], fit.values["alpha2"], rtol=SAME):
-        unknown = ["two terms"]
     return ", ".join(parts) + (f" ({' and '.join(unknown)} not identified)" if unknown else "")
 
 

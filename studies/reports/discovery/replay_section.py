@@ -100,7 +100,7 @@ def to_predict_with(found: Discovery) -> str | None:
 def _offered(found: Discovery) -> list[tuple[str, Replayed]]:
     """Models without a named effect that were replayed, by their files."""
     pairs = [(FEW_FILE, _few_replay(found)), (NEO_HOOKE_FILE, neo_hooke_replay(found))]
-    return [(file, one) for file, one in pairs if isinstance(one, Replayed)]
+    return [(file, one) for file, one in pairs if one is not None]
 
 
 def recommendation(found: Discovery) -> str:

@@ -108,3 +108,17 @@ def test_over_noise_seeds_the_true_law_is_enough_and_its_pulls_are_normal():
         pulls.append((np.array([fit.values["mu"], fit.values["N"]]) - [0.2698, 21.49]) / fit.deviations(seen.scale))
     assert np.all(np.std(pulls, axis=0) < 1.6) and np.all(np.std(pulls, axis=0) > 0.5)
     assert np.all(np.abs(np.mean(pulls, axis=0)) < 1.0)
+
+
+def test_parameters_of_which_the_data_see_a_sum_alone_have_no_deviation():
+    """As two terms of a law that are one; what is seen beside them keeps the deviation of its own."""
+    x = np.linspace(0.1, 1.0, 20)
+    J = np.stack([x, x, x**2], axis=1)
+    found = classical_fit.least_squares_fit(lambda p: (J @ p - 3 * x - x**2, J), len(x), np.array([1.0, 0.5, 0.0]))
+    deviations = np.sqrt(np.diag(found.covariance))
+    assert np.isinf(deviations[:2]).all()
+    expected = np.linalg.inv(J[:, 1:].T @ J[:, 1:])[1, 1]
+    assert deviations[2] == pytest.approx(np.sqrt(expected), rel=1e-9)
+    full = np.stack([x, x**3, x**2], axis=1)
+    found = classical_fit.least_squares_fit(lambda p: (full @ p - 3 * x, full), len(x), np.ones(3))
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(full.T @ full), rtol=1e-8)
