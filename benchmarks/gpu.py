@@ -24,6 +24,7 @@ import jax
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis.discovery import discover
 from calibrate.fitting.calibration import calibrate
+from studies.output.run_progress import RunProgress
 from studies.output.writing import write_json
 
 PLATFORMS = {"CPU": "cpu", "GPU": "cuda"}
@@ -55,7 +56,7 @@ def calibrated(path: Path) -> dict[str, Any]:
 def discovered(path: Path) -> dict[str, Any]:
     """Effects of the final model, their amplitudes, and its chi-square."""
     experiment = Experiment.load(path)
-    found = discover([experiment], fitted=False, progress=lambda text: print(text, file=sys.stderr, flush=True))
+    found = discover([experiment], fitted=False, say=RunProgress())
     final = found.final
     return {
         "found": f"{found.verdict}: {', '.join(final.names) or 'none'}",

@@ -204,7 +204,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _show(run(words))
     except KeyboardInterrupt:
         return _say(
-            "interrupted; the same command goes on: a study from its last finished step, a single fit or diagnosis from its beginning",
+            "interrupted; the same command goes on: a study or a diagnosis from its last finished step, a single fit from its beginning",
             130,
         )
     except BrokenPipeError:

@@ -5,8 +5,9 @@ In: Experiments, what to hold out, priors. Out: `Discovery`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.base_functions import first_guess
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.decision import decided
-from calibrate.diagnosis.evidence.levels import StiffnessLevel, at_one_level
+from calibrate.diagnosis.evidence.levels import Level, StiffnessLevel, at_one_level
 from calibrate.diagnosis.evidence.own_effects import own_effects, refined_levels, with_own_effects
 from calibrate.diagnosis.evidence.priors import Priors, read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
@@ -32,9 +33,8 @@ from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.errors import WeakStrainError
-from calibrate.fitting.noise.noise_check import with_checked_noise
-
-Say = Callable[[str], None]
+from calibrate.fitting.noise.noise_check import NoiseCheck, with_checked_noise
+from calibrate.fitting.resumable import SILENT, Resumable
 
 
 def discover(
@@ -45,7 +45,7 @@ def discover(
     spacing: float | None = None,
     base: str = "positive",
     seed: int = 0,
-    progress: Say | None = None,
+    say: Resumable = SILENT,
     thresholds: Thresholds = DEFAULT,
     priors: Priors | None = None,
     fitted: bool = True,
@@ -62,8 +62,46 @@ def discover(
     which the weights allow for (`own_effects`), and where no thickness is known a level of its own (`levels`). Where a flexible base follows the noise of a weak strain, neo-Hooke takes its place. Others: see `diagnose`. Raises `FitError` for a base that does not converge, `ConfigError`, and the errors of
     `calibrate.equations.equilibrium.equilibrium`.
     """
-    say = progress or (lambda text: None)
     hold_out = hold_out or HoldOut.default(min(e.n_increments for e in experiments), bool(held))
+    priors = priors or read_priors()
+    make = partial(_start, experiments, hold_out, held, effects, spacing, base, say, priors, replay, readings)
+    start = say.kept("base model", make)
+    found = diagnose(start.problem, start.base, effects, seed, say, thresholds, priors, fitted, check, few_effects)
+    return replace(
+        found,
+        noise=start.noise,
+        without_twin=start.without_twin,
+        own=tuple(one for one in found.own if not isinstance(one.effect, StiffnessLevel)),
+        levels=refined_levels(start.levels, found.own),
+        one_modulus=start.one_modulus,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Weighted equations and base fit of a diagnosis; see `Discovery`."""
+
+    problem: Problem
+    base: Fit
+    noise: tuple[NoiseCheck, ...]
+    levels: tuple[Level, ...]
+    without_twin: tuple[str, ...]
+    one_modulus: bool
+
+
+def _start(
+    experiments: Sequence[Experiment],
+    hold_out: HoldOut,
+    held: Sequence[Experiment],
+    effects: Sequence[Effect],
+    spacing: float | None,
+    base: str,
+    say: Resumable,
+    priors: Priors,
+    replay: Replay | None,
+    readings: int,
+) -> _Start:
+    """See `discover`."""
     say("noise")
     checked = [with_checked_noise(e) for e in (*experiments, *held)]
     say("base model")
@@ -80,13 +118,9 @@ def discover(
     if replay is not None:
         say("replay of the base model")
         problem, state, without_twin = with_twins(problem, state, replay)
-    priors = priors or read_priors()
     if len(problem.trained) > 1:
         problem, state = with_own_effects(problem, state, distinct(effects), priors)
-    found = diagnose(problem, state, effects, seed, say, thresholds, priors, fitted, check, few_effects)
-    noise, levels = tuple(check for _, check in checked), refined_levels(levels, found.own)
-    own = tuple(one for one in found.own if not isinstance(one.effect, StiffnessLevel))
-    return replace(found, noise=noise, without_twin=without_twin, own=own, levels=levels, one_modulus=one_modulus)
+    return _Start(problem, state, tuple(check for _, check in checked), levels, without_twin, one_modulus)
 
 
 def diagnose(
@@ -94,7 +128,7 @@ def diagnose(
     base: Fit,
     effects: Sequence[Effect] = CATALOGUE,
     seed: int = 0,
-    say: Say = lambda text: None,
+    say: Resumable = SILENT,
     thresholds: Thresholds = DEFAULT,
     priors: Priors | None = None,
     fitted: bool = True,
@@ -108,19 +142,20 @@ def diagnose(
     """
     effects, priors = distinct(effects), priors or read_priors()
     found = close_loop(problem, base, effects, seed, say, thresholds)
-    weighing = weigh(found, priors, effects, fitted, say)
+    weighing = say.kept("evidence", partial(weigh, found, priors, effects, fitted, say))
     found = decided(found, weighing, priors, effects, seed, say)
     found = replace(found, own=own_effects(found.problem, found.final, priors))
     if check is not None:
         say("replay of base and final model")
-        found = judged_by_replay(found, check(found))
+        found = judged_by_replay(found, say.kept("replay", partial(check, found)))
     if fitted:
         found = replace(found, dominant=dominant_effect(found, say))
     if check is None or not (fitted and few_effects) or found.verdict is not Verdict.NOT_EXPLAINED:
         return found
     say("few effects by the fields of replays")
     neo_hooke = first_guess([(part.assembled, part.train.rows) for part in found.problem.trained])
-    return replace(found, few=check.few_effects(found, neo_hooke, effects, priors, say))
+    few = say.kept("few effects", partial(check.few_effects, found, neo_hooke, effects, priors, say))
+    return replace(found, few=few)
 
 
 def _nothing(system: Equilibrium) -> Mask:

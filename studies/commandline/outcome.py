@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
 
 from studies.errors import StudyError
 
@@ -18,3 +20,16 @@ class Outcome(ABC):
     def failure(self) -> StudyError | None:
         """Why a command that came to its end did not succeed."""
         return None
+
+
+@dataclass(frozen=True)
+class Complete(Outcome):
+    """Of a command that has come to its end before, with the same settings and the same folder. answer: what it showed."""
+
+    folder: Path
+    answer: tuple[str, ...]
+
+    def lines(self) -> Iterable[str]:
+        """That nothing was computed, then the same as then."""
+        yield f"{self.folder} is complete; --overwrite makes it again"
+        yield from self.answer

@@ -34,10 +34,11 @@ from studies.commandline.option_types import (
     Seed,
     default_folder,
 )
-from studies.commandline.outcome import Outcome
+from studies.commandline.outcome import Complete, Outcome
 from studies.importers import homogeneous_curves
 from studies.importers.curve_file import read_curves
 from studies.output import Manifest, callback, open_output_folder, released_if_refused
+from studies.output.folder import complete, earlier_answer
 from studies.reports.calibration.fit_review import Review, review
 from studies.reports.calibration.polish_record import PolishRecord
 from studies.reports.calibration.report import summary_lines, write
@@ -116,7 +117,7 @@ def calibrate(
     quick: bool = False,
     output: OutputFolder = None,
     overwrite: Overwrite = False,
-) -> Calibrated | CalibratedCurves:
+) -> Calibrated | CalibratedCurves | Complete:
     """Identify a neural-network hyperelastic model from an Experiment (.npz of `equigap import` or `simulate`), or from curves.
 
     Curves of homogeneous tests are a table with columns mode, stretch, stress_MPa (docs/supervised.md). Stresses come out in MPa, or in N/mm (stress times thickness) where the thickness is unknown.
@@ -134,25 +135,15 @@ def calibrate(
     if str(experiment) in homogeneous_curves.COLLECTIONS or experiment.suffix.lower() in TABLES:
         if pictures is not None:
             raise ConfigError("--pictures: not for curves of homogeneous tests; leave it out")
-        return _of_curves(
-            experiment,
-            fit,
-            options,
-            Manifest(
-                fit.seed,
-                {"command": "calibrate", "quick": quick, **asdict(fit)},
-                [experiment] if experiment.suffix else [],
-                started,
-            ),
-            output or default_folder("calibrate", quick),
-            overwrite,
-        )
+        return _of_curves(experiment, fit, quick, started, output, overwrite)
     everything = chosen(Experiment.load(experiment), QUICK_PICTURES if quick and pictures is None else pictures)
     fitted = held_in(everything, fit.hold_out, fit.seed)
     settings = {"command": "calibrate", "quick": quick, "pictures": pictures, **asdict(fit)}
     manifest = Manifest(fit.seed, settings, [experiment], started)
     key = {"command": "calibrate", **settings, "experiment": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output or default_folder("calibrate", quick), overwrite, key)
+    if (answer := earlier_answer(folder)) is not None:
+        return Complete(folder, answer)
     with released_if_refused(folder):
         everything, noise = with_found_noise(everything)
         part = everything if fitted.all() else everything.select(fitted.nonzero()[0])
@@ -164,7 +155,7 @@ def calibrate(
     view = review(calibration, everything, fitted, callback("judging residuals"))
     view = replace(view, classical=laws, polish=record, noise=noise)
     write(folder, view, manifest)
-    return Calibrated(folder, view)
+    return _completed(Calibrated(folder, view))
 
 
 def _polished(calibration: Calibration, held: Experiment | None) -> tuple[Calibration, PolishRecord]:
@@ -175,8 +166,8 @@ def _polished(calibration: Calibration, held: Experiment | None) -> tuple[Calibr
 
 
 def _of_curves(
-    source: Path, fit: Fit, options: Options, manifest: Manifest, output: Path, overwrite: bool
-) -> CalibratedCurves:
+    source: Path, fit: Fit, quick: bool, started: float, output: Path | None, overwrite: bool
+) -> CalibratedCurves | Complete:
     """Raises `ConfigError` for options of a full field."""
     wrong = [
         name
@@ -185,18 +176,27 @@ def _of_curves(
     ]
     if wrong:
         raise ConfigError(f"--{wrong[0].replace('_', '-')}: not for curves of homogeneous tests; leave it out")
+    options, settings = fit.options(quick), {"command": "calibrate", "quick": quick, **asdict(fit)}
+    manifest = Manifest(fit.seed, settings, [source] if source.suffix else [], started)
     named = str(source) in homogeneous_curves.COLLECTIONS
     curves = homogeneous_curves.load(str(source)) if named else read_curves(source)
     record = manifest.to_dict()
-    folder = open_output_folder(
-        output, overwrite, {**record["settings"], "curves": str(source), "inputs": record["inputs"]}
-    )
+    key = {**settings, "curves": str(source), "inputs": record["inputs"]}
+    folder = open_output_folder(output or default_folder("calibrate", quick), overwrite, key)
+    if (answer := earlier_answer(folder)) is not None:
+        return Complete(folder, answer)
     with released_if_refused(folder):
         found = curve_calibration.calibrate_curves(
             source.stem, curves, options.inputs, options.layers, options.starts, options.seed
         )
     curve_calibration.write(folder, found, manifest)
-    return CalibratedCurves(folder, found)
+    return _completed(CalibratedCurves(folder, found))
+
+
+def _completed[C: Calibrated | CalibratedCurves](done: C) -> C:
+    """The same; its folder says that it came to its end."""
+    complete(done.folder, done.lines())
+    return done
 
 
 def held_in(experiment: Experiment, hold_out: str | None, seed: int) -> NDArray[np.bool_]:

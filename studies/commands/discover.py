@@ -6,9 +6,8 @@ Out: ``report.html``, its figures as PNG, the same as data (``discovery.json``, 
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -33,10 +32,12 @@ from studies.commandline.option_types import (
     default_folder,
     nearest,
 )
-from studies.commandline.outcome import Outcome
+from studies.commandline.outcome import Complete, Outcome
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder, released_if_refused
 from studies.output.findings import Finding
+from studies.output.folder import complete, earlier_answer
+from studies.output.run_progress import RunProgress
 from studies.replay.replay_check import FiniteElementCheck
 from studies.replay.twin_replay import twin_replay
 from studies.reports.alert_table import alert_lines
@@ -49,7 +50,7 @@ from studies.reports.discovery.report import write
 from studies.reports.discovery.statement import use_of_models, verdict
 from studies.reports.discovery.view import View
 
-INTERVAL = 20.0  # s between lines of progress in a log
+CHECKPOINT = "checkpoint.pickle"  # of a run that has not come to its end
 
 
 @Parameter(name="*", group="Diagnosis")
@@ -101,12 +102,12 @@ def discover(
     quick: bool = False,
     output: OutputFolder = None,
     overwrite: Overwrite = False,
-) -> Discovered:
+) -> Discovered | Complete:
     """Test what a hyperelastic model of I1 leaves unexplained.
 
     Which effect of material, camera or load cell it looks like, whether data that were not used for fitting confirm it, and what
     cannot be told from it. Effects are added one by one until nothing is significant, or nothing that is known explains it. Takes
-    some minutes for each model.
+    some minutes for each model; a run that was killed goes on from its last stage.
 
     Args:
         experiments: tests of one material (.npz), fitted together
@@ -132,7 +133,9 @@ def discover(
     manifest = Manifest(diagnosis.seed, settings, [*experiments, *files, *filter(None, [diagnosis.priors])], started)
     key = {"command": "discover", **settings, "experiments": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output or default_folder("discover", quick), overwrite, key)
-    with released_if_refused(folder), Stages() as say:
+    if (answer := earlier_answer(folder)) is not None:
+        return Complete(folder, answer)
+    with released_if_refused(folder), RunProgress(folder / CHECKPOINT) as say:
         found = discovery.discover(
             trained, rule, held, effects, diagnosis.spacing, diagnosis.base, diagnosis.seed, say,
             priors=priors, fitted=not quick, replay=twin_replay, readings=diagnosis.readings,
@@ -143,7 +146,10 @@ def discover(
         model = replace(extended(found, view.hold_out, manifest.to_dict()), fitness=discovery_headline(view).fitness)
         say("writing the report")
         beside = unexplained(found, view.hold_out, manifest.to_dict())
-        return Discovered(folder, view, write(folder, view, model, manifest, beside))
+        done = Discovered(folder, view, write(folder, view, model, manifest, beside))
+        say.finished()
+    complete(folder, done.lines())
+    return done
 
 
 def hold_outs(texts: Sequence[str], seed: int = 0) -> tuple[HoldOut | None, list[Path]]:
@@ -205,26 +211,3 @@ def held_out_words(rule: HoldOut | None, trained: Sequence[Experiment], held: Se
     rule = rule or HoldOut.default(min(e.n_increments for e in trained), bool(held))
     words = [e.name for e in held] + ([str(rule)] if rule.kind != Kind.NONE else [])
     return " and ".join(words) or "nothing"
-
-
-class Stages:
-    """Says on stderr what is done: in one line on a terminal, else at most every 20 s."""
-
-    def __init__(self) -> None:
-        self._start = self._last = time.monotonic()
-
-    def __enter__(self) -> Callable[[str], None]:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if sys.stderr.isatty():
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
-
-    def __call__(self, text: str) -> None:
-        now = time.monotonic()
-        line = f"{text}, {now - self._start:.0f} s"
-        if sys.stderr.isatty():
-            print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
-        elif now - self._last >= INTERVAL:
-            self._last = now
-            print(line, file=sys.stderr, flush=True)

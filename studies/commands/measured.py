@@ -20,12 +20,13 @@ from cyclopts import Parameter
 from calibrate.data.experiment import Experiment
 from studies.commandline.option_types import Count, OutputFolder, Overwrite, Positive, default_folder
 from studies.commandline.outcome import Outcome
-from studies.commands.discover import Diagnosis, Stages, discover
+from studies.commands.discover import Diagnosis, discover
 from studies.commands.import_data import Frames, NoiseChoice, import_experiment
 from studies.commands.transfer import transfer
 from studies.importers import measured_data
 from studies.output import Manifest, open_output_folder
 from studies.output.plain import StepResult
+from studies.output.run_progress import RunProgress
 from studies.output.writing import write_json
 from studies.reports.discovery.replay_section import FEW_FILE
 from studies.sheets import measured_control
@@ -98,7 +99,7 @@ def measured(
     key = dict(sorted({"command": "measured", **asdict(sheets), "quick": quick}.items()))
     folder = open_output_folder(output or default_folder("measured", quick), overwrite, {"study": "measured", **key})
     manifest = Manifest(0, key, sources, started)
-    with Stages() as say:
+    with RunProgress() as say:
         results = Steps(folder, sheets, quick, say).all()
         say("writing the report")
         report, answer = write(folder, results, manifest)
@@ -148,9 +149,7 @@ class Steps:
     def discovered(self, name: str) -> SheetResult:
         """What `equigap discover` says of a sheet."""
         diagnosis = Diagnosis(hold_out=(self.options.hold_out,))
-        done = discover(
-            self.sheet(name), diagnosis=diagnosis, quick=self.quick, output=self.folder / name, overwrite=True
-        )
+        done = discover(self.sheet(name), diagnosis=diagnosis, quick=self.quick, output=self.folder / name)
         return SheetResult.of(name, json.loads((done.folder / "discovery.json").read_text()))
 
     def transferred(self, name: str) -> TransferResult:
@@ -167,7 +166,7 @@ class Steps:
 
     def homogeneous(self, loop: Loop) -> HomogeneousResult:
         """A loop on homogeneous tests, see `measured_homogeneous.close`."""
-        return measured_homogeneous.close(loop, self.say)
+        return measured_homogeneous.close(loop)
 
 
 def neighbouring_pictures(name: str, count: int) -> Experiment:

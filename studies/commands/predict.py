@@ -15,6 +15,8 @@ from cyclopts import Parameter
 
 from calibrate.data.chosen_pictures import Wanted, chosen
 from calibrate.data.experiment import Experiment
+from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.model_file import load_model
 from calibrate.models.network_model import Model
 from studies.accuracy.metrics import MaterialDerivatives
 from studies.commandline.option_types import (
@@ -23,6 +25,7 @@ from studies.commandline.option_types import (
     OutputFolder,
     Overwrite,
     Pictures,
+    Positive,
     default_folder,
     within,
 )
@@ -32,6 +35,7 @@ from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder
 from studies.output.findings import Finding
 from studies.reports.alert_table import alert_lines
+from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
 from studies.reports.prediction.predicted_curves import Curve, findings
 from studies.reports.prediction.predicted_curves import predict as predicted_curves
 from studies.reports.prediction.predicted_forces import Forecast, forecast
@@ -52,6 +56,8 @@ class CurveOptions:
     """largest stretch (default: a quarter beyond the calibrated range)"""
     points: Count = 101
     """stretches a curve"""
+    duration: Positive | None = None
+    """s in which a pull at constant speed reaches the end of a curve, of a material that relaxes (default: infinitely slow)"""
     against: str | None = None
     """draw a known material beside it: arruda_boyce, neo_hooke, mooney_rivlin, yeoh (as `simulate`)"""
     parameter: Assignments = ()
@@ -103,8 +109,7 @@ def predict(
 
     In MPa, or in N/mm (stress times thickness) where the thickness of the calibrated sheet was unknown. What lies beyond the
     calibrated range is marked: there the model extrapolates. The table gives the standard deviation and a 95 % band of each
-    stress. With --test: the forces of another test instead, from its measured displacements; also for extended models of
-    `discover`.
+    stress, for models of `calibrate`. Of a model of `discover` the curves are those of its material, along both axes where it has fibres. With --test: the forces of another test instead, from its measured displacements.
 
     Args:
         model: model file of `equigap calibrate` or `discover`
@@ -121,21 +126,24 @@ def predict(
         if pictures is not None:
             raise OptionError("--pictures belongs to --test; leave it out")
         return _curves(model, curves, output, overwrite)
-    if curves.against or curves.stretch:
-        raise OptionError("--against and --stretch belong to curves; leave them out where --test is given")
+    if curves.against or curves.stretch or curves.duration:
+        raise OptionError("--against, --stretch and --duration belong to curves; leave them out where --test is given")
     return _forces(model, test, curves, pictures, output, overwrite)
 
 
 def _curves(file: Path, options: CurveOptions, output: Path | None, overwrite: bool) -> PredictedCurves:
-    model = Model.load(file)
+    model = load_model(file)
+    law = DiagnosedLaw(model, options.duration) if isinstance(model, ExtendedModel) else model
+    if options.duration and not (isinstance(law, DiagnosedLaw) and law.relaxes):
+        raise OptionError(f"--duration: {file} does not relax; leave it out")
     settings = {"command": "predict", "test": None, **asdict(options)}
     manifest = Manifest(settings=settings, inputs=[file])
     key = {"command": "predict", **settings, "model": list(manifest.to_dict()["inputs"].values())}
     _check_units(file, model, options)
-    curves = predicted_curves(model, options.stretch, options.points, _slopes(options))
+    curves = predicted_curves(law, options.stretch, options.points, _slopes(options))
     folder = open_output_folder(output or default_folder("predict"), overwrite, key)
-    report = write_curves(folder, model, curves, manifest, options.against)
-    return PredictedCurves(tuple(curves), tuple(findings(model, curves)), folder / "curves.csv", report)
+    report = write_curves(folder, law, curves, manifest, options.against)
+    return PredictedCurves(tuple(curves), tuple(findings(law, curves)), folder / "curves.csv", report)
 
 
 def _forces(
@@ -149,11 +157,11 @@ def _forces(
     return PredictedForces(found, folder / "forces.csv", write_forces(folder, found, manifest))
 
 
-def _check_units(file: Path, model: Model, options: CurveOptions) -> None:
+def _check_units(file: Path, model: Model | ExtendedModel, options: CurveOptions) -> None:
     """Raises `OptionError` for a law in MPa beside a model in N/mm, or a model file in another unit."""
     if options.against is None or options.parameter:
         return
-    unit = Model.load(options.against).unit if options.against.endswith(".json") else "MPa"
+    unit = load_model(Path(options.against)).unit if options.against.endswith(".json") else "MPa"
     if unit != model.unit:
         raise OptionError(
             f"--against {options.against}: its stresses are in {unit}, those of {file} in {model.unit}; give its parameters in {model.unit} with "

@@ -1,7 +1,7 @@
 """Output folders that are never overwritten silently.
 
 In: a path and the settings that fix the results. Out: the folder, new or resumed; `run.json` in it holds the
-settings, by which a later run recognises its own work.
+settings, by which a later run recognises its own work, and the answer of a run that came to its end.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import hashlib
 import json
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,21 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
             )
     write_json(path / RUN_FILE, {"format": FORMAT, "key": key_hash(settings), "settings": settings})
     return path
+
+
+def complete(path: Path, answer: Iterable[str]) -> None:
+    """Keep what a terminal shows of a run that came to its end. Raises `OutputWriteError`."""
+    content = json.loads((path / RUN_FILE).read_text())
+    files = sorted(str(file.relative_to(path)) for file in path.rglob("*") if file.is_file())
+    write_json(path / RUN_FILE, {**content, "answer": list(answer), "files": files})
+
+
+def earlier_answer(path: Path) -> tuple[str, ...] | None:
+    """What a run that came to its end has shown; None where none did, or where a file of it is gone."""
+    content = json.loads((path / RUN_FILE).read_text())
+    if "answer" not in content or not all((path / name).exists() for name in content["files"]):
+        return None
+    return tuple(content["answer"])
 
 
 @contextmanager

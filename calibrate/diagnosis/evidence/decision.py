@@ -13,7 +13,7 @@ also what is left of a strong effect by the errors of its formula and of the mes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from calibrate.diagnosis import weighted_fit
@@ -26,8 +26,8 @@ from calibrate.diagnosis.selection.loop import close_loop
 from calibrate.diagnosis.selection.rounds import Confirmation, Discovery, Doubt, Verdict
 from calibrate.effects import Effect
 from calibrate.errors import FitError
+from calibrate.fitting.resumable import SILENT, Resumable
 
-Say = Callable[[str], None]
 ODDS = 20.0  # to one, from which an explanation is far more probable
 
 
@@ -37,7 +37,7 @@ def decided(
     priors: Priors,
     effects: Sequence[Effect],
     seed: int = 0,
-    say: Say = lambda text: None,
+    say: Resumable = SILENT,
 ) -> Discovery:
     """With the weighing; the verdict and the model changed by it where the explanations were fitted."""
     if weighing.fitted:
@@ -53,7 +53,7 @@ def decided(
 
 
 def _run_on(
-    found: Discovery, alternatives: Alternatives, effects: Sequence[Effect], seed: int, say: Say
+    found: Discovery, alternatives: Alternatives, effects: Sequence[Effect], seed: int, say: Resumable
 ) -> Discovery | None:
     """The rounds from the best explanation on, where it is far better than the final model; None where it is not, or has no fit."""
     best = _best_fitted(alternatives)

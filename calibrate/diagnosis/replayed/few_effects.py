@@ -10,8 +10,9 @@ In: replays, computed elsewhere. Out: `FewEffects`. Nothing that is held out is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +27,9 @@ from calibrate.diagnosis.replayed.observations import ReplayErrors, level_of
 from calibrate.diagnosis.replayed.updating import Replays, Updated
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Additions
+from calibrate.fitting.resumable import SILENT, Resumable
 
 Array = NDArray[np.float64]
-Say = Callable[[str], None]
 Shape = tuple[float, ...]
 Names = tuple[str, ...]  # of the effects of a set, sorted
 FITTED, MOST_FITS = 4, 8  # sets, the most probable; until these are fitted, at most
@@ -127,7 +128,7 @@ class FewEffects:
 
 
 def few_effects(
-    replays: Replays, c: Array, candidates: Sequence[Candidate], say: Say = lambda text: None
+    replays: Replays, c: Array, candidates: Sequence[Candidate], say: Resumable = SILENT
 ) -> FewEffects | None:
     """Beside neo-Hooke, coefficients c (n,). None where it has no equilibrium."""
     first = replays(c, ())
@@ -151,8 +152,9 @@ def few_effects(
         names = next((key for key in first_of if key and key not in fitted), None)
         if names is None:
             break
-        say(f"replays with {' and '.join(names)}")
-        fitted[names] = _fitted(replays, base, evidence, known, sets[names])
+        stage = f"replays with {' and '.join(names)}"
+        say(stage)
+        fitted[names] = say.kept(stage, partial(_fitted, replays, base, evidence, known, sets[names]))
         values[names] = fitted[names].log_odds
     alternatives = Alternatives.of([Explanation(names, value) for names, value in values.items()])
     return FewEffects(c, base.errors, alternatives, tuple(sorted(fitted.values(), key=lambda one: -one.log_odds)))

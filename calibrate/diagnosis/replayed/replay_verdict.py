@@ -6,7 +6,7 @@ that is worse than that of the base. A replay that was not made changes no verdi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -21,6 +21,7 @@ from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Verdict
 from calibrate.effects import Effect
 from calibrate.effects.chain import Additions
+from calibrate.fitting.resumable import Resumable
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ class Check(Protocol):
         ...
 
     def few_effects(
-        self, found: Discovery, c: Array, effects: Sequence[Effect], priors: Priors, say: Callable[[str], None]
+        self, found: Discovery, c: Array, effects: Sequence[Effect], priors: Priors, say: Resumable
     ) -> FewEffects | NoReplayCheck:
         """Those that leave least of the fields beside neo-Hooke, c (n,), MPa, at any level, updated by forces, and the replays of both."""
         ...

@@ -9,8 +9,8 @@ for its place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,19 @@ from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.diagnosis.selection.verdict import conclude, is_small
 from calibrate.diagnosis.twin import with_own_twins
 from calibrate.effects import CATALOGUE, Effect
+from calibrate.fitting.resumable import SILENT, Resumable
 
 Array = NDArray[np.float64]
-Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Reached:
+    """Rounds that are over, the model of the next one (of the last, where that added nothing), and reviews of models with more than one effect, by their names."""
+
+    rounds: tuple[Round, ...]
+    model: Model
+    reviews: dict[frozenset[str], Review] = field(default_factory=dict)
+    is_last: bool = False
 
 
 def close_loop(
@@ -38,31 +48,42 @@ def close_loop(
     state: Fit,
     effects: Sequence[Effect] = CATALOGUE,
     seed: int = 0,
-    say: Say = lambda text: None,
+    say: Resumable = SILENT,
     thresholds: Thresholds = DEFAULT,
     begun: tuple[Round, Model] | None = None,
 ) -> Discovery:
     """Rounds of tests and additions from a base fit, see `calibrate.diagnosis.discovery`. begun: the first round, already made, and the
     model to go on from."""
     base = Model(problem, state)
-    rounds: list[Round] = [begun[0]] if begun else []
-    model = _finished(begun[1]) if begun else base
-    reviews: dict[frozenset[str], Review] = {}  # of models with more than one effect, by their names
-    while True:
-        say(f"round {len(rounds) + 1}: testing effects")
-        now = scored_round(model, effects, seed, thresholds)
-        added, names = None, frozenset(model.fit.names)
-        if len(names) > 1 and names not in reviews:
-            now, reviews[names], added = review(model, now, effects, thresholds, seed, say)
-        enough = len(names) >= thresholds.most_named and is_small(rounds[0], now, thresholds)
-        if added is None and len(names) < thresholds.most_effects and not enough:
-            now, added = extended(model, now, say, thresholds)
-        rounds.append(replace(now, candidates=tuple(one.decided for one in now.candidates)))
-        if added is None:
-            confirmation = confirm(base, model, thresholds) if names else None
-            found = conclude(model.problem, tuple(rounds), reviews.get(names, Review()), thresholds, confirmation)
-            return replace(found, start=problem)
-        model = _finished(added)
+    stage = f"rounds from {' and '.join(begun[1].fit.names)}" if begun else "rounds"
+    reached: _Reached | None = say.earlier(stage)
+    if reached is None:
+        reached = _Reached((begun[0],), _finished(begun[1])) if begun else _Reached((), base)
+    while not reached.is_last:
+        reached = _with_round(reached, effects, seed, say, thresholds)
+        say.reached(stage, reached)
+    model, names = reached.model, frozenset(reached.model.fit.names)
+    confirmation = confirm(base, model, thresholds) if names else None
+    review_of_last = reached.reviews.get(names, Review())
+    return replace(conclude(model.problem, reached.rounds, review_of_last, thresholds, confirmation), start=problem)
+
+
+def _with_round(
+    reached: _Reached, effects: Sequence[Effect], seed: int, say: Resumable, thresholds: Thresholds
+) -> _Reached:
+    """One more round, and the model that it ends with."""
+    rounds, model, reviews = reached.rounds, reached.model, reached.reviews
+    say(f"round {len(rounds) + 1}: testing effects")
+    now = scored_round(model, effects, seed, thresholds)
+    added, names = None, frozenset(model.fit.names)
+    if len(names) > 1 and names not in reviews:
+        now, of_model, added = review(model, now, effects, thresholds, seed, say)
+        reviews = {**reviews, names: of_model}
+    enough = len(names) >= thresholds.most_named and is_small((*rounds, now)[0], now, thresholds)
+    if added is None and len(names) < thresholds.most_effects and not enough:
+        now, added = extended(model, now, say, thresholds)
+    rounds = (*rounds, replace(now, candidates=tuple(one.decided for one in now.candidates)))
+    return _Reached(rounds, model if added is None else _finished(added), reviews, added is None)
 
 
 def scored_round(model: Model, effects: Sequence[Effect], seed: int = 0, thresholds: Thresholds = DEFAULT) -> Round:
@@ -84,7 +105,7 @@ def scored_round(model: Model, effects: Sequence[Effect], seed: int = 0, thresho
     return Round(state, train, held, misfits, tuple(candidates), predicted)
 
 
-def extended(model: Model, now: Round, say: Say, thresholds: Thresholds = DEFAULT) -> tuple[Round, Model | None]:
+def extended(model: Model, now: Round, say: Resumable, thresholds: Thresholds = DEFAULT) -> tuple[Round, Model | None]:
     """Add the best effect that is significant, admissible and confirmed by what was held out."""
     now, significant = _refined(model, now, thresholds)
     refusals: list[Refusal] = []

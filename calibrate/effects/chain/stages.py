@@ -13,6 +13,7 @@ incompressible sheet; the bulk modulus is the last coefficient (`calibrate.equat
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from calibrate.effects.chain import links_of_motion as motion
 from calibrate.effects.chain import links_of_stress as stress
@@ -68,6 +69,12 @@ def local_stages(base: Base, additions: Additions) -> Stages:
     """Those from F, called `deformation_name`, to P that hold at a place and its past."""
     local = tuple(a for a in additions if a.effect.in_material)
     return _plane_strain(base, local) if base.plane_strain else _laws(base, local, {})
+
+
+def law_stages(base: Base, additions: Additions) -> tuple[str, Stages]:
+    """Name of F, and the stages from it to P, in plane stress and far from edges: effects of the material alone."""
+    name = CURVED if _of(Compressibility, additions) else DEFORMATION
+    return name, _material(replace(base, plane_strain=False), additions, {CURVED: name})
 
 
 def motion_stages(additions: Additions) -> Stages:

@@ -1,6 +1,6 @@
 """Curves of the three homogeneous tests that a calibrated model predicts.
 
-In: a `Model`. Out: a `Curve` for each mode, with 95 % bands where the model file holds an uncertainty, and findings on
+In: a `Model`, or the law of a diagnosis. Out: a `Curve` for each mode, with 95 % bands where the model file holds an uncertainty, and findings on
 where the model extrapolates.
 """
 
@@ -18,6 +18,7 @@ from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
 from studies.output.findings import Finding, Macro
 from studies.reports.model_remarks import model_remarks
+from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
 
 Array = NDArray[np.float64]
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
@@ -31,6 +32,10 @@ class Extent(Macro):
     EXTRAPOLATES = "leaves_calibrated_range"
     BANDS = "bands"
     NO_BANDS = "no_bands"
+    SLOW = "infinitely_slow"
+    AT_SPEED = "at_constant_speed"
+    INCOMPRESSIBLE = "curves_are_incompressible"
+    LEFT_OUT = "effects_left_out_of_curves"
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,7 @@ class Curve:
     """A homogeneous test: stretch (k,), nominal stress (k,), invariants (k, 2), calibrated (k,), truth (k,) or None.
 
     Stresses in MPa, or N/mm where the thickness was unknown. limit: largest stretch within the calibrated range.
-    deviation (k,): standard deviation of the stress, None where the model file holds no uncertainty.
+    deviation (k,): standard deviation of the stress, None where the model file holds no uncertainty. direction: axis of the pull, '' where all are alike.
     """
 
     mode: str
@@ -49,6 +54,12 @@ class Curve:
     limit: float
     truth: Array | None = None
     deviation: Array | None = None
+    direction: str = ""
+
+    @property
+    def name(self) -> str:
+        """Of the mode, with its direction."""
+        return f"{self.mode}_along_{self.direction}" if self.direction else self.mode
 
     @property
     def band(self) -> tuple[Array, Array] | None:
@@ -65,7 +76,7 @@ class Curve:
     @property
     def finding(self) -> Finding:
         """Where the curve leaves the calibrated range."""
-        data: dict[str, Any] = {"mode": self.mode.replace("_", " ")}
+        data: dict[str, Any] = {"mode": self.name.replace("_", " ")}
         if self.limit >= LARGEST:
             return Finding("prediction", Extent.NO_RANGE, data)
         data["end"] = float(self.stretch[-1])
@@ -85,7 +96,10 @@ class Curve:
 
 
 def predict(
-    model: Model, stretch: float | None = None, points: int = 101, truth: Callable[[Array], Any] | None = None
+    model: Model | DiagnosedLaw,
+    stretch: float | None = None,
+    points: int = 101,
+    truth: Callable[[Array], Any] | None = None,
 ) -> list[Curve]:
     """Curves of the three modes up to `stretch`, or a quarter beyond what was calibrated.
 
@@ -97,21 +111,26 @@ def predict(
         top = stretch or (1 + MARGIN * (limit - 1) if 1 < limit < LARGEST else NO_RANGE)
         x = np.linspace(1.0, top, max(points, 2))
         invariants = mode_invariants(mode, x)
-        curves.append(Curve(
-            mode, x, model.homogeneous(mode, x), invariants, x <= limit, limit,
-            None if truth is None else nominal_stress(truth, mode, x), model.homogeneous_deviation(mode, x),
-        ))  # fmt: skip
+        known = None if truth is None else nominal_stress(truth, mode, x)
+        if isinstance(model, DiagnosedLaw):
+            curves += [
+                Curve(mode, x, model.homogeneous(mode, x, axis), invariants, x <= limit, limit, known, direction=axis)
+                for axis in model.directions
+            ]
+        else:
+            deviation = model.homogeneous_deviation(mode, x)
+            curves.append(Curve(mode, x, model.homogeneous(mode, x), invariants, x <= limit, limit, known, deviation))
     return curves
 
 
-def calibrated_stretch(model: Model, mode: str) -> float:
+def calibrated_stretch(model: Model | DiagnosedLaw, mode: str) -> float:
     """Largest stretch of a mode within the calibrated range; `LARGEST` where the model states none."""
     return min(model.largest_stretch(mode), LARGEST)
 
 
-def band_finding(model: Model) -> Finding:
+def band_finding(model: Model | DiagnosedLaw) -> Finding:
     """What the 95 % bands of a model hold."""
-    found = model.uncertainty
+    found = None if isinstance(model, DiagnosedLaw) else model.uncertainty
     if found is None:
         return Finding("prediction", Extent.NO_BANDS)
     data = {
@@ -122,6 +141,19 @@ def band_finding(model: Model) -> Finding:
     return Finding("prediction", Extent.BANDS, data, not found.noise_is_known or found.is_lower_bound)
 
 
-def findings(model: Model, curves: list[Curve]) -> list[Finding]:
+def findings(model: Model | DiagnosedLaw, curves: list[Curve]) -> list[Finding]:
     """What a reader of the curves should know."""
-    return [*model_remarks(model), *(curve.finding for curve in curves), band_finding(model)]
+    own, file = (_of_law(model), model.model) if isinstance(model, DiagnosedLaw) else ([], model)
+    return [*model_remarks(file), *own, *(curve.finding for curve in curves), band_finding(model)]
+
+
+def _of_law(law: DiagnosedLaw) -> list[Finding]:
+    """Speed, and what of the diagnosis is not in the curves."""
+    found: list[tuple[Extent, dict[str, Any]]] = []
+    if law.relaxes:
+        found.append((Extent.SLOW, {}) if law.duration is None else (Extent.AT_SPEED, {"duration": law.duration}))
+    if law.lacks_bulk_modulus:
+        found.append((Extent.INCOMPRESSIBLE, {}))
+    if law.left_out:
+        found.append((Extent.LEFT_OUT, {"effects": list(law.left_out)}))
+    return [Finding("prediction", macro, data) for macro, data in found]

@@ -10,6 +10,7 @@ from studies.output.report import Report
 from studies.output.words import Words
 from studies.reports import force_record
 from studies.reports.alert_table import add_alerts, alert_records
+from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
 from studies.reports.prediction.figures import draw_curves, draw_forces
 from studies.reports.prediction.predicted_curves import Curve, band_finding, findings
 from studies.reports.prediction.predicted_forces import Forecast
@@ -18,30 +19,37 @@ from studies.reports.prediction.tables import curve_ends, curve_rows
 WORDS = Words("prediction")
 
 
-def write_curves(folder: Path, model: Model, curves: list[Curve], manifest: Manifest, against: str | None) -> Path:
+def write_curves(
+    folder: Path, law: Model | DiagnosedLaw, curves: list[Curve], manifest: Manifest, against: str | None
+) -> Path:
     """``curves.csv``, ``curves.png``, a manifest and ``report.html``, whose path is returned. against: known material."""
     table, picture = folder / "curves.csv", folder / "curves.png"
+    model = law.model if isinstance(law, DiagnosedLaw) else law
     columns, rows = curve_rows(curves, model.unit)
-    write_csv(table, columns, rows, [WORDS.curves_csv(unit=model.unit, bands=band_finding(model).text)])
+    write_csv(table, columns, rows, [WORDS.curves_csv(unit=model.unit, bands=band_finding(law).text)])
     write_figure(picture, draw_curves(curves, model.unit, against))
-    found = findings(model, curves)
+    found = findings(law, curves)
     manifest.beside(
-        picture, table, unit=model.unit, calibrated_stretch={c.mode: c.limit for c in curves},
+        picture, table, unit=model.unit, calibrated_stretch={c.name: c.limit for c in curves},
         alerts=alert_records(found),
     )  # fmt: skip
-    layers = ", ".join(map(str, model.architecture.layers))
-    report = Report(
-        "Predicted homogeneous tests",
-        f"Physics-augmented neural network (PANN) of {model.architecture.inputs}, layers ({layers})",
-    )
+    report = Report("Predicted homogeneous tests", _what(law))
     if model.unit == "N/mm":
         report.paragraph(WORDS.thickness_unknown())
-    report.figure(picture, WORDS.curves_caption(bands=model.uncertainty is not None))
+    report.figure(picture, WORDS.curves_caption(bands=any(c.band is not None for c in curves)))
     report.table(*curve_ends(curves, model.unit), WORDS.curves_table())
     add_alerts(report, found)
     ranges = {name: f"{low:.4g} to {high:.4g}" for name, (low, high) in model.calibrated_range.items()}
     report.details("Calibrated range", ranges).details("Versions", manifest.to_dict()["versions"])
     return report.save(folder / "report.html")
+
+
+def _what(law: Model | DiagnosedLaw) -> str:
+    """Subtitle."""
+    if isinstance(law, DiagnosedLaw):
+        return f"Found by a diagnosis: {' and '.join(['energy of I1', *(a.effect.name for a in law.of_material)])}"
+    layers = ", ".join(map(str, law.architecture.layers))
+    return f"Physics-augmented neural network (PANN) of {law.architecture.inputs}, layers ({layers})"
 
 
 def write_forces(folder: Path, forecast: Forecast, manifest: Manifest) -> Path:

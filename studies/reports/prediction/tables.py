@@ -20,7 +20,7 @@ def curve_rows(curves: list[Curve], unit: str) -> Table:
         parts = [c.stretch, c.stress, *c.invariants.T, c.calibrated.astype(int)]
         parts += [] if c.band is None or c.deviation is None else [c.deviation, *c.band]
         parts += [] if c.truth is None else [c.truth]
-        rows += [[c.mode, *(value.item() for value in row)] for row in zip(*parts, strict=True)]
+        rows += [[c.name, *(value.item() for value in row)] for row in zip(*parts, strict=True)]
     return columns, rows
 
 
@@ -32,7 +32,7 @@ def curve_ends(curves: list[Curve], unit: str) -> Table:
     for c in curves:
         end = float(c.stretch[-1])
         rows.append([
-            c.mode.replace("_", " "), c.limit if c.limit < LARGEST else None, c.stress_at(c.limit),
+            c.name.replace("_", " "), c.limit if c.limit < LARGEST else None, c.stress_at(c.limit),
             c.deviation_at(c.limit), c.extrapolates, c.stress_at(end), c.deviation_at(end),
         ])  # fmt: skip
     return columns, rows

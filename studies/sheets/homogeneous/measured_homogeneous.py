@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +18,7 @@ from studies.sheets.sheet_results import Amplitude, CandidateResult, Homogeneous
 RELATIVE = {"hnbr50": 0.02}  # noise of a smoothed record, from two cycles of one test that should be alike
 
 
-def close(loop: Loop, say: Callable[[str], None]) -> HomogeneousResult:
+def close(loop: Loop) -> HomogeneousResult:
     """Verdict of a loop, and the relative error of the force on what was fitted and on each held-out test."""
 
     def noisy(e: Experiment) -> Experiment:
@@ -33,7 +32,6 @@ def close(loop: Loop, say: Callable[[str], None]) -> HomogeneousResult:
         None,
         held,
         base="positive",
-        progress=lambda text: say(f"{loop.name}: {text}"),
         few_effects=False,
     )
     return HomogeneousResult(

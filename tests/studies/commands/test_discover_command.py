@@ -191,3 +191,17 @@ def test_interruption_leaves_nothing_half_written(run, monkeypatch):
     code, folder, _ = run()
     assert code == 130
     assert [path.name for path in folder.iterdir()] == ["run.json"]
+
+
+def test_the_same_command_in_a_complete_folder_computes_nothing(run, asked):
+    _, folder, first = run()
+    code, _, said = run()
+    assert code == 0
+    assert len(asked) == 1
+    assert f"{folder} is complete; --overwrite makes it again" in said
+    assert first.splitlines()[0] in said  # the same verdict
+    (folder / "model.json").unlink()
+    run()
+    assert len(asked) == 2
+    run("--overwrite")
+    assert len(asked) == 3

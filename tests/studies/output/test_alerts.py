@@ -33,12 +33,15 @@ from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Refusal, RefusalReason, Verdict
+from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.stiffness_gradient import StiffnessGradient
 from calibrate.effects.viscosity import Viscosity
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.noise.noise_check import NoiseCheck
+from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.fitness import Fitness, Use
 from calibrate.models.parameter_covariance import Uncertainty
 from studies.commands.discover import read as read_experiments
@@ -58,6 +61,7 @@ from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
 from studies.reports.headline import LIMITS, Quality, Reason, headline
 from studies.reports.prediction import predicted_curves
+from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
 from studies.reports.prediction.predicted_forces import Forecast
 from studies.reports.supervised.curve_calibration import CurveCode
 from studies.sheets.report import SheetCode
@@ -343,6 +347,15 @@ def curves(model: Any = MODEL, stretch: float | None = None) -> Findings:
     return predicted_curves.findings(model, predicted_curves.predict(model, stretch))
 
 
+def of_diagnosis(duration: float | None = None, plane: str = "stress") -> Findings:
+    """Curves of a material that relaxes, found beside an offset of the load cell."""
+    basis, known = SingleBasis(0, 20.0), {effect.name: effect for effect in CATALOGUE}
+    additions = (Addition(known["viscoelasticity"], (0.5,), (1.0,)), Addition(known["force offset"], (0.1,), ()))
+    base: Any = PlaneStrainBasis(basis) if plane == "strain" else basis
+    c = np.ones(base.n_functions)
+    return curves(DiagnosedLaw(ExtendedModel(base, c, additions, ((0.1,), (0.1,)), "MPa"), duration), 1.2)
+
+
 def forecast(**changes: Any) -> Findings:
     """Forces of a plate that are met, with what the changes say."""
     exact = {b.name: b.force for b in sheet().loaded}
@@ -409,6 +422,10 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
     "prediction.leaves_calibrated_range": curves,
     "prediction.bands": lambda: bands(True),
     "prediction.no_bands": curves,
+    "prediction.infinitely_slow": of_diagnosis,
+    "prediction.at_constant_speed": lambda: of_diagnosis(2.0),
+    "prediction.curves_are_incompressible": lambda: of_diagnosis(plane="strain"),
+    "prediction.effects_left_out_of_curves": of_diagnosis,
     "prediction.force_error": forecast,
     "prediction.one_factor": lambda: forecast(factor=1.5),
     "prediction.outside_range": lambda: forecast(outside=0.1),

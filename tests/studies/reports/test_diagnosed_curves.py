@@ -1,0 +1,122 @@
+"""Curves of the material that a diagnosis found, against closed forms and quadrature that share no code with it."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize
+from viscous_states import nominal_stress
+
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
+from calibrate.equations.basis import SingleBasis
+from calibrate.equations.deformation_modes import MODES
+from calibrate.equations.equilibrium import neo_hooke
+from calibrate.models.extended_model import ExtendedModel
+from studies import cli
+from studies.errors import OptionError
+from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
+
+MU, TOP = 0.4, 20.0
+STRETCH = np.linspace(1.0, 2.0, 101)
+
+
+def found(*additions: tuple[str, tuple[float, ...], tuple[float, ...]]) -> ExtendedModel:
+    """A neo-Hookean base, known to I1 = 5, with effects by name, amplitudes and shape."""
+    basis, known = SingleBasis(0, TOP), {effect.name: effect for effect in CATALOGUE}
+    effects = tuple(Addition(known[name], a, shape) for name, a, shape in additions)
+    errors = tuple(tuple(0.0 for _ in a.amplitudes) for a in effects)
+    return ExtendedModel(
+        basis, neo_hooke(basis, MU), effects, errors, "MPa", calibrated_range={"I1": (3.0, 5.0)}
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_without_effects_it_is_the_closed_form_of_the_base(mode):
+    power = {"uniaxial": -2, "equibiaxial": -5, "pure_shear": -3}[mode]
+    law = DiagnosedLaw(found())
+    assert law.directions == ("",)
+    np.testing.assert_allclose(law.homogeneous(mode, STRETCH), MU * (STRETCH - STRETCH**power), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_relaxing_material_at_constant_speed_is_that_of_the_convolution(mode):
+    g, tau, duration = 0.8, 1.5, 4.0
+    model = found(("viscoelasticity", (g,), (tau,)))
+    P = DiagnosedLaw(model, duration).homogeneous(mode, STRETCH)
+    for i in (20, 60, 100):
+        t = duration * (STRETCH[i] - 1)
+        assert P[i] == pytest.approx(nominal_stress(mode, MU, g, tau, 1 / duration, t)[0], rel=2e-3)
+    slow, fast = (DiagnosedLaw(model, some).homogeneous(mode, STRETCH) for some in (None, 1e-4))
+    np.testing.assert_allclose(fast[1:] / slow[1:], 1 + g, rtol=1e-3)
+
+
+@pytest.mark.parametrize("beta", [0.05, 0.5])
+def test_a_compressible_material_has_the_lateral_stretch_of_least_energy(beta):
+    def slopes(
+        a: float, b: float
+    ) -> tuple[float, float]:  # of mu / 2 (J^(-2/3) I1 - 3) + kappa / 2 (J - 1)^2 by a and b
+        J, I1 = a * b * b, a * a + 2 * b * b
+        pressure = (J - 1) / beta - MU / 3 * J ** (-5 / 3) * I1
+        return MU * J ** (-2 / 3) * a + pressure * b * b, MU * J ** (-2 / 3) * 2 * b + pressure * 2 * a * b
+
+    P = DiagnosedLaw(found(("compressibility", (beta,), ()))).homogeneous("uniaxial", STRETCH)
+    for i in (25, 60, 100):
+        a = float(STRETCH[i])
+        b = brentq(lambda b, a=a: slopes(a, b)[1], 0.5, 1.0)
+        assert P[i] == pytest.approx(slopes(a, b)[0], rel=2e-3)
+
+
+def test_oblique_fibres_shear_a_sheet_that_is_free_to():
+    k, angle = 0.3, 0.5
+
+    def energy(
+        a: float, free: np.ndarray
+    ) -> float:  # mu / 2 (I1 - 3) + k / 2 (I4 - 1)^2 in incompressible plane stress
+        F = np.array([[a, free[1]], [0.0, free[0]]])
+        C = F.T @ F
+        M = np.array([np.cos(angle), np.sin(angle)])
+        return float(MU / 2 * (np.trace(C) + 1 / np.linalg.det(C) - 3) + k / 2 * (M @ C @ M - 1) ** 2)
+
+    def least(a: float) -> float:
+        return float(minimize(lambda free: energy(a, free), [a**-0.5, 0.0], tol=1e-14, method="Nelder-Mead").fun)
+
+    law = DiagnosedLaw(found(("one fibre family", (k,), (angle, 0.0, 0.0))))
+    P, h = law.homogeneous("uniaxial", STRETCH, "x"), 1e-3
+    for i in (30, 100):
+        a = float(STRETCH[i])
+        assert P[i] == pytest.approx((least(a + h) - least(a - h)) / (2 * h), rel=1e-4)
+    turned = DiagnosedLaw(found(("one fibre family", (k,), (np.pi / 2 - angle, 0.0, 0.0))))
+    np.testing.assert_allclose(turned.homogeneous("uniaxial", STRETCH, "y"), P, rtol=1e-8, atol=1e-12)
+    assert not np.allclose(law.homogeneous("uniaxial", STRETCH, "y"), P, rtol=0.05)
+
+
+def test_a_curve_that_is_not_at_rest_at_its_sides_is_refused(monkeypatch):
+    monkeypatch.setattr("studies.reports.prediction.diagnosed_curves.ITERATIONS", 2)
+    law = DiagnosedLaw(found(("one fibre family", (0.3,), (0.3, 0.0, 0.0))))
+    with pytest.raises(OptionError, match="smaller --stretch"):
+        law.homogeneous("uniaxial", np.linspace(1, 4, 31))
+
+
+def test_the_command_draws_both_directions_and_says_what_is_not_drawn(tmp_path: Path, capsys) -> None:
+    fibres = ("one fibre family", (0.3,), (0.0, 0.0, 0.0))
+    relaxing, offset = ("viscoelasticity", (0.8,), (1.5,)), ("force offset", (0.1,), ())
+    found(fibres, relaxing, offset).save(tmp_path / "model.json")
+    assert cli.main(["predict", str(tmp_path / "model.json"), "-o", str(tmp_path / "out"), "--points", "11"]) == 0
+    said = capsys.readouterr().out
+    assert "infinitely slow pull" in said
+    assert "not of the material: force offset" in said
+    rows = list(csv.DictReader((tmp_path / "out" / "curves.csv").read_text().splitlines()[1:]))
+    ends = {row["mode"]: float(row["nominal_stress_MPa"]) for row in rows}
+    assert set(ends) == {f"{mode}_along_{axis}" for mode in MODES for axis in "xy"}
+    assert ends["uniaxial_along_x"] > 1.2 * ends["uniaxial_along_y"]
+    assert (tmp_path / "out" / "curves.png").exists()
+    words = ["predict", str(tmp_path / "model.json"), "--duration", "2", "--points", "11", "-o", str(tmp_path / "fast")]
+    assert cli.main(words) == 0
+    assert "constant speed that reaches its end after 2 s" in capsys.readouterr().out
+    found().save(tmp_path / "elastic.json")
+    assert cli.main(["predict", str(tmp_path / "elastic.json"), "--duration", "2", "-o", str(tmp_path / "no")]) == 2
+    assert "does not relax" in capsys.readouterr().err
