@@ -47,7 +47,7 @@ from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.model_files import extended, unexplained
 from studies.reports.discovery.replay_section import to_predict_with
 from studies.reports.discovery.report import write
-from studies.reports.discovery.statement import use_of_models, verdict
+from studies.reports.discovery.statement import clauses, use_of_models
 from studies.reports.discovery.view import View
 
 CHECKPOINT = "checkpoint.pickle"  # of a run that has not come to its end
@@ -86,7 +86,9 @@ class Discovered(Outcome):
 
     def lines(self) -> Iterable[str]:
         """The verdict, what to know of it, and the files."""
-        yield f"{verdict(self.view)}."
+        first, *others = clauses(self.view)
+        yield f"{first}."
+        yield from (f"  {clause}." for clause in others)
         yield from use_of_models(self.view)
         yield from alert_lines(all_remarks(self.view))
         if file := to_predict_with(self.view.discovery):

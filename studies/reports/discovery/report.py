@@ -31,7 +31,7 @@ from studies.reports.discovery.replay_section import (
     updated_bands,
 )
 from studies.reports.discovery.replayed_forces import band_fields, band_rows, course_rows, force_courses
-from studies.reports.discovery.statement import untestable, use_of_models, verdict
+from studies.reports.discovery.statement import clauses, untestable, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
 from studies.reports.discovery.weighing_tables import alternatives_table, power_table
@@ -51,8 +51,7 @@ def write(
         files.append(folder / name)
         other.save(files[-1])
     report = Report("Diagnosis", _subtitle(view))
-    said = verdict(view)
-    report.heading("Verdict").paragraph(said[0].upper() + said[1:] + ".")
+    report.heading("Verdict").paragraph("\n".join(f"{one[0].upper()}{one[1:]}." for one in clauses(view)))
     for text in use_of_models(view):
         report.paragraph(text)
     add_alerts(report, remarks(view))
@@ -68,7 +67,9 @@ def write(
     report.save(files[0])
     # the manifest is written last: where it is, everything is
     use = discovery_headline(view).to_dict()
-    manifest.beside(*files, headline=use, verdict=view.discovery.verdict, in_words=said, hold_out=view.hold_out)
+    manifest.beside(
+        *files, headline=use, verdict=view.discovery.verdict, in_words=verdict(view), hold_out=view.hold_out
+    )
     return files[0]
 
 

@@ -115,9 +115,14 @@ class Statement:
         )
 
 
+def clauses(view: View) -> list[str]:
+    """The verdict in words, then what it rests on; also that the last fit has not converged, if so."""
+    return [part.strip() for part in WORDS.verdict(s=Statement.of(view)).split("||")]
+
+
 def verdict(view: View) -> str:
-    """The verdict in words, one paragraph; also that the last fit has not converged, if so."""
-    return WORDS.verdict(s=Statement.of(view))
+    """The same as one sentence."""
+    return "; ".join(clauses(view))
 
 
 def use_of_models(view: View) -> list[str]:

@@ -266,6 +266,15 @@ def test_nothing_is_overwritten_silently(run):
     assert (folder / "model.json").read_bytes() != before
 
 
+def test_the_same_command_in_a_complete_folder_computes_nothing(run, monkeypatch):
+    _, folder, first = run(noisy())
+    monkeypatch.setattr("studies.commands.calibrate.fit_network", lambda *given: pytest.fail("fitted again"))
+    code, _, said = run(noisy())
+    assert code == 0
+    assert f"{folder} is complete; --overwrite makes it again" in said
+    assert first.splitlines()[-1] in said
+
+
 # --- the numbers behind the report ----------------------------------------------------------------------------
 
 
