@@ -22,6 +22,7 @@ MODEL_COLUMNS = [
     "model", "reduced chi-square", "degrees of freedom", "p", "chi-square each, fitted", "force error, fitted, %",
     "field error, fitted, %", "p, held out", "chi-square each, held out", "force error, held out, %", "field error, held out, %",
 ]  # fmt: skip
+AMPLITUDE = "amplitude, 95 % interval"
 Table = tuple[list[str], list[list[Any]]]
 
 
@@ -78,45 +79,36 @@ def _p(value: float) -> float | str:
 
 
 def candidate_table(now: Round, unit: str, level: float = 1.0) -> Table:
-    """Every candidate of a round by its score, those that could not be tested last."""
-    held = now.held
+    """Every candidate of a round by its score, those that could not be tested last; what else is known of them is in ``effects.csv``."""
+    before, where = (now.train, "fitted") if now.held is None else (now.held, "held out")
     columns = [
-        "effect", "outcome", "cannot be told from", "score", "degrees", "adjusted p", "improvement predicted, %",
-        "achieved, %", "amplitude, 95 % interval", "admissible",
-        _head("force error, fitted", now.train.force), _head("field error, fitted", now.train.field),
-        _head("force error, held out", None if held is None else held.force),
-        _head("field error, held out", None if held is None else held.field),
-        "chi-square each, held out" + ("" if held is None else f" (before: {held.chi_square:.3g})"),
-        "similar to (cosine)", "decided by",
+        "effect", "outcome", "cannot be told from", "similar to (cosine)", "score", "adjusted p", AMPLITUDE,
+        _head(f"force error, {where}", before.force), _head(f"field error, {where}", before.field),
     ]  # fmt: skip
-    rows = [_in_the_model(now.fit, i, unit, level, len(columns)) for i in range(len(now.fit.additions))]
+    rows = [_in_the_model(now.fit, i, unit, level, columns) for i in range(len(now.fit.additions))]
     ordered = sorted(now.candidates, key=lambda c: -c.score.score if c.score.is_tested else np.inf)
-    return columns, rows + [_candidate(candidate, now, unit, level, len(columns)) for candidate in ordered]
+    return columns, rows + [_candidate(candidate, now, unit, level, columns) for candidate in ordered]
 
 
 def _head(name: str, before: float | None) -> str:
     return f"{name}, %" + ("" if before is None or before != before else f" (before: {100 * before:.3g})")
 
 
-def _in_the_model(fit: Fit, i: int, unit: str, level: float, width: int) -> list[Any]:
-    effect = fit.additions[i].effect
-    row: list[Any] = [effect.name, "in the model", *[None] * (width - 2)]
-    row[8] = ", ".join(effect_values(fit, i, unit, level))
-    row[-1] = effect.decided_by or None
+def _in_the_model(fit: Fit, i: int, unit: str, level: float, columns: list[str]) -> list[Any]:
+    row: list[Any] = [fit.additions[i].effect.name, "in the model", *[None] * (len(columns) - 2)]
+    row[columns.index(AMPLITUDE)] = ", ".join(effect_values(fit, i, unit, level))
     return row
 
 
-def _candidate(candidate: Candidate, now: Round, unit: str, level: float, width: int) -> list[Any]:
-    s, decided_by = candidate.score, candidate.score.effect.decided_by or None
+def _candidate(candidate: Candidate, now: Round, unit: str, level: float, columns: list[str]) -> list[Any]:
+    s = candidate.score
     if not s.is_tested:
-        return [candidate.name, outcome_words(candidate, now), *[None] * (width - 3), decided_by]
-    fit, held = candidate.fit, candidate.held
+        return [candidate.name, outcome_words(candidate, now), *[None] * (len(columns) - 2)]
     like = ", ".join(f"{name} ({cosine:.2f})" for name, cosine in candidate.like)
     return [
-        candidate.name, outcome_words(candidate, now), ", ".join(indistinguishable(candidate, now)) or None, s.score,
-        s.degrees, _p(s.adjusted), 100 * s.share, None if fit is None else round(100 * (1 - fit.loss / now.fit.loss), 6),
-        amplitude_text(candidate, unit, level), s.admissible, *_errors(candidate.train), *_errors(held),
-        None if held is None else held.chi_square, like or None, decided_by,
+        candidate.name, outcome_words(candidate, now), ", ".join(indistinguishable(candidate, now)) or None, like or None,
+        s.score, _p(s.adjusted), amplitude_text(candidate, unit, level),
+        *_errors(candidate.train if now.held is None else candidate.held),
     ]  # fmt: skip
 
 
