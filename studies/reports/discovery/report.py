@@ -28,6 +28,7 @@ from studies.reports.discovery.records import ExperimentRecord, content, model_n
 from studies.reports.discovery.replay_section import (
     replay_table,
     replayed_models,
+    to_predict_with,
     updated_bands,
 )
 from studies.reports.discovery.replayed_forces import band_fields, band_rows, course_rows, force_courses
@@ -35,6 +36,7 @@ from studies.reports.discovery.statement import clauses, untestable, use_of_mode
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
 from studies.reports.discovery.weighing_tables import alternatives_table, power_table
+from studies.reports.prediction.material_curves import add_curves
 
 MOST_TESTS = 4  # that get pictures
 QUICK_FIGURES = ("residual_map", "forces", "scores")
@@ -55,6 +57,9 @@ def write(
     for text in use_of_models(view):
         report.paragraph(text)
     add_alerts(report, remarks(view))
+    if discovery_headline(view).verdict is not Use.NOT or view.discovery.few is not None:
+        models = {"model.json": model, **(beside or {})}
+        add_curves(report, folder, models, to_predict_with(view.discovery) or "model.json")
     _results(report, folder, view)
     report.heading("The extended model").paragraph(model_words(model))
     report.heading("How it was made")

@@ -66,6 +66,8 @@ def test_everything_is_written_and_the_verdict_is_said(run, asked):
     assert code == 0, said
     assert "second invariant" in said.splitlines()[0]
     assert str(folder / "report.html") in said
+    assert (folder / "curves.png").exists()
+    assert "Stress over stretch" in (folder / "report.html").read_text()
     assert asked[0]["rule"] is None
     assert asked[0]["effects"] == CATALOGUE
     assert asked[0]["replay"] is twin_replay

@@ -420,7 +420,7 @@ def test_report_and_data_are_written(tmp_path):
     path = report.write(tmp_path, view(explained()), StandInModel(), manifest)
     text = path.read_text()
     assert len(text) < 5_000_000
-    assert text.count("<figure>") == 4
+    assert text.count("<figure>") == 5
     assert "http:" not in text
     assert "https:" not in text
     for words in ("Explained: second invariant", "needs unloading", "Round 2", "cannot be told from"):
@@ -446,7 +446,7 @@ def test_report_and_data_are_written(tmp_path):
 def test_quick_report_has_fewer_pictures(tmp_path):
     found = replace(view(nothing()), quick=True)
     text = report.write(tmp_path, found, StandInModel(), StandInManifest()).read_text()
-    assert text.count("<figure>") == 3
+    assert text.count("<figure>") == 4
 
 
 def _table(path):
