@@ -73,7 +73,7 @@ def ranked(one: Test, folder: Path) -> None:
     trial = one.trial()
     experiment = with_checked_noise(blind_data.make(trial)[0])[0]
     problem, base = base_fit.prepare([experiment], [HoldOut().training], base="neo-Hooke")
-    found = few_by_fields(problem, base.c, distinct(CATALOGUE), read_priors(), lambda text: None)
+    found = few_by_fields(problem, base.c, distinct(CATALOGUE), read_priors())
     right = {one.effect, *ALSO.get(one.effect, ())}
     named = [name for name, p in found.inclusion.items() if p > CERTAIN and name != OF_THE_BASE]
     write_json(folder / f"{one.name}.json", {

@@ -90,7 +90,7 @@ def found_of(case: Case) -> tuple[FewEffects, Updated]:
     fitted = HoldOut(Kind.AFTER, change.until).training
     problem, base = base_fit.prepare([experiment], [fitted], spacing, base="neo-Hooke")
     effects, priors = distinct(CATALOGUE), read_priors()
-    few = few_by_fields(problem, base.c, effects, priors, lambda text: None)
+    few = few_by_fields(problem, base.c, effects, priors)
     return few, with_forces(problem, few, effects, priors)
 
 

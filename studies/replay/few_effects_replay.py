@@ -18,7 +18,7 @@ from calibrate.diagnosis.replayed.updating import Updated, update
 from calibrate.diagnosis.score_tests import untestable
 from calibrate.effects import Effect
 from calibrate.effects.chain.true_surface import is_expressed
-from calibrate.fitting.resumable import Resumable
+from calibrate.fitting.resumable import SILENT, Resumable
 from studies.errors import OptionError
 from studies.replay.compared_test import ComparedTest
 from studies.replay.fitted_replays import EACH, Replays, other_times
@@ -29,7 +29,9 @@ PICTURES = 4  # of a test that was fitted: more tell little, as what a model mis
 FEW = 2  # amplitudes, at most: more are a series that describes any smooth field
 
 
-def few_by_fields(problem: Problem, c: Array, effects: Sequence[Effect], priors: Priors, say: Resumable) -> FewEffects:
+def few_by_fields(
+    problem: Problem, c: Array, effects: Sequence[Effect], priors: Priors, say: Resumable = SILENT
+) -> FewEffects:
     """Beside neo-Hooke, c (n,), MPa. Raises `OptionError` where it has no equilibrium, and the errors of `ComparedTest.replayed`."""
     replays = Replays([ComparedTest(part, PICTURES, False) for part in problem.trained])
     candidates = [one for one in _candidates(problem, effects, priors) if not one.effect.remembers and len(one.deviations) <= FEW]  # fmt: skip

@@ -29,7 +29,7 @@ from calibrate.diagnosis.twin import stiffening_base
 from calibrate.effects import Effect
 from calibrate.equations.basis import polyconvex
 from calibrate.errors import EquigapError
-from calibrate.fitting.resumable import Resumable
+from calibrate.fitting.resumable import SILENT, Resumable
 from forward.errors import ForwardError
 from meshes.errors import MeshError
 from studies.errors import StudyError
@@ -58,7 +58,7 @@ class FiniteElementCheck:
             return NoReplayCheck(str(error))
 
     def few_effects(
-        self, found: Discovery, c: Array, effects: Sequence[Effect], priors: Priors, say: Resumable
+        self, found: Discovery, c: Array, effects: Sequence[Effect], priors: Priors, say: Resumable = SILENT
     ) -> FewEffects | NoReplayCheck:
         """Beside neo-Hooke, those that leave least of the fields, with the forces of their replays."""
         try:

@@ -37,6 +37,7 @@ from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
 from calibrate.equations.noise_covariance import EquationNoise
 from calibrate.equations.weights import weights_of
 from calibrate.fitting import least_squares
+from calibrate.fitting.resumable import SILENT
 from studies.trials import blind_data
 
 NOISE = Noise(0.004, 3.0, 3e-4, 2e-3)
@@ -439,7 +440,7 @@ def test_a_fit_that_runs_away_is_named_and_refuses_its_effect(monkeypatch):
     now = scored_round(model, [effect("second invariant")])
     right = effect_fit.refit
     monkeypatch.setattr(effect_fit, "refit", lambda problem, c, additions: right(problem, 0 * c, (payne,)))
-    refused, fit = extended(model, now, lambda text: None)
+    refused, fit = extended(model, now, SILENT)
     assert fit is None
     assert refused.refusals == (Refusal("second invariant", RefusalReason.NO_BETTER_FIT),)
 
@@ -450,7 +451,7 @@ def test_what_is_refused_keeps_its_fit():
     model = Model(problem, state)
     now = scored_round(model, [effect("second invariant")])
     worse = replace(now, held=replace(now.held, force=0.0, field=0.0, chi_square=0.0))
-    refused, fit = extended(model, worse, lambda text: None)
+    refused, fit = extended(model, worse, SILENT)
     assert fit is None
     assert refused.refusals[0].reason is RefusalReason.HELD_OUT_NOT_BETTER
     assert refused.candidates[0].fit is not None and refused.candidates[0].held is not None

@@ -55,7 +55,7 @@ def found(gradient: float, later: float = 1.0) -> tuple[FewEffects, Updated]:
     loaded = tuple(replace(b, force=factor * b.force) for b in test.loaded)
     test = replace(test, loaded=loaded, displacements=factor[..., None] * test.displacements)
     problem, base = base_fit.prepare([test], [HoldOut.parse(f"after:{FITTED:g}", 0).training], base="neo-Hooke")
-    few = few_by_fields(problem, base.c, EFFECTS, read_priors(), lambda text: None)
+    few = few_by_fields(problem, base.c, EFFECTS, read_priors())
     return few, with_forces(problem, few, EFFECTS, read_priors())
 
 

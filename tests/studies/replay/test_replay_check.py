@@ -121,17 +121,14 @@ def test_neo_hooke_beside_few_effects_has_its_own_level_and_its_errors():
     """Made stiffer: the same errors, and the level of the forces is in its coefficients. One that cannot be solved is said."""
     one = found(True)
     neo_hooke = first_guess([(part.assembled, part.train.rows) for part in one.problem.trained])
-    few = [
-        FiniteElementCheck().few_effects(one, factor * neo_hooke, (), read_priors(), lambda text: None)
-        for factor in (1.0, SEVENTH)
-    ]
+    few = [FiniteElementCheck().few_effects(one, factor * neo_hooke, (), read_priors()) for factor in (1.0, SEVENTH)]
     own, stiffer_one = (part.neo_hooke for part in few)
     assert isinstance(own, Replayed) and isinstance(stiffer_one, Replayed)
     assert few[1].c == pytest.approx(few[0].c, rel=1e-4)
     assert stiffer_one.judged.force == pytest.approx(own.judged.force, rel=1e-2)
     assert stiffer_one.judged.field == pytest.approx(own.judged.field, rel=1e-2)
     assert replayed_level(one, own, few[0].c, ()) == own.level.factor
-    nothing = FiniteElementCheck().few_effects(one, 0 * neo_hooke, (), read_priors(), lambda text: None)
+    nothing = FiniteElementCheck().few_effects(one, 0 * neo_hooke, (), read_priors())
     assert isinstance(nothing, NoReplayCheck) and nothing.reason
     assert replayed_level(one, nothing, one.final.c, ()) == 1.0
 

@@ -42,7 +42,7 @@ def test_errors_grow_where_noise_does_not_explain_it(
 def test_filled_rubber_at_the_rate_between_is_not_made_worse() -> None:
     """No energy of I1 is near it, so that effects beside a base with any energy, a negative one too, fit where none may be used."""
     loop = next(one for one in homogeneous_loops.hnbr50_loops() if one.name == "hnbr50-rates")
-    found = measured_homogeneous.close(loop, lambda text: None)
+    found = measured_homogeneous.close(loop)
     assert found.verdict is Verdict.NOT_EXPLAINED
     for line in found.tests:
         assert line.after < 0.6 * line.before, line.name
