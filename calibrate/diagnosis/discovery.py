@@ -65,7 +65,7 @@ def discover(
     hold_out = hold_out or HoldOut.default(min(e.n_increments for e in experiments), bool(held))
     priors = priors or read_priors()
     make = partial(_start, experiments, hold_out, held, effects, spacing, base, say, priors, replay, readings)
-    start = say.kept("base model", make)
+    start = say.checkpointed("base model", make)
     found = diagnose(start.problem, start.base, effects, seed, say, thresholds, priors, fitted, check, few_effects)
     return replace(
         found,
@@ -142,19 +142,19 @@ def diagnose(
     """
     effects, priors = distinct(effects), priors or read_priors()
     found = close_loop(problem, base, effects, seed, say, thresholds)
-    weighing = say.kept("evidence", partial(weigh, found, priors, effects, fitted, say))
+    weighing = say.checkpointed("evidence", partial(weigh, found, priors, effects, fitted, say))
     found = decided(found, weighing, priors, effects, seed, say)
     found = replace(found, own=own_effects(found.problem, found.final, priors))
     if check is not None:
         say("replay of base and final model")
-        found = judged_by_replay(found, say.kept("replay", partial(check, found)))
+        found = judged_by_replay(found, say.checkpointed("replay", partial(check, found)))
     if fitted:
         found = replace(found, dominant=dominant_effect(found, say))
     if check is None or not (fitted and few_effects) or found.verdict is not Verdict.NOT_EXPLAINED:
         return found
     say("few effects by the fields of replays")
     neo_hooke = first_guess([(part.assembled, part.train.rows) for part in found.problem.trained])
-    few = say.kept("few effects", partial(check.few_effects, found, neo_hooke, effects, priors, say))
+    few = say.checkpointed("few effects", partial(check.few_effects, found, neo_hooke, effects, priors, say))
     return replace(found, few=few)
 
 

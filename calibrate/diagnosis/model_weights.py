@@ -6,8 +6,8 @@ In: a `Problem`, a base and effects. Out: the same equations with other weights.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,11 +85,27 @@ def _weights(noise: EquationNoise, train: Mask, held: Mask, common: Array | None
     return weights_of(noise, train, common), weights_of(noise, held, common)
 
 
+@dataclass(frozen=True, eq=False)
+class _Together:
+    """Weights of what is fitted and what is held out together, made where they are asked for. rows (t, 2 v)."""
+
+    noise: EquationNoise = field(repr=False)
+    rows: Mask = field(repr=False)
+    common: Array | None = field(repr=False)
+
+    @cached_property
+    def _weights(self) -> Weights:
+        return weights_of(self.noise, self.rows, self.common)
+
+    def __call__(self) -> Weights:
+        return self._weights
+
+
 def _together(noise: EquationNoise, train: Mask, held: Mask, common: Array | None) -> Callable[[], Weights] | None:
-    """Of both together, where increments have noise in common; made where they are asked for."""
+    """Of both together, where increments have noise in common."""
     if noise.is_new_in_each or not (train.any() and held.any()):
         return None
-    return cache(lambda: weights_of(noise, train | held, common))
+    return _Together(noise, train | held, common)
 
 
 def noise_of(chain: Chain, assembled: Assembled, c: Array, additions: Additions) -> EquationNoise:

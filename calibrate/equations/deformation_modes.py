@@ -59,9 +59,11 @@ def mode_invariants(mode: str, stretch: Array) -> Array:
 
 
 def largest_stretch(mode: str, limit: float, invariant: int = 0) -> float:
-    """Stretch > 1 at which a mode reaches `limit` of I1 (`invariant` 0) or I2 (1); 1 where that is not above 3."""
+    """Stretch > 1 at which a mode reaches `limit` of I1 (`invariant` 0) or I2 (1); 1 where that is not above 3, at most `LARGEST_STRETCH`."""
     if limit <= 3.0:
         return 1.0
+    if mode_invariants(mode, np.atleast_1d(LARGEST_STRETCH))[0, invariant] <= limit:
+        return LARGEST_STRETCH
     return float(
         brentq(lambda x: float(mode_invariants(mode, np.atleast_1d(x))[0, invariant]) - limit, 1.0, LARGEST_STRETCH)
     )

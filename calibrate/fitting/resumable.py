@@ -16,19 +16,19 @@ class Resumable:
     def __call__(self, text: str) -> None:
         """Say what is done next."""
 
-    def earlier(self, stage: str) -> Any:
+    def load(self, stage: str) -> Any:
         """What an earlier run had reached; None where it had not come so far."""
         return None
 
-    def reached(self, stage: str, value: object) -> None:
+    def save(self, stage: str, value: object) -> None:
         """Keep it, in the place of what was reached in this stage before; not None."""
 
-    def kept[T](self, stage: str, make: Callable[[], T]) -> T:
+    def checkpointed[T](self, stage: str, make: Callable[[], T]) -> T:
         """As an earlier run made it, else as it is made now."""
-        found: T | None = self.earlier(stage)
+        found: T | None = self.load(stage)
         if found is None:
             found = make()
-            self.reached(stage, found)
+            self.save(stage, found)
         return found
 
 

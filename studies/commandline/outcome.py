@@ -24,12 +24,11 @@ class Outcome(ABC):
 
 @dataclass(frozen=True)
 class Complete(Outcome):
-    """Of a command that has come to its end before, with the same settings and the same folder. answer: what it showed."""
+    """Of a command that has come to its end before, with the same settings and the same folder. answer: see `studies.output.folder.earlier_answer`."""
 
     folder: Path
     answer: tuple[str, ...]
 
     def lines(self) -> Iterable[str]:
         """That nothing was computed, then the same as then."""
-        yield f"{self.folder} is complete; --overwrite makes it again"
         yield from self.answer

@@ -36,7 +36,7 @@ from studies.commandline.outcome import Complete, Outcome
 from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder, released_if_refused
 from studies.output.findings import Finding
-from studies.output.folder import complete, earlier_answer
+from studies.output.folder import CHECKPOINT, complete, earlier_answer
 from studies.output.run_progress import RunProgress
 from studies.replay.replay_check import FiniteElementCheck
 from studies.replay.twin_replay import twin_replay
@@ -49,8 +49,6 @@ from studies.reports.discovery.replay_section import to_predict_with
 from studies.reports.discovery.report import write
 from studies.reports.discovery.statement import clauses, use_of_models
 from studies.reports.discovery.view import View
-
-CHECKPOINT = "checkpoint.pickle"  # of a run that has not come to its end
 
 
 @Parameter(name="*", group="Diagnosis")
@@ -136,6 +134,7 @@ def discover(
     key = {"command": "discover", **settings, "experiments": manifest.to_dict()["inputs"]}
     folder = open_output_folder(output or default_folder("discover", quick), overwrite, key)
     if (answer := earlier_answer(folder)) is not None:
+        (folder / CHECKPOINT).unlink(missing_ok=True)
         return Complete(folder, answer)
     with released_if_refused(folder), RunProgress(folder / CHECKPOINT) as say:
         found = discovery.discover(
@@ -149,8 +148,8 @@ def discover(
         say("writing the report")
         beside = unexplained(found, view.hold_out, manifest.to_dict())
         done = Discovered(folder, view, write(folder, view, model, manifest, beside))
+        complete(folder, done.lines())
         say.finished()
-    complete(folder, done.lines())
     return done
 
 

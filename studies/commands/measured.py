@@ -25,6 +25,7 @@ from studies.commands.import_data import Frames, NoiseChoice, import_experiment
 from studies.commands.transfer import transfer
 from studies.importers import measured_data
 from studies.output import Manifest, open_output_folder
+from studies.output.folder import CHECKPOINT
 from studies.output.plain import StepResult
 from studies.output.run_progress import RunProgress
 from studies.output.writing import write_json
@@ -149,8 +150,10 @@ class Steps:
     def discovered(self, name: str) -> SheetResult:
         """What `equigap discover` says of a sheet."""
         diagnosis = Diagnosis(hold_out=(self.options.hold_out,))
-        done = discover(self.sheet(name), diagnosis=diagnosis, quick=self.quick, output=self.folder / name)
-        return SheetResult.of(name, json.loads((done.folder / "discovery.json").read_text()))
+        folder = self.folder / name
+        begun = (folder / CHECKPOINT).exists()
+        discover(self.sheet(name), diagnosis=diagnosis, quick=self.quick, output=folder, overwrite=not begun)
+        return SheetResult.of(name, json.loads((folder / "discovery.json").read_text()))
 
     def transferred(self, name: str) -> TransferResult:
         """What `equigap transfer` says of a sheet with the first one's model: of few effects, where nothing explains it."""

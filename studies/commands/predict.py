@@ -134,7 +134,7 @@ def predict(
 def _curves(file: Path, options: CurveOptions, output: Path | None, overwrite: bool) -> PredictedCurves:
     model = load_model(file)
     law = DiagnosedLaw(model, options.duration) if isinstance(model, ExtendedModel) else model
-    if options.duration and not (isinstance(law, DiagnosedLaw) and law.relaxes):
+    if options.duration and not (isinstance(model, ExtendedModel) and model.relaxes):
         raise OptionError(f"--duration: {file} does not relax; leave it out")
     settings = {"command": "predict", "test": None, **asdict(options)}
     manifest = Manifest(settings=settings, inputs=[file])

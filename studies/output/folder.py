@@ -15,10 +15,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from studies.errors import OutputFolderError
+from studies.errors import OutputFolderError, OutputWriteError
+from studies.output.manifest import made_by
 from studies.output.writing import plain, write_error, write_json
 
-RUN_FILE = "run.json"
+RUN_FILE, MANIFEST = "run.json", "report.json"
+CHECKPOINT = "checkpoint.pickle"  # of a run that has not come to its end
+HERE = "{folder}"  # in lines that are kept, the folder itself
 FORMAT = "equigap-run"
 
 
@@ -46,7 +49,8 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
         if overwrite:
             _empty(path)
         elif earlier == settings:
-            print(f"equigap: going on in {path}", file=sys.stderr)
+            if earlier_answer(path) is None:
+                print(f"equigap: going on in {path}", file=sys.stderr)
             return path
         else:
             raise OutputFolderError(
@@ -60,26 +64,36 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
 def complete(path: Path, answer: Iterable[str]) -> None:
     """Keep what a terminal shows of a run that came to its end. Raises `OutputWriteError`."""
     content = json.loads((path / RUN_FILE).read_text())
-    files = sorted(str(file.relative_to(path)) for file in path.rglob("*") if file.is_file())
-    write_json(path / RUN_FILE, {**content, "answer": list(answer), "files": files})
+    lines = [line.replace(str(path), HERE) for line in answer]
+    write_json(path / RUN_FILE, {**content, "answer": lines, "made_by": made_by()})
 
 
 def earlier_answer(path: Path) -> tuple[str, ...] | None:
-    """What a run that came to its end has shown; None where none did, or where a file of it is gone."""
-    content = json.loads((path / RUN_FILE).read_text())
-    if "answer" not in content or not all((path / name).exists() for name in content["files"]):
+    """What a run that came to its end has shown, and whether other code made it; None where none did, or where a file that its manifest ``report.json`` lists is gone."""
+    try:
+        content, manifest = (json.loads((path / name).read_text()) for name in (RUN_FILE, MANIFEST))
+    except FileNotFoundError:
         return None
-    return tuple(content["answer"])
+    if "answer" not in content or not all((path / name).exists() for name in manifest["outputs"]):
+        return None
+    other = "" if content["made_by"] == made_by() else ", by another version of the code or of its packages"
+    first = f"{path} is complete{other}; --overwrite makes it again"
+    return (first, *(line.replace(HERE, str(path)) for line in content["answer"]))
 
 
 @contextmanager
 def released_if_refused(path: Path) -> Iterator[None]:
-    """A command that an error ends before it has made anything leaves its folder free for another one."""
+    """A command that an error ends before it has made anything but a checkpoint leaves its folder free for another one, unless it may go on: there was
+    no memory, or no space."""
     try:
         yield
+    except (MemoryError, OSError, OutputWriteError):
+        raise
     except Exception:
-        if [child.name for child in path.iterdir()] == [RUN_FILE]:
-            (path / RUN_FILE).unlink()
+        left = [child for child in path.iterdir() if child.name != RUN_FILE]
+        if all(child.name == CHECKPOINT or child.name.startswith(".") for child in left):
+            for child in (*left, path / RUN_FILE):
+                child.unlink()
         raise
 
 

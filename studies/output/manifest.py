@@ -100,6 +100,22 @@ def versions() -> dict[str, str]:
 
 
 @cache
+def source_hash() -> str:
+    """Hash of all files of the packages, code and tables."""
+    digest, root = hashlib.sha256(), Path(__file__).resolve().parents[2]
+    for package in ("meshes", "forward", "calibrate", "studies"):
+        for path in sorted((root / package).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def made_by() -> dict[str, str]:
+    """Source and versions of packages, by which results of other code are told."""
+    return {**versions(), "source": source_hash()}
+
+
+@cache
 def revision() -> str | None:
     """Revision of the source, with '+changes' where files differ from it; outside a working copy
     what EQUIGAP_REVISION says, or None."""

@@ -1,27 +1,30 @@
 """What a long command says on stderr, and its checkpoint: a run that was killed goes on with the same command.
 
 In: a file in the output folder. Out: `RunProgress`. The checkpoint is one file, written anew at every stage, so that what stages share stays shared. It is used
-only by the code that wrote it (`source_hash`), with the same packages, and only where it belongs to the user who runs the command: reading a pickle runs code.
+only by the code that wrote it, with the same packages (`manifest.made_by`), and only where it belongs to the user who runs the command: reading a pickle runs code.
 """
 
 from __future__ import annotations
 
-import hashlib
+import copyreg
 import os
 import pickle
 import sys
 import time
-from functools import cache
+from dataclasses import is_dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import jax
+
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.fitting.resumable import Resumable
-from studies.output.manifest import versions
+from studies.errors import OutputWriteError
+from studies.output.manifest import made_by
 from studies.output.writing import atomic_path
 
 INTERVAL = 20.0  # s between lines that are not on a terminal
-ROOT = Path(__file__).resolve().parents[2]
 PROTOCOL = 5
 _BY_NAME = {effect.name: effect for effect in CATALOGUE}
 
@@ -53,16 +56,21 @@ class RunProgress(Resumable):
             self._last = now
             print(line, file=sys.stderr, flush=True)
 
-    def earlier(self, stage: str) -> Any:
+    def load(self, stage: str) -> Any:
         return self._stages.get(stage)
 
-    def reached(self, stage: str, value: object) -> None:
+    def save(self, stage: str, value: object) -> None:
         if self._checkpoint is None:
             return
         self._stages[stage] = value
-        with atomic_path(self._checkpoint) as temporary, temporary.open("wb") as file:
-            pickle.dump(_header(), file, PROTOCOL)
-            _Pickler(file, PROTOCOL).dump(self._stages)
+        try:
+            with atomic_path(self._checkpoint) as temporary, temporary.open("wb") as file:
+                pickle.dump(_header(), file, PROTOCOL)
+                _Pickler(file, PROTOCOL).dump(self._stages)
+        except (OutputWriteError, pickle.PicklingError, AttributeError, TypeError) as error:
+            print(f"equigap: no checkpoint ({error}); a run that is killed starts from the beginning", file=sys.stderr)
+            self.finished()
+            self._checkpoint = None
 
     def finished(self) -> None:
         """The results are written: nothing is left to go on with."""
@@ -71,10 +79,17 @@ class RunProgress(Resumable):
 
 
 class _Pickler(pickle.Pickler):
-    """Effects of the catalogue by their names: what is read back has the same objects, for which code is compiled already."""
+    """Effects of the catalogue by their names: what is read back has the same objects, for which code is compiled already. What is cached is left out."""
 
     def persistent_id(self, obj: Any) -> str | None:
         return obj.name if isinstance(obj, Effect) and _BY_NAME.get(obj.name) is obj else None
+
+    def reducer_override(self, obj: Any) -> Any:
+        kind = type(obj)
+        if not is_dataclass(kind) or not hasattr(obj, "__dict__"):
+            return NotImplemented
+        state = {k: v for k, v in vars(obj).items() if not isinstance(getattr(kind, k, None), cached_property)}
+        return (copyreg.__newobj__, (kind,), state) if len(state) < len(vars(obj)) else NotImplemented  # type: ignore[attr-defined]
 
 
 class _Unpickler(pickle.Unpickler):
@@ -100,14 +115,4 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _header() -> dict[str, str]:
-    return {**versions(), "source": source_hash()}
-
-
-@cache
-def source_hash() -> str:
-    """Hash of the source of all packages."""
-    digest = hashlib.sha256()
-    for package in ("meshes", "forward", "calibrate", "studies"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+    return {**made_by(), "backend": jax.default_backend()}

@@ -154,7 +154,7 @@ def few_effects(
             break
         stage = f"replays with {' and '.join(names)}"
         say(stage)
-        fitted[names] = say.kept(stage, partial(_fitted, replays, base, evidence, known, sets[names]))
+        fitted[names] = say.checkpointed(stage, partial(_fitted, replays, base, evidence, known, sets[names]))
         values[names] = fitted[names].log_odds
     alternatives = Alternatives.of([Explanation(names, value) for names, value in values.items()])
     return FewEffects(c, base.errors, alternatives, tuple(sorted(fitted.values(), key=lambda one: -one.log_odds)))

@@ -56,12 +56,12 @@ def close_loop(
     model to go on from."""
     base = Model(problem, state)
     stage = f"rounds from {' and '.join(begun[1].fit.names)}" if begun else "rounds"
-    reached: _Reached | None = say.earlier(stage)
+    reached: _Reached | None = say.load(stage)
     if reached is None:
         reached = _Reached((begun[0],), _finished(begun[1])) if begun else _Reached((), base)
     while not reached.is_last:
         reached = _with_round(reached, effects, seed, say, thresholds)
-        say.reached(stage, reached)
+        say.save(stage, reached)
     model, names = reached.model, frozenset(reached.model.fit.names)
     confirmation = confirm(base, model, thresholds) if names else None
     review_of_last = reached.reviews.get(names, Review())

@@ -26,6 +26,8 @@ from studies.reports.discovery.few_effects_table import few_table
 from studies.reports.discovery.own_effects_table import own_effects_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
 from studies.reports.discovery.replay_section import (
+    FEW_FILE,
+    NEO_HOOKE_FILE,
     replay_table,
     replayed_models,
     to_predict_with,
@@ -49,6 +51,8 @@ def write(
     names of their files."""
     files = [folder / "report.html", folder / "model.json", *_data(folder, view)]
     model.save(files[1])
+    for name in (FEW_FILE, NEO_HOOKE_FILE):  # of an earlier version, if they are there
+        (folder / name).unlink(missing_ok=True)
     for name, other in (beside or {}).items():
         files.append(folder / name)
         other.save(files[-1])
@@ -57,9 +61,9 @@ def write(
     for text in use_of_models(view):
         report.paragraph(text)
     add_alerts(report, remarks(view))
-    if discovery_headline(view).verdict is not Use.NOT or view.discovery.few is not None:
-        models = {"model.json": model, **(beside or {})}
-        add_curves(report, folder, models, to_predict_with(view.discovery) or "model.json")
+    used = to_predict_with(view.discovery)
+    if used is not None or discovery_headline(view).verdict is not Use.NOT:
+        add_curves(report, folder, {"model.json": model, **(beside or {})}, used or "model.json")
     _results(report, folder, view)
     report.heading("The extended model").paragraph(model_words(model))
     report.heading("How it was made")

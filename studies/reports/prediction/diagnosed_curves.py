@@ -1,11 +1,12 @@
-"""Homogeneous tests of the material that a diagnosis found: base and effects of the material, in plane stress.
+"""Homogeneous tests of the material that a diagnosis found: base and effects of the material, in plane stress, loaded for the first time.
 
-In: an `ExtendedModel`. Out: `DiagnosedLaw`, which gives nominal stress over stretch as a network model does, by the links of the diagnosis itself. Uniaxial tests are free to
+In: an `ExtendedModel`. Out: `DiagnosedLaw`, which gives deformation and nominal stress over stretch, by the links of the diagnosis itself. Uniaxial tests are free to
 contract and to shear: P = diag(P11, 0) is solved for the lateral stretch and for the shear that oblique fibres need.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,17 +15,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
-from calibrate.effects.chain import Additions, ordered
+from calibrate.effects.chain import Addition, Additions, ordered
 from calibrate.effects.chain.linearisation import Constants
 from calibrate.effects.chain.quantities import STRESS, TIME, Base
 from calibrate.effects.chain.stages import law_stages
-from calibrate.equations.basis import SingleBasis, energy_basis
+from calibrate.effects.compressibility import Compressibility
+from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
+from calibrate.effects.mullins import Mullins
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.deformation_modes import largest_stretch, stretches_to_gradient
 from calibrate.models.extended_model import ExtendedModel
 from studies.errors import OptionError
 
 Array = NDArray[np.float64]
+Residual = Callable[[jax.Array], jax.Array]
+STEPS = 128  # of a material with a memory, between which curves are interpolated
 ITERATIONS, HALVINGS, SMALL = 40, 12, 1e-10  # of Newton's method; residual over the stress along the pull
 FREE = "uniaxial"  # mode without lateral grips
 
@@ -45,18 +52,17 @@ class DiagnosedLaw:
 
     @cached_property
     def of_material(self) -> Additions:
-        """Effects that are drawn."""
-        return tuple(a for a in ordered(self.model.additions) if a.effect.of_material and not a.is_null)
-
-    @property
-    def relaxes(self) -> bool:
-        """Whether the stress depends on speed."""
-        return any(a.effect.stage == "relaxation" for a in self.of_material)
+        """Effects that show in a first loading; in plane strain also the compressibility, which is in the base there."""
+        found = [a for a in self.model.additions if a.effect.of_material and not a.is_null]
+        if isinstance(self.model.basis, PlaneStrainBasis):
+            found.append(Addition(Compressibility(), (1 / float(self.model.c[-1]),), ()))
+        return tuple(a for a in ordered(tuple(found)) if not isinstance(a.effect, Mullins))
 
     @property
     def directions(self) -> tuple[str, ...]:
         """'' for an isotropic material, else the axes of the test that it is pulled along."""
-        return ("x", "y") if any("fibre" in a.effect.name for a in self.of_material) else ("",)
+        fibres = any(isinstance(a.effect, OneFibreFamily | TwoFibreFamilies) for a in self.of_material)
+        return ("x", "y") if fibres else ("",)
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -64,13 +70,19 @@ class DiagnosedLaw:
         return tuple(a.effect.name for a in self.model.additions if not a.effect.of_material)
 
     @property
-    def lacks_bulk_modulus(self) -> bool:
-        """Whether the model has one that the curves leave out: that of tests in plane strain."""
-        return self.model.plane == "strain"
+    def largest_invariant(self) -> float:
+        """I1, or I2 of a base of that, to which the model is calibrated."""
+        base = self._base
+        known = (3.0**1.5 + base.top) ** (2 / 3) if base.k else 3.0 + base.top
+        return known if base.k else self.model.calibrated_range.get("I1", (3.0, known))[1]
 
     def largest_stretch(self, mode: str) -> float:
-        """Largest stretch of a mode within the calibrated range of I1."""
-        return largest_stretch(mode, self.model.calibrated_range.get("I1", (3.0, 3.0 + self._base.top))[1])
+        """Largest stretch of a mode within the calibrated range, of an isotropic and incompressible material."""
+        return largest_stretch(mode, self.largest_invariant, self._base.k)
+
+    def is_calibrated(self, invariants: Array) -> NDArray[np.bool_]:
+        """(k,): whether (I1, I2) (k, 2) are within the range."""
+        return np.asarray(invariants[:, self._base.k] <= self.largest_invariant)
 
     @cached_property
     def _base(self) -> SingleBasis:
@@ -78,33 +90,44 @@ class DiagnosedLaw:
         assert isinstance(basis, SingleBasis)
         return basis
 
+    @cached_property
+    def _drawn(self) -> Additions:
+        return tuple(a for a in self.of_material if self.duration or a.effect.stage != "relaxation")
+
+    def homogeneous(self, mode: str, stretch: Array, direction: str = "") -> tuple[Array, Array]:
+        """In-plane F (k, 2, 2), and nominal stress (k,) along the pull in the unit of the model, at rising stretches (k,) from 1.
+
+        Raises `OptionError` where a uniaxial test has no equilibrium.
+        """
+        x = np.asarray(stretch, dtype=np.float64)
+        if not any(a.effect.remembers for a in self._drawn):
+            return self._loaded(mode, x, direction)
+        steps = np.linspace(1.0, float(x.max()), STEPS + 1)
+        F, P = (PchipInterpolator(steps, values) for values in self._loaded(mode, steps, direction))
+        return F(x), P(x)
+
+    def _loaded(self, mode: str, x: Array, direction: str) -> tuple[Array, Array]:
+        """The same, with one step of a history to each stretch."""
+        loaded = x > 1.0
+        time = jnp.asarray((x[loaded] - 1) / (x.max() - 1) * (self.duration or 1.0))
+        along, across = (1, 0) if direction == "y" else (0, 1)
+        given = stretches_to_gradient(mode, x[loaded])[:, [along, across]][:, :, [along, across]]
+        F, P = np.tile(np.eye(2), (len(x), 1, 1)), np.zeros(len(x))
+        F[loaded] = self._free(given, time, along, across) if mode == FREE else given
+        P[loaded] = np.asarray(self._P(jnp.asarray(F[loaded]), time))[:, along, along]
+        return F, P
+
     def _P(self, F: jax.Array, time: jax.Array) -> jax.Array:
         """(t, 2, 2) at F (t, 2, 2) and times (t,), s."""
-        drawn = tuple(a for a in self.of_material if self.duration or a.effect.stage != "relaxation")
         basis = self._base
         constants = Constants(_History(time), jnp.asarray(basis.top), jnp.asarray(self.model.c[: basis.n]))  # type: ignore[arg-type]
-        name, stages = law_stages(Base(basis.k, basis.n, False), drawn)
+        name, stages = law_stages(Base(basis.k, basis.n, False), self._drawn)
         quantities: dict[str, Any] = {name: F[:, None], TIME: time}
         for stage in stages:
             given = stage.inputs(quantities), constants.of(stage.link), stage.parameters
             quantities[stage.writes] = stage.link(*given)
         P: jax.Array = quantities[STRESS][:, 0]
         return P
-
-    def homogeneous(self, mode: str, stretch: Array, direction: str = "") -> Array:
-        """Nominal stress (k,) along the pull at rising stretches (k,), in the unit of the model, see `duration`. Raises `OptionError` where a uniaxial test has no equilibrium."""
-        x = np.asarray(stretch, dtype=np.float64)
-        loaded = x > 1.0
-        speed = (x.max() - 1) / (self.duration or 1.0)
-        time = jnp.asarray((x[loaded] - 1) / speed)
-        F = stretches_to_gradient(mode, x[loaded])
-        along, across = (1, 0) if direction == "y" else (0, 1)
-        F = F[:, [along, across]][:, :, [along, across]]
-        if mode == FREE:
-            F = self._free(F, time, along, across)
-        result = np.zeros(len(x))
-        result[loaded] = np.asarray(self._P(jnp.asarray(F), time))[:, along, along]
-        return result
 
     def _free(self, F: Array, time: jax.Array, along: int, across: int) -> Array:
         """F (t, 2, 2) with the lateral stretch and the shear at which nothing but the stress along the pull is left."""
@@ -118,26 +141,49 @@ class DiagnosedLaw:
             return jnp.stack([P[:, across, across], P[:, along, across]], axis=1)
 
         unknown = jnp.stack([start[:, across, across], jnp.zeros(len(F))], axis=1)
-        r = residual(unknown)
-        size = float(jnp.abs(self._P(start, time)).max())
-        if float(jnp.abs(r).max()) <= SMALL * size:
+        small = SMALL * float(jnp.abs(self._P(start, time)).max())
+        if float(jnp.abs(residual(unknown)).max()) <= small:
             return F  # of an isotropic and incompressible material
-        residual, slope = jax.jit(residual), jax.jit(jax.jacfwd(residual))
-        for _ in range(ITERATIONS):
-            if float(jnp.abs(r).max()) <= SMALL * size:
-                return np.asarray(at(unknown))
-            n = unknown.size
-            step = jnp.linalg.solve(slope(unknown).reshape(n, n), r.reshape(n)).reshape(unknown.shape)
-            for halving in range(HALVINGS):
-                tried = unknown - step / 2**halving
-                new = residual(tried)
-                if bool(jnp.isfinite(new).all() & (tried[:, 0] > 0).all()) and float((new**2).sum()) < float(
-                    (r**2).sum()
-                ):
-                    break
-            else:
+        remembers = any(a.effect.remembers for a in self._drawn)
+        found = _solved(residual, unknown, small, remembers)
+        if found is None:
+            raise OptionError(
+                f"a uniaxial test to a stretch of {F[:, along, along].max():.3g} has no equilibrium found with this material; "
+                "give a smaller one: equigap predict FILE --stretch"
+            )
+        return np.asarray(at(found))
+
+
+def _solved(residual: Residual, unknown: jax.Array, small: float, coupled: bool) -> jax.Array | None:
+    """Zero of a residual (t, 2) of unknowns (t, 2), the first of them positive, by Newton's method with halved steps; None where there is none to be found.
+
+    coupled: whether one step depends on those before.
+    """
+    residual = jax.jit(residual)
+    step_of = jax.jit(_whole_step if coupled else _step_of_each, static_argnums=0)
+    r = residual(unknown)
+    for _ in range(ITERATIONS):
+        if float(jnp.abs(r).max()) <= small:
+            return unknown
+        step = step_of(residual, unknown, r)
+        for halving in range(HALVINGS):
+            tried = unknown - step / 2**halving
+            new = residual(tried)
+            finite = bool(jnp.isfinite(new).all() & (tried[:, 0] > 0).all())
+            if finite and float((new**2).sum()) < float((r**2).sum()):
                 break
-            unknown, r = tried, new
-        raise OptionError(
-            f"a uniaxial test to a stretch of {F[:, along, along].max():.3g} has no equilibrium found with this material; give a smaller --stretch"
-        )
+        else:
+            return None
+        unknown, r = tried, new
+    return None
+
+
+def _whole_step(residual: Residual, unknown: jax.Array, r: jax.Array) -> jax.Array:
+    n = unknown.size
+    return jnp.linalg.solve(jax.jacfwd(residual)(unknown).reshape(n, n), r.reshape(n)).reshape(unknown.shape)
+
+
+def _step_of_each(residual: Residual, unknown: jax.Array, r: jax.Array) -> jax.Array:
+    ones = jnp.zeros_like(unknown)
+    columns = [jax.jvp(residual, (unknown,), (ones.at[:, k].set(1.0),))[1] for k in range(2)]
+    return jnp.linalg.solve(jnp.stack(columns, axis=-1), r[..., None])[..., 0]

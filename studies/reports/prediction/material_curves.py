@@ -31,5 +31,8 @@ def add_curves(report: Report, folder: Path, models: Mapping[str, ExtendedModel]
         return
     path = folder / "curves.png"
     write_figure(path, draw_curves(curves, law.model.unit), dpi=140)
-    of_material = [a.effect.name for a in law.of_material]
-    report.figure(path, WORDS.material_curves(file=used, effects=of_material, relaxes=law.relaxes))
+    of_material, model = [a.effect.name for a in law.of_material], law.model
+    report.figure(
+        path,
+        WORDS.material_curves(file=used, effects=of_material, relaxes=model.relaxes, nominal=model.level_is_nominal),
+    )

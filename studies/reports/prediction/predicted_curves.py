@@ -10,10 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.equations.deformation_modes import MODES, mode_invariants, nominal_stress
+from calibrate.equations.kinematics import invariants_and_derivatives
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
 from studies.output.findings import Finding, Macro
@@ -32,9 +34,9 @@ class Extent(Macro):
     EXTRAPOLATES = "leaves_calibrated_range"
     BANDS = "bands"
     NO_BANDS = "no_bands"
+    OF_DIAGNOSIS = "curves_of_diagnosis"
     SLOW = "infinitely_slow"
     AT_SPEED = "at_constant_speed"
-    INCOMPRESSIBLE = "curves_are_incompressible"
     LEFT_OUT = "effects_left_out_of_curves"
 
 
@@ -110,17 +112,23 @@ def predict(
         limit = calibrated_stretch(model, mode)
         top = stretch or (1 + MARGIN * (limit - 1) if 1 < limit < LARGEST else NO_RANGE)
         x = np.linspace(1.0, top, max(points, 2))
-        invariants = mode_invariants(mode, x)
         known = None if truth is None else nominal_stress(truth, mode, x)
         if isinstance(model, DiagnosedLaw):
-            curves += [
-                Curve(mode, x, model.homogeneous(mode, x, axis), invariants, x <= limit, limit, known, direction=axis)
-                for axis in model.directions
-            ]
+            curves += [_of_diagnosis(model, mode, x, axis, limit, known) for axis in model.directions]
         else:
-            deviation = model.homogeneous_deviation(mode, x)
-            curves.append(Curve(mode, x, model.homogeneous(mode, x), invariants, x <= limit, limit, known, deviation))
+            stress, deviation = model.homogeneous(mode, x), model.homogeneous_deviation(mode, x)
+            curves.append(Curve(mode, x, stress, mode_invariants(mode, x), x <= limit, limit, known, deviation))
     return curves
+
+
+def _of_diagnosis(law: DiagnosedLaw, mode: str, x: Array, axis: str, limit: float, known: Array | None) -> Curve:
+    """Fibres and compressibility change the lateral stretch, so that the range ends elsewhere than for an isotropic and incompressible material."""
+    F, stress = law.homogeneous(mode, x, axis)
+    invariants = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])
+    calibrated = np.logical_and.accumulate(law.is_calibrated(invariants))
+    if not np.allclose(invariants, mode_invariants(mode, x)):
+        limit = float(x[calibrated][-1])
+    return Curve(mode, x, stress, invariants, calibrated, limit, known, direction=axis)
 
 
 def calibrated_stretch(model: Model | DiagnosedLaw, mode: str) -> float:
@@ -130,7 +138,9 @@ def calibrated_stretch(model: Model | DiagnosedLaw, mode: str) -> float:
 
 def band_finding(model: Model | DiagnosedLaw) -> Finding:
     """What the 95 % bands of a model hold."""
-    found = None if isinstance(model, DiagnosedLaw) else model.uncertainty
+    if isinstance(model, DiagnosedLaw):
+        return Finding("prediction", Extent.OF_DIAGNOSIS)
+    found = model.uncertainty
     if found is None:
         return Finding("prediction", Extent.NO_BANDS)
     data = {
@@ -150,10 +160,8 @@ def findings(model: Model | DiagnosedLaw, curves: list[Curve]) -> list[Finding]:
 def _of_law(law: DiagnosedLaw) -> list[Finding]:
     """Speed, and what of the diagnosis is not in the curves."""
     found: list[tuple[Extent, dict[str, Any]]] = []
-    if law.relaxes:
+    if law.model.relaxes:
         found.append((Extent.SLOW, {}) if law.duration is None else (Extent.AT_SPEED, {"duration": law.duration}))
-    if law.lacks_bulk_modulus:
-        found.append((Extent.INCOMPRESSIBLE, {}))
     if law.left_out:
         found.append((Extent.LEFT_OUT, {"effects": list(law.left_out)}))
     return [Finding("prediction", macro, data) for macro, data in found]

@@ -38,7 +38,7 @@ from calibrate.effects.chain import Addition
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.stiffness_gradient import StiffnessGradient
 from calibrate.effects.viscosity import Viscosity
-from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
+from calibrate.equations.basis import SingleBasis
 from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.extended_model import ExtendedModel
@@ -347,13 +347,13 @@ def curves(model: Any = MODEL, stretch: float | None = None) -> Findings:
     return predicted_curves.findings(model, predicted_curves.predict(model, stretch))
 
 
-def of_diagnosis(duration: float | None = None, plane: str = "stress") -> Findings:
+def of_diagnosis(duration: float | None = None) -> Findings:
     """Curves of a material that relaxes, found beside an offset of the load cell."""
     basis, known = SingleBasis(0, 20.0), {effect.name: effect for effect in CATALOGUE}
     additions = (Addition(known["viscoelasticity"], (0.5,), (1.0,)), Addition(known["force offset"], (0.1,), ()))
-    base: Any = PlaneStrainBasis(basis) if plane == "strain" else basis
-    c = np.ones(base.n_functions)
-    return curves(DiagnosedLaw(ExtendedModel(base, c, additions, ((0.1,), (0.1,)), "MPa"), duration), 1.2)
+    return curves(
+        DiagnosedLaw(ExtendedModel(basis, np.ones(basis.n), additions, ((0.1,), (0.1,)), "MPa"), duration), 1.2
+    )
 
 
 def forecast(**changes: Any) -> Findings:
@@ -424,7 +424,7 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
     "prediction.no_bands": curves,
     "prediction.infinitely_slow": of_diagnosis,
     "prediction.at_constant_speed": lambda: of_diagnosis(2.0),
-    "prediction.curves_are_incompressible": lambda: of_diagnosis(plane="strain"),
+    "prediction.curves_of_diagnosis": of_diagnosis,
     "prediction.effects_left_out_of_curves": of_diagnosis,
     "prediction.force_error": forecast,
     "prediction.one_factor": lambda: forecast(factor=1.5),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,14 @@ from viscous_states import nominal_stress
 
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
-from calibrate.equations.basis import SingleBasis
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import neo_hooke
 from calibrate.models.extended_model import ExtendedModel
 from studies import cli
 from studies.errors import OptionError
 from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
+from studies.reports.prediction.predicted_curves import predict
 
 MU, TOP = 0.4, 20.0
 STRETCH = np.linspace(1.0, 2.0, 101)
@@ -39,18 +41,53 @@ def test_without_effects_it_is_the_closed_form_of_the_base(mode):
     power = {"uniaxial": -2, "equibiaxial": -5, "pure_shear": -3}[mode]
     law = DiagnosedLaw(found())
     assert law.directions == ("",)
-    np.testing.assert_allclose(law.homogeneous(mode, STRETCH), MU * (STRETCH - STRETCH**power), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        law.homogeneous(mode, STRETCH)[1], MU * (STRETCH - STRETCH**power), rtol=1e-9, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_second_invariant_is_that_of_mooney_and_rivlin(mode):
+    c01, x = 0.05, STRETCH
+    b = x ** {"uniaxial": -0.5, "equibiaxial": 1.0, "pure_shear": 0.0}[mode]
+    c = 1 / (x * b)
+    along = MU * x + 2 * c01 * x * (
+        b**2 + c**2
+    )  # d psi / d stretch at a fixed lateral one, less the pressure that frees the faces
+    free = MU * c + 2 * c01 * c * (x**2 + b**2)
+    P = DiagnosedLaw(found(("second invariant", (c01,), ()))).homogeneous(mode, x)[1]
+    np.testing.assert_allclose(P, along - free * c / x, rtol=1e-9, atol=1e-12)
+
+
+def test_a_history_does_not_depend_on_the_points_that_are_drawn():
+    for effect in (
+        ("permanent set", (0.1,), ()),
+        ("viscoelasticity", (0.8,), (1.5,)),
+        ("Payne softening", (0.3,), (0.2,)),
+    ):
+        law = DiagnosedLaw(found(effect), 4.0)
+        few, many = (law.homogeneous("uniaxial", np.linspace(1, 2, n))[1] for n in (3, 301))
+        np.testing.assert_allclose(few, many[[0, 150, 300]], rtol=1e-9)
+
+
+def test_in_plane_strain_the_bulk_modulus_of_the_base_is_that_of_the_curves():
+    beta, model = 0.2, found()
+    strain = replace(model, basis=PlaneStrainBasis(model.basis), c=np.append(model.c, 1 / beta))
+    P = DiagnosedLaw(strain).homogeneous("uniaxial", STRETCH)[1]
+    np.testing.assert_allclose(
+        P, DiagnosedLaw(found(("compressibility", (beta,), ()))).homogeneous("uniaxial", STRETCH)[1]
+    )
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_relaxing_material_at_constant_speed_is_that_of_the_convolution(mode):
     g, tau, duration = 0.8, 1.5, 4.0
     model = found(("viscoelasticity", (g,), (tau,)))
-    P = DiagnosedLaw(model, duration).homogeneous(mode, STRETCH)
+    P = DiagnosedLaw(model, duration).homogeneous(mode, STRETCH)[1]
     for i in (20, 60, 100):
         t = duration * (STRETCH[i] - 1)
         assert P[i] == pytest.approx(nominal_stress(mode, MU, g, tau, 1 / duration, t)[0], rel=2e-3)
-    slow, fast = (DiagnosedLaw(model, some).homogeneous(mode, STRETCH) for some in (None, 1e-4))
+    slow, fast = (DiagnosedLaw(model, some).homogeneous(mode, STRETCH)[1] for some in (None, 1e-4))
     np.testing.assert_allclose(fast[1:] / slow[1:], 1 + g, rtol=1e-3)
 
 
@@ -63,7 +100,7 @@ def test_a_compressible_material_has_the_lateral_stretch_of_least_energy(beta):
         pressure = (J - 1) / beta - MU / 3 * J ** (-5 / 3) * I1
         return MU * J ** (-2 / 3) * a + pressure * b * b, MU * J ** (-2 / 3) * 2 * b + pressure * 2 * a * b
 
-    P = DiagnosedLaw(found(("compressibility", (beta,), ()))).homogeneous("uniaxial", STRETCH)
+    P = DiagnosedLaw(found(("compressibility", (beta,), ()))).homogeneous("uniaxial", STRETCH)[1]
     for i in (25, 60, 100):
         a = float(STRETCH[i])
         b = brentq(lambda b, a=a: slopes(a, b)[1], 0.5, 1.0)
@@ -85,19 +122,26 @@ def test_oblique_fibres_shear_a_sheet_that_is_free_to():
         return float(minimize(lambda free: energy(a, free), [a**-0.5, 0.0], tol=1e-14, method="Nelder-Mead").fun)
 
     law = DiagnosedLaw(found(("one fibre family", (k,), (angle, 0.0, 0.0))))
-    P, h = law.homogeneous("uniaxial", STRETCH, "x"), 1e-3
+    (F, P), h = law.homogeneous("uniaxial", STRETCH, "x"), 1e-3
     for i in (30, 100):
         a = float(STRETCH[i])
         assert P[i] == pytest.approx((least(a + h) - least(a - h)) / (2 * h), rel=1e-4)
     turned = DiagnosedLaw(found(("one fibre family", (k,), (np.pi / 2 - angle, 0.0, 0.0))))
-    np.testing.assert_allclose(turned.homogeneous("uniaxial", STRETCH, "y"), P, rtol=1e-8, atol=1e-12)
-    assert not np.allclose(law.homogeneous("uniaxial", STRETCH, "y"), P, rtol=0.05)
+    np.testing.assert_allclose(turned.homogeneous("uniaxial", STRETCH, "y")[1], P, rtol=1e-8, atol=1e-12)
+    curve = next(
+        c for c in predict(law, 2.0) if c.name == "uniaxial_along_x"
+    )  # the range ends where I1 of the sheared sheet does
+    C = np.swapaxes(F, 1, 2) @ F
+    np.testing.assert_allclose(curve.invariants[:, 0], np.trace(C, axis1=1, axis2=2) + 1 / np.linalg.det(C), rtol=1e-9)
+    np.testing.assert_array_equal(curve.calibrated, curve.invariants[:, 0] <= 5.0)
+    assert curve.limit == curve.stretch[curve.calibrated][-1] < 1.9
+    assert not np.allclose(law.homogeneous("uniaxial", STRETCH, "y")[1], P, rtol=0.05)
 
 
 def test_a_curve_that_is_not_at_rest_at_its_sides_is_refused(monkeypatch):
     monkeypatch.setattr("studies.reports.prediction.diagnosed_curves.ITERATIONS", 2)
     law = DiagnosedLaw(found(("one fibre family", (0.3,), (0.3, 0.0, 0.0))))
-    with pytest.raises(OptionError, match="smaller --stretch"):
+    with pytest.raises(OptionError, match="predict FILE --stretch"):
         law.homogeneous("uniaxial", np.linspace(1, 4, 31))
 
 
