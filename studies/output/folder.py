@@ -21,7 +21,7 @@ from studies.output.writing import plain, write_error, write_json
 
 RUN_FILE, MANIFEST = "run.json", "report.json"
 CHECKPOINT = "checkpoint.pickle"  # of a run that has not come to its end
-HERE = "{folder}"  # in lines that are kept, the folder itself
+HERE = "{folder}/"  # in lines that are kept, the folder itself
 FORMAT = "equigap-run"
 
 
@@ -64,7 +64,7 @@ def open_output_folder(path: str | Path, overwrite: bool, resume_key: Mapping[st
 def complete(path: Path, answer: Iterable[str]) -> None:
     """Keep what a terminal shows of a run that came to its end. Raises `OutputWriteError`."""
     content = json.loads((path / RUN_FILE).read_text())
-    lines = [line.replace(str(path), HERE) for line in answer]
+    lines = [line.replace(f"{path}/", HERE) for line in answer]
     write_json(path / RUN_FILE, {**content, "answer": lines, "made_by": made_by()})
 
 
@@ -72,13 +72,13 @@ def earlier_answer(path: Path) -> tuple[str, ...] | None:
     """What a run that came to its end has shown, and whether other code made it; None where none did, or where a file that its manifest ``report.json`` lists is gone."""
     try:
         content, manifest = (json.loads((path / name).read_text()) for name in (RUN_FILE, MANIFEST))
-    except FileNotFoundError:
+    except (FileNotFoundError, ValueError):
         return None
     if "answer" not in content or not all((path / name).exists() for name in manifest["outputs"]):
         return None
     other = "" if content["made_by"] == made_by() else ", by another version of the code or of its packages"
     first = f"{path} is complete{other}; --overwrite makes it again"
-    return (first, *(line.replace(HERE, str(path)) for line in content["answer"]))
+    return (first, *(line.replace(HERE, f"{path}/") for line in content["answer"]))
 
 
 @contextmanager
@@ -91,7 +91,7 @@ def released_if_refused(path: Path) -> Iterator[None]:
         raise
     except Exception:
         left = [child for child in path.iterdir() if child.name != RUN_FILE]
-        if all(child.name == CHECKPOINT or child.name.startswith(".") for child in left):
+        if all(child.name.lstrip(".").startswith(Path(CHECKPOINT).stem) for child in left):
             for child in (*left, path / RUN_FILE):
                 child.unlink()
         raise

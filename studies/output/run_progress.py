@@ -38,7 +38,11 @@ class RunProgress(Resumable):
     def __init__(self, checkpoint: Path | None = None) -> None:
         self._start = self._last = time.monotonic()
         self._checkpoint = checkpoint
-        self._stages: dict[str, Any] = {} if checkpoint is None else _read(checkpoint)
+        self._stages: dict[str, Any] = {}
+        if checkpoint is not None:
+            self._stages = _read(checkpoint)
+            for half in checkpoint.parent.glob(f".{checkpoint.stem}-*{checkpoint.suffix}"):
+                half.unlink()  # a run was killed while it wrote it
 
     def __enter__(self) -> RunProgress:
         return self

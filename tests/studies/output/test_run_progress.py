@@ -88,6 +88,10 @@ def test_a_checkpoint_of_other_code_or_a_damaged_one_is_not_used(tmp_path, capsy
         other.setattr(run_progress.os, "getuid", lambda: path.stat().st_uid + 1)
         assert RunProgress(path).load("first") is None
     assert RunProgress(path).load("first") == 1
+    half = tmp_path / ".checkpoint-half.pickle"  # of a run that was killed while it wrote
+    half.write_bytes(path.read_bytes()[:-5])
+    assert RunProgress(path).load("first") == 1
+    assert not half.exists()
     path.write_bytes(path.read_bytes()[:-5])
     capsys.readouterr()
     assert RunProgress(path).load("first") is None
