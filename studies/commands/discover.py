@@ -143,6 +143,7 @@ def discover(
             check=FiniteElementCheck(),
         )  # fmt: skip
         view = View(found, held_out_words(rule, trained, held), remarks, quick)
+        manifest.started -= say.earlier_seconds
         say("network of the base")
         model = replace(extended(found, view.hold_out, manifest.to_dict()), fitness=discovery_headline(view).fitness)
         say("writing the report")

@@ -26,6 +26,7 @@ from studies.output.writing import atomic_path
 
 INTERVAL = 20.0  # s between lines that are not on a terminal
 PROTOCOL = 5
+SECONDS = "wall seconds"  # beside the stages
 _BY_NAME = {effect.name: effect for effect in CATALOGUE}
 
 
@@ -60,6 +61,11 @@ class RunProgress(Resumable):
             self._last = now
             print(line, file=sys.stderr, flush=True)
 
+    @property
+    def earlier_seconds(self) -> float:
+        """Wall time of the runs that this one goes on from."""
+        return float(self._stages.get(SECONDS, 0.0))
+
     def load(self, stage: str) -> Any:
         return self._stages.get(stage)
 
@@ -67,10 +73,11 @@ class RunProgress(Resumable):
         if self._checkpoint is None:
             return
         self._stages[stage] = value
+        spent = self.earlier_seconds + time.monotonic() - self._start
         try:
             with atomic_path(self._checkpoint) as temporary, temporary.open("wb") as file:
                 pickle.dump(_header(), file, PROTOCOL)
-                _Pickler(file, PROTOCOL).dump(self._stages)
+                _Pickler(file, PROTOCOL).dump({**self._stages, SECONDS: spent})
         except (OutputWriteError, pickle.PicklingError, AttributeError, TypeError) as error:
             print(f"equigap: no checkpoint ({error}); a run that is killed starts from the beginning", file=sys.stderr)
             self.finished()

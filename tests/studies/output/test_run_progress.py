@@ -73,6 +73,7 @@ def test_what_stages_share_stays_shared(tmp_path):
     assert again.load("first")[0] is again.load("second")["a"]
     assert again.load("third") is None
     assert again.checkpointed("first", lambda: pytest.fail("made again")) == again.load("first")
+    assert again.earlier_seconds > 0
     again.finished()
     assert not path.exists()
 
