@@ -23,6 +23,9 @@ class Resumable:
     def save(self, stage: str, value: object) -> None:
         """Keep it, in the place of what was reached in this stage before; not None."""
 
+    def discard(self, start: str) -> None:
+        """Forget stages whose names start so: what comes after them is kept."""
+
     def checkpointed[T](self, stage: str, make: Callable[[], T]) -> T:
         """As an earlier run made it, else as it is made now."""
         found: T | None = self.load(stage)

@@ -83,6 +83,9 @@ class RunProgress(Resumable):
             self.finished()
             self._checkpoint = None
 
+    def discard(self, start: str) -> None:
+        self._stages = {stage: value for stage, value in self._stages.items() if not stage.startswith(start)}
+
     def finished(self) -> None:
         """The results are written: nothing is left to go on with."""
         if self._checkpoint is not None:

@@ -31,12 +31,14 @@ from calibrate.diagnosis.selection.candidate_fit import has_soft_base
 from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Additions, Chain
+from calibrate.fitting.resumable import SILENT, Resumable
 
 Array = NDArray[np.float64]
 START, SHARES = (
     0.5,
     4,
 )  # share of the linear estimate that a fit starts from where the whole has a larger misfit, taken so often
+STAGE = "explanation"  # of a checkpoint, with its number
 WORSE = 2.0  # times the misfit of the base: the fit ran away
 
 
@@ -63,14 +65,17 @@ class _Refit:
 
 
 def alternatives(
-    problem: Problem, base: Fit, effects: Sequence[Effect], linear: Evidence, subsets: Sequence[Subset], priors: Priors
-) -> Alternatives:
+    problem: Problem, base: Fit, effects: Sequence[Effect], linear: Evidence, subsets: Sequence[Subset], priors: Priors,
+    say: Resumable = SILENT,
+) -> Alternatives:  # fmt: skip
     """Fits of the subsets and of none, each with and without a discrepancy, and their probabilities. Fits that run away are left out, effects
     that a fit leaves at none as well: it is that of the smaller subset."""
     known = {effect.name: effect for effect in effects}
     shares = {s.name: s.prior for s in linear.signatures}
     chosen = [_additions(problem, linear, one, known, priors) for one in subsets if one.members]
-    own = _best_of_each(found for found in (_fitted(problem, base, additions) for additions in chosen) if found)
+    fits = [_kept_fit(problem, base, additions, f"{STAGE} {i}", say) for i, additions in enumerate(chosen, 1)]
+    own = _best_of_each(one for one in fits if one is not None)
+    say.discard(STAGE)
     weights, best = min(own, key=lambda pair: pair[1].free_loss) if own else (problem, base)
     refits = []
     for fit in (base, *(fit for _, fit in own)):
@@ -100,6 +105,15 @@ def _additions(
         bounded = (float(np.clip(v, p.lower, p.upper)) for v, p in zip(values, effect.amplitudes, strict=True))
         found.append(Addition(effect, tuple(bounded), signature.shape))
     return tuple(found)
+
+
+def _kept_fit(
+    problem: Problem, base: Fit, additions: Additions, stage: str, say: Resumable
+) -> tuple[Problem, Fit] | None:
+    """The same as `_fitted`, which takes a minute with a large test."""
+    say(f"{stage}: {' and '.join(a.effect.name for a in additions)}")
+    (found,) = say.checkpointed(stage, lambda: (_fitted(problem, base, additions),))
+    return found
 
 
 def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem, Fit] | None:

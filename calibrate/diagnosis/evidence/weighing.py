@@ -7,7 +7,7 @@ from the smaller within it as in the linear evidence, but gains nothing: what it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,9 @@ from calibrate.diagnosis.selection import candidate_fit
 from calibrate.diagnosis.selection.rounds import Discovery, Round, Verdict
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
+from calibrate.fitting.resumable import SILENT, Resumable
 
 Array = NDArray[np.float64]
-Say = Callable[[str], None]
 SHAPED, FITTED, SHOWN = (
     4,
     4,
@@ -41,7 +41,7 @@ def weigh(
     priors: Priors,
     effects: Sequence[Effect] = CATALOGUE,
     fitted: bool = True,
-    say: Say = lambda text: None,
+    say: Resumable = SILENT,
 ) -> Weighing:
     """Of a finished diagnosis. fitted: without linearisation, a fit for each of the best subsets, where anything is significant."""
     assert found.start is not None
@@ -54,7 +54,7 @@ def weigh(
     fitted = fitted and found.verdict is not Verdict.NOTHING_SIGNIFICANT
     if fitted:
         say("fits of the best explanations")
-        result = _fitted(problem, first.fit, effects, linear, ranked, priors, final)
+        result = _fitted(problem, first.fit, effects, linear, ranked, priors, final, say)
     spanned = next((one for one in ranked if linear.names(one) == final), ranked[0])
     shown = powers(found.problem, found.rounds[-1], found.thresholds.significance, priors)
     return Weighing(result, _groups(linear, spanned), shown, fitted)
@@ -86,6 +86,7 @@ def _fitted(
     ranked: Sequence[Subset],
     priors: Priors,
     final: frozenset[str],
+    say: Resumable,
 ) -> Alternatives:
     """Minimal subsets fitted, larger ones beside them."""
     minimal = _minimal(linear, ranked)
@@ -93,7 +94,7 @@ def _fitted(
     chosen = [one for one in minimal if one.log_evidence > limit][:FITTED]
     names = {linear.names(one) for one in chosen}
     chosen += [one for one in ranked if linear.names(one) == final and final not in names]
-    fits = alternatives(problem, base, effects, linear, chosen, priors)
+    fits = alternatives(problem, base, effects, linear, chosen, priors, say)
     level = {frozenset(one.names): one.log_evidence for one in fits.explanations if not one.discrepancy}
     linear_of = {linear.names(one): one for one in ranked}
     more = []
