@@ -12,7 +12,7 @@ is interpolated between pictures has the noise of several: each model has the st
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +38,7 @@ START, SHARES = (
     0.5,
     4,
 )  # share of the linear estimate that a fit starts from where the whole has a larger misfit, taken so often
-STAGE = "explanation"  # of a checkpoint, with its number
+STAGE = "explanation"
 WORSE = 2.0  # times the misfit of the base: the fit ran away
 
 
@@ -73,12 +73,11 @@ def alternatives(
     known = {effect.name: effect for effect in effects}
     shares = {s.name: s.prior for s in linear.signatures}
     chosen = [_additions(problem, linear, one, known, priors) for one in subsets if one.members]
-    fits = [_kept_fit(problem, base, additions, f"{STAGE} {i}", say) for i, additions in enumerate(chosen, 1)]
-    own = _best_of_each(one for one in fits if one is not None)
+    weights, own = _best_of_each(problem, base, chosen, say)
+    best = min(own, key=lambda fit: fit.free_loss, default=base)
     say.discard(STAGE)
-    weights, best = min(own, key=lambda pair: pair[1].free_loss) if own else (problem, base)
     refits = []
-    for fit in (base, *(fit for _, fit in own)):
+    for fit in (base, *own):
         its = model_weights.as_stiff(weights, fit.c, fit.additions)
         again = effect_fit.refit(its, fit.c, fit.additions)
         refits.append(_measured(its, best.chains, again, shares, linear.log_odds, priors))
@@ -107,15 +106,6 @@ def _additions(
     return tuple(found)
 
 
-def _kept_fit(
-    problem: Problem, base: Fit, additions: Additions, stage: str, say: Resumable
-) -> tuple[Problem, Fit] | None:
-    """The same as `_fitted`, which takes a minute with a large test."""
-    say(f"{stage}: {' and '.join(a.effect.name for a in additions)}")
-    (found,) = say.checkpointed(stage, lambda: (_fitted(problem, base, additions),))
-    return found
-
-
 def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem, Fit] | None:
     """With its own weights, from the linear estimate, or a share of it where that is better; None where the fit runs away, or effects take the place of the material."""
     start = additions
@@ -131,14 +121,23 @@ def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem,
     return None if refused else (own, fit)
 
 
-def _best_of_each(fits: Iterable[tuple[Problem, Fit]]) -> list[tuple[Problem, Fit]]:
-    """The best fit of every set of effects; that of none is the base."""
-    found: dict[frozenset[str], tuple[Problem, Fit]] = {}
-    for pair in fits:
-        names = frozenset(pair[1].names)
-        if names and (names not in found or pair[1].free_loss < found[names][1].free_loss):
-            found[names] = pair
-    return list(found.values())
+def _best_of_each(
+    problem: Problem, base: Fit, chosen: Sequence[Additions], say: Resumable
+) -> tuple[Problem, list[Fit]]:
+    """The best fit of every set of effects, but of none, and the equations with the weights of the best of all. Each takes a minute with a large test."""
+    reached: tuple[Problem, dict[frozenset[str], Fit], int] | None = say.load(STAGE)
+    weights, found, done = reached or (problem, {}, 0)
+    for i, additions in enumerate(chosen[done:], done + 1):
+        say(f"{STAGE} {i}: {' and '.join(a.effect.name for a in additions)}")
+        pair = _fitted(problem, base, additions)
+        if pair is not None and (names := frozenset(pair[1].names)):
+            least = min((fit.free_loss for fit in found.values()), default=np.inf)
+            if names not in found or pair[1].free_loss < found[names].free_loss:
+                found = {**found, names: pair[1]}
+            if pair[1].free_loss < least:
+                weights = pair[0]
+        say.save(STAGE, (weights, found, i))
+    return weights, list(found.values())
 
 
 def _measured(
