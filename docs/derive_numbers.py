@@ -114,7 +114,7 @@ FOREIGN_SETS = (
         "foreign_77000.json",
         FOREIGN.format(77000),
         "a lens about its own centre, fibres with dispersion, tried with little stiffening",
-        "revisions cab7f5d and 794276b, the diagnosis of one test the same, and ea63503 and f771f59, which have a camera tilt in their catalogue; most trials without an effect, and the first of the others in the order of the plan; stopped for time four times, looked at each time",
+        "revisions cab7f5d and 794276b, the diagnosis of one test the same, and ea63503, f771f59 and 122819e, which have a camera tilt in their catalogue; the whole plan, in five parts, looked at after each",
         frozenset(NEARLY),
     ),
 )
