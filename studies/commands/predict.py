@@ -15,6 +15,7 @@ from cyclopts import Parameter
 
 from calibrate.data.chosen_pictures import Wanted, chosen
 from calibrate.data.experiment import Experiment
+from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.model_file import load_model
 from calibrate.models.network_model import Model
@@ -35,7 +36,6 @@ from studies.errors import OptionError
 from studies.output import Manifest, open_output_folder
 from studies.output.findings import Finding
 from studies.reports.alert_table import alert_lines
-from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
 from studies.reports.prediction.predicted_curves import Curve, findings
 from studies.reports.prediction.predicted_curves import predict as predicted_curves
 from studies.reports.prediction.predicted_forces import Forecast, forecast

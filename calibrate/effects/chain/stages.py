@@ -13,7 +13,6 @@ incompressible sheet; the bulk modulus is the last coefficient (`calibrate.equat
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 from calibrate.effects.chain import links_of_motion as motion
 from calibrate.effects.chain import links_of_stress as stress
@@ -72,9 +71,9 @@ def local_stages(base: Base, additions: Additions) -> Stages:
 
 
 def law_stages(base: Base, additions: Additions) -> tuple[str, Stages]:
-    """Name of F, and the stages from it to P, in plane stress and far from edges: effects of the material alone."""
+    """Name of F, and the stages from it to P, far from edges: of a base in plane stress and effects of the material."""
     name = CURVED if _of(Compressibility, additions) else DEFORMATION
-    return name, _material(replace(base, plane_strain=False), additions, {CURVED: name})
+    return name, _material(base, additions, {CURVED: name})
 
 
 def motion_stages(additions: Additions) -> Stages:

@@ -38,7 +38,7 @@ from studies.reports.discovery.statement import clauses, untestable, use_of_mode
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
 from studies.reports.discovery.weighing_tables import alternatives_table, power_table
-from studies.reports.prediction.material_curves import add_curves
+from studies.reports.prediction.material_curves import PICTURE, TABLE, add_curves
 
 MOST_TESTS = 4  # that get pictures
 QUICK_FIGURES = ("residual_map", "forces", "scores")
@@ -51,7 +51,7 @@ def write(
     names of their files."""
     files = [folder / "report.html", folder / "model.json", *_data(folder, view)]
     model.save(files[1])
-    for name in (FEW_FILE, NEO_HOOKE_FILE):  # of an earlier version, if they are there
+    for name in (FEW_FILE, NEO_HOOKE_FILE, PICTURE, TABLE):  # of an earlier version, if they are there
         (folder / name).unlink(missing_ok=True)
     for name, other in (beside or {}).items():
         files.append(folder / name)
@@ -63,7 +63,7 @@ def write(
     add_alerts(report, remarks(view))
     used = to_predict_with(view.discovery)
     if used is not None or discovery_headline(view).verdict is not Use.NOT:
-        add_curves(report, folder, {"model.json": model, **(beside or {})}, used or "model.json")
+        files += add_curves(report, folder, {"model.json": model, **(beside or {})}, used or "model.json")
     _results(report, folder, view)
     report.heading("The extended model").paragraph(model_words(model))
     report.heading("How it was made")

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from calibrate.equations.deformation_modes import MODES, mode_invariants, nominal_stress
 from calibrate.equations.kinematics import invariants_and_derivatives
+from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
 from studies.output.findings import Finding, Macro
 from studies.reports.model_remarks import model_remarks
-from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
 
 Array = NDArray[np.float64]
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.network_model import Model
 from studies.output import Manifest, write_csv, write_figure
 from studies.output.report import Report
 from studies.output.words import Words
 from studies.reports import force_record
 from studies.reports.alert_table import add_alerts, alert_records
-from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
 from studies.reports.prediction.figures import draw_curves, draw_forces
 from studies.reports.prediction.predicted_curves import Curve, band_finding, findings
 from studies.reports.prediction.predicted_forces import Forecast

@@ -41,6 +41,7 @@ from calibrate.effects.viscosity import Viscosity
 from calibrate.equations.basis import SingleBasis
 from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.noise.noise_check import NoiseCheck
+from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.fitness import Fitness, Use
 from calibrate.models.parameter_covariance import Uncertainty
@@ -61,7 +62,6 @@ from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
 from studies.reports.headline import LIMITS, Quality, Reason, headline
 from studies.reports.prediction import predicted_curves
-from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
 from studies.reports.prediction.predicted_forces import Forecast
 from studies.reports.supervised.curve_calibration import CurveCode
 from studies.sheets.report import SheetCode

@@ -427,7 +427,7 @@ def test_report_and_data_are_written(tmp_path):
         assert words in text
     assert manifest.results["verdict"] == "explained"
     assert set(manifest.outputs) == {
-        "report.html", "model.json", "discovery.json", "effects.csv", "amplitudes.csv", "forces.csv", "residuals.npz",
+        "report.html", "model.json", "discovery.json", "effects.csv", "amplitudes.csv", "forces.csv", "residuals.npz", "curves.csv",
     }  # fmt: skip
     everything = json.loads((tmp_path / "discovery.json").read_text())
     assert everything["verdict"] == "explained"

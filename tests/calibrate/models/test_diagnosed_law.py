@@ -16,10 +16,10 @@ from calibrate.effects.chain import Addition
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import neo_hooke
+from calibrate.errors import FitError
+from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.extended_model import ExtendedModel
 from studies import cli
-from studies.errors import OptionError
-from studies.reports.prediction.diagnosed_curves import DiagnosedLaw
 from studies.reports.prediction.predicted_curves import predict
 
 MU, TOP = 0.4, 20.0
@@ -139,9 +139,9 @@ def test_oblique_fibres_shear_a_sheet_that_is_free_to():
 
 
 def test_a_curve_that_is_not_at_rest_at_its_sides_is_refused(monkeypatch):
-    monkeypatch.setattr("studies.reports.prediction.diagnosed_curves.ITERATIONS", 2)
+    monkeypatch.setattr("calibrate.models.diagnosed_law.ITERATIONS", 2)
     law = DiagnosedLaw(found(("one fibre family", (0.3,), (0.3, 0.0, 0.0))))
-    with pytest.raises(OptionError, match="predict FILE --stretch"):
+    with pytest.raises(FitError, match="predict FILE --stretch"):
         law.homogeneous("uniaxial", np.linspace(1, 4, 31))
 
 

@@ -26,8 +26,8 @@ from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
 from calibrate.effects.mullins import Mullins
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.deformation_modes import largest_stretch, stretches_to_gradient
+from calibrate.errors import FitError
 from calibrate.models.extended_model import ExtendedModel
-from studies.errors import OptionError
 
 Array = NDArray[np.float64]
 Residual = Callable[[jax.Array], jax.Array]
@@ -97,7 +97,7 @@ class DiagnosedLaw:
     def homogeneous(self, mode: str, stretch: Array, direction: str = "") -> tuple[Array, Array]:
         """In-plane F (k, 2, 2), and nominal stress (k,) along the pull in the unit of the model, at rising stretches (k,) from 1.
 
-        Raises `OptionError` where a uniaxial test has no equilibrium.
+        Raises `FitError` where a uniaxial test has no equilibrium.
         """
         x = np.asarray(stretch, dtype=np.float64)
         if not any(a.effect.remembers for a in self._drawn):
@@ -147,7 +147,7 @@ class DiagnosedLaw:
         remembers = any(a.effect.remembers for a in self._drawn)
         found = _solved(residual, unknown, small, remembers)
         if found is None:
-            raise OptionError(
+            raise FitError(
                 f"a uniaxial test to a stretch of {F[:, along, along].max():.3g} has no equilibrium found with this material; "
                 "give a smaller one: equigap predict FILE --stretch"
             )
