@@ -21,7 +21,10 @@ Array = NDArray[np.float64]
 INSIDE = 1e-9
 CANDIDATES = (6, 40)
 NEWTON_STEPS = 12
-STRAIGHT, CURVED = 12, 0.5  # candidates by their corners; how far outside of these a point in a curved triangle may be
+STRAIGHT, CURVED = (
+    (3, 12),
+    0.5,
+)  # candidates by their corners; how far outside of these a point in a curved triangle may be
 
 
 @dataclass(frozen=True)
@@ -64,17 +67,20 @@ def in_triangles(mesh: Mesh, points: Array) -> Places:
     corners = mesh.points[mesh.corners]
     sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
     inverse = np.linalg.inv(sides)
-    _, near = cKDTree(corners.mean(axis=1)).query(points, k=min(STRAIGHT, len(corners)))
-    near = near.reshape(len(points), -1)
-    cells, local, excess = np.zeros(len(points), np.int64), np.zeros((len(points), 2)), np.full(len(points), np.inf)
-    for candidate in near.T:
+    tree, cells, local = cKDTree(corners.mean(axis=1)), np.zeros(len(points), np.int64), np.zeros((len(points), 2))
+    excess = np.full(len(points), np.inf)
+    for most in STRAIGHT:
         lost = np.flatnonzero(excess > INSIDE)
-        cell = candidate[lost]
-        xi = (inverse[cell] @ (points[lost] - corners[cell, 0])[:, :, None])[..., 0]
-        outside = mesh.element.outside(xi)
-        better = outside < excess[lost]
-        which = lost[better]
-        cells[which], local[which], excess[which] = cell[better], xi[better], outside[better]
+        _, near = tree.query(points[lost], k=min(most, len(corners)))
+        for candidate in near.reshape(len(lost), -1).T:
+            still = excess[lost] > INSIDE
+            which, cell = lost[still], candidate[still]
+            x, y = (points[which] - corners[cell, 0]).T
+            xi = np.stack([inverse[cell, i, 0] * x + inverse[cell, i, 1] * y for i in range(2)], axis=1)
+            outside = mesh.element.outside(xi)
+            better = outside < excess[which]
+            best = which[better]
+            cells[best], local[best], excess[best] = cell[better], xi[better], outside[better]
     bent = mesh.points[mesh.cells] - (corners[:, :1] + mesh.element.nodes @ sides.swapaxes(1, 2))
     curved = np.abs(bent).max(axis=(1, 2)) > INSIDE * np.abs(sides).max(axis=(1, 2))
     close = np.flatnonzero(curved[cells] & (excess < CURVED))

@@ -59,6 +59,10 @@ class Fit:
         """Of the effects."""
         return tuple(a.effect.name for a in self.additions)
 
+    def remembering(self) -> Fit:
+        """The same with chains that keep what they make without effects, for many signatures, see `Chain.remembering`."""
+        return replace(self, chains=tuple(chain.remembering() for chain in self.chains))
+
     @property
     def free_loss(self) -> float:
         """Chi-square of the part of the residual that neither base nor amplitudes could change."""

@@ -18,10 +18,10 @@ from calibrate.diagnosis.problem import OwnSignature, Part, Problem, loads, resi
 from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Additions, Chain
 from calibrate.effects.chain.true_surface import is_expressed
-from calibrate.equations import discretisation_error, noise_covariance
+from calibrate.equations import discretisation_error
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.noise_covariance import EquationNoise
-from calibrate.equations.reduction import Assembled, coefficients_of_weights
+from calibrate.equations.reduction import Assembled, coefficients_of_weights, stacked
 from calibrate.equations.weights import Weights, weights_of
 
 Array = NDArray[np.float64]
@@ -49,6 +49,7 @@ def weighted_part(
         )
     common = np.concatenate(sources, axis=-1) if sources else None
     noise = noise_of(chain, assembled, c, additions if train.any() else ())
+    chain = chain.remembering()
     shift = chain.noise_shift(c, assembled.noise_axes, assembled.variances)
     weights = *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
     return Part(chain, assembled, *weights, twin, own)
@@ -115,7 +116,7 @@ def noise_of(chain: Chain, assembled: Assembled, c: Array, additions: Additions)
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
     each = chain.spread_of_noise(c, additions, assembled.fewest_sources, increments)
-    return EquationNoise.of(chain.system, assembled.noise, noise_covariance.stacked(each, len(increments)), shares)
+    return EquationNoise.of(chain.system, assembled.noise, stacked(each, len(increments)), shares)
 
 
 def _stiffening(chain: Chain, c: Array, additions: Additions) -> float:

@@ -227,7 +227,7 @@ def signature(problem: Problem, chains: Sequence[Chain], c: Array, additions: Ad
 
 def signatures(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> Array:
     """Whitened derivatives (N, k) by all amplitudes and shapes, in the order of `Variables`."""
-    columns = []
+    columns, chains = [], [chain.remembering() for chain in chains]
     for i, addition in enumerate(additions):
         others = additions[:i] + additions[i + 1 :]
         columns.append(signature(problem, chains, c, (*others, addition)))

@@ -92,6 +92,7 @@ class Score:
 def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, seed: int = 0) -> list[Score]:
     """Test every effect that is not in the model yet; best first, those that could not be tested last."""
     present = {a.effect.name for a in state.additions}
+    state = state.remembering()
     U, r = state.columns, state.residual
     r = r - U @ (U.T @ r)
     found: list[tuple[Score, Array]] = []

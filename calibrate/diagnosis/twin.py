@@ -148,10 +148,10 @@ def _kinematics(data: Data, field: FiniteElementField) -> TwinKinematics:
     sides, second = sides_of_subsets(float(np.sqrt(2.0 * np.median(data.areas)))), second_derivatives(data, u)
     readings = jnp.stack([jnp.asarray(subset_readings(field, points, distances, side)) for side in sides])
     seen = [0.5 * jnp.einsum("nij,tncij->tnc", subset_moments(data.lines, side), second) for side in sides]
-    beside = np.flatnonzero(np.asarray(data.edges))
+    beside = data.beside_edges
     exact = edge_gradients(field, points, np.asarray(data.centroids)[beside], np.asarray(data.edge_nodes)[beside])
     of_camera = jnp.stack([gradients(data, u), jnp.eye(2) + edge_means(data, u)])
-    missed = jnp.zeros(of_camera.shape).at[:, :, beside].set(exact - of_camera[:, :, beside])
+    missed = exact - of_camera[:, :, beside]
     return TwinKinematics(
         Subsets(jnp.asarray(sides), readings, REMAINDER * (readings - jnp.stack(seen))), missed, REMAINDER
     )

@@ -35,7 +35,7 @@ class UnmeasuredStrip(Effect):
         at_ends = gradient(data, data.points + u, ends) @ inverse(gradient(data, places[None], ends))
         at_edge = at_ends.reshape(len(u), -1, 2, 2, 2).mean(axis=2)
         if data.twin is not None:
-            at_centroid, of_edge = jnp.where((data.edges > 0)[:, None, None], data.twin.missed, 0.0)
+            at_centroid, of_edge = jnp.where((data.edges > 0)[:, None, None], data.twin.missed[:, :, data.beside], 0.0)
             mean, F, at_edge = mean + at_centroid, F + at_centroid, at_edge + of_edge
         beyond = 0.75 * a[0] * data.edges * (1.0 + data.doubt * self.next_order(data, a))
         steep = (at_edge - F) * (1.0 + beyond)[:, None, None]

@@ -12,7 +12,7 @@ increments over its square, that of their residuals is M_ij K_i B B^T K_j^T. M h
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -20,6 +20,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.linalg.blas import dtrmm
 from scipy.spatial import cKDTree
 
 from calibrate.data.experiment import Experiment, Noise
@@ -81,14 +82,21 @@ def root(between: Array) -> Array:
 
 
 def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr_array | Array) -> Array:
-    """K B (rows, s), N: what independent normal numbers do to the residuals of one increment."""
-    products = [[block @ factor for block in row] for row in system.tangent(basis, F, c)]
-    return np.concatenate([np.hstack([p.toarray() if sp.issparse(p) else p for p in row]) for row in products])
+    """K B (rows, s), N: what independent normal numbers do to the residuals of one increment. factor: see `by_sources`."""
+    blocks = system.tangent(basis, F, c)
+    if sp.issparse(factor):
+        return np.block([[(block @ factor).toarray() for block in row] for row in blocks])
+    return by_sources([np.concatenate([row[k].toarray() for row in blocks]) for k in range(2)], factor)
+
+
+def by_sources(rows: Sequence[Array], factor: sp.csr_array | Array) -> Array:
+    """(r, 2 s): rows (r, n) by each component of the displacements, times the factor (n, s) of their noise, sparse or a lower triangle."""
+    return np.hstack([one @ factor if sp.issparse(factor) else dtrmm(1.0, factor.T, one.T).T for one in rows])
 
 
 def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise) -> Array:
     """Covariance (rows, rows), N^2, of the residuals of one increment, K Sigma_u K^T + force noise, from its spread (rows, s), N."""
-    deviation = _deviations(system, load, noise)
+    deviation = force_deviations(system, noise, load)
     return spread @ spread.T + force_correlation(system) * np.outer(deviation, deviation)
 
 
@@ -106,13 +114,9 @@ def force_correlation(system: Equilibrium) -> Array:
     return found
 
 
-def force_deviations(system: Equilibrium, noise: Noise) -> Array:
-    """Standard deviation (t, rows), N, of the noise of the load cells in the residuals."""
-    return _deviations(system, system.loads, noise)
-
-
-def _deviations(system: Equilibrium, loads: Array, noise: Noise) -> Array:
-    of_size = np.nan_to_num(noise.force_std_relative * np.abs(loads))
+def force_deviations(system: Equilibrium, noise: Noise, loads: Array | None = None) -> Array:
+    """Standard deviation (t, rows), N, of the noise of the load cells in the residuals; loads (t, rows), N: None for those measured."""
+    of_size = np.nan_to_num(noise.force_std_relative * np.abs(system.loads if loads is None else loads))
     return np.asarray(of_size + noise.force_std * np.tile(system.fields.boundary >= 0, 2))
 
 
@@ -134,16 +138,6 @@ def between_increments(experiment: Experiment, noise: Noise) -> Array:
     """M (t, t): covariance of the noise of a point's displacements in two increments, over displacement_std^2."""
     common = common_between(experiment, noise)
     return own_between(experiment, noise) + common @ common.T
-
-
-def stacked(spreads: Iterable[Array], k: int) -> Array:
-    """Spreads (k, r, s) of samples, of k of them (r, s), as they come: they are never held twice."""
-    found: Array | None = None
-    for i, one in enumerate(spreads):
-        found = np.empty((k, *one.shape)) if found is None else found
-        found[i] = one
-    assert found is not None
-    return found
 
 
 @dataclass(frozen=True, eq=False)

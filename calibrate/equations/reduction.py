@@ -12,7 +12,7 @@ square of the stiffness is taken into account afterwards, in closed form (`Quadr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -167,7 +167,7 @@ class Assembled:
     def _spreads(self, c: Array) -> Array:
         some = self.system.deformation_gradients[self.samples[0]]
         each = (noise_covariance.spread(self.system, self.basis, c, F, self.fewest_sources) for F in some)
-        return noise_covariance.stacked(each, len(some))
+        return stacked(each, len(some))
 
     def noise_of_parts(self, c: Array, rows: NDArray[np.bool_] | None = None) -> Array:
         """(2, 2): what noise adds, on average of `SAMPLES`, to the squares and product of the isochoric and the volumetric part of the
@@ -183,6 +183,16 @@ class Assembled:
     def first_guess(self, used: NDArray[np.bool_] | None = None) -> Array:
         """Coefficients (n_functions,) of neo-Hooke with the modulus that fits the forces: start of the weighting. used (t, 2 v): the equations fitted, None for all."""
         return best_neo_hooke(self.system, self.basis, used)
+
+
+def stacked(spreads: Iterable[Array], k: int) -> Array:
+    """Spreads (k, r, s) of samples, of k of them (r, s), as they come: they are never held twice."""
+    found: Array | None = None
+    for i, one in enumerate(spreads):
+        found = np.empty((k, *one.shape)) if found is None else found
+        found[i] = one
+    assert found is not None
+    return found
 
 
 def _parts(c: Array) -> Array:

@@ -12,7 +12,7 @@ from studies.commandline.cache_folder import cache_folder
 FOLDER = cache_folder() / "compiled"
 OLD = 14 * 24 * 3600.0  # s after which compiled code is forgotten
 VARIABLE, LEAST = "JAX_COMPILATION_CACHE_DIR", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"
-SHORTEST = 0.1  # s of compilation that are worth a file
+SHORTEST = 0.0  # s of compilation that are worth a file
 
 
 def keep(folder: Path = FOLDER) -> bool:

@@ -38,6 +38,7 @@ def evidence(
     refined: Mapping[str, Shape],
 ) -> Evidence:
     """Of a base fit without effects. refined: shapes beside those of the grid, by the names of effects."""
+    chains = [chain.remembering() for chain in chains]
     U = base_span(problem, chains)
     r = base.residual - U @ (U.T @ base.residual)
     found = []

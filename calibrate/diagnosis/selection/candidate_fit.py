@@ -181,7 +181,7 @@ def at_best_shape(now: Model, found: Score) -> Score:
     """The score at the best shape near the best one of the grid, by a few steps of Nelder and Mead's simplex."""
     if not found.shape or not found.effect.shapes_vary:
         return found
-    search = _ShapeSearch(now, found)
+    search = _ShapeSearch(replace(now, fit=now.fit.remembering()), found)
     grid = np.array(found.effect.shape_values(now.problem.trained[0].chain.data))
     logarithmic = np.array([p.lower >= 0 and np.all(grid[:, i] > 0) for i, p in enumerate(found.effect.shapes)])
     start = np.where(logarithmic, np.log(np.maximum(found.shape, 1e-12)), found.shape)

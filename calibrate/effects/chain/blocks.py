@@ -18,7 +18,7 @@ from calibrate.effects.support.effect_data import Data
 
 Array = NDArray[np.float64]
 BYTES = 8e6  # of one tensor in all increments of a block
-OF_TRIANGLES = ("triangles", "stencil", "slopes", "areas", "centroids", "edges", "edge_nodes")
+OF_TRIANGLES = ("triangles", "stencil", "slopes", "areas", "centroids", "edges", "edge_nodes", "beside")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +34,7 @@ class Block:
 
     def of(self, data: Data) -> Data:
         """The Experiment with these triangles alone."""
-        twin = None if data.twin is None else data.twin.of_triangles(self.places)
-        return replace(data, twin=twin, **self.own)
+        return replace(data, **self.own)
 
     def work(self, stress: Array) -> Array:
         """Virtual work (..., t, 2 v), N, of stresses (..., t, b, 2, 2)."""

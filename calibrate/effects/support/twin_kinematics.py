@@ -68,8 +68,8 @@ class Bend:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class TwinKinematics:
-    """missed (2, t, m, 2, 2): what the camera's deformation gradients at the centroids, and in the mean over a free edge, lack in triangles beside one.
-    doubt: the share of it that may be wrong. bend: None without a thickness."""
+    """missed (2, t, e, 2, 2): what the camera's deformation gradients at the centroids, and in the mean over a free edge, lack in the triangles beside one, in the order
+    of `Data.beside`. doubt: the share of it that may be wrong. bend: None without a thickness."""
 
     subsets: Subsets
     missed: Any
@@ -84,10 +84,6 @@ class TwinKinematics:
     def of_mean_gradients(self) -> TwinKinematics:
         """The same for triangles whose gradients at the nodes are means of those around."""
         return self if self.bend is None else replace(self, bend=Bend(self.bend.of_means, self.bend.of_means))
-
-    def of_triangles(self, places: Any) -> TwinKinematics:
-        """Of some triangles (b,) alone."""
-        return replace(self, missed=self.missed[:, :, places])
 
     def of_increments(self, some: slice) -> TwinKinematics:
         """Of some increments alone, without subsets."""

@@ -20,7 +20,7 @@ from studies.output import style
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.replay_section import BASE, FEW, FINAL, NEO_HOOKE
 from studies.reports.discovery.replayed_forces import force_courses
-from studies.reports.discovery.view import BAND, View, decorrelated, held_increments, nodal
+from studies.reports.discovery.view import BAND, View, held_increments
 from studies.reports.force_record import COMPONENTS, worth_drawing
 
 Array = NDArray[np.float64]
@@ -38,8 +38,7 @@ def residual_map(view: View, part: Part) -> Figure:
     """Decorrelated residuals at a middle and the last increment and over all, base model above the final one."""
     t = part.experiment.n_increments
     chosen = sorted({(t - 1) // 2, t - 1})
-    problem = view.discovery.problem
-    maps = {name: nodal(part, decorrelated(problem, part, fit)) for name, fit in view.models.items()}
+    maps = view.maps[view.discovery.problem.parts.index(part)]
     width, height = np.ptp(part.experiment.points, axis=0)
     panel = 2.6 * min(1.5, max(0.4, height / width))
     held = held_increments(part)

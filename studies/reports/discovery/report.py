@@ -36,7 +36,7 @@ from studies.reports.discovery.replay_section import (
 from studies.reports.discovery.replayed_forces import band_fields, band_rows, course_rows, force_courses
 from studies.reports.discovery.statement import clauses, untestable, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
-from studies.reports.discovery.view import View, decorrelated, held_increments, nodal
+from studies.reports.discovery.view import View, held_increments
 from studies.reports.discovery.weighing_tables import alternatives_table, power_table
 from studies.reports.prediction.material_curves import PICTURE, TABLE, add_curves
 
@@ -249,7 +249,6 @@ def _maps(view: View) -> dict[str, Any]:
         arrays[f"experiment_{i}_name"] = part.experiment.name
         arrays[f"experiment_{i}_points"] = part.experiment.points
         arrays[f"experiment_{i}_triangles"] = part.experiment.triangles
-        for name, fit in view.models.items():
-            values = nodal(part, decorrelated(view.discovery.problem, part, fit))
+        for name, values in view.maps[i - 1].items():
             arrays[f"experiment_{i}_{name.replace(' ', '_')}"] = values.astype(np.float32)
     return arrays

@@ -5,6 +5,7 @@ In: a `Discovery`. Out: arrays for figures and files; residuals decorrelated, in
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -58,6 +59,16 @@ class View:
         first, last = self.discovery.base, self.discovery.final
         return {"base model": first} if last is first else {"base model": first, "final model": last}
 
+    @cached_property
+    def maps(self) -> tuple[dict[str, Array], ...]:
+        """Of each test, the decorrelated residuals (t, n) of every model at the nodes."""
+        problem, models = self.discovery.problem, self.models
+        each = [decorrelated(problem, part, list(models.values())) for part in problem.parts]
+        return tuple(
+            {name: nodal(part, one) for name, one in zip(models, of_part, strict=True)}
+            for part, of_part in zip(problem.parts, each, strict=True)
+        )
+
 
 def residual(part: Part, fit: Fit) -> Array:
     """Residual (t, 2 v), N, of a fit."""
@@ -90,22 +101,23 @@ def deviations(part: Part) -> Array:
     return np.where(known, np.sqrt(part.train.variance + part.held.variance + discrepancy), np.nan)
 
 
-def decorrelated(problem: Problem, part: Part, fit: Fit) -> Array:
-    """Residuals (t, 2 v) of unit covariance that stay as close as can be to the virtual field they are named after.
+def decorrelated(problem: Problem, part: Part, fits: Sequence[Fit]) -> list[Array]:
+    """Residuals (t, 2 v) of fits, of unit covariance, that stay as close as can be to the virtual field they are named after.
 
     With s the standard deviations and R the correlations of an increment, R^-1/2 r / s (Kessy, Lewin and Strimmer 2018).
     """
-    r, noise = residual(part, fit), noise_of(part.chain, part.assembled, problem.weights_c, problem.amplifying)
-    result = np.full(r.shape, np.nan)
-    for i, used in [(i, w.rows[i]) for w in (part.train, part.held) for i in range(len(r)) if w.rows[i].any()]:
+    noise = noise_of(part.chain, part.assembled, problem.weights_c, problem.amplifying)
+    residuals = np.array([residual(part, fit) for fit in fits])
+    result = np.full(residuals.shape, np.nan)
+    for i, used in [(i, w.rows[i]) for w in (part.train, part.held) for i in range(len(w.rows)) if w.rows[i].any()]:
         covariance = noise.increment(i)[np.ix_(used, used)]
         if part.common is not None:
             covariance = covariance + part.common[i, used] @ part.common[i, used].T
         spread = np.sqrt(np.diag(covariance))
         values, vectors = np.linalg.eigh(covariance / np.outer(spread, spread))
         root = np.sqrt(np.maximum(values, 1e-12 * values.max()))
-        result[i, used] = vectors @ ((vectors.T @ (r[i, used] / spread)) / root)
-    return result
+        result[:, i, used] = ((residuals[:, i, used] / spread) @ vectors / root) @ vectors.T
+    return list(result)
 
 
 def nodal(part: Part, values: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,10 @@ from made_up import made_up_chain
 
 from calibrate.data.experiment import Noise
 from calibrate.effects import KNOWN
-from calibrate.effects.chain import Addition
+from calibrate.effects.chain import Addition, linearisation
 from calibrate.effects.chain.blocks import blocks
+from calibrate.effects.chain.links_of_motion import DeformationGradients
+from calibrate.effects.chain.links_of_stress import BaseStress
 from calibrate.equations import kinematics, noise_covariance
 
 EFFECTS = {effect.name: effect for effect in KNOWN}
@@ -65,3 +68,28 @@ def test_noise_and_forces_pulled_back(both):
         *(one.spread_of_noise(c, additions, factor, some) for one in (parts, whole)), strict=True
     ):
         np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_what_a_chain_remembers_changes_nothing(both):
+    """Whatever was asked before, of other coefficients and beside effects that move the points; and once it was written to a file and read again."""
+    _, plain = both
+    remembering = plain.remembering()
+    assert remembering.remembering() is remembering
+    first = 0.1 + 0.05 * np.linspace(0, 1, plain.basis.n_functions) ** 2
+    for chain in (remembering, pickle.loads(pickle.dumps(remembering))):
+        for c in (first, 2 * first, first):
+            for names in ((), ("lens distortion",), ("second invariant",), ("viscoelasticity", "lens distortion")):
+                additions = added(plain, *names)
+                np.testing.assert_array_equal(chain.residual(c, additions), plain.residual(c, additions))
+                if additions:
+                    np.testing.assert_array_equal(chain.derivative(c, additions), plain.derivative(c, additions))
+
+
+def test_a_remembering_chain_works_out_deformations_once(both, monkeypatch):
+    chain, times = both[0].remembering(), []
+    original = linearisation.apply
+    monkeypatch.setattr(linearisation, "apply", lambda link, *given: times.append(link) or original(link, *given))
+    c = 0.1 + 0.05 * np.linspace(0, 1, chain.basis.n_functions) ** 2
+    for _ in range(3):
+        chain.derivative(c, added(chain, "second invariant"))
+    assert times == [DeformationGradients(), BaseStress(chain.base)]

@@ -146,7 +146,7 @@ def test_what_triangles_miss_of_the_bend_is_told_by_finer_ones():
     for cells in (10, 20, 40):
         coarse, fine = nested(cells)
         data, (error, of_means) = Data.of(coarse), bend_errors(coarse, fine)
-        nothing = jnp.zeros((2, len(data.u), len(data.triangles), 2, 2))
+        nothing = jnp.zeros((2, len(data.u), len(data.beside_edges), 2, 2))
         subsets = Subsets(jnp.ones(2), jnp.zeros((2, *data.u.shape)), jnp.zeros((2, *data.u.shape)))
         bend = Bend(jnp.asarray(error), jnp.asarray(of_means))
         informed = replace(data, twin=TwinKinematics(subsets, nothing, 0.0, bend))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from synthetic import ArrudaBoyce, derivatives, plate_experiment, with_noise
 
 from calibrate.data import load_path
@@ -41,6 +42,14 @@ def dense(noise):
 def covariance_of(system, basis, c, F, factor, noise, increment=0):
     spread = noise_covariance.spread(system, basis, c, F, factor)
     return noise_covariance.covariance_of(system, spread, system.loads[increment], noise)
+
+
+def test_rows_by_sources_are_the_product_with_either_kind_of_factor():
+    rng = np.random.default_rng(0)
+    rows, factor = [rng.standard_normal((7, 30)) for _ in range(2)], np.tril(rng.standard_normal((30, 30)))
+    expected = np.hstack([one @ factor for one in rows])
+    np.testing.assert_allclose(noise_covariance.by_sources(rows, factor), expected, atol=1e-13)
+    np.testing.assert_allclose(noise_covariance.by_sources(rows, sp.csr_array(factor)), expected, atol=1e-13)
 
 
 @pytest.mark.parametrize("length", [1.0, 2.5, 6.0])

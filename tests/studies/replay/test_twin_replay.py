@@ -213,7 +213,7 @@ def test_at_free_edges_a_twin_knows_the_deformation_better_than_the_camera():
     """Than means over the ends of an edge: by more than three times."""
     data, beside, exact = fields_of(800)
     seen = (np.eye(2) + np.asarray(edge_means(data, data.u)))[-1, beside]
-    known = seen + np.asarray(data.twin.missed)[1, -1, beside]
+    known = seen + np.asarray(data.twin.missed)[1, -1]
     assert size(known - exact) < size(seen - exact) / 3
 
 

@@ -79,7 +79,7 @@ def test_an_effect_that_was_measured_says_by_what() -> None:
 def test_residuals_of_the_true_model_stay_within_noise_and_discretisation():
     """The data have no discretisation error, for which the covariance leaves room: below one, not at it."""
     part = explained().problem.parts[0]
-    z, before = (decorrelated(explained().problem, part, fit) for fit in (explained().final, explained().base))
+    z, before = decorrelated(explained().problem, part, [explained().final, explained().base])
     assert np.isfinite(z).all()
     assert np.mean(z**2) < 1
     assert np.mean(before**2) > 4 * np.mean(z**2)
@@ -92,7 +92,8 @@ def test_sum_of_squares_is_the_chi_square_where_nothing_is_common_to_increments(
     noise = noise_of(part.chain, part.assembled, problem.weights_c, problem.amplifying)
     train, held_out = (weights_of(noise, weights.rows) for weights in (part.train, part.held))
     plain = replace(part, common=None, train=train, held=held_out)
-    z, fit = decorrelated(explained().problem, plain, explained().base), explained().base
+    fit = explained().base
+    (z,) = decorrelated(explained().problem, plain, [fit])
     r = part.own_residual(fit.c)
     assert (z[~held()] ** 2).sum() == pytest.approx((plain.train(r) ** 2).sum(), rel=1e-5)
     assert (z[held()] ** 2).sum() == pytest.approx((plain.held(r) ** 2).sum(), rel=1e-5)
