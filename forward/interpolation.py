@@ -71,8 +71,8 @@ def in_triangles(mesh: Mesh, points: Array) -> Places:
     excess = np.full(len(points), np.inf)
     for most in STRAIGHT:
         lost = np.flatnonzero(excess > INSIDE)
-        _, near = tree.query(points[lost], k=min(most, len(corners)))
-        for candidate in near.reshape(len(lost), -1).T:
+        _, near = tree.query(points[lost], k=np.arange(min(most, len(corners))) + 1)
+        for candidate in near.T:
             still = excess[lost] > INSIDE
             which, cell = lost[still], candidate[still]
             x, y = (points[which] - corners[cell, 0]).T
