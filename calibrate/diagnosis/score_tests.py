@@ -29,6 +29,7 @@ from calibrate.diagnosis.signature_noise import excess, hidden_noise
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.chain import Addition
 from calibrate.fitting.least_squares import CONDITION, bounded, orthonormal, subtract
+from calibrate.fitting.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
 ABSORBED = 1e-3  # share of a signature that must be left by the base
@@ -95,21 +96,15 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
     state = state.remembering()
     U, r = state.columns, state.residual
     r = r - U @ (U.T @ r)
-    found: list[tuple[Score, Array]] = []
-    skipped = []
     hidden = hidden_noise(problem, state.chains, state.c, state.additions) if problem.noise_is_known else []
-    for effect in effects:
-        if effect.name in present:
-            continue
+
+    def examined(effect: Effect) -> tuple[Score, Array | None]:
         refused = untestable(problem, effect)
-        if refused is not None:
-            skipped.append(refused)
-            continue
-        result = examine(problem, state, effect, U, r, hidden)
-        if result[0].is_tested:
-            found.append(result)
-        else:
-            skipped.append(result[0])
+        return (refused, None) if refused is not None else examine(problem, state, effect, U, r, hidden)
+
+    every = side_by_side(examined, (effect for effect in effects if effect.name not in present))
+    found = [(one, Q) for one, Q in every if Q is not None and one.is_tested]
+    skipped = [one for one, _ in every if not one.is_tested]
     if not found:
         return skipped
     everything = np.concatenate([Q for _, Q in found], axis=1)

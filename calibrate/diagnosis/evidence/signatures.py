@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Chain
 from calibrate.equations.basis import energy_basis
 from calibrate.fitting.least_squares import orthonormal
+from calibrate.fitting.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
 Shape = tuple[float, ...]
@@ -38,14 +40,15 @@ def evidence(
     refined: Mapping[str, Shape],
 ) -> Evidence:
     """Of a base fit without effects. refined: shapes beside those of the grid, by the names of effects."""
-    chains = [chain.remembering() for chain in chains]
+    chains = [one.remembering() for one in chains]
     U = base_span(problem, chains)
     r = base.residual - U @ (U.T @ base.residual)
-    found = []
-    for effect in effects:
-        if score_tests.untestable(problem, effect) is None:
-            deviation = prior_deviations(problem, effect, priors)
-            found += _of_effect(problem, base.c, chains, U, effect, deviation, refined)
+    tested = [effect for effect in effects if score_tests.untestable(problem, effect) is None]
+
+    def of(effect: Effect) -> list[Signature]:
+        return _of_effect(problem, base.c, chains, U, effect, prior_deviations(problem, effect, priors), refined)
+
+    found = list(chain.from_iterable(side_by_side(of, tested)))
     D = disturbances(problem, U)
     everything = orthonormal(np.concatenate([*(s.columns for s in found), D], axis=1))
     rest = r - everything @ (everything.T @ r)

@@ -81,7 +81,7 @@ class Memory:
     def __call__(self, stage: Stage, inputs: tuple[Any, ...], constants: Constants) -> Any:
         """What a stage writes."""
         link, given = stage.link, (inputs, constants.of(stage.link), stage.parameters)
-        known = (*self._start, *(output for *_, output in self._found.values()))
+        known = (*self._start, *(output for *_, output in list(self._found.values())))  # other threads may add
         if stage.additions or not all(any(one is other for other in known) for one in inputs):
             return apply(link, *given)
         c = np.asarray(constants.c).tobytes() if link.uses_coefficients else b""
@@ -89,8 +89,9 @@ class Memory:
             before, of, output = self._found[link]
             if of == c and all(one is other for one, other in zip(inputs, before, strict=True)):
                 return output
-        self._found[link] = inputs, c, apply(link, *given)
-        return self._found[link][-1]
+        output = apply(link, *given)
+        self._found[link] = inputs, c, output
+        return output
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,9 @@ displacement there. Nothing is cut off after some order, and no derivative is ta
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -18,9 +20,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate.effects.support.finite_element_field import FiniteElementField
+from calibrate.effects.support.finite_element_field import FieldMesh, FiniteElementField
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 CELLS = 12  # along the side of a square that an edge cuts
 GAUSS = 4  # points along the side of a whole one
 REACH = 0.75  # of its side, within which no edge cuts a square: its half diagonal, and what edges are curved by
@@ -97,29 +100,50 @@ def sides_of_subsets(pitch: float) -> Array:
 
 def subset_readings(twin: FiniteElementField, points: Array, distances: Array, side: float) -> Array:
     """(t, n, 2), 1/mm: reading at each point less the displacement there, over side^2 / 12; distances (n,), mm, of points (n, 2) from the edges."""
-    whole = distances > REACH * side
-    found = np.empty((len(twin.displacements), *points.shape))
+    found, flat = np.empty((len(twin.displacements), *points.shape)), _flat(twin.displacements)
+    for some, operator, told, variance in _operators(_Squares(twin.mesh, points, distances, side)):
+        change = _tall(operator @ flat, len(twin.displacements)) - twin.displacements[:, some]
+        found[:, some] = np.where(told[:, None], change, 0.0) / (variance * side**2 / 12)
+    return found
+
+
+@dataclass(frozen=True)
+class _Squares:
+    """Squares of a side, mm, around points (n, 2) of a mesh, equal to others of the same."""
+
+    mesh: FieldMesh
+    points: Array = field(compare=False)
+    distances: Array = field(compare=False)
+    side: float
+    digest: bytes = field(init=False)
+
+    def __post_init__(self) -> None:
+        both = np.column_stack([self.points, self.distances])
+        object.__setattr__(self, "digest", hashlib.sha256(both.tobytes()).digest())
+
+
+@lru_cache(maxsize=SIDES)
+def _operators(of: _Squares) -> list[tuple[Indices, sp.csr_array, NDArray[np.bool_], float]]:
+    """Some of the points (k,), readings of squares around them (k, nodes), whether there are any (k,), and the variance of a square over side^2 / 12; all points in
+    all of these. Kept, as a diagnosis has several twins on the same mesh."""
+    whole, found = of.distances > REACH * of.side, []
     x, w = np.polynomial.legendre.leggauss(GAUSS)
     cells = (2 * np.arange(CELLS) + 1) / CELLS - 1
     for which, at, weights, variance in (
         (np.flatnonzero(whole), x, np.outer(w, w).ravel(), 1.0),
         (np.flatnonzero(~whole), cells, np.ones(CELLS**2), 1 - 1 / CELLS**2),
     ):
-        offsets = 0.5 * side * np.array([(a, b) for a in at for b in at])
+        offsets = 0.5 * of.side * np.array([(a, b) for b in at for a in at])
         parts = int(np.ceil(len(which) * len(offsets) / AT_ONCE))
         for some in np.array_split(which, parts) if parts else ():
-            operator, told = _operator(twin, points[some], offsets, weights)
-            change = _tall(operator @ _flat(twin.displacements), len(twin.displacements)) - twin.displacements[:, some]
-            found[:, some] = np.where(told[:, None], change, 0.0) / (variance * side**2 / 12)
+            found.append((some, *_operator(of.mesh, of.points[some], offsets, weights), variance))
     return found
 
 
-def _operator(
-    twin: FiniteElementField, points: Array, offsets: Array, weights: Array
-) -> tuple[sp.csr_array, NDArray[np.bool_]]:
+def _operator(mesh: FieldMesh, points: Array, offsets: Array, weights: Array) -> tuple[sp.csr_array, NDArray[np.bool_]]:
     """(k, nodes): reading at points (k, 2) of squares with weights (q,) at offsets (q, 2); and where enough of a square is in the specimen for a plane (k,)."""
     n, q = len(points), len(offsets)
-    nodes, shares, inside = twin.shares((points[:, None] + offsets).reshape(-1, 2))
+    nodes, shares, inside = mesh.shares((points[:, None] + offsets).reshape(-1, 2))
     used = weights * inside.reshape(n, q)
     basis = np.concatenate([np.ones((q, 1)), offsets / np.abs(offsets).max()], axis=1)
     gram = np.einsum("nq,qa,qb->nab", used, basis, basis)
@@ -128,8 +152,7 @@ def _operator(
     row = np.linalg.solve(gram, np.broadcast_to(np.eye(3)[:, :1], (n, 3, 1)))[..., 0]
     row = (np.einsum("na,qa->nq", row, basis) * used).reshape(-1, 1) * np.where(inside[:, None], shares, 0.0)
     owner = np.repeat(np.arange(n), q * nodes.shape[1])
-    shape = n, twin.displacements.shape[1]
-    return sp.csr_array(sp.coo_array((row.ravel(), (owner, nodes.ravel())), shape=shape)), told
+    return sp.csr_array(sp.coo_array((row.ravel(), (owner, nodes.ravel())), shape=(n, mesh.nodes))), told
 
 
 def _flat(displacements: Array) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibrate.effects.support.borders import subset_moments
-from calibrate.effects.support.finite_element_field import FiniteElementField
+from calibrate.effects.support.finite_element_field import FieldMesh, FiniteElementField
 from calibrate.effects.support.twin_kinematics import Subsets, edge_gradients, sides_of_subsets, subset_readings
 
 H = np.array([[[0.3, -0.2], [-0.2, 0.5]], [[-0.1, 0.4], [0.4, 0.2]]])  # 1/mm, second derivatives of both components
@@ -30,14 +30,31 @@ def quadratic() -> FiniteElementField:
         along = np.stack([o, i, o, 2 * x, y, o], axis=1), np.stack([o, o, i, o, x, 2 * y], axis=1)
         return np.broadcast_to(np.arange(1, 7), (len(places), 6)), np.stack(along, axis=-1)
 
-    return FiniteElementField(nodal, shares, slopes)
+    return FiniteElementField(nodal, FieldMesh(b"quadratic", 7, shares, slopes))
+
+
+def where(name, inside) -> FiniteElementField:
+    """The same field in another specimen."""
+    field = quadratic()
+    shares = lambda p: (*field.mesh.shares(p)[:2], inside(p))  # noqa: E731
+    return FiniteElementField(field.displacements, FieldMesh(name, 7, shares, field.mesh.slopes))
+
+
+def test_what_is_kept_of_a_mesh_serves_other_fields_on_it_and_no_other_place():
+    """Readings are linear in the field; of another side, or another distance from the edges, they are others."""
+    field, at = quadratic(), np.zeros((1, 2))
+    found = subset_readings(field, at, np.array([0.0]), 0.7)
+    twice = FiniteElementField(2 * field.displacements, field.mesh)
+    np.testing.assert_allclose(subset_readings(twice, at, np.array([0.0]), 0.7), 2 * found, rtol=1e-12)
+    assert not np.allclose(subset_readings(field, at, np.array([9.0]), 0.7), found)
+    assert not np.allclose(
+        subset_readings(where(b"everywhere", lambda p: np.ones(len(p), bool)), at, np.array([0.0]), 0.7), found
+    )
 
 
 def test_a_whole_square_reads_half_the_laplacian():
     """Summed over Gauss points where no edge is near, and over cells else."""
-    inside = FiniteElementField(
-        quadratic().displacements, lambda p: (*quadratic().shares(p)[:2], np.ones(len(p), bool)), quadratic().slopes
-    )
+    inside = where(b"everywhere", lambda p: np.ones(len(p), bool))
     for distance in (9.0, 0.0):
         found = subset_readings(inside, np.zeros((1, 2)), np.array([distance]), 0.7)
         np.testing.assert_allclose(found[0, 0], 0.5 * np.trace(H, axis1=1, axis2=2), rtol=1e-9)
@@ -52,9 +69,7 @@ def test_a_square_at_an_edge_reads_what_its_moments_say(side):
 
 
 def test_where_too_little_of_a_square_is_inside_for_a_plane_nothing_is_read():
-    one = FiniteElementField(
-        quadratic().displacements, lambda p: (*quadratic().shares(p)[:2], p[:, 0] < -0.64), quadratic().slopes
-    )
+    one = where(b"in little", lambda p: p[:, 0] < -0.64)
     found = subset_readings(one, np.zeros((1, 2)), np.array([0.0]), 1.4)  # one column of cells
     np.testing.assert_array_equal(found, 0.0)
 
