@@ -13,10 +13,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
-
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
-from calibrate.equations.tensors import det
+from calibrate.equations.tensors import Tensors
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,8 @@ class Compressibility(Effect):
         return lacks_plane_stress(data)
 
     def volume(self, F, P, J, a, modulus):
-        pressure = jnp.sum(P * F, axis=(-2, -1)) / 3.0
-        inside, across = jnp.sum(F * F, axis=(-2, -1)), 1.0 / det(F) ** 2
+        F = Tensors.of(F)
+        pressure = F.dot(Tensors.of(P)) / 3.0
+        inside, across = F.dot(F), 1.0 / F.det**2
         slope = a[0] * modulus * (2.0 / 9.0) * (inside + 4.0 * across)  # - d/dJ of beta p / J, of neo-Hooke at J = 1
         return J + (1.0 + a[0] * pressure / J - J) / (1.0 + slope)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.effects.support.effect_data import Data
-from calibrate.equations.tensors import inverse
+from calibrate.equations.tensors import Tensors
 
 Array = NDArray[np.float64]
 MATERIAL = ("energy", "set", "stiffness", "softening", "relaxation")
@@ -177,8 +177,9 @@ class Effect:
 
     def stress_formed(self, data: Data, F: Any, formed: Any, a: Any, shape: Any) -> Any:
         """What an energy adds to P (t, m, 2, 2), MPa, where it is free of stress at the deformation `formed` (t, m, 2, 2)."""
-        back = inverse(formed)
-        return self.stress(data, F @ back, jnp.zeros_like(F), a, shape) @ jnp.swapaxes(back, -1, -2)
+        back = Tensors.of(formed).inverse
+        found = self.stress(data, (Tensors.of(F) @ back).array, jnp.zeros_like(F), a, shape)
+        return (Tensors.of(found) @ back.T).array
 
     def loads(self, data: Data, loads: Any, a: Any, shape: Any) -> Any:
         """True forces (t, 2, b), N, of the measured ones (t, 2, b) on the b loaded boundaries."""

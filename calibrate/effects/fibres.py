@@ -15,7 +15,7 @@ import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter
 from calibrate.effects.support.nodal_derivatives import law_gradients
-from calibrate.equations.tensors import cofactor, det, inverse
+from calibrate.equations.tensors import Tensors, det
 
 ANGLES = 12
 CLOSED = 0.1  # rad between a family and the axis, below which two are one
@@ -103,13 +103,19 @@ def reinforcement(F, formed, angle, k2, kappa):
     formed (..., 2, 2): deformation at which they are straight and free of stress, along the same lines of the material; None: the reference.
     """
     d = kappa / (1.0 - 3.0 * kappa)
-    M = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
-    FM = F @ M
-    rest, back = (1.0, jnp.eye(2)) if formed is None else (jnp.sum((formed @ M) ** 2, axis=-1), inverse(formed))
-    elastic = F @ back
-    J = det(elastic)
-    I1 = jnp.sum(elastic**2, axis=(-2, -1)) + J**-2
-    E = jnp.sum(FM * FM, axis=-1) / rest - 1.0 + d * (I1 - 3.0)
-    along = jnp.broadcast_to(2.0 / rest, E.shape)[..., None, None] * FM[..., :, None] * M
-    across = (2.0 * (elastic - cofactor(elastic) * (J**-3)[..., None, None])) @ jnp.swapaxes(back, -1, -2)
-    return (E * jnp.exp(k2 * E**2))[..., None, None] * (along + d * across)
+    M = jnp.cos(angle), jnp.sin(angle)
+    now = Tensors.of(F)
+    x, y = now.applied(*M)
+    if formed is None:
+        rest, elastic = 1.0, now
+    else:
+        at_rest = Tensors.of(formed)
+        back, (x0, y0) = at_rest.inverse, at_rest.applied(*M)
+        rest, elastic = x0 * x0 + y0 * y0, now @ back
+    J = elastic.det
+    I1 = elastic.dot(elastic) + J**-2
+    E = (x * x + y * y) / rest - 1.0 + d * (I1 - 3.0)
+    along = Tensors.dyad((x, y), M) * (2.0 / rest)
+    across = (elastic - elastic.cofactor * J**-3) * 2.0
+    across = across if formed is None else across @ back.T
+    return ((along + across * d) * (E * jnp.exp(k2 * E**2))).array

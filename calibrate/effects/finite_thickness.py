@@ -52,7 +52,7 @@ from calibrate.effects.support.nodal_derivatives import (
     slopes,
     to_nodes,
 )
-from calibrate.equations.tensors import det, inverse
+from calibrate.equations.tensors import Tensors, inverse, product
 from calibrate.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ class Thickness(Effect):
 
     def of_the_mean(self, data, u, places, a):
         back = inverse(gradient(data, places[None]))
-        bent = bend(data, gradient(data, data.points + u) @ back, back)
+        bent = bend(data, product(gradient(data, data.points + u), back), back)
         if data.twin is not None and data.twin.bend is not None:
             bent = bent + data.twin.bend.error
         return u + a[0] * bent
@@ -99,19 +99,22 @@ class Thickness(Effect):
         """grad a (t, n, 2), 1/mm, at the nodes, of F (t, m, 2, 2) at the centroids."""
         nodal = at_nodes(data, F)
         B = bend(data, nodal, inverse(gradient(data, places[None])))
-        return jnp.einsum("tnji,tnj->tni", nodal, B) * det(nodal)[..., None]
+        F = Tensors.of(nodal)
+        return jnp.stack(F.T.applied(B[..., 0], B[..., 1]), axis=-1) * F.det[..., None]
 
     def mean_deformation(self, data, F, thinning, a):
         """F (t, m, 2, 2) whose C has grown by b grad a (x) grad a."""
         g = inside(data, thinning)
-        return F + 0.5 * a[0] * jnp.einsum("tmji,tmj,tmk->tmik", inverse(F), g, g)
+        whole, steep = Tensors.of(F), (g[..., 0], g[..., 1])
+        return (whole + Tensors.dyad(whole.inverse.T.applied(*steep), steep) * (0.5 * a[0])).array
 
     def mean_stress(self, data, P, F, mean, thinning, places, a):
         """(2) with P (t, m, 2, 2) at the mean deformation; S of a layer at Z is taken to F of the mid-plane."""
-        S = inverse(mean) @ P
-        slope = slopes(data, jnp.moveaxis(jnp.einsum("tnij,tnj->tni", at_nodes(data, S), thinning), -1, 0))
+        S, whole = Tensors.of(mean).inverse @ Tensors.of(P), Tensors.of(F)
+        steep = Tensors.of(at_nodes(data, S.array)).applied(thinning[..., 0], thinning[..., 1])
+        slope = slopes(data, jnp.stack(steep))
         by_true = jnp.einsum("itmk,mki->tm", slope, inverse(reference_gradients(data, places)))
-        return F @ S + a[0] * (by_true / det(F))[..., None, None] * jnp.swapaxes(inverse(F), -1, -2)
+        return (whole @ S + whole.inverse.T * (a[0] * by_true / whole.det)).array
 
 
 def of_the_mean(experiment: Experiment) -> Experiment:
@@ -135,9 +138,11 @@ def bend(data: Any, F: Any, back: Any) -> Any:
 
     back (1, n, 2, 2): gradient of the measured by the true places of the reference.
     """
-    thinning = 1.0 / det(F)
-    steep = jnp.einsum("tnk,tnkj->tnj", gradient(data, thinning), jnp.broadcast_to(back, F.shape))
-    raw = thinning[..., None] * jnp.einsum("tnji,tnj->tni", inverse(F), steep)
+    whole = Tensors.of(F)
+    thinning = 1.0 / whole.det
+    slope = gradient(data, thinning)
+    steep = Tensors.of(back).T.applied(slope[..., 0], slope[..., 1])
+    raw = thinning[..., None] * jnp.stack(whole.inverse.T.applied(*steep), axis=-1)
     return data.membrane.smoothed(raw, RELAXATION * data.thickness)
 
 

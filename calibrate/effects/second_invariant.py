@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax
-import jax.numpy as jnp
-
 from calibrate.effects.effect import Effect, Parameter
-from calibrate.equations.kinematics import invariants
+from calibrate.equations.tensors import Tensors
 
 
 @dataclass(frozen=True)
@@ -24,5 +21,7 @@ class SecondInvariant(Effect):
     decided_by = "an equi-biaxial test beside a uniaxial one"
 
     def stress(self, data, F, P, a, shape):
-        slope = jax.vmap(jax.grad(lambda f: invariants(f)[1]))(F.reshape(-1, 2, 2))
-        return P + a[0] * jnp.reshape(slope, F.shape)
+        F = Tensors.of(F)
+        J, trace = F.det, F.dot(F)
+        slope = F * J**-2 + F.cofactor * (J - trace * J**-3)  # half of that of I2 = J^2 + tr F^T F / J^2
+        return (Tensors.of(P) + slope * (2.0 * a[0])).array

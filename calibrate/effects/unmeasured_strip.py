@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 from calibrate.effects.support.nodal_derivatives import gradient
-from calibrate.equations.tensors import inverse
+from calibrate.equations.tensors import inverse, product
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class UnmeasuredStrip(Effect):
 
     def beyond(self, data, mean, F, u, places, a):
         ends = data.edge_nodes.ravel()
-        at_ends = gradient(data, data.points + u, ends) @ inverse(gradient(data, places[None], ends))
+        at_ends = product(gradient(data, data.points + u, ends), inverse(gradient(data, places[None], ends)))
         at_edge = at_ends.reshape(len(u), -1, 2, 2, 2).mean(axis=2)
         if data.twin is not None:
             at_centroid, of_edge = jnp.where((data.edges > 0)[:, None, None], data.twin.missed[:, :, data.beside], 0.0)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter, lacks_rate
-from calibrate.equations.tensors import det, inverse
+from calibrate.equations.tensors import Tensors
 
 TIMES = 5
 
@@ -35,12 +35,13 @@ class Viscosity(Effect):
         return [(float(t),) for t in np.geomspace(max(steps.min(), 1e-3 * data.time[-1]), data.time[-1], TIMES)]
 
     def stress(self, data, F, P, a, shape):
-        S, C = inverse(F) @ P, jnp.swapaxes(F, -1, -2) @ F
-        inverse_C, C33 = inverse(C), 1 / det(C)
-        trace = jnp.sum(S * C, axis=(-2, -1)) / 3  # S33 = 0 holds for S, and S_iso : C = 0 in three dimensions
-        Q = convolved(S - trace[..., None, None] * inverse_C, data.time, shape[0])
-        Q33 = convolved(-trace / C33, data.time, shape[0])
-        return P + a[0] * F @ (Q - (C33 * Q33)[..., None, None] * inverse_C)
+        F, P = Tensors.of(F), Tensors.of(P)
+        S, C = F.inverse @ P, F.T @ F
+        trace, C33 = S.dot(C) / 3, 1 / C.det  # S33 = 0 holds for S, and S_iso : C = 0 in three dimensions
+        whole = S - C.inverse * trace
+        of_each = jnp.stack([whole.xx, whole.xy, whole.yx, whole.yy, -trace / C33], axis=-1)
+        *Q, Q33 = jnp.moveaxis(convolved(of_each, data.time, shape[0]), -1, 0)
+        return (P + F @ (Tensors(*Q) - C.inverse * (C33 * Q33)) * a[0]).array
 
 
 def convolved(values: Any, time: Any, tau: Any) -> Any:

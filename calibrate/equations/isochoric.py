@@ -17,7 +17,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from calibrate.equations.tensors import cofactor, det
+from calibrate.equations.tensors import Tensors, det
 
 
 def isochoric(F: Any) -> Any:
@@ -27,12 +27,13 @@ def isochoric(F: Any) -> Any:
 
 def stress(F: Any, isochoric_stress: Any, bulk_modulus: Any) -> Any:
     """P (..., 2, 2) of F (..., 2, 2), P0 (..., 2, 2) at f, and the bulk modulus; one unit of stress."""
-    J = det(F)[..., None, None]
-    inverse = cofactor(F) / J
-    power = jnp.sum(isochoric_stress * F, axis=(-2, -1))[..., None, None]
-    return (isochoric_stress - power / 3 * inverse) / jnp.cbrt(J) + bulk_modulus * volumetric(F)
+    whole, part = Tensors.of(F), Tensors.of(isochoric_stress)
+    J = whole.det
+    inside = (part - whole.cofactor * (part.dot(whole) / (3 * J))) * (1 / jnp.cbrt(J))
+    return (inside + whole.cofactor * (bulk_modulus * (J - 1.0))).array
 
 
 def volumetric(F: Any) -> Any:
     """d/dF of (J - 1)^2 / 2, (..., 2, 2), at F (..., 2, 2)."""
-    return (det(F)[..., None, None] - 1.0) * cofactor(F)
+    whole = Tensors.of(F)
+    return (whole.cofactor * (whole.det - 1.0)).array

@@ -11,12 +11,13 @@ from typing import Any
 import jax.numpy as jnp
 
 from calibrate.equations.splines import DEGREE, polynomial_pieces
-from calibrate.equations.tensors import cofactor, det
+from calibrate.equations.tensors import Tensors
 
 
 def base_law(k: int, n: int, top: Any, c: Any, F: Any) -> Any:
     """In-plane P (..., 2, 2), MPa, at F (..., 2, 2) of psi_k(J_k) with spline coefficients c (n,), as `SingleBasis` has it."""
-    J, trace = det(F), (F * F).sum(axis=(-2, -1))
+    tensors = Tensors.of(F)
+    J, trace = tensors.det, tensors.dot(tensors)
     C33 = 1.0 / (J * J)
     if k == 0:
         value, of_F, of_cofactor = trace + C33 - 3.0, 2.0, -2.0 * C33 / J
@@ -26,7 +27,7 @@ def base_law(k: int, n: int, top: Any, c: Any, F: Any) -> Any:
         value, of_F = second * root - 3.0**1.5, 3.0 * root * C33
         of_cofactor = 3.0 * root * (J - trace * C33 / J)
     psi = _spline(n, c, jnp.sqrt(jnp.clip(value / top, 1e-12, 1.0)))
-    return (psi * of_F)[..., None, None] * F + (psi * of_cofactor)[..., None, None] * cofactor(F)
+    return (tensors * (psi * of_F) + tensors.cofactor * (psi * of_cofactor)).array
 
 
 def _spline(n: int, c: Any, s: Any) -> Any:

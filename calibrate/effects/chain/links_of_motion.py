@@ -28,7 +28,7 @@ from calibrate.effects.support.effect_data import Data
 from calibrate.effects.support.nodal_derivatives import gradients, reference_gradients
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.equations import isochoric
-from calibrate.equations.tensors import inverse
+from calibrate.equations.tensors import Tensors
 
 Inputs = tuple[Any, ...]
 
@@ -106,7 +106,7 @@ class ElasticGradients(Link):
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         F, places = inputs
-        return F @ inverse(reference_gradients(constants, places))
+        return (Tensors.of(F) @ Tensors.of(reference_gradients(constants, places)).inverse).array
 
 
 @dataclass(frozen=True)

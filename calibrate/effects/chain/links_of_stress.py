@@ -30,7 +30,7 @@ from calibrate.effects.support.effect_data import Data
 from calibrate.effects.support.nodal_derivatives import reference_gradients
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.equations import isochoric
-from calibrate.equations.tensors import det, inverse
+from calibrate.equations.tensors import Tensors
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,9 @@ class FormedAnew(OfEffect):
         F, P = inputs
 
         def law(F: Any, formed: Any) -> Any:
-            back = inverse(formed)
-            found = self.base.stress(constants, F @ back) @ jnp.swapaxes(back, -1, -2)
+            back = Tensors.of(formed).inverse
+            stress = self.base.stress(constants, (Tensors.of(F) @ back).array)
+            found = (Tensors.of(stress) @ back.T).array
             for effect, (a, shape) in zip(self.energies, parameters[1:], strict=True):
                 found = found + effect.stress_formed(constants.data, F, formed, a, shape)
             return found
@@ -173,5 +174,5 @@ class MeasuredReference(Link):
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         P, places = inputs
-        A = reference_gradients(constants, places)
-        return det(A)[:, None, None] * P @ jnp.swapaxes(inverse(A), -1, -2)
+        A = Tensors.of(reference_gradients(constants, places))
+        return (Tensors.of(P) @ A.cofactor).array

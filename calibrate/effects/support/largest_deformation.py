@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.support.nodal_derivatives import law_gradients
-from calibrate.equations.tensors import det
+from calibrate.equations.tensors import Tensors
 
 UNLOADED = 0.02  # share of the mean I1 - 3 by which the sheet must have come back
 
 
 def excess(F):
     """I1 - 3 (t, m) and its largest value so far (t, m)."""
-    value = jnp.sum(F * F, axis=(-2, -1)) + 1.0 / det(F) ** 2 - 3.0
+    whole = Tensors.of(F)
+    value = whole.dot(whole) + 1.0 / whole.det**2 - 3.0
     return value, jax.lax.cummax(value, axis=0)
 
 
