@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
@@ -30,13 +31,13 @@ class Block:
     places: NDArray[np.int64]
     used: int
     own: dict[str, Any]
-    virtual: sp.csr_array
+    virtual: sp.csc_array
 
     def of(self, data: Data) -> Data:
         """The Experiment with these triangles alone."""
         return replace(data, **self.own)
 
-    def work(self, stress: Array) -> Array:
+    def work(self, stress: Any) -> Array:
         """Virtual work (..., t, 2 v), N, of stresses (..., t, b, 2, 2)."""
         return virtual_work(self.virtual, stress)
 
@@ -47,12 +48,17 @@ class Block:
         return np.ascontiguousarray(np.moveaxis(flat.reshape(-1, 2, t, 2), (2, 3), (0, 2)))
 
 
-def virtual_work(virtual: sp.csr_array, stress: Array) -> Array:
+def virtual_work(virtual: sp.csc_array, stress: Any) -> Array:
     """Virtual work (..., t, 2 v), N, of stresses (..., t, b, 2, 2), MPa; virtual (v, 2 b): see `Block`."""
-    P = np.asarray(stress)
-    columns = np.moveaxis(P, (-3, -1), (0, 1)).reshape(2 * P.shape[-3], -1)
-    found = np.moveaxis((virtual @ columns).reshape(-1, *P.shape[:-3], 2), 0, -1)
-    return found.reshape(*P.shape[:-3], -1)
+    shape = np.shape(stress)
+    found = np.moveaxis((virtual @ np.asarray(_columns(stress))).reshape(-1, *shape[:-3], 2), 0, -1)
+    return found.reshape(*shape[:-3], -1)
+
+
+@jax.jit
+def _columns(stress: Any) -> Any:
+    """(2 b, ...) of stresses (..., b, 2, 2): their second index beside the triangle."""
+    return jnp.moveaxis(stress, (-3, -1), (0, 1)).reshape(2 * stress.shape[-3], -1)
 
 
 def blocks(data: Data, virtual: sp.csr_array, most: float = BYTES) -> tuple[Block, ...]:
@@ -70,4 +76,4 @@ def _block(data: Data, virtual: sp.csc_array, places: NDArray[np.int64]) -> Bloc
     inside = virtual[:, 2 * places[0] : 2 * (places[0] + used)]
     padding = sp.csc_array((virtual.shape[0], 2 * (len(places) - used)))
     own = {name: jnp.asarray(np.asarray(getattr(data, name))[repeated]) for name in OF_TRIANGLES}
-    return Block(repeated, used, own, sp.csr_array(sp.hstack([inside, padding])))
+    return Block(repeated, used, own, sp.csc_array(sp.hstack([inside, padding])))
