@@ -8,6 +8,10 @@ imports only those before it.
 Everything is float64: importing this package switches JAX to 64 bit, as a fit in single precision is wrong.
 """
 
+import warnings
+
 import jax
 
 jax.config.update("jax_enable_x64", True)
+# a file that another process is writing, or that a killed one left, is compiled again
+warnings.filterwarnings("ignore", "Error reading persistent compilation cache entry", UserWarning)
