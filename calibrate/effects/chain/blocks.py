@@ -19,6 +19,7 @@ from calibrate.effects.support.effect_data import Data
 
 Array = NDArray[np.float64]
 BYTES = 8e6  # of one tensor in all increments of a block
+OF_ONE_SIZE = 256  # triangles by which blocks differ, so that other tests find laws compiled
 OF_TRIANGLES = ("triangles", "stencil", "slopes", "areas", "centroids", "edges", "edge_nodes", "beside")
 
 
@@ -65,7 +66,7 @@ def blocks(data: Data, virtual: sp.csr_array, most: float = BYTES) -> tuple[Bloc
     """All triangles of virtual fields (v, 2 m), in as few blocks as `most` bytes a tensor allow."""
     m = virtual.shape[1] // 2
     count = max(1, int(np.ceil(m * len(data.u) * 32 / most)))
-    size = int(np.ceil(m / count))
+    size = OF_ONE_SIZE * int(np.ceil(m / count / OF_ONE_SIZE))
     columns = sp.csc_array(virtual)
     return tuple(_block(data, columns, np.arange(first, first + size)) for first in range(0, m, size))
 
