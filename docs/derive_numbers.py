@@ -74,6 +74,12 @@ SETS = (
         "shapes of softening and fibres, a second start, quadratic triangles",
         "those that had ended when the time was up, looked at while it ran",
     ),
+    TrialSet(
+        "blind_79000.json",
+        "--seed 79000 --trials 5 --nulls 36 --pairs 20",
+        "all that foreign trials from 77000 have",
+        "revision e2872af, on 16 cores, the largest tests first; stopped for time, looked at once",
+    ),
 )
 DEVELOPED = TrialSet(
     "foreign_64000.json",
