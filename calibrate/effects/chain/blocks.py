@@ -62,13 +62,18 @@ def _columns(stress: Any) -> Any:
     return jnp.moveaxis(stress, (-3, -1), (0, 1)).reshape(2 * stress.shape[-3], -1)
 
 
-def blocks(data: Data, virtual: sp.csr_array, most: float = BYTES) -> tuple[Block, ...]:
-    """All triangles of virtual fields (v, 2 m), in as few blocks as `most` bytes a tensor allow."""
+def blocks(data: Data, virtual: sp.csr_array, most: float = BYTES, of_one_size: int = OF_ONE_SIZE) -> tuple[Block, ...]:
+    """All triangles of virtual fields (v, 2 m), in as few blocks as `most` bytes a tensor allow, whose sizes are multiples of `of_one_size`."""
     m = virtual.shape[1] // 2
     count = max(1, int(np.ceil(m * len(data.u) * 32 / most)))
-    size = OF_ONE_SIZE * int(np.ceil(m / count / OF_ONE_SIZE))
+    size = of_one_size * int(np.ceil(m / count / of_one_size))
     columns = sp.csc_array(virtual)
     return tuple(_block(data, columns, np.arange(first, first + size)) for first in range(0, m, size))
+
+
+def whole(data: Data, virtual: sp.csr_array) -> tuple[Block, ...]:
+    """All triangles in one block, and none of them twice: for what looks at its neighbours."""
+    return blocks(data, virtual, np.inf, 1)
 
 
 def _block(data: Data, virtual: sp.csc_array, places: NDArray[np.int64]) -> Block:

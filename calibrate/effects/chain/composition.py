@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from calibrate.effects.chain import noise_spread
 from calibrate.effects.chain.addition import Addition, Additions, ordered
 from calibrate.effects.chain.block_run import OF_INCREMENTS, BlockRun
-from calibrate.effects.chain.blocks import Block, blocks, virtual_work
+from calibrate.effects.chain.blocks import Block, blocks, virtual_work, whole
 from calibrate.effects.chain.linearisation import Constants, Linearisation, Memory, Quantities, Stage
 from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
 from calibrate.effects.chain.seen_rows import SeenRows
@@ -81,7 +81,7 @@ class Chain:
     @cached_property
     def whole(self) -> tuple[Block, ...]:
         """All triangles in one block, for what is no matter of each for itself."""
-        return self.blocks if len(self.blocks) == 1 else blocks(self.data, self.system.virtual_gradients, np.inf)
+        return whole(self.data, self.system.virtual_gradients)
 
     @property
     def energy(self) -> SingleBasis:

@@ -12,7 +12,7 @@ from made_up import made_up_chain
 from calibrate.data.experiment import Noise
 from calibrate.effects import KNOWN
 from calibrate.effects.chain import Addition, linearisation
-from calibrate.effects.chain.blocks import blocks
+from calibrate.effects.chain.blocks import OF_ONE_SIZE, blocks
 from calibrate.effects.chain.links_of_motion import DeformationGradients
 from calibrate.effects.chain.links_of_stress import BaseStress
 from calibrate.equations import kinematics, noise_covariance
@@ -36,9 +36,18 @@ def added(chain, *names):
 @pytest.fixture(scope="module")
 def both():
     chain = made_up_chain()
-    small = blocks(chain.data, chain.system.virtual_gradients, 32 * len(chain.data.u) * 60)
+    small = blocks(chain.data, chain.system.virtual_gradients, 32 * len(chain.data.u) * 60, 1)
     assert len(small) > 3 and small[-1].used < len(small[-1].places)
     return chain, replace(chain, divided=small)
+
+
+def test_blocks_are_of_few_sizes_and_no_triangle_is_twice_in_the_whole():
+    """What looks at its neighbours would see it twice: the 3D effect of thickness takes means over the triangles around a node."""
+    chain = made_up_chain()
+    (block,), (every,) = chain.blocks, chain.whole
+    m = len(chain.data.triangles)
+    assert len(block.places) % OF_ONE_SIZE == 0 and block.used == m < len(block.places)
+    np.testing.assert_array_equal(every.places, np.arange(m))
 
 
 @pytest.mark.parametrize("names", CASES.values(), ids=CASES)
