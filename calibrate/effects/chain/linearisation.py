@@ -69,7 +69,7 @@ class Stage:
 
 
 class Memory:
-    """What links without effects make of a start, and of what each other make of it, with the coefficients seen last: for many runs from that start."""
+    """What those links that are `remembered` make of a start, and of what each other make of it, with the coefficients seen last: for many runs from that start."""
 
     def __init__(self, *start: Any) -> None:
         self._start = start
@@ -82,7 +82,7 @@ class Memory:
         """What a stage writes."""
         link, given = stage.link, (inputs, constants.of(stage.link), stage.parameters)
         known = (*self._start, *(output for *_, output in list(self._found.values())))  # other threads may add
-        if stage.additions or not all(any(one is other for other in known) for one in inputs):
+        if not link.remembered or not all(any(one is other for other in known) for one in inputs):
             return apply(link, *given)
         c = np.asarray(constants.c).tobytes() if link.uses_coefficients else b""
         if link in self._found:

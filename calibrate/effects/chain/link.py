@@ -22,12 +22,13 @@ class Link(ABC):
     """A function from quantities to one quantity; equal links share their compiled code, so that subclasses are frozen
     dataclasses.
 
-    reads, writes: names of the quantities. uses_coefficients: whether it depends on the base model.
+    reads, writes: names of the quantities. uses_coefficients: whether it depends on the base model. remembered: whether a `Memory` keeps what it writes.
     """
 
     reads: ClassVar[tuple[str, ...]]
     writes: ClassVar[str]
     uses_coefficients: ClassVar[bool] = False
+    remembered: ClassVar[bool] = False
 
     @abstractmethod
     def __call__(self, inputs: tuple[Any, ...], constants: Any, parameters: Parameters) -> Any:

@@ -90,6 +90,7 @@ class CorrectedTime(OfEffect):
 class DeformationGradients(Link):
     """F of displacements."""
 
+    remembered: ClassVar[bool] = True
     reads: ClassVar[tuple[str, ...]] = (DISPLACEMENTS,)
     writes: ClassVar[str] = GRADIENTS
 

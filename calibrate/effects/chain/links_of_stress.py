@@ -38,6 +38,7 @@ class BaseStress(Link):
     """P of the base model."""
 
     base: Base
+    remembered: ClassVar[bool] = True
     reads: ClassVar[tuple[str, ...]] = (DEFORMATION,)
     writes: ClassVar[str] = STRESS
     uses_coefficients: ClassVar[bool] = True
