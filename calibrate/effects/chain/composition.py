@@ -106,13 +106,10 @@ class Chain:
 
     def remembering(self) -> Chain:
         """The same chain, which keeps what it makes of its displacements without effects: as large as F and P of all increments."""
-        return (
-            self
-            if self.memories
-            else replace(
-                self, prepared=self.data, divided=self.blocks, memories=tuple(Memory(self.data.u) for _ in self.blocks)
-            )
-        )
+        if self.memories:
+            return self
+        memories = tuple(Memory(self.data.u) for _ in self.blocks)
+        return replace(self, prepared=self.data, divided=self.blocks, memories=memories)
 
     def with_twin(self, twin: TwinKinematics | None) -> Chain:
         """The same chain with what a twin of the test knows of its kinematics."""
