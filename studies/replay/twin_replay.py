@@ -9,7 +9,6 @@ noise (docs/discover_method.md, "Weights").
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment
 from calibrate.data.triangulation import boundary_nodes
 from calibrate.diagnosis.twin import Replayed
+from calibrate.effects.support.digest import digest
 from calibrate.effects.support.finite_element_field import FieldMesh, FiniteElementField
 from calibrate.errors import EquigapError, NoTwinError
 from calibrate.models.extended_model import ExtendedModel
@@ -64,8 +64,8 @@ def field_of(found: Replay) -> FiniteElementField:
         places = locate(mesh, points)
         return mesh.cells[places.cells], shape_slopes(mesh, places)
 
-    digest = hashlib.sha256(mesh.points.tobytes() + mesh.cells.tobytes()).digest()
-    return FiniteElementField(found.solution.displacements, FieldMesh(digest, len(mesh.points), shares, slopes))
+    own = FieldMesh(digest(mesh.points, mesh.cells), len(mesh.points), shares, slopes)
+    return FiniteElementField(found.solution.displacements, own)
 
 
 def replayed_test(experiment: Experiment, found: Replay) -> Experiment:

@@ -60,7 +60,7 @@ def _nearest(
     curvature: Array,
 ) -> Array:
     """(k, 2, 4) of some points (k, 2), mm: see `nearest_lines`; edges (e,) with their tangents and normals (e, 2), lengths and curvatures (e,)."""
-    x, y = (some[:, None, i] - points[start, i] for i in range(2))  # component by component: in a third of the time
+    x, y = (some[:, None, i] - points[start, i] for i in range(2))
     place = np.clip(x * tangent[:, 0] + y * tangent[:, 1], 0, length)
     far = np.sqrt((x - place * tangent[:, 0]) ** 2 + (y - place * tangent[:, 1]) ** 2)
     height = (points[start] * normal).sum(axis=1) - some @ normal.T

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -17,6 +16,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.data.outline import Outline
 from calibrate.effects.support.borders import nearest_lines
 from calibrate.effects.support.branches import motion
+from calibrate.effects.support.digest import digest
 from calibrate.effects.support.membrane import Membrane
 from calibrate.effects.support.nodal_derivatives import gradient
 from calibrate.effects.support.twin_kinematics import TwinKinematics
@@ -133,8 +133,7 @@ class _Mesh:
     digest: bytes = field(init=False)
 
     def __post_init__(self) -> None:
-        both = np.ascontiguousarray(self.points).tobytes() + np.ascontiguousarray(self.triangles).tobytes()
-        object.__setattr__(self, "digest", hashlib.sha256(both).digest())
+        object.__setattr__(self, "digest", digest(self.points, self.triangles))
 
 
 @lru_cache(maxsize=4)

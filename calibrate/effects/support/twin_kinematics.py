@@ -9,7 +9,6 @@ displacement there. Nothing is cut off after some order, and no derivative is ta
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -20,6 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from calibrate.effects.support.digest import digest
 from calibrate.effects.support.finite_element_field import FieldMesh, FiniteElementField
 
 Array = NDArray[np.float64]
@@ -118,8 +118,7 @@ class _Squares:
     digest: bytes = field(init=False)
 
     def __post_init__(self) -> None:
-        both = np.column_stack([self.points, self.distances])
-        object.__setattr__(self, "digest", hashlib.sha256(both.tobytes()).digest())
+        object.__setattr__(self, "digest", digest(self.points, self.distances))
 
 
 @lru_cache(maxsize=SIDES)
