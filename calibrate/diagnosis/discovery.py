@@ -19,6 +19,7 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.decision import decided
 from calibrate.diagnosis.evidence.levels import Level, StiffnessLevel, at_one_level
 from calibrate.diagnosis.evidence.own_effects import own_effects, refined_levels, with_own_effects
+from calibrate.diagnosis.evidence.posterior import uncertainty_of
 from calibrate.diagnosis.evidence.priors import Priors, read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
@@ -148,6 +149,7 @@ def diagnose(
     if check is not None:
         say("replay of base and final model")
         found = judged_by_replay(found, say.checkpointed("replay", partial(check, found)))
+    found = replace(found, uncertainty=uncertainty_of(found, priors))
     if fitted:
         found = replace(found, dominant=dominant_effect(found, say))
     if check is None or not (fitted and few_effects) or found.verdict is not Verdict.NOT_EXPLAINED:

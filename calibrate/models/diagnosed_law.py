@@ -6,7 +6,7 @@ contract and to shear: P = diag(P11, 0) is solved for the lateral stretch and fo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -76,6 +76,11 @@ class DiagnosedLaw:
         known = (3.0**1.5 + base.top) ** (2 / 3) if base.k else 3.0 + base.top
         return known if base.k else self.model.calibrated_range.get("I1", (3.0, known))[1]
 
+    @property
+    def input(self) -> int:
+        """Column, among I1 and I2, of the invariant of the base."""
+        return self._base.k
+
     def largest_stretch(self, mode: str) -> float:
         """Largest stretch of a mode within the calibrated range, of an isotropic and incompressible material."""
         return largest_stretch(mode, self.largest_invariant, self._base.k)
@@ -100,22 +105,67 @@ class DiagnosedLaw:
         Raises `FitError` where a uniaxial test has no equilibrium.
         """
         x = np.asarray(stretch, dtype=np.float64)
-        if not any(a.effect.remembers for a in self._drawn):
+        if not self._remembers:
             return self._loaded(mode, x, direction)
         steps = np.linspace(1.0, float(x.max()), STEPS + 1)
         F, P = (PchipInterpolator(steps, values) for values in self._loaded(mode, steps, direction))
         return F(x), P(x)
 
+    @property
+    def _remembers(self) -> bool:
+        return any(a.effect.remembers for a in self._drawn)
+
     def _loaded(self, mode: str, x: Array, direction: str) -> tuple[Array, Array]:
         """The same, with one step of a history to each stretch."""
-        loaded = x > 1.0
-        time = jnp.asarray((x[loaded] - 1) / (x.max() - 1) * (self.duration or 1.0))
-        along, across = (1, 0) if direction == "y" else (0, 1)
+        loaded, time = x > 1.0, self._times(x)
+        along, across = _axes(direction)
         given = stretches_to_gradient(mode, x[loaded])[:, [along, across]][:, :, [along, across]]
         F, P = np.tile(np.eye(2), (len(x), 1, 1)), np.zeros(len(x))
         F[loaded] = self._free(given, time, along, across) if mode == FREE else given
         P[loaded] = np.asarray(self._P(jnp.asarray(F[loaded]), time))[:, along, along]
         return F, P
+
+    def _times(self, x: Array) -> jax.Array:
+        """Of stretches above 1, s."""
+        return jnp.asarray((x[x > 1.0] - 1) / (x.max() - 1) * (self.duration or 1.0))
+
+    def changes(self, mode: str, stretch: Array, direction: str, others: Sequence[DiagnosedLaw]) -> Array:
+        """(o, k): by how much the nominal stress along the pull of others differs, to first order in what it changes of a free lateral stretch.
+
+        At the deformation of this law another has stresses P across the pull; the free deformation moves until they are gone: dP11 = P11 - A K^-1 P, with A
+        and K the slopes of the stress along and across by the free lateral stretch and shear.
+        """
+        x = np.asarray(stretch, dtype=np.float64)
+        remembers = any(law._remembers for law in (self, *others))
+        steps = np.linspace(1.0, float(x.max()), STEPS + 1) if remembers else x
+        F, time = jnp.asarray(self._loaded(mode, steps, direction)[0][steps > 1.0]), self._times(steps)
+        along, across = _axes(direction)
+
+        def parts(P: Any) -> Any:
+            return jnp.stack([P[:, along, along], P[:, across, across], P[:, along, across]], axis=1)
+
+        own = parts(self._P(F, time))
+        changes = np.array([parts(law._P(F, time)) - own for law in others]).reshape(len(others), len(own), 3)
+        found = np.zeros((len(others), len(steps)))
+        found[:, steps > 1.0] = changes[..., 0]
+        if mode == FREE:
+            slopes = self._slopes(F, time, along, across, parts)
+            found[:, steps > 1.0] -= _released(slopes, changes[..., 1:], self._remembers)
+        return np.asarray(PchipInterpolator(steps, found, axis=1)(x)) if remembers else found
+
+    def _slopes(self, F: jax.Array, time: jax.Array, along: int, across: int, parts: Callable[[Any], Any]) -> Array:
+        """(t, 3, 2), or (t, 3, t, 2) of a material that remembers, of stresses along and across the pull by lateral stretch and shear."""
+
+        def stress(unknown: jax.Array) -> Any:
+            moved = F.at[:, across, across].set(unknown[:, 0]).at[:, along, across].set(unknown[:, 1])
+            return parts(self._P(moved, time))
+
+        unknown = jnp.stack([F[:, across, across], F[:, along, across]], axis=1)
+        if self._remembers:
+            return np.asarray(jax.jacfwd(stress)(unknown))
+        ones = jnp.zeros_like(unknown)
+        columns = [jax.jvp(stress, (unknown,), (ones.at[:, k].set(1.0),))[1] for k in range(2)]
+        return np.asarray(jnp.stack(columns, axis=-1))
 
     def _P(self, F: jax.Array, time: jax.Array) -> jax.Array:
         """(t, 2, 2) at F (t, 2, 2) and times (t,), s."""
@@ -144,14 +194,28 @@ class DiagnosedLaw:
         small = SMALL * float(jnp.abs(self._P(start, time)).max())
         if float(jnp.abs(residual(unknown)).max()) <= small:
             return F  # of an isotropic and incompressible material
-        remembers = any(a.effect.remembers for a in self._drawn)
-        found = _solved(residual, unknown, small, remembers)
+        found = _solved(residual, unknown, small, self._remembers)
         if found is None:
             raise FitError(
                 f"a uniaxial test to a stretch of {F[:, along, along].max():.3g} has no equilibrium found with this material; "
                 "give a smaller one: equigap predict FILE --stretch"
             )
         return np.asarray(at(found))
+
+
+def _axes(direction: str) -> tuple[int, int]:
+    """Along the pull, and across."""
+    return (1, 0) if direction == "y" else (0, 1)
+
+
+def _released(slopes: Array, across: Array, coupled: bool) -> Array:
+    """A K^-1 P (o, t) of stresses across (o, t, 2), see `DiagnosedLaw.changes`. coupled: whether one step depends on those before."""
+    if not coupled:
+        moved = np.linalg.solve(slopes[:, 1:], np.moveaxis(across, 0, -1))
+        return np.asarray(np.einsum("tk,tko->ot", slopes[:, 0], moved))
+    o, t = across.shape[:2]
+    K, A = slopes[:, 1:].reshape(2 * t, 2 * t), slopes[:, 0].reshape(t, 2 * t)
+    return np.asarray((A @ np.linalg.solve(K, across.reshape(o, 2 * t).T)).T)
 
 
 def _solved(residual: Residual, unknown: jax.Array, small: float, coupled: bool) -> jax.Array | None:

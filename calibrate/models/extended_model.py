@@ -8,7 +8,7 @@ sqrt((I1 - 3) / top) (`calibrate.equations.basis.SingleBasis`), in plane strain 
 "fingerprint", "spacing" of the virtual fields, mm, or null, optional "noise" that it was fitted with}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
 from]}; ``network``: a model file of a PANN distilled from the base, or null; ``network_loss``: how good it is;
 ``provenance`` (free JSON); ``calibrated_range`` {"I1": [min, max]}; optional ``replay``: what replays of base and final model came to, with the level that is in the file
-(`calibrate.diagnosis.replayed.checked_replay`); optional ``level`` "nominal" where only ratios of stiffness are known, and ``fitness`` (`calibrate.models.fitness`). The spline is the base; the network stands in for it where programs read networks only.
+(`calibrate.diagnosis.replayed.checked_replay`); optional ``uncertainty`` (`calibrate.models.model_uncertainty`); optional ``level`` "nominal" where only ratios of stiffness are known, and ``fitness`` (`calibrate.models.fitness`). The spline is the base; the network stands in for it where programs read networks only.
 
 An effect that is not one of the material belongs to the tests that were fitted and is left out for any other.
 """
@@ -42,6 +42,7 @@ from calibrate.models.json_file import (
     read_model,
     write_model,
 )
+from calibrate.models.model_uncertainty import ModelUncertainty, scaled_addition, stiffness_factors
 from calibrate.models.network_model import Model
 
 FORMAT, VERSION = "equigap-extended-model", 1
@@ -99,6 +100,7 @@ class ExtendedModel:
     fitness: Fitness | None = None
     calibrated_range: dict[str, tuple[float, float]] = field(default_factory=dict)
     replay: dict[str, Any] = field(default_factory=dict, repr=False)
+    uncertainty: ModelUncertainty | None = field(default=None, repr=False)
 
     @property
     def plane(self) -> str:
@@ -111,9 +113,10 @@ class ExtendedModel:
         return tuple(a for a in self.additions if fitted or a.effect.of_material)
 
     def only(self, additions: Additions) -> ExtendedModel:
-        """The same with some of its additions."""
+        """The same with some of its additions, whose uncertainty is another one."""
         pairs = [(a, d) for a, d in zip(self.additions, self.errors, strict=True) if a in additions]
-        return replace(self, additions=tuple(a for a, _ in pairs), errors=tuple(d for _, d in pairs))
+        kept, spread = tuple(a for a, _ in pairs), tuple(d for _, d in pairs)
+        return replace(self, additions=kept, errors=spread, uncertainty=None)
 
     def applied_to(self, experiment: Experiment, spacing: float | None = None) -> Applied:
         """The model with the effects that hold for a test, and the virtual fields of the test.
@@ -196,6 +199,7 @@ class ExtendedModel:
             **({"level": NOMINAL} if self.level_is_nominal else {}),
             **({} if self.fitness is None else {"fitness": self.fitness.to_dict()}),
             **({"replay": self.replay} if self.replay else {}),
+            **({} if self.uncertainty is None else {"uncertainty": self.uncertainty.to_dict(self.unit)}),
             "calibrated_range": {name: list(ends) for name, ends in self.calibrated_range.items()},
         }
 
@@ -217,20 +221,16 @@ class ExtendedModel:
 
         For another batch of the same material; what does not scale with stiffness stays.
         """
-        additions, deviations = [], []
-        for a, spread in zip(self.additions, self.errors, strict=True):
-            own = strength if isinstance(a.effect, Viscosity) else 1.0
-            factors = [own * factor**p.stiffness_power for p in a.effect.amplitudes]
-            values = tuple(f * v for f, v in zip(factors, a.amplitudes, strict=True))
-            additions.append(replace(a, amplitudes=values))
-            deviations.append(tuple(f * d for f, d in zip(factors, spread, strict=True)))
+        factors = [stiffness_factors(a, factor, strength) for a in self.additions]
+        spreads = zip(factors, self.errors, strict=True)
         return replace(
             self,
             c=factor * self.c,
-            additions=tuple(additions),
-            errors=tuple(deviations),
+            additions=tuple(scaled_addition(a, factor, strength) for a in self.additions),
+            errors=tuple(tuple(f * d for f, d in zip(*pair, strict=True)) for pair in spreads),
             network=None,
             network_loss={},
+            uncertainty=self.uncertainty and self.uncertainty.scaled(factor, self.additions, strength),
             bulk_modulus_deviation=None
             if self.bulk_modulus_deviation is None
             else factor * self.bulk_modulus_deviation,
@@ -261,10 +261,11 @@ class ExtendedModel:
             if not 0 < c[-1] < np.inf:
                 raise ValueError(f"base: bulk_modulus {c[-1]} is not a positive number")
         both = [addition_from_dict(a) for a in content["additions"]]
+        additions, spread = tuple(a for a, _ in both), content.get("uncertainty")
         return cls(
             basis,
             c,
-            tuple(a for a, _ in both),
+            additions,
             tuple(d for _, d in both),
             unit,
             tuple(map(_trained, content["training"])),
@@ -280,6 +281,7 @@ class ExtendedModel:
             Fitness.from_dict(content.get("fitness")),
             check_range(content.get("calibrated_range", {})),
             dict(content.get("replay", {})),
+            None if spread is None else ModelUncertainty.from_dict(spread, len(c), additions),
         )
 
 

@@ -6,15 +6,18 @@ a figure with the calibrated range marked, a report and a manifest.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
+import numpy as np
 from cyclopts import Parameter
+from numpy.typing import NDArray
 
 from calibrate.data.chosen_pictures import Wanted, chosen
 from calibrate.data.experiment import Experiment
+from calibrate.equations.deformation_modes import nominal_stress
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.model_file import load_model
@@ -41,6 +44,7 @@ from studies.reports.prediction.predicted_curves import predict as predicted_cur
 from studies.reports.prediction.predicted_forces import Forecast, forecast
 from studies.reports.prediction.report import write_curves, write_forces
 
+Array = NDArray[np.float64]
 LARGEST = 20.0  # stretch
 Stretch = Annotated[
     float, Parameter(validator=within(f"a stretch above 1 and at most {LARGEST:g}", lambda x: 1 < x <= LARGEST))
@@ -59,7 +63,7 @@ class CurveOptions:
     duration: Positive | None = None
     """s in which a pull at constant speed reaches the end of a curve, of a material that relaxes (default: infinitely slow)"""
     against: str | None = None
-    """draw a known material beside it: arruda_boyce, neo_hooke, mooney_rivlin, yeoh (as `simulate`)"""
+    """draw a known material beside it: arruda_boyce, neo_hooke, mooney_rivlin, yeoh (as `simulate`), or a model file"""
     parameter: Assignments = ()
     """of that material, such as mu=0.3; may be repeated"""
 
@@ -109,7 +113,7 @@ def predict(
 
     In MPa, or in N/mm (stress times thickness) where the thickness of the calibrated sheet was unknown. What lies beyond the
     calibrated range is marked: there the model extrapolates. The table gives the standard deviation and a 95 % band of each
-    stress, for models of `calibrate`. Of a model of `discover` the curves are those of its material, along both axes where it has fibres. With --test: the forces of another test instead, from its measured displacements.
+    stress. Of a model of `discover` the curves are those of its material, along both axes where it has fibres; its bands hold competing explanations, too. With --test: the forces of another test instead, from its measured displacements.
 
     Args:
         model: model file of `equigap calibrate` or `discover`
@@ -140,7 +144,7 @@ def _curves(file: Path, options: CurveOptions, output: Path | None, overwrite: b
     manifest = Manifest(settings=settings, inputs=[file])
     key = {"command": "predict", **settings, "model": list(manifest.to_dict()["inputs"].values())}
     _check_units(file, model, options)
-    curves = predicted_curves(law, options.stretch, options.points, _slopes(options))
+    curves = predicted_curves(law, options.stretch, options.points, _known_stress(options))
     folder = open_output_folder(output or default_folder("predict"), overwrite, key)
     report = write_curves(folder, law, curves, manifest, options.against)
     return PredictedCurves(tuple(curves), tuple(findings(law, curves)), folder / "curves.csv", report)
@@ -169,8 +173,14 @@ def _check_units(file: Path, model: Model | ExtendedModel, options: CurveOptions
         )
 
 
-def _slopes(options: CurveOptions) -> Any:
-    """d psi / d(I1, I2) (..., 2) of the material to compare with, as a function of invariants (..., 2), or None."""
+def _known_stress(options: CurveOptions) -> Callable[[str, Array], Array] | None:
+    """Nominal stress (k,) in a mode at stretches (k,) of the material to compare with: of a diagnosis that of its material, along x where it has fibres."""
     if options.against is None:
         return None
-    return MaterialDerivatives(read_material(options.against, dict(options.parameter)))
+    if options.against.endswith(".json") and isinstance(other := load_model(Path(options.against)), ExtendedModel):
+        if options.parameter:
+            raise OptionError(f"--parameter does not apply to the model file {options.against}; leave it out")
+        law = DiagnosedLaw(other, options.duration)
+        return lambda mode, x: law.homogeneous(mode, x, law.directions[0])[1]
+    slopes = MaterialDerivatives(read_material(options.against, dict(options.parameter)))
+    return lambda mode, x: nominal_stress(slopes, mode, x)

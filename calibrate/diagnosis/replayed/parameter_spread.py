@@ -5,7 +5,7 @@ In: a `Problem` and a `Fit`. Out: `Spread`: `Directions` and a root of their cov
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,25 +58,49 @@ class Spread:
     root: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Change J (N, p + k) of the whitened residual by the unknowns of a fit: weights of columns base (n, p), then amplitudes and shapes over scale (k,). stiffness: the largest weight."""
+
+    fit: Fit
+    base: Array
+    J: Array = field(repr=False)
+    scale: Array
+    stiffness: float
+
+    @classmethod
+    def of(cls, problem: Problem, fit: Fit) -> Columns:
+        """Functions at their bound are held there."""
+        weights = np.maximum(np.linalg.lstsq(problem.cone, fit.c, rcond=None)[0], 0.0)
+        base = problem.cone[:, weights > ACTIVE * weights.max()]
+        scale = Variables(fit.additions).scale if fit.additions else np.zeros(0)
+        J = equations.base_columns(problem, fit.chains) @ base
+        if fit.additions:
+            J = np.hstack([J, equations.signatures(problem, fit.chains, fit.c, fit.additions) * scale])
+        return cls(fit, base, J, scale, float(weights.max()))
+
+    @property
+    def dispersion(self) -> float:
+        """Variance of the residuals that is reckoned with."""
+        return max(1.0, self.fit.reduced_chi_square)
+
+    @property
+    def spread(self) -> Spread:
+        """See `spread_of`."""
+        fit, p, variables = self.fit, self.base.shape[1], Variables(self.fit.additions)
+        root = covariance_root(self.J.T @ self.J / self.dispersion)
+        if fit.additions:
+            root[p:] *= _growth(root[p:], self.scale, fit, variables)[:, None]
+            root[p:] *= self.scale[:, None]
+        return Spread(Directions.of(fit.c, fit.additions, self.base, self.stiffness), root)
+
+
 def spread_of(problem: Problem, fit: Fit) -> Spread:
     """Of Gauss-Newton's information, over the dispersion; amplitudes as uncertain as the fit says, which allows for errors of the kinematics, too.
 
     Functions at their bound are held there.
     """
-    weights = np.maximum(np.linalg.lstsq(problem.cone, fit.c, rcond=None)[0], 0.0)
-    base = problem.cone[:, weights > ACTIVE * weights.max()]
-    p = base.shape[1]
-    variables = Variables(fit.additions)
-    scale = variables.scale if fit.additions else np.zeros(0)
-    J = equations.base_columns(problem, fit.chains) @ base
-    if fit.additions:
-        J = np.hstack([J, equations.signatures(problem, fit.chains, fit.c, fit.additions) * scale])
-    information = J.T @ J / max(1.0, fit.reduced_chi_square)
-    root = covariance_root(information)
-    if fit.additions:
-        root[p:] *= _growth(root[p:], scale, fit, variables)[:, None]
-        root[p:] *= scale[:, None]
-    return Spread(Directions.of(fit.c, fit.additions, base, float(weights.max())), root)
+    return Columns.of(problem, fit).spread
 
 
 def covariance_root(information: Array) -> Array:

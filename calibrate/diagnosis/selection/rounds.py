@@ -19,6 +19,7 @@ from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects.chain import Addition
 from calibrate.fitting.noise.noise_check import NoiseCheck
+from calibrate.models.model_uncertainty import ModelUncertainty
 
 
 class Verdict(StrEnum):
@@ -187,7 +188,7 @@ class Discovery:
     replay, where nothing explains the test. without_twin: why tests were not replayed. own: what
     every one of several tests has for itself. levels: of several tests whose thicknesses are unknown; empty where these are known.
     replay_check: of base and final model; None where it was not asked for. dominant: of a test that is not explained; None where nothing is. one_modulus:
-    whether the base is neo-Hooke because a flexible one followed the noise of a weak strain.
+    whether the base is neo-Hooke because a flexible one followed the noise of a weak strain. uncertainty: of the final model.
     """
 
     problem: Problem = field(repr=False)
@@ -209,6 +210,7 @@ class Discovery:
     replay_check: ReplayCheck | NoReplayCheck | None = field(default=None, repr=False)
     dominant: DominantEffect | None = None
     one_modulus: bool = False
+    uncertainty: ModelUncertainty | None = field(default=None, repr=False)
 
     @property
     def powers(self) -> tuple[Power, ...]:

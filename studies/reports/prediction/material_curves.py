@@ -35,8 +35,9 @@ def add_curves(report: Report, folder: Path, models: Mapping[str, ExtendedModel]
     write_figure(path, draw_curves(curves, unit), dpi=140)
     write_csv(table, *curve_rows(curves, unit), [WORDS.curves_csv(unit=unit, bands=f"Of {used}.")])
     of_material, model = [a.effect.name for a in law.of_material], law.model
-    report.figure(
-        path,
-        WORDS.material_curves(file=used, effects=of_material, relaxes=model.relaxes, nominal=model.level_is_nominal),
-    )
+    caption = WORDS.material_curves(
+        file=used, effects=of_material, relaxes=model.relaxes, nominal=model.level_is_nominal,
+        bands=model.uncertainty is not None,
+    )  # fmt: skip
+    report.figure(path, caption)
     return [table]

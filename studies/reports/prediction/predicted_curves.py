@@ -14,13 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.equations.deformation_modes import MODES, mode_invariants, nominal_stress
+from calibrate.equations.deformation_modes import MODES, mode_invariants
 from calibrate.equations.kinematics import invariants_and_derivatives
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
 from studies.output.findings import Finding, Macro
 from studies.reports.model_remarks import model_remarks
+from studies.reports.prediction.diagnosed_bands import variances
 
 Array = NDArray[np.float64]
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
@@ -35,6 +36,7 @@ class Extent(Macro):
     BANDS = "bands"
     NO_BANDS = "no_bands"
     OF_DIAGNOSIS = "curves_of_diagnosis"
+    DIAGNOSED_BANDS = "bands_of_diagnosis"
     SLOW = "infinitely_slow"
     AT_SPEED = "at_constant_speed"
     LEFT_OUT = "effects_left_out_of_curves"
@@ -101,18 +103,18 @@ def predict(
     model: Model | DiagnosedLaw,
     stretch: float | None = None,
     points: int = 101,
-    truth: Callable[[Array], Any] | None = None,
+    truth: Callable[[str, Array], Array] | None = None,
 ) -> list[Curve]:
     """Curves of the three modes up to `stretch`, or a quarter beyond what was calibrated.
 
-    truth: d psi / d(I1, I2) (..., 2) of a known material as a function of invariants (..., 2).
+    truth: nominal stress (k,) of a known material in a mode at stretches (k,).
     """
     curves = []
     for mode in MODES:
         limit = calibrated_stretch(model, mode)
         top = stretch or (1 + MARGIN * (limit - 1) if 1 < limit < LARGEST else NO_RANGE)
         x = np.linspace(1.0, top, max(points, 2))
-        known = None if truth is None else nominal_stress(truth, mode, x)
+        known = None if truth is None else truth(mode, x)
         if isinstance(model, DiagnosedLaw):
             curves += [_of_diagnosis(model, mode, x, axis, limit, known) for axis in model.directions]
         else:
@@ -128,7 +130,11 @@ def _of_diagnosis(law: DiagnosedLaw, mode: str, x: Array, axis: str, limit: floa
     calibrated = np.logical_and.accumulate(law.is_calibrated(invariants))
     if not np.allclose(invariants, mode_invariants(mode, x)):
         limit = float(x[calibrated][-1])
-    return Curve(mode, x, stress, invariants, calibrated, limit, known, direction=axis)
+    spread, deviation = law.model.uncertainty, None
+    if spread is not None:
+        parts = variances(law, spread, mode, x, axis, stress, invariants)
+        deviation = np.sqrt(np.sum(list(parts.values()), axis=0))
+    return Curve(mode, x, stress, invariants, calibrated, limit, known, deviation, axis)
 
 
 def calibrated_stretch(model: Model | DiagnosedLaw, mode: str) -> float:
@@ -139,7 +145,12 @@ def calibrated_stretch(model: Model | DiagnosedLaw, mode: str) -> float:
 def band_finding(model: Model | DiagnosedLaw) -> Finding:
     """What the 95 % bands of a model hold."""
     if isinstance(model, DiagnosedLaw):
-        return Finding("prediction", Extent.OF_DIAGNOSIS)
+        spread = model.model.uncertainty
+        if spread is None:
+            return Finding("prediction", Extent.OF_DIAGNOSIS)
+        missed = model.model.verdict == "significant, not explained"
+        given = {"competitors": len(spread.competitors), "missed": missed}
+        return Finding("prediction", Extent.DIAGNOSED_BANDS, given, missed)
     found = model.uncertainty
     if found is None:
         return Finding("prediction", Extent.NO_BANDS)

@@ -8,32 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosed_materials import MU, STRETCH, found
 from scipy.optimize import brentq, minimize
 from viscous_states import nominal_stress
 
-from calibrate.effects import CATALOGUE
-from calibrate.effects.chain import Addition
-from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
+from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.equations.deformation_modes import MODES
-from calibrate.equations.equilibrium import neo_hooke
 from calibrate.errors import FitError
 from calibrate.models.diagnosed_law import DiagnosedLaw
-from calibrate.models.extended_model import ExtendedModel
 from studies import cli
 from studies.reports.prediction.predicted_curves import predict
-
-MU, TOP = 0.4, 20.0
-STRETCH = np.linspace(1.0, 2.0, 101)
-
-
-def found(*additions: tuple[str, tuple[float, ...], tuple[float, ...]]) -> ExtendedModel:
-    """A neo-Hookean base, known to I1 = 5, with effects by name, amplitudes and shape."""
-    basis, known = SingleBasis(0, TOP), {effect.name: effect for effect in CATALOGUE}
-    effects = tuple(Addition(known[name], a, shape) for name, a, shape in additions)
-    errors = tuple(tuple(0.0 for _ in a.amplitudes) for a in effects)
-    return ExtendedModel(
-        basis, neo_hooke(basis, MU), effects, errors, "MPa", calibrated_range={"I1": (3.0, 5.0)}
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -44,6 +44,7 @@ from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.fitness import Fitness, Use
+from calibrate.models.model_uncertainty import ModelUncertainty
 from calibrate.models.parameter_covariance import Uncertainty
 from studies.commands.discover import read as read_experiments
 from studies.decide.report import DecideCode
@@ -347,13 +348,14 @@ def curves(model: Any = MODEL, stretch: float | None = None) -> Findings:
     return predicted_curves.findings(model, predicted_curves.predict(model, stretch))
 
 
-def of_diagnosis(duration: float | None = None) -> Findings:
-    """Curves of a material that relaxes, found beside an offset of the load cell."""
+def of_diagnosis(duration: float | None = None, verdict: str | None = None) -> Findings:
+    """Curves of a material that relaxes, found beside an offset of the load cell; with a verdict: with its uncertainty, too."""
     basis, known = SingleBasis(0, 20.0), {effect.name: effect for effect in CATALOGUE}
     additions = (Addition(known["viscoelasticity"], (0.5,), (1.0,)), Addition(known["force offset"], (0.1,), ()))
-    return curves(
-        DiagnosedLaw(ExtendedModel(basis, np.ones(basis.n), additions, ((0.1,), (0.1,)), "MPa"), duration), 1.2
-    )
+    model = ExtendedModel(basis, np.ones(basis.n), additions, ((0.1,), (0.1,)), "MPa")
+    if verdict is not None:
+        model = replace(model, verdict=verdict, uncertainty=ModelUncertainty(np.zeros((basis.n + 3, 1))))
+    return curves(DiagnosedLaw(model, duration), 1.2)
 
 
 def forecast(**changes: Any) -> Findings:
@@ -425,6 +427,7 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
     "prediction.infinitely_slow": of_diagnosis,
     "prediction.at_constant_speed": lambda: of_diagnosis(2.0),
     "prediction.curves_of_diagnosis": of_diagnosis,
+    "prediction.bands_of_diagnosis": lambda: of_diagnosis(verdict="explained"),
     "prediction.effects_left_out_of_curves": of_diagnosis,
     "prediction.force_error": forecast,
     "prediction.one_factor": lambda: forecast(factor=1.5),
@@ -474,6 +477,7 @@ RAISED: dict[str, Callable[[], Findings]] = {
     "R609": lambda: of_explained(replay_check=check(observations(only_held(9.0)), observations())),
     "P501": lambda: curves(USELESS),
     "P505": lambda: bands(False),
+    "P516": lambda: of_diagnosis(verdict="significant, not explained"),
 }
 
 

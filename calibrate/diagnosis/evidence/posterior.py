@@ -1,0 +1,119 @@
+"""What a diagnosis leaves uncertain of the material it found: parameters, level, and explanations that compete with it.
+
+In: a `Discovery`, priors. Out: `ModelUncertainty`. An effect of the material that is not in the model may still be there, as large as test and prior allow: with S its
+signature over prior deviations L outside of what base and model adjust, and r the residual over its dispersion, its amplitudes are L a with the posterior
+N(m, M^-1), M = 1 + S^T S, m = -M^-1 S^T r, and the base makes up for them as far as it can. In deformation modes that a test does not hold, it cannot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibrate.diagnosis import problem as equations
+from calibrate.diagnosis.evidence.explanations import Explanation
+from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.evidence.signatures import prior_deviations
+from calibrate.diagnosis.parameters import Variables
+from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
+from calibrate.diagnosis.replayed.parameter_spread import Columns
+from calibrate.diagnosis.selection.rounds import Discovery
+from calibrate.effects import Effect
+from calibrate.effects.chain import Addition
+from calibrate.models.model_uncertainty import Competitor, ModelUncertainty
+
+Array = NDArray[np.float64]
+LEAST = 1e-3  # probability of a competitor that is kept
+
+
+def uncertainty_of(found: Discovery, priors: Priors) -> ModelUncertainty:
+    """Of the final model, before its level is that of the replay."""
+    columns = Columns.of(found.problem, found.final)
+    spread = columns.spread
+    p = columns.base.shape[1]
+    root = np.concatenate([columns.base @ spread.root[:p], spread.root[p:]])
+    competitors = (*_fitted(found), *_undetected(found, columns, priors))
+    check, times = (
+        found.replay_check,
+        [_last_time(part.train.rows, part.experiment.time) for part in found.problem.trained],
+    )
+    replayed = check.final if isinstance(check, ReplayCheck) else None
+    return ModelUncertainty(
+        root,
+        competitors,
+        0.0 if replayed is None else replayed.deviation,
+        0.0 if replayed is None or replayed.fitted is None else _known(replayed.fitted.force),
+        max((t for t in times if t is not None), default=None),
+    )
+
+
+def _known(error: float) -> float:
+    return error if np.isfinite(error) else 0.0
+
+
+def _last_time(rows: NDArray[np.bool_], time: Array | None) -> float | None:
+    """Of the increments with equations that were fitted, rows (t, 2 v)."""
+    return None if time is None or not rows.any() else float(time[rows.any(axis=1)].max())
+
+
+def _fitted(found: Discovery) -> Iterator[Competitor]:
+    """Explanations that were fitted, but for that of the model itself."""
+    known: dict[frozenset[str], list[Explanation]] = {}
+    for one in _explanations(found):
+        if one.c is not None and frozenset(one.names) != frozenset(found.final.names):
+            known.setdefault(frozenset(one.names), []).append(one)
+    for same in known.values():
+        probability, c = sum(one.probability for one in same), same[0].c
+        if probability > LEAST and c is not None:
+            yield Competitor(probability, c, same[0].additions)
+
+
+def _explanations(found: Discovery) -> tuple[Explanation, ...]:
+    return () if found.weighing is None else found.weighing.alternatives.explanations
+
+
+def _undetected(found: Discovery, columns: Columns, priors: Priors) -> Iterator[Competitor]:
+    """Effects of the material that were tested, and are in no explanation that was fitted: one for each axis of their amplitudes."""
+    problem, inside, tested = found.problem, set(found.final.names), {}
+    for one in found.rounds[-1].candidates:
+        if one.score.is_tested and one.score.effect.of_material and one.name not in inside:
+            tested[one.name] = one.score
+    for name, score in tested.items():
+        open_to = sum(one.probability for one in _explanations(found) if one.c is None and name in one.names)
+        if open_to > LEAST:
+            L = prior_deviations(problem, score.effect, priors)
+            yield from _as_large_as_it_may_be(problem, columns, score.effect, score.shape, L, open_to)
+
+
+def _as_large_as_it_may_be(
+    problem: Problem, columns: Columns, effect: Effect, shape: tuple[float, ...], L: Array, probability: float
+) -> Iterator[Competitor]:
+    """L (p,): prior deviations of the amplitudes."""
+    fit, null = columns.fit, tuple(p.null for p in effect.amplitudes)
+    S = equations.signature(problem, fit.chains, fit.c, (*fit.additions, Addition(effect, null, shape))) * L
+    if not np.isfinite(S).all():
+        return
+    size = np.maximum(np.linalg.norm(columns.J, axis=0), 1e-300)
+    made_up = -np.linalg.lstsq(columns.J / size, S, rcond=None)[0] / size[:, None]
+    outside = S + columns.J @ made_up
+    inverse = np.linalg.inv(np.eye(len(L)) + outside.T @ outside / columns.dispersion)
+    mean = -inverse @ outside.T @ fit.residual / columns.dispersion
+    values, axes = np.linalg.eigh(inverse + np.outer(mean, mean))
+    n, variables = columns.base.shape[1], Variables(fit.additions)
+    for a in (axes * np.sqrt(values)).T:
+        a = _admissible(a, effect, L)
+        moved = made_up @ a
+        additions = variables.at(variables.values + moved[n:] * columns.scale) if fit.additions else ()
+        new = Addition(effect, tuple(map(float, null + L * a)), shape)
+        yield Competitor(probability, fit.c + columns.base @ moved[:n], (*additions, new))
+
+
+def _admissible(a: Array, effect: Effect, L: Array) -> Array:
+    """a (p,), or -a, which is as probable to first order, where that is nearer to what amplitudes may be."""
+    null = np.array([p.null for p in effect.amplitudes])
+    lower, upper = (np.array([getattr(p, name) for p in effect.amplitudes]) for name in ("lower", "upper"))
+    beyond = [float(np.abs(v - np.clip(v, lower, upper)).sum()) for v in (null + L * a, null - L * a)]
+    return a if beyond[0] <= beyond[1] else -a
