@@ -60,7 +60,7 @@ def _noise_that_makes(part: Part, c: Array, additions: Additions, forces: Array)
     factor = part.assembled.noise_factor
     noise = np.moveaxis(part.chain.pulled_back(c, additions, forces), 1, 0)
     flat = factor @ (factor.T @ noise.reshape(len(noise), -1))
-    return np.asarray(np.einsum("ij,njk->ink", part.assembled.between, flat.reshape(noise.shape)))
+    return np.tensordot(part.assembled.between, flat.reshape(noise.shape), (1, 1))
 
 
 def hidden_noise(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[list[Array]]:

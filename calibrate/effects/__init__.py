@@ -23,7 +23,7 @@ from calibrate.effects.mullins import Mullins
 from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.payne import Payne
 from calibrate.effects.permanent_set import PermanentSet
-from calibrate.effects.second_invariant import SecondInvariant
+from calibrate.effects.second_invariant import SecondInvariant, SecondInvariantLogarithm
 from calibrate.effects.stiffness_field import StiffnessField
 from calibrate.effects.stiffness_gradient import StiffnessGradient
 from calibrate.effects.subset_smoothing import SubsetSmoothing
@@ -60,7 +60,7 @@ LISTED: tuple[Effect, ...] = (
     InitialWarp(),
 )
 
-BESIDE = (SecondViscosity(),)  # in models, but not candidates of their own
+BESIDE = (SecondViscosity(), SecondInvariantLogarithm())  # in models, but not candidates of their own
 
 
 def _further() -> tuple[Effect, ...]:

@@ -22,6 +22,28 @@ class SecondInvariant(Effect):
 
     def stress(self, data, F, P, a, shape):
         F = Tensors.of(F)
-        J, trace = F.det, F.dot(F)
-        slope = F * J**-2 + F.cofactor * (J - trace * J**-3)  # half of that of I2 = J^2 + tr F^T F / J^2
-        return (Tensors.of(P) + slope * (2.0 * a[0])).array
+        return (Tensors.of(P) + _half_slope(F) * (2.0 * a[0])).array
+
+
+@dataclass(frozen=True)
+class SecondInvariantLogarithm(Effect):
+    """P gains c2 / I2 dI2/dF: another form of the same, by which the bands of curves allow for what a test cannot tell of its form."""
+
+    name = "logarithm of the second invariant"
+    stage = "energy"
+    of_material = True
+    formula = "psi + c2 ln(I2 / 3)"
+    source = "Gent and Thomas 1958"
+    amplitudes = (Parameter("c2", "MPa", lower=0.0, typical=0.09),)
+    decided_by = "an equi-biaxial test beside a uniaxial one"
+
+    def stress(self, data, F, P, a, shape):
+        F = Tensors.of(F)
+        J = F.det
+        return (Tensors.of(P) + _half_slope(F) * (2.0 * a[0] / (J**2 + F.dot(F) * J**-2))).array
+
+
+def _half_slope(F: Tensors) -> Tensors:
+    """Half of that of I2 = J^2 + tr F^T F / J^2."""
+    J = F.det
+    return F * J**-2 + F.cofactor * (J - F.dot(F) * J**-3)

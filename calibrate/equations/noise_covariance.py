@@ -71,7 +71,7 @@ def sample(factor: sp.csr_array, rng: np.random.Generator, n_increments: int) ->
 
 def common_sample(factor: sp.csr_array, rng: np.random.Generator, between: Array) -> Array:
     """Noise fields (t, n_nodes, 2), mm, with a covariance `between_increments` (t, t), independent per component."""
-    return np.asarray(np.einsum("ij,jnk->ink", root(between), sample(factor, rng, len(between))))
+    return np.tensordot(root(between), sample(factor, rng, len(between)), 1)
 
 
 def root(between: Array) -> Array:

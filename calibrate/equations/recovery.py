@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from calibrate.data.triangulation import boundary_edges
 from calibrate.equations.kinematics import gradient_operator, shape_gradients
+from meshes.measured.curved_outline import is_smooth
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -137,9 +138,10 @@ def segments(points: Array, triangles: Indices, free_nodes: Indices) -> Segments
     turning = np.flatnonzero(follower[end] >= 0)
     after = follower[end[turning]]
     cross = edge[turning, 0] * edge[after, 1] - edge[turning, 1] * edge[after, 0]
-    turn = np.arctan2(cross, (edge[turning] * edge[after]).sum(axis=1))
+    turn, every = np.arctan2(cross, (edge[turning] * edge[after]).sum(axis=1)), np.zeros(len(start))
+    every[turning] = turn
     chord = np.linalg.norm(points[end[after]] - points[start[turning]], axis=1)
-    smooth = np.abs(turn) < SMOOTH
+    smooth = is_smooth(every, follower[end], SMOOTH)[turning]
     curvature = np.full(len(points), np.nan)
     curvature[end[turning[smooth]]] = 2 * np.sin(turn[smooth]) / chord[smooth]
     at_ends = np.stack([curvature[start], curvature[end]])

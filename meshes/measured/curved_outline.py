@@ -14,6 +14,8 @@ from scipy.interpolate import CubicSpline
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 CORNER = np.radians(65)  # a larger turn between two edges is a corner: a hole of six points still is round
+SHARPEST = np.radians(85)  # turn of a curve, where both turns beside it are of its sense, no sharper, and at least
+BESIDE = 0.3  # of its size, as at the tip of an ellipse of few points
 NO_EDGE = -1
 
 
@@ -67,4 +69,15 @@ def _followers(points: Array, edges: Indices) -> Indices:
     after = np.where(count[edges[:, 1]] == 1, starting[edges[:, 1]], NO_EDGE)
     one, other = (points[e[:, 1]] - points[e[:, 0]] for e in (edges, edges[after]))
     turn = np.arctan2(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0], (one * other).sum(axis=1))
-    return np.where(np.abs(turn) < CORNER, after, NO_EDGE)
+    return np.where(is_smooth(turn, after), after, NO_EDGE)
+
+
+def is_smooth(turn: Array, after: Indices, corner: float = CORNER) -> NDArray[np.bool_]:
+    """(k,): whether an outline has no corner behind each edge. turn (k,): from it to the edge that follows, after (k,), `NO_EDGE` where none does."""
+    follows = after != NO_EDGE
+    turn = np.where(follows, turn, 0.0)
+    before = np.zeros(len(turn))
+    before[after[follows]] = turn[follows]
+    all_three = np.sign(turn) * np.stack([before, turn, np.where(follows, turn[after], 0.0)])
+    curves = (all_three.max(axis=0) < SHARPEST) & (all_three.min(axis=0) >= BESIDE * np.abs(turn))
+    return (np.abs(turn) < corner) | curves

@@ -2,12 +2,14 @@
 
 In: a `Discovery`, priors. Out: `ModelUncertainty`. An effect of the material that is not in the model may still be there, as large as test and prior allow: with S its
 signature over prior deviations L outside of what base and model adjust, and r the residual over its dispersion, its amplitudes are L a with the posterior
-N(m, M^-1), M = 1 + S^T S, m = -M^-1 S^T r, and the base makes up for them as far as it can. In deformation modes that a test does not hold, it cannot.
+N(m, M^-1), M = 1 + S^T S, m = -M^-1 S^T r, and the base makes up for them as far as it can. In deformation modes that a test does not hold, it cannot. An effect that is in the
+model may have another form (`OTHER_FORMS`), which is as probable before the test: it is fitted in its place, and weighed by its misfit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +24,13 @@ from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.replayed.parameter_spread import Columns
 from calibrate.diagnosis.selection.rounds import Discovery
 from calibrate.effects import Effect
-from calibrate.effects.chain import Addition
+from calibrate.effects.chain import Addition, Additions
+from calibrate.effects.second_invariant import SecondInvariantLogarithm
 from calibrate.models.model_uncertainty import Competitor, ModelUncertainty
 
 Array = NDArray[np.float64]
 LEAST = 1e-3  # probability of a competitor that is kept
+OTHER_FORMS: dict[str, Effect] = {"second invariant": SecondInvariantLogarithm()}
 
 
 def uncertainty_of(found: Discovery, priors: Priors) -> ModelUncertainty:
@@ -35,7 +39,7 @@ def uncertainty_of(found: Discovery, priors: Priors) -> ModelUncertainty:
     spread = columns.spread
     p = columns.base.shape[1]
     root = np.concatenate([columns.base @ spread.root[:p], spread.root[p:]])
-    competitors = (*_fitted(found), *_undetected(found, columns, priors))
+    competitors = (*_fitted(found), *_of_other_forms(found.problem, columns), *_undetected(found, columns, priors))
     check, times = (
         found.replay_check,
         [_last_time(part.train.rows, part.experiment.time) for part in found.problem.trained],
@@ -75,6 +79,44 @@ def _explanations(found: Discovery) -> tuple[Explanation, ...]:
     return () if found.weighing is None else found.weighing.alternatives.explanations
 
 
+def _of_other_forms(problem: Problem, columns: Columns) -> Iterator[Competitor]:
+    """The model with an effect in another form, and base and other effects that make up for the difference; energies are linear in all of them."""
+    fit, n = columns.fit, columns.base.shape[1]
+    ends = n + np.cumsum([len(a.amplitudes) + len(a.shape) for a in fit.additions])
+    for i, (addition, end) in enumerate(zip(fit.additions, ends, strict=True)):
+        new = OTHER_FORMS.get(addition.effect.name)
+        if new is None:
+            continue
+        own = slice(int(end) - len(addition.amplitudes) - len(addition.shape), int(end))
+        others, kept = fit.additions[:i] + fit.additions[i + 1 :], np.delete(np.arange(columns.J.shape[1]), own)
+        null = Addition(new, tuple(p.null for p in new.amplitudes))
+        S = equations.signature(problem, fit.chains, fit.c, (*others, null))
+        without = fit.residual - columns.J[:, own] @ (
+            np.array(addition.amplitudes) / columns.scale[own.start - n : own.stop - n]
+        )
+        X = np.hstack([columns.J[:, kept], S])
+        size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+        moved = -np.linalg.lstsq(X / size, without, rcond=None)[0] / size
+        amplitudes = moved[len(kept) :]
+        if (amplitudes <= 0).any():
+            continue
+        left = without + X @ moved
+        odds = np.exp(-0.5 * float(left @ left - fit.residual @ fit.residual) / columns.dispersion)
+        yield Competitor(
+            float(odds / (1 + odds)),
+            fit.c + columns.base @ moved[:n],
+            (*_moved(others, moved[n : len(kept)]), replace(null, amplitudes=tuple(map(float, amplitudes)))),
+        )
+
+
+def _moved(additions: Additions, change: Array) -> Additions:
+    """change (k,) of amplitudes and shapes, over their scale."""
+    if not additions:
+        return ()
+    variables = Variables(additions)
+    return variables.at(variables.values + change * variables.scale)
+
+
 def _undetected(found: Discovery, columns: Columns, priors: Priors) -> Iterator[Competitor]:
     """Effects of the material that were tested, and are in no explanation that was fitted: one for each axis of their amplitudes."""
     problem, inside, tested = found.problem, set(found.final.names), {}
@@ -102,13 +144,12 @@ def _as_large_as_it_may_be(
     inverse = np.linalg.inv(np.eye(len(L)) + outside.T @ outside / columns.dispersion)
     mean = -inverse @ outside.T @ fit.residual / columns.dispersion
     values, axes = np.linalg.eigh(inverse + np.outer(mean, mean))
-    n, variables = columns.base.shape[1], Variables(fit.additions)
+    n = columns.base.shape[1]
     for a in (axes * np.sqrt(values)).T:
         a = _admissible(a, effect, L)
         moved = made_up @ a
-        additions = variables.at(variables.values + moved[n:] * columns.scale) if fit.additions else ()
         new = Addition(effect, tuple(map(float, null + L * a)), shape)
-        yield Competitor(probability, fit.c + columns.base @ moved[:n], (*additions, new))
+        yield Competitor(probability, fit.c + columns.base @ moved[:n], (*_moved(fit.additions, moved[n:]), new))
 
 
 def _admissible(a: Array, effect: Effect, L: Array) -> Array:

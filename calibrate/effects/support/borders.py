@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibrate.data.triangulation import boundary_edges
 from calibrate.equations.recovery import SMOOTH
+from meshes.measured.curved_outline import is_smooth
 
 Array = NDArray[np.float64]
 CELLS = 16  # along the side of a subset
@@ -37,7 +38,7 @@ def nearest_lines(points: Array, triangles: NDArray[np.int64]) -> Array:
     turn = np.arctan2(
         tangent[:, 0] * tangent[after, 1] - tangent[:, 1] * tangent[after, 0], (tangent * tangent[after]).sum(axis=1)
     )
-    at_end = np.where(np.abs(turn) < SMOOTH, -2 * turn / (length + length[after]), 0.0)
+    at_end = np.where(is_smooth(turn, after, SMOOTH), -2 * turn / (length + length[after]), 0.0)
     at_start = np.zeros(len(start))
     at_start[after] = at_end
     curvature = 0.5 * (at_start + at_end)

@@ -25,6 +25,7 @@ from studies.reports.prediction.diagnosed_bands import variances
 
 Array = NDArray[np.float64]
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
+LEAST = 1e-3  # probability of a competing explanation that is counted
 
 
 class Extent(Macro):
@@ -149,7 +150,7 @@ def band_finding(model: Model | DiagnosedLaw) -> Finding:
         if spread is None:
             return Finding("prediction", Extent.OF_DIAGNOSIS)
         missed = model.model.verdict == "significant, not explained"
-        given = {"competitors": len(spread.competitors), "missed": missed}
+        given = {"competitors": sum(one.probability > LEAST for one in spread.competitors), "missed": missed}
         return Finding("prediction", Extent.DIAGNOSED_BANDS, given, missed)
     found = model.uncertainty
     if found is None:

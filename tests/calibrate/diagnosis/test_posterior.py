@@ -78,3 +78,20 @@ def test_the_bands_hold_the_material():
         truth = along - (2 * c10 * c + 2 * C01 * c * (x**2 + b**2)) * c / x
         inside = curve.calibrated & (x > 1)
         assert (np.abs(curve.stress - truth)[inside] < 3 * curve.deviation[inside]).all(), curve.mode
+
+
+def test_another_form_of_an_effect_is_fitted_and_weighed():
+    """The logarithm of the second invariant, against least squares with all columns at once."""
+    found = explained()
+    one = next(c for c in found.uncertainty.competitors if c.names == ("logarithm of the second invariant",))
+    problem, fit = found.problem, found.final
+    before, after = (float(r @ r) for r in (fit.residual, equations.residual(problem, one.c, one.additions)))
+    odds = -0.5 * (after - before) / max(1.0, fit.reduced_chi_square)  # at displacements with their noise
+    assert np.log(one.probability / (1 - one.probability)) == pytest.approx(odds, rel=0.1)
+    assert odds < -10  # a fine plate tells the forms apart
+    law = DiagnosedLaw(extended(found, "", RECORD))
+    x = np.linspace(1.0, 1.3, 31)
+    (c01,), (c2,) = found.final.additions[0].amplitudes, one.additions[0].amplitudes
+    assert 0.5 * 3 * c01 < c2 < 3 * 3 * c01  # d psi / d I2 = c2 / I2, about c01 in the test
+    wider = {mode: np.abs(law.changes(mode, x, "", [replace(law, model=replace(law.model, c=one.c, additions=one.additions))])[0][-1]) for mode in ("uniaxial", "equibiaxial")}  # fmt: skip
+    assert wider["equibiaxial"] > wider["uniaxial"]
