@@ -129,6 +129,10 @@ class Effect:
         """Whether a member of a family is a simpler effect under another name."""
         return False
 
+    def is_possible(self, data: Data, a: Any, shape: Any) -> bool:
+        """Whether a body can have these amplitudes (p,), beyond the bounds of each."""
+        return True
+
     def missing(self, data: Data) -> str | None:
         """What the data lack for this effect to be tested ('time', 'unloading', ...), or None."""
         return None

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from calibrate.effects.effect import Effect, Parameter
 
 ORDER = 3  # of the cosines along either side
+SOFTEST = 0.05  # stiffness of a place over the mean, below which it is none that a sheet has
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,15 @@ class StiffnessField(Effect):
     decided_by = "strips cut from different places, or a thickness gauge"
 
     def stress(self, data, F, P, a, shape):
+        return P * self._factor(data, a)[:, None, None]
+
+    def is_possible(self, data, a, shape):
+        return bool(self._factor(data, jnp.asarray(a)).min() > SOFTEST)
+
+    def _factor(self, data, a):
+        """Stiffness (m,) of the triangles over the mean."""
         low, high = data.points.min(axis=0), data.points.max(axis=0)
         x = (data.centroids - low) / (high - low)
         k = jnp.arange(ORDER + 1)
         waves = jnp.cos(jnp.pi * x[:, 0, None] * k)[:, :, None] * jnp.cos(jnp.pi * x[:, 1, None] * k)[:, None, :]
-        return P * (1.0 + waves.reshape(len(x), -1)[:, 1:] @ a)[:, None, None]
+        return 1.0 + waves.reshape(len(x), -1)[:, 1:] @ a

@@ -24,6 +24,7 @@ MODES = {
 }
 STRESS_UNITS = {"MPa": 1.0, "kPa": 1e-3, "Pa": 1e-6, "N/mm2": 1.0, "N/mm^2": 1.0, "psi": 6.894757293168e-3}
 SUFFIX = re.compile(r"[_ ](MPa|kPa|Pa|psi)$", re.IGNORECASE)
+NOISE = 0.02  # of the largest stress, and of a stretch: smaller ones have any sign
 NEEDED = "columns mode, stretch (or strain), stress_MPa; mode is uniaxial, equibiaxial or pure_shear"
 
 
@@ -46,6 +47,7 @@ def read_curves(path: str | Path) -> Curves:
         raise errors.FileFormatError(
             f"{path}, row {bad[0] + 1} below the header: no number in '{stretch}' or '{stress}'"
         )
+    _check_signs(path, x, P)
     curves = {}
     for name in dict.fromkeys(modes):
         own = np.array([one == name for one in modes])
@@ -53,6 +55,19 @@ def read_curves(path: str | Path) -> Curves:
         curves[name] = (x[own][order], P[own][order])
     check_curves(curves)
     return curves
+
+
+def _check_signs(path: Path, stretch: Array, stress: Array) -> None:
+    """Raises `FileFormatError` for a pull with a negative stress, or a push with a positive one, that is more than noise."""
+    wrong = np.flatnonzero(
+        ((stretch - 1) * stress < 0) & (np.abs(stress) > NOISE * np.abs(stress).max()) & (np.abs(stretch - 1) > NOISE)
+    )
+    if wrong.size:
+        k = int(wrong[0])
+        raise errors.FileFormatError(
+            f"{path}, row {k + 1} below the header: a stress of {stress[k]:.4g} MPa at a stretch of {stretch[k]:.4g} has the wrong sign; "
+            "a pull is positive. Correct the sign, or leave the row out"
+        )
 
 
 def _no_table(path: Path) -> str:
@@ -65,6 +80,8 @@ def _no_table(path: Path) -> str:
                 return (
                     f"{path}, row {number} below the header, column '{name}': '{cell.strip()}' is no number; {NEEDED}"
                 )
+    if len(rows) == 2:
+        return f"{path}: one row is no curve; {NEEDED}"
     first = f"; the first line has {', '.join(head)}" if head else ""
     return f"{path}: no table with a header{first}; {NEEDED}"
 

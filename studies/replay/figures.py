@@ -31,7 +31,8 @@ def residual_maps(found: Replay) -> Figure:
                 ax.set(aspect="equal", title=f"along {component}")
                 ax.grid(False)
             row[0].set_ylabel("y, mm")
-            figure.colorbar(image, ax=row, label=f"measured - replayed, {unit}", shrink=0.9, extend="both")
+            bar = figure.colorbar(image, ax=row, label=f"measured - replayed,\n{unit}", shrink=0.9, extend="both")
+            bar.ax.yaxis.label.set_fontsize("small")
         for ax in axes[-1]:
             ax.set_xlabel("x, mm")
     return figure

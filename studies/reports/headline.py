@@ -66,7 +66,7 @@ class Quality:
     what noise alone would make of it, None where it is unknown; held_error: on increments held out, None where none were;
     neo_hooke_error: of the best single modulus, NaN where it is not known. attenuation: factor by which noise lowers the stiffness, and
     whether the stiffness was raised by it. relative_deviation: of the initial shear modulus. imbalance: of the measured forces, over the
-    largest, None where they balance. alike: of so many starts, those that ended as low as the best. unexplained: whether a diagnosis found nothing that explains the test."""
+    largest, None where they balance. alike: of so many starts, those that ended as low as the best. unexplained: whether a diagnosis found nothing that explains the test, unconverged: and its last fit would still change."""
 
     signals: tuple[StrainSignal, ...]
     level_is_nominal: bool
@@ -84,6 +84,7 @@ class Quality:
     starts: int = 1
     alike: int = 1
     unexplained: bool = False
+    unconverged: bool = False
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,7 @@ def _found(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:
     if q.imbalance is not None:
         yield False, _finding(Reason.IMBALANCE, share=q.imbalance)
     if q.unexplained:
-        yield False, _finding(Reason.UNEXPLAINED)
+        yield q.unconverged, _finding(Reason.UNEXPLAINED, unconverged=q.unconverged)
 
 
 def _of_forces(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:

@@ -13,11 +13,11 @@ also what is left of a strong effect by the errors of its formula and of the mes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from calibrate.diagnosis import weighted_fit
-from calibrate.diagnosis.evidence.explanations import CERTAIN, TIE, Alternatives, Explanation, Weighing
+from calibrate.diagnosis.evidence.explanations import CERTAIN, TIE, Alternatives, Explanation, Finding, Weighing
 from calibrate.diagnosis.evidence.power import powers
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.misfit import is_larger
@@ -49,7 +49,18 @@ def decided(
             weighing = replace(weighing, powers=shown)
             found = replace(other, replaced=found.final.names)
         found = _judged(found, weighing)
+    else:
+        found = replace(found, groups=_without_excluded(found.groups, weighing))
     return replace(found, weighing=weighing)
+
+
+def _without_excluded(groups: Mapping[str, tuple[str, ...]], weighing: Weighing) -> dict[str, tuple[str, ...]]:
+    """Of the rounds, less what the test excludes beside the final model: that it tells apart."""
+    excluded = {one.effect.name for one in weighing.powers if one.finding is Finding.EXCLUDED}
+    return {
+        name: tuple(other for other in group if other == name or other not in excluded)
+        for name, group in groups.items()
+    }
 
 
 def _run_on(

@@ -100,9 +100,15 @@ class Power:
 @dataclass(frozen=True, eq=False)
 class Weighing:
     """alternatives; groups: effects that lie in the span of up to two others, by their names; powers: of every effect. fitted: whether the
-    alternatives were fitted, or are linear in their amplitudes."""
+    alternatives were fitted, or are linear in their amplitudes. significant: whether there is an effect; beside one that is not fitted, linear probabilities are none."""
 
     alternatives: Alternatives
     groups: dict[str, tuple[str, ...]]
     powers: tuple[Power, ...]
     fitted: bool
+    significant: bool = True
+
+    @property
+    def is_provisional(self) -> bool:
+        """Whether its probabilities order what is to be looked at, and no more: a strong effect is far from linear, and others make up for what its signature misses."""
+        return self.significant and not self.fitted

@@ -27,7 +27,7 @@ from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, Evidence
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
 from calibrate.diagnosis.problem import Problem
-from calibrate.diagnosis.selection.candidate_fit import has_soft_base
+from calibrate.diagnosis.selection.candidate_fit import has_soft_base, is_possible
 from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Additions, Chain
@@ -118,6 +118,7 @@ def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem,
     except errors.FitError:
         return None
     refused = fit.free_loss >= WORSE * base.free_loss or has_soft_base(fit, base, DEFAULT)
+    refused |= not all(is_possible(problem, one) for one in fit.additions)
     return None if refused else (own, fit)
 
 

@@ -51,13 +51,14 @@ def weigh(
     ranked = linear.by_names(linear.best(), SHOWN)
     result = _linear(linear, ranked)
     final = frozenset(found.final.names)
-    fitted = fitted and found.verdict is not Verdict.NOTHING_SIGNIFICANT
+    significant = found.verdict is not Verdict.NOTHING_SIGNIFICANT
+    fitted = fitted and significant
     if fitted:
         say("fits of the best explanations")
         result = _fitted(problem, first.fit, effects, linear, ranked, priors, final, say)
     spanned = next((one for one in ranked if linear.names(one) == final), ranked[0])
     shown = powers(found.problem, found.rounds[-1], found.thresholds.significance, priors)
-    return Weighing(result, _groups(linear, spanned), shown, fitted)
+    return Weighing(result, _groups(linear, spanned), shown, fitted, significant)
 
 
 def _shapes(problem: Problem, first: Round) -> dict[str, tuple[float, ...]]:

@@ -97,7 +97,7 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
         return RefusalReason.NO_BETTER_FIT
     if not_distinct_from_null(candidate.addition, candidate.deviations):
         return RefusalReason.NULL_AMPLITUDE
-    if any(at_bounds(one) for one in candidate.fit.additions):
+    if any(at_bounds(one) or not is_possible(model.problem, one) for one in candidate.fit.additions):
         return RefusalReason.INADMISSIBLE
     if candidate.addition.effect.is_degenerate(candidate.addition.shape):
         return RefusalReason.DEGENERATE
@@ -112,6 +112,11 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
     assert candidate.problem is not None
     both = Model(candidate.problem, candidate.fit)
     return None if falls_in_either_weights(model, both) else RefusalReason.LARGER_IN_OTHER_WEIGHTS
+
+
+def is_possible(problem: Problem, one: Addition) -> bool:
+    """In every test that was fitted."""
+    return all(one.effect.is_possible(part.chain.data, one.amplitudes, one.shape) for part in problem.trained)
 
 
 def has_soft_base(fit: Fit, base: Fit, thresholds: Thresholds) -> bool:

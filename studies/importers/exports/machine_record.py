@@ -6,7 +6,7 @@ In: tables that are no frames. Out: entries of [force] and [frames] of a column 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,6 +81,7 @@ def say_record(others: Sequence[TextFile], answers: RecordAnswers, frames: int, 
         return
     _say_time(record, time, answers, found)
     if untimed:
+        _check_pictures(record, found)
         found.ask(
             "frames.rate_hz",
             "--frame-rate",
@@ -113,12 +114,27 @@ def _pictures(record: TextFile, found: Guesses) -> str | None:
     files = found.get("points.files") or ()
     if isinstance(files, str) or not files:
         return None
-    for name in record.names:
-        words = read_words(record.path, name, record.layout)
-        rows = [] if any(map(_is_number, words)) else rows_of_pictures(words, files)
+    for name, rows in _rows_by_name(record, files):
         if rows and None not in rows and len(set(rows)) == len(rows):
             return name
     return None
+
+
+def _check_pictures(record: TextFile, found: Guesses) -> None:
+    """Raises `FileFormatError` where a column names most of the pictures, but not all."""
+    files = found.get("points.files") or ()
+    for name, rows in [] if isinstance(files, str) else _rows_by_name(record, files):
+        if None in rows and sum(row is not None for row in rows) > len(files) / 2:
+            raise errors.FileFormatError(
+                f"{record.path}: '{name}' names the pictures of the rows, but none for {Path(files[rows.index(None)]).name}; add its row, or take its file out of the folder"
+            )
+
+
+def _rows_by_name(record: TextFile, files: Sequence[str]) -> Iterator[tuple[str, list[int | None]]]:
+    """Columns of words, and the row of each that names the picture of each file."""
+    for name in record.names:
+        words = read_words(record.path, name, record.layout)
+        yield name, [] if any(map(_is_number, words)) else list(rows_of_pictures(words, files))
 
 
 def _is_number(word: str) -> bool:

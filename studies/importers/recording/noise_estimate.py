@@ -11,8 +11,8 @@ removes is accounted for. Two numbers follow:
 - total: from the frames themselves; includes errors that persist from frame to frame (a speckle pattern is
   matched with the same error while it deforms slowly) and fine structure of the specimen that no smooth model
   describes. This is what an equilibrium equation sees, and the default.
-- temporal: from second differences in time, (u_(k-1) - 2 u_k + u_(k+1)) / sqrt(6); only what changes from one
-  frame to the next. The smooth field taken away is one cubic over all points, so that long correlation lengths
+- temporal: from what a frame is off the line between its neighbours, ((1 - a) u_(k-1) - u_k + a u_(k+1)) / sqrt(1 + a^2 + (1 - a)^2), with a where on
+  the line it is nearest: frames need not be evenly spaced; only what changes from one frame to the next. The smooth field taken away is one cubic over all points, so that long correlation lengths
   stay visible; it is reported as jitter (vibration, frame timing).
 """
 
@@ -36,7 +36,6 @@ Index = NDArray[np.int64]
 NEIGHBOURS, LARGEST_PATCH = 25, 1500
 # reach of the covariances of local and overall filter, and length below which noise counts as white, in spacings
 NEAR, FAR, WHITE = 6.0, 15.0, 0.3
-SECOND_DIFFERENCE = np.sqrt(6.0)
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
     total = detail.fit(moving)
     if len(moving) < 5:
         return DisplacementNoise(total, None, float("nan"), detail.scale(moving, total.correlation_length))
-    second = (moving[2:] - 2 * moving[1:-1] + moving[:-2]) / SECOND_DIFFERENCE
+    second = off_line(moving)
     smooth = _cubic(points)
     overall = _Filtered(points, lambda values: values - smooth @ (smooth.T @ values), np.arange(len(points)), FAR)
     temporal = overall.fit(second)
@@ -100,6 +99,15 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
     if temporal.std > total.std:  # its correlation is too long for the local filter
         total = temporal
     return DisplacementNoise(total, temporal, jitter, detail.scale(moving, total.correlation_length))
+
+
+def off_line(frames: Array) -> Array:
+    """(k - 2, n, 2), mm: by how much each of frames (k, n, 2) is off the line between its neighbours, over the standard deviation that noise of 1 mm makes of it."""
+    line, moved = frames[2:] - frames[:-2], frames[1:-1] - frames[:-2]
+    size = np.einsum("kni,kni->k", line, line)
+    a = np.where(size > 0, np.einsum("kni,kni->k", moved, line) / np.maximum(size, 1e-300), 0.5)
+    a = np.clip(a, 0.0, 1.0)[:, None, None]
+    return np.asarray((a * line - moved) / np.sqrt(1 + a**2 + (1 - a) ** 2))
 
 
 def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> tuple[sp.csr_array, Index]:

@@ -26,4 +26,5 @@ def discovery_quality(view: View) -> Quality:
         reduced_chi_square=found.final.reduced_chi_square if found.problem.noise_is_known else float("nan"),
         attenuation=stiffness_factor(found.problem, found.final.c, found.final.additions),
         unexplained=found.verdict is Verdict.NOT_EXPLAINED,
+        unconverged=not found.final.converged,
     )

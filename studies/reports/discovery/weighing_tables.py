@@ -41,7 +41,7 @@ def power_table(found: Weighing, unit: str) -> Table:
     for one in found.powers:
         own = amplitude_unit(one.parameter, unit)
         symbol = one.parameter.name if own == "1" else f"{one.parameter.name} ({own})"
-        included = probability(found.alternatives.inclusion.get(one.effect.name, 0.0))
+        included = "" if found.is_provisional else probability(found.alternatives.inclusion.get(one.effect.name, 0.0))
         limit, prior = ("" if v is None else f"{v:.2g}" for v in (one.limit, one.prior))
         value = "" if one.value is None else plus_minus(one.value[0], BAND * one.value[1])
         needed = "" if one.finding in NOTHING_NEEDED else one.needed
@@ -58,7 +58,8 @@ def alternatives_data(found: Weighing) -> dict[str, Any]:
     """Alternatives, for one sentence."""
     said = [f"{explanation(one)} ({percent(one.probability)})" for one in found.alternatives.explanations[:SHOWN]
             if one.probability > LEAST]  # fmt: skip
-    certain = [name for name, value in found.alternatives.inclusion.items() if value > CERTAIN]
+    present = [name for name, value in found.alternatives.inclusion.items() if value > CERTAIN]
+    certain = None if found.is_provisional else present
     spans = {name: list(group) for name, group in found.groups.items() if group}
     unexplained = found.alternatives.unexplained
     unknown = float(unexplained) if unexplained > UNKNOWN else None

@@ -83,9 +83,8 @@ def picture(experiment: Experiment, series: Series, path: Path) -> None:
             for marker, b in zip("ox+^", experiment.loaded, strict=False):
                 known = np.isfinite(b.force).all(axis=0)
                 for k in np.flatnonzero(known & (np.abs(b.force).max(axis=0) > 0)):
-                    right.plot(
-                        experiment.time, np.abs(b.force[:, k]), marker, mfc="none", ls="", label=f"{b.name}, {'xy'[k]}"
-                    )
+                    pulled = b.force[:, k] * np.sign(b.force[np.abs(b.force[:, k]).argmax(), k])
+                    right.plot(experiment.time, pulled, marker, mfc="none", ls="", label=f"{b.name}, {'xy'[k]}")
         right.set(xlabel="time, s", ylabel="force, N", title=experiment.name)
         right.legend()
         write_figure(path, figure, dpi=150)

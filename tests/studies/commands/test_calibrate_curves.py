@@ -71,6 +71,9 @@ def test_strain_in_percent_kilopascals_and_decimal_commas(tmp_path):
         ),
         ("mode,stretch\nuniaxial,1.1\nuniaxial,1.2\n", errors.FileFormatError, "stress"),
         ("mode,stretch,stress_MPa\nut,110,0.1\nut,120,0.2\n", errors.UnitsError, "give ratios"),
+        ("mode,stretch,stress_MPa\nut,1.1,0.1\nut,1.2,-0.2\n", errors.FileFormatError, "row 2 .*-0.2 MPa .*wrong sign"),
+        ("mode,stretch,stress_MPa\nut,0.9,0.1\nut,1.2,0.2\n", errors.FileFormatError, "row 1 .*wrong sign"),
+        ("mode,stretch,stress_MPa\nut,1.1,0.1\n", errors.FileFormatError, "one row is no curve"),
     ],
 )
 def test_wrong_tables_are_named(tmp_path, text, kind, message):

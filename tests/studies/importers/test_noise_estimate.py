@@ -43,6 +43,15 @@ def test_recovers_std_and_correlation_length(length):
         assert estimate.correlation_length == pytest.approx(length, abs=0.06)
 
 
+def test_a_picture_that_is_missing_leaves_the_noise_as_it_is():
+    """What deforms is a line through the frames, however unevenly they lie on it; fine structure, as of holes, does not become noise."""
+    p, t = points(), np.delete(np.linspace(0.0, 1.0, 9), 3)[:, None, None]
+    fine = np.stack([np.sin(p[:, 0] * 1.7), np.cos(p[:, 1] * 1.3)], axis=-1)
+    found = noise_estimate.displacement_noise(p, t * (20 * fine + 5.0) + correlated(p, 8, 0.4, 6))
+    assert found.temporal.std == pytest.approx(STD, rel=0.1)
+    assert found.temporal.correlation_length == pytest.approx(0.4, abs=0.1)
+
+
 def test_persistent_errors_count_in_the_total_only():
     p = points()
     fixed = correlated(p, 1, 0.4, 2) * np.linspace(0.0, 4.0, 20)[:, None, None]

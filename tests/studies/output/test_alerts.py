@@ -466,6 +466,7 @@ RAISED: dict[str, Callable[[], Findings]] = {
     "F302": lambda: reasons(held_error=0.4),
     "F304": lambda: reasons(relative_deviation=0.6),
     "F307": lambda: fit_findings.findings(review(starts_alike=1)),
+    "F318": lambda: reasons(unexplained=True, unconverged=True),
     "F308": lambda: fit_findings.findings(review(neo_hooke_error=0.001, force_error=lambda increments: 0.05)),
     "F309": lambda: fit_findings.findings(
         review(held_out=SimpleNamespace(increments=3, relative_force_error=0.2, chi_square_per_equation=1.1))
