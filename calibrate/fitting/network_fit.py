@@ -268,7 +268,9 @@ def _scaled_problem(quadratic: Quadratic, inputs: str, spline: Array) -> _Scaled
     target = (np.linalg.pinv(basis.interpolation) @ spline).reshape(len(sites), 2)
     level = max(float(np.abs(target[:, k]).max() / scales[k]) for k in index)
     if not level > 0:
-        raise errors.FitError("the convex spline fit is zero: forces do not grow with deformation")
+        raise errors.FitError(
+            "the convex spline fit is zero: stress does not grow with the stretch; check the signs of the forces, and that a stretch is 1 at rest"
+        )
     R, d = quadratic.factor()
     # always n_functions rows: the rank varies with the data, and each new shape would be compiled again
     missing = basis.n_functions - len(d)

@@ -1,7 +1,7 @@
 """Run the tutorial as it stands: `python docs/tutorial/run.py FOLDER [--pictures]`.
 
 In: the ```sh and ```python blocks of docs/tutorial.md, in their order. Out: what they write, in FOLDER, which must be empty.
-Fails where a command does, or where the verdict is not the one printed on the page. --pictures: replace those of the page, with their manifests.
+Fails where a command does, or where the verdict or a value is not the one printed on the page. --pictures: replace those of the page, with their manifests.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "tutorial.md"
 BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 VERDICT = re.compile(r"explained: second invariant \(c01 = 0.0\d+ \+- 0.00\d+ MPa\)")
+VALUE = re.compile(r"^    (\S[^\n]*?\S) {2,}([\d.]+)(?: %)?$", re.MULTILINE)  # a line of a table as a command prints it
+SAME = 0.03  # relative: networks that are fitted on two systems differ by up to 1.3 %
 PICTURES = {
     "imported": "imported/experiment",
     "curves": "predicted/curves",
@@ -38,6 +40,11 @@ def main(folder: Path, pictures: bool) -> None:
         said += run(kind, block, folder)
     if not VERDICT.search(said) or not VERDICT.search(text):
         raise SystemExit("the verdict is not the one on the page")
+    words = " ".join(said.split())
+    for name, value in VALUE.findall(BLOCK.sub("", text)):
+        found = [float(one) for one in re.findall(re.escape(name) + r" ([\d.]+)", words)]
+        if not any(abs(one - float(value)) <= SAME * float(value) for one in found):
+            raise SystemExit(f"the page says '{name} {value}', the commands {found or 'nothing of it'}")
     if pictures:
         keep(folder)
 

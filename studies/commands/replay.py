@@ -14,6 +14,7 @@ from pathlib import Path
 from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment
 from calibrate.models.model_file import load_model
+from forward.materials import MATERIALS
 from studies.commandline.option_types import Assignments, OutputFolder, Overwrite, Pictures, default_folder
 from studies.commandline.outcome import Outcome
 from studies.commands.simulate import read_material
@@ -87,7 +88,7 @@ def replay(
 def read_law(model: str, parameters: dict[str, float], test: Experiment) -> Law:
     """The law of a model file or of a known material. Raises `OptionError`, `ConfigError`, `ModelFileError`."""
     if Path(model).suffix != ".json":
-        if not parameters:
+        if model in MATERIALS and not parameters:
             raise OptionError(
                 f"no parameter of {model} is stated; give those of your material in {test.stress_unit} with --parameter, such as mu=0.3, or a model file"
             )

@@ -66,7 +66,7 @@ def _check_signs(path: Path, stretch: Array, stress: Array) -> None:
         k = int(wrong[0])
         raise errors.FileFormatError(
             f"{path}, row {k + 1} below the header: a stress of {stress[k]:.4g} MPa at a stretch of {stretch[k]:.4g} has the wrong sign; "
-            "a pull is positive. Correct the sign, or leave the row out"
+            "a pull is positive, and a stretch 1 at rest. Correct the sign, name strain in its column, or leave the row out"
         )
 
 
