@@ -93,7 +93,7 @@ class RunProgress(Resumable):
 
 
 class _Pickler(pickle.Pickler):
-    """Effects of the catalogue by their names: what is read back has the same objects, for which code is compiled already. What is cached is left out."""
+    """Effects of the catalogue by their names: what is read back has the same objects, for which code is compiled already. What is cached, or `WORKED_OUT` from the rest, is left out."""
 
     def persistent_id(self, obj: Any) -> str | None:
         return obj.name if isinstance(obj, Effect) and _BY_NAME.get(obj.name) is obj else None
@@ -102,8 +102,10 @@ class _Pickler(pickle.Pickler):
         kind = type(obj)
         if not is_dataclass(kind) or not hasattr(obj, "__dict__"):
             return NotImplemented
+        left: tuple[str, ...] = getattr(kind, "WORKED_OUT", ())
         state = {k: v for k, v in vars(obj).items() if not isinstance(getattr(kind, k, None), cached_property)}
-        return (copyreg.__newobj__, (kind,), state) if len(state) < len(vars(obj)) else NotImplemented  # type: ignore[attr-defined]
+        state |= dict.fromkeys(left)
+        return (copyreg.__newobj__, (kind,), state) if left or len(state) < len(vars(obj)) else NotImplemented  # type: ignore[attr-defined]
 
 
 class _Unpickler(pickle.Unpickler):

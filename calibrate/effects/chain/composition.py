@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -53,6 +53,8 @@ class Chain:
     What holds at the nodes is run at once, what holds in the triangles block by block (`blocks`). prepared: its data, where not those of the
     Experiment; divided: its triangles in blocks, where they are known. memories: of each block, see `remembering`.
     """
+
+    WORKED_OUT: ClassVar = ("divided", "memories")
 
     system: Equilibrium
     basis: SingleBasis | PlaneStrainBasis

@@ -122,6 +122,18 @@ def test_what_is_cached_is_left_out(tmp_path):
     assert path.stat().st_size < len(pickle.dumps(problem, 5))
 
 
+def test_what_a_chain_remembers_is_worked_out_again(tmp_path):
+    """Its triangles in blocks, too: the same numbers."""
+    chain, c = explained().problem.parts[0].chain.remembering(), explained().final.c
+    expected = chain.residual(c)
+    assert chain.divided and chain.memories
+    RunProgress(tmp_path / "checkpoint.pickle").save("chain", chain)
+    again = RunProgress(tmp_path / "checkpoint.pickle").load("chain")
+    assert again.divided is None and again.memories is None
+    np.testing.assert_array_equal(again.residual(c), expected)
+    assert (tmp_path / "checkpoint.pickle").stat().st_size < 0.7 * len(pickle.dumps(chain, 5))
+
+
 def test_a_folder_is_complete_as_long_as_what_its_manifest_lists_is_there(tmp_path, monkeypatch):
     folder = open_output_folder(tmp_path / "out", False, {"command": "one"})
     assert earlier_answer(folder) is None
