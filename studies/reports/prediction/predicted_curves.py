@@ -25,7 +25,7 @@ from studies.reports.prediction.diagnosed_bands import variances
 
 Array = NDArray[np.float64]
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
-LEAST = 1e-3  # probability of a competing explanation that is counted
+LEAST, LIKELY = 1e-3, 0.5  # probability of a competing explanation that is counted; that is named
 
 
 class Extent(Macro):
@@ -150,7 +150,9 @@ def band_finding(model: Model | DiagnosedLaw) -> Finding:
         if spread is None:
             return Finding("prediction", Extent.OF_DIAGNOSIS)
         missed = model.model.verdict == "significant, not explained"
-        given = {"competitors": sum(one.probability > LEAST for one in spread.competitors), "missed": missed}
+        other = next((list(one.names) for one in spread.competitors if one.probability > LIKELY), None)
+        count = sum(one.probability > LEAST for one in spread.competitors)
+        given = {"competitors": count, "missed": missed, "other": other}
         return Finding("prediction", Extent.DIAGNOSED_BANDS, given, missed)
     found = model.uncertainty
     if found is None:
