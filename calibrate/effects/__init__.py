@@ -60,12 +60,13 @@ LISTED: tuple[Effect, ...] = (
     InitialWarp(),
 )
 
-BESIDE = (SecondViscosity(), SecondInvariantLogarithm())  # in models, but not candidates of their own
+BESIDE = (SecondViscosity(),)  # in models, but not candidates of their own
+FORMS = (SecondInvariantLogarithm(),)  # other forms of effects, in the uncertainty of models alone
 
 
 def _further() -> tuple[Effect, ...]:
     """Effects in the modules of this folder that are not named here."""
-    named = {type(effect) for effect in (*LISTED, *BESIDE)}
+    named = {type(effect) for effect in (*LISTED, *BESIDE, *FORMS)}
     found = []
     modules = (one for one in pkgutil.iter_modules(__path__) if not one.ispkg)
     for one in modules:
@@ -79,4 +80,4 @@ def _further() -> tuple[Effect, ...]:
 KNOWN: tuple[Effect, ...] = distinct((*LISTED, *_further(), *BESIDE))
 CATALOGUE: tuple[Effect, ...] = KNOWN[: -len(BESIDE)]
 
-__all__ = ["CATALOGUE", "KNOWN", "Data", "Effect", "Parameter", "SecondViscosity", "Viscosity"]
+__all__ = ["CATALOGUE", "FORMS", "KNOWN", "Data", "Effect", "Parameter", "SecondViscosity", "Viscosity"]

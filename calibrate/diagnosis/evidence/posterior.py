@@ -23,14 +23,13 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.replayed.parameter_spread import Columns
 from calibrate.diagnosis.selection.rounds import Discovery
-from calibrate.effects import Effect
+from calibrate.effects import FORMS, Effect
 from calibrate.effects.chain import Addition, Additions
-from calibrate.effects.second_invariant import SecondInvariantLogarithm
 from calibrate.models.model_uncertainty import Competitor, ModelUncertainty
 
 Array = NDArray[np.float64]
 LEAST = 1e-3  # probability of a competitor that is kept
-OTHER_FORMS: dict[str, Effect] = {"second invariant": SecondInvariantLogarithm()}
+OTHER_FORMS: dict[str, Effect] = {"second invariant": FORMS[0]}
 
 
 def uncertainty_of(found: Discovery, priors: Priors) -> ModelUncertainty:

@@ -12,6 +12,8 @@ from diagnosed_materials import MU, STRETCH, found
 from scipy.optimize import brentq, minimize
 from viscous_states import nominal_stress
 
+from calibrate.effects import FORMS
+from calibrate.effects.chain import Addition
 from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.equations.deformation_modes import MODES
 from calibrate.errors import FitError
@@ -41,6 +43,19 @@ def test_a_second_invariant_is_that_of_mooney_and_rivlin(mode):
     free = MU * c + 2 * c01 * c * (x**2 + b**2)
     P = DiagnosedLaw(found(("second invariant", (c01,), ()))).homogeneous(mode, x)[1]
     np.testing.assert_allclose(P, along - free * c / x, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_its_logarithm_is_that_of_gent_and_thomas(mode):
+    """psi = mu / 2 (I1 - 3) + c2 ln(I2 / 3): at every stretch that of Mooney and Rivlin with c01 = c2 / I2."""
+    c2, x = 0.2, STRETCH[1:]
+    b = x ** {"uniaxial": -0.5, "equibiaxial": 1.0, "pure_shear": 0.0}[mode]
+    c = 1 / (x * b)
+    c01 = c2 / (x**2 * b**2 + b**2 * c**2 + c**2 * x**2)
+    along, free = MU * x + 2 * c01 * x * (b**2 + c**2), MU * c + 2 * c01 * c * (x**2 + b**2)
+    plain = found()
+    law = DiagnosedLaw(replace(plain, additions=(Addition(FORMS[0], (c2,)),), errors=((0.0,),)))
+    np.testing.assert_allclose(law.homogeneous(mode, STRETCH)[1][1:], along - free * c / x, rtol=1e-9, atol=1e-12)
 
 
 def test_a_history_does_not_depend_on_the_points_that_are_drawn():

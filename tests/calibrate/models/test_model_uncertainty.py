@@ -33,8 +33,10 @@ def moved(model: ExtendedModel, share: float) -> ExtendedModel:
     return replace(model, c=model.c * (1 - share * bent), additions=additions)
 
 
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [pytest.param(n, m, marks=[pytest.mark.slow] * ((n, m) == ("relaxing", "uniaxial"))) for n in LAWS for m in MODES],
+)
 def test_first_order_changes_are_those_of_the_equilibrium_solved_anew(name, mode):
     """What is left falls with the square of the change."""
     model, x = found(*LAWS[name]), np.linspace(1.0, 1.8, 33)
