@@ -14,9 +14,11 @@ from calibrate.diagnosis import base_functions
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Problem
+from calibrate.effects.chain import Additions
+from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
 from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.equations.reduction import Quadratic
-from calibrate.fitting.calibrated_range import calibrated_range
+from calibrate.fitting.calibrated_range import calibrated_range, largest_fibre_stretch
 from calibrate.fitting.least_squares import orthonormal
 from calibrate.fitting.network_fit import fit_network
 from calibrate.models.network_model import Model
@@ -83,6 +85,21 @@ def range_of(problem: Problem) -> dict[str, tuple[float, float]]:
     """{"I1": (3, end)} that the fitted increments reach, as `calibrated_range` has it; of several tests that which reaches furthest."""
     ends = [calibrated_range(part.system, part.train.rows.any(axis=1))["I1"][1] for part in problem.trained]
     return {"I1": (3.0, max(ends))}
+
+
+def fibre_ranges(problem: Problem, additions: Additions) -> dict[str, tuple[float, float]]:
+    """{"I4": (1, end)} of the fibres of a model, of a second family "I4, 2": what they were stretched by in the fitted increments."""
+    angles = [
+        angle
+        for a in additions
+        if isinstance(a.effect, OneFibreFamily | TwoFibreFamilies)
+        for angle in a.effect.angles(a.shape)
+    ]
+    found = {}
+    for k, angle in enumerate(angles, 1):
+        ends = [largest_fibre_stretch(part.system, part.train.rows.any(axis=1), angle) for part in problem.trained]
+        found["I4" if k == 1 else f"I4, {k}"] = (1.0, max(1.0, *ends))
+    return found
 
 
 def bulk_modulus(problem: Problem, fit: Fit) -> tuple[float, float] | None:

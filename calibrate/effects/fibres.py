@@ -48,6 +48,10 @@ class OneFibreFamily(Effect):
         k2 = first_stiffening(data)
         return [(float(angle), k2, 0.0) for angle in np.arange(ANGLES) * np.pi / ANGLES]
 
+    def angles(self, shape):
+        """Of its families to x, rad."""
+        return (shape[0],)
+
     def stress(self, data, F, P, a, shape):
         return P + self.stress_formed(data, F, None, a, shape)
 
@@ -76,6 +80,10 @@ class TwoFibreFamilies(Effect):
             for axis in np.arange(-4, 4) * np.pi / 8
             for half in np.arange(1, 5) * np.pi / 16
         ]
+
+    def angles(self, shape):
+        """Of its families to x, rad."""
+        return shape[0] + shape[1], shape[0] - shape[1]
 
     def is_degenerate(self, shape):
         return shape[1] < CLOSED

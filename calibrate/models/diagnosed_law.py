@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 Residual = Callable[[jax.Array], jax.Array]
 STEPS = 128  # of a material with a memory, between which curves are interpolated
 ITERATIONS, HALVINGS, SMALL = 40, 12, 1e-10  # of Newton's method; residual over the stress along the pull
+LITTLE = 0.01  # stretch of fibres, from which they are stretched at all
 FREE = "uniaxial"  # mode without lateral grips
 
 
@@ -76,18 +77,25 @@ class DiagnosedLaw:
         known = (3.0**1.5 + base.top) ** (2 / 3) if base.k else 3.0 + base.top
         return known if base.k else self.model.calibrated_range.get("I1", (3.0, known))[1]
 
-    @property
-    def input(self) -> int:
-        """Column, among I1 and I2, of the invariant of the base."""
-        return self._base.k
-
     def largest_stretch(self, mode: str) -> float:
         """Largest stretch of a mode within the calibrated range, of an isotropic and incompressible material."""
         return largest_stretch(mode, self.largest_invariant, self._base.k)
 
-    def is_calibrated(self, invariants: Array) -> NDArray[np.bool_]:
-        """(k,): whether (I1, I2) (k, 2) are within the range."""
-        return np.asarray(invariants[:, self._base.k] <= self.largest_invariant)
+    def beyond(self, invariants: Array, F: Array) -> Array:
+        """(k,): share by which the strain is beyond what was fitted, not positive within; of (I1, I2) (k, 2), and of fibres stretched by F (k, 2, 2)."""
+        I = invariants[:, self._base.k]
+        found = np.sqrt(np.maximum(I - 3.0, 0.0) / max(self.largest_invariant - 3.0, 1e-12)) - 1
+        angles = [
+            angle
+            for a in self.of_material
+            if isinstance(a.effect, OneFibreFamily | TwoFibreFamilies)
+            for angle in a.effect.angles(a.shape)
+        ]
+        for k, angle in enumerate(angles, 1):
+            end = self.model.calibrated_range.get("I4" if k == 1 else f"I4, {k}", (1.0, np.inf))[1]
+            stretch = np.linalg.norm(F @ np.array([np.cos(angle), np.sin(angle)]), axis=-1)
+            found = np.maximum(found, (stretch - 1) / max(np.sqrt(end) - 1, LITTLE) - 1)
+        return np.asarray(found)
 
     @cached_property
     def _base(self) -> SingleBasis:

@@ -7,7 +7,7 @@ sqrt((I1 - 3) / top) (`calibrate.equations.basis.SingleBasis`), in plane strain 
 [{"name", "unit", "value", "standard_deviation"}], "shape" [{"name", "unit", "value"}]}]; ``training`` [{"name",
 "fingerprint", "spacing" of the virtual fields, mm, or null, optional "noise" that it was fitted with}]; ``hold_out`` (words); ``held_out`` [names]; ``verdict``; ``groups`` {effect: [those it cannot be told
 from]}; ``network``: a model file of a PANN distilled from the base, or null; ``network_loss``: how good it is;
-``provenance`` (free JSON); ``calibrated_range`` {"I1": [min, max]}; optional ``replay``: what replays of base and final model came to, with the level that is in the file
+``provenance`` (free JSON); ``calibrated_range`` {"I1": [min, max]}, of fibres also "I4" and "I4, 2"; optional ``replay``: what replays of base and final model came to, with the level that is in the file
 (`calibrate.diagnosis.replayed.checked_replay`); optional ``uncertainty`` (`calibrate.models.model_uncertainty`); optional ``level`` "nominal" where only ratios of stiffness are known, and ``fitness`` (`calibrate.models.fitness`). The spline is the base; the network stands in for it where programs read networks only.
 
 An effect that is not one of the material belongs to the tests that were fitted and is left out for any other.

@@ -76,11 +76,17 @@ def _fit(y: Array, correlations: Array, shares: Array, common: bool, clock: Arra
         own = x[3] ** (apart / unit) if drift else np.eye(len(shares))
         return np.asarray(own + x[1] ** 2 * pattern + x[2] ** 2)
 
-    def twice(x: Array) -> float:
-        """Minus twice the logarithm of the likelihood."""
-        covariance = np.exp(x[0]) * between(x) * correlations
-        solved = np.linalg.solve(covariance, y[:, :, None])[:, :, 0]
-        return float((np.linalg.slogdet(covariance)[1] + (y * solved).sum(axis=1)).sum())
+    def twice(x: Array) -> tuple[float, Array]:
+        """Minus twice the logarithm of the likelihood, and its slopes: tr(C^-1 dC) - y^T C^-1 dC C^-1 y."""
+        now = between(x)
+        covariance = np.exp(x[0]) * now * correlations
+        inverse = np.linalg.inv(covariance)
+        solved = np.einsum("rij,rj->ri", inverse, y)
+        value = float((np.linalg.slogdet(covariance)[1] + (y * solved).sum(axis=1)).sum())
+        by_entry = np.exp(x[0]) * ((inverse - solved[:, :, None] * solved[:, None, :]) * correlations).sum(axis=0)
+        slopes = [now, 2 * x[1] * pattern, np.full_like(pattern, 2 * x[2]),
+                  apart / unit * x[3] ** (apart / unit - 1) if drift else np.zeros_like(pattern)]  # fmt: skip
+        return value, np.array([(by_entry * slope).sum() for slope in slopes])
 
     level = float(np.log((y**2).mean()))
     size = MOST**0.5 * common
@@ -88,7 +94,9 @@ def _fit(y: Array, correlations: Array, shares: Array, common: bool, clock: Arra
     of_common = ((0.3, 0.3), (2.0, 0.3), (0.3, 2.0)) if common else ((0.0, 0.0),)
     of_drift = (0.3, 0.9) if drift else (0.5,)
     starts = [[level - np.log1p(a * a + b * b), a, b, rho] for a, b in of_common for rho in of_drift]
-    best = min((minimize(twice, start, bounds=bounds) for start in starts), key=lambda found: float(found.fun))
+    best = min(
+        (minimize(twice, start, jac=True, bounds=bounds) for start in starts), key=lambda found: float(found.fun)
+    )
     if drift and (best.x[1:] >= np.array([0.99 * MOST**0.5, 0.99 * MOST**0.5, LIKEST])).any():
         return _Fit(np.inf, CommonRatios())  # beside so much in common a drift is an error of the material
     time = -unit / np.log(best.x[3]) if drift else 0.0

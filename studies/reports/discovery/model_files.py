@@ -80,5 +80,5 @@ def _file(
         found.verdict,
         provenance={key: record[key] for key in ("command", "settings", "inputs", "versions", "revision")},
         level_is_nominal=found.problem.level_is_nominal,
-        calibrated_range=distillation.range_of(found.problem),
+        calibrated_range=distillation.range_of(found.problem) | distillation.fibre_ranges(found.problem, additions),
     )

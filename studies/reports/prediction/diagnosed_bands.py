@@ -27,9 +27,9 @@ Array = NDArray[np.float64]
 
 
 def variances(
-    law: DiagnosedLaw, known: ModelUncertainty, mode: str, x: Array, direction: str, stress: Array, invariants: Array
+    law: DiagnosedLaw, known: ModelUncertainty, mode: str, x: Array, direction: str, stress: Array, beyond: Array
 ) -> dict[str, Array]:
-    """(k,) each, of stresses (k,) in the unit of the model, at stretches (k,) along a direction, with I1 and I2 (k, 2)."""
+    """(k,) each, of stresses (k,) in the unit of the model, at stretches (k,) along a direction, by shares (k,) beyond the calibrated strain."""
     model = law.model
     n, variables = len(model.c), Variables(model.additions)
 
@@ -44,7 +44,7 @@ def variances(
     others = [with_(one.c, one.additions) for one in known.competitors]
     changes = law.changes(mode, x, direction, [*along_root, *others, with_(model.c, ())])
     q, shares = len(along_root), np.array([one.probability for one in known.competitors])
-    wrong = max(FORMULA_ERROR, known.error) * _beyond(law, known, x, invariants)
+    wrong = max(FORMULA_ERROR, known.error) * _beyond(law, known, x, beyond)
     return {
         "parameters": (changes[:q] ** 2).sum(axis=0),
         "level": (known.level_deviation * stress) ** 2,
@@ -54,11 +54,9 @@ def variances(
     }
 
 
-def _beyond(law: DiagnosedLaw, known: ModelUncertainty, x: Array, invariants: Array) -> Array:
-    """(k,): share by which strain, or time of a material that relaxes, is beyond what was fitted."""
-    strain = np.sqrt(np.maximum(invariants[:, law.input] - 3.0, 0.0) / max(law.largest_invariant - 3.0, 1e-12))
-    found = np.maximum(strain - 1, 0.0)
+def _beyond(law: DiagnosedLaw, known: ModelUncertainty, x: Array, strain: Array) -> Array:
+    """(k,): share by which strain (k,), or time of a material that relaxes, is beyond what was fitted."""
     if law.duration is None or known.last_time is None or not law.model.relaxes:
-        return found
+        return strain
     time = law.duration * (x - 1) / (x.max() - 1)
-    return np.maximum(found, time / known.last_time - 1)
+    return np.maximum(strain, time / known.last_time - 1)

@@ -25,6 +25,7 @@ from studies.reports.prediction.diagnosed_bands import variances
 
 Array = NDArray[np.float64]
 MARGIN, NO_RANGE, LARGEST = 1.25, 2.0, 20.0
+ROUND_OFF = 1e-9  # of a share of the calibrated range
 LEAST, LIKELY = 1e-3, 0.5  # probability of a competing explanation that is counted; that is named
 
 
@@ -128,12 +129,13 @@ def _of_diagnosis(law: DiagnosedLaw, mode: str, x: Array, axis: str, limit: floa
     """Fibres and compressibility change the lateral stretch, so that the range ends elsewhere than for an isotropic and incompressible material."""
     F, stress = law.homogeneous(mode, x, axis)
     invariants = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])
-    calibrated = np.logical_and.accumulate(law.is_calibrated(invariants))
-    if not np.allclose(invariants, mode_invariants(mode, x)):
+    beyond = law.beyond(invariants, F)
+    calibrated = np.logical_and.accumulate(beyond <= ROUND_OFF)
+    if axis or not np.allclose(invariants, mode_invariants(mode, x)):
         limit = float(x[calibrated][-1])
     spread, deviation = law.model.uncertainty, None
     if spread is not None:
-        parts = variances(law, spread, mode, x, axis, stress, invariants)
+        parts = variances(law, spread, mode, x, axis, stress, np.maximum(beyond, 0.0))
         deviation = np.sqrt(np.sum(list(parts.values()), axis=0))
     return Curve(mode, x, stress, invariants, calibrated, limit, known, deviation, axis)
 

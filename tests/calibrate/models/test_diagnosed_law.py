@@ -163,3 +163,16 @@ def test_the_command_draws_both_directions_and_says_what_is_not_drawn(tmp_path: 
     found().save(tmp_path / "elastic.json")
     assert cli.main(["predict", str(tmp_path / "elastic.json"), "--duration", "2", "-o", str(tmp_path / "no")]) == 2
     assert "does not relax" in capsys.readouterr().err
+
+
+def test_fibres_that_were_not_stretched_are_extrapolated_from_rest():
+    """Along x, where I1 is still within the range; along y, across them, the range is that of I1."""
+    model = found(("one fibre family", (0.2,), (0.0, 1.0, 0.0)))
+    across = replace(model, calibrated_range={"I1": (3.0, 5.0), "I4": (1.0, 1.0)})
+    curves = {curve.name: curve for curve in predict(DiagnosedLaw(across))}
+    assert curves["uniaxial_along_x"].limit < 1.02
+    assert not curves["pure_shear_along_x"].calibrated[curves["pure_shear_along_x"].stretch > 1.02].any()
+    assert curves["uniaxial_along_y"].limit > 1.5
+    reached = replace(model, calibrated_range={"I1": (3.0, 5.0), "I4": (1.0, 1.3**2)})
+    along = {curve.name: curve for curve in predict(DiagnosedLaw(reached))}["uniaxial_along_x"]
+    assert along.limit == pytest.approx(1.3, abs=0.01)

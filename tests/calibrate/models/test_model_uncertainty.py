@@ -74,7 +74,7 @@ def test_an_effect_is_wrong_by_the_error_of_a_formula_and_later_than_the_test_by
     x, law = STRETCH, DiagnosedLaw(model, duration=5.0)
     stress = law.homogeneous("pure_shear", x)[1]
     slow = DiagnosedLaw(model).homogeneous("pure_shear", x)[1]
-    parts = variances(law, known, "pure_shear", x, "", stress, np.full((len(x), 2), 3.0))
+    parts = variances(law, known, "pure_shear", x, "", stress, np.zeros(len(x)))
     np.testing.assert_allclose(np.sqrt(parts["formula"]), FORMULA_ERROR * (stress - slow), rtol=1e-3, atol=1e-6)
     late = np.maximum(5.0 * (x - 1) / 2.0 - 1, 0.0)
     np.testing.assert_allclose(np.sqrt(parts["extrapolation"]), FORMULA_ERROR * late * stress, rtol=1e-9, atol=1e-12)
