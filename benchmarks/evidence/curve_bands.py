@@ -59,7 +59,7 @@ def trial(law: str, seed: int, folder: Path) -> tuple[list[str], list[Curve]]:
         if any(done):
             raise SystemExit(f"{law} {seed}: simulate or discover failed")
     model, slopes = ExtendedModel.load(out / "model.json"), MaterialDerivatives(MATERIALS[law]())
-    curves = predict(DiagnosedLaw(model), truth=lambda mode, x: nominal_stress(slopes, mode, x))
+    curves = predict(DiagnosedLaw(model), truth=lambda mode, x, axis: nominal_stress(slopes, mode, x))
     return [a.effect.name for a in model.additions], curves
 
 

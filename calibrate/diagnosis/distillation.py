@@ -15,7 +15,7 @@ from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Additions
-from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
+from calibrate.effects.fibres import fibre_angles
 from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.equations.reduction import Quadratic
 from calibrate.fitting.calibrated_range import calibrated_range, largest_fibre_stretch
@@ -88,17 +88,11 @@ def range_of(problem: Problem) -> dict[str, tuple[float, float]]:
 
 
 def fibre_ranges(problem: Problem, additions: Additions) -> dict[str, tuple[float, float]]:
-    """{"I4": (1, end)} of the fibres of a model, of a second family "I4, 2": what they were stretched by in the fitted increments."""
-    angles = [
-        angle
-        for a in additions
-        if isinstance(a.effect, OneFibreFamily | TwoFibreFamilies)
-        for angle in a.effect.angles(a.shape)
-    ]
+    """{"I4": (1, end)} of the fibres of a model, see `fibre_angles`: what they were stretched by in the fitted increments."""
     found = {}
-    for k, angle in enumerate(angles, 1):
+    for name, angle in fibre_angles(additions).items():
         ends = [largest_fibre_stretch(part.system, part.train.rows.any(axis=1), angle) for part in problem.trained]
-        found["I4" if k == 1 else f"I4, {k}"] = (1.0, max(1.0, *ends))
+        found[name] = (1.0, max(1.0, *ends))
     return found
 
 

@@ -77,7 +77,8 @@ def _further() -> tuple[Effect, ...]:
     return tuple(sorted(found, key=lambda effect: effect.name))
 
 
-KNOWN: tuple[Effect, ...] = distinct((*LISTED, *_further(), *BESIDE))
+_EVERY = distinct((*LISTED, *_further(), *BESIDE, *FORMS))
+KNOWN: tuple[Effect, ...] = _EVERY[: -len(FORMS)]
 CATALOGUE: tuple[Effect, ...] = KNOWN[: -len(BESIDE)]
 
 __all__ = ["CATALOGUE", "FORMS", "KNOWN", "Data", "Effect", "Parameter", "SecondViscosity", "Viscosity"]

@@ -96,6 +96,13 @@ class TwoFibreFamilies(Effect):
         return a[0] * sum(reinforcement(F, formed, axis + sign * half, *of_each) for sign in (1, -1))
 
 
+def fibre_angles(additions) -> dict[str, float]:
+    """{"I4": angle to x, rad, "I4, 2": ...} of the fibres among additions, in their order."""
+    fibres = (a for a in additions if isinstance(a.effect, OneFibreFamily | TwoFibreFamilies))
+    angles = [float(angle) for a in fibres for angle in a.effect.angles(a.shape)]
+    return {"I4" if k == 1 else f"I4, {k}": angle for k, angle in enumerate(angles, 1)}
+
+
 def first_stiffening(data) -> float:
     """k2 that is tried: little even where the sheet is stretched most, or the signature is that of a few triangles at the tips of holes."""
     F = np.asarray(law_gradients(data, data.u))

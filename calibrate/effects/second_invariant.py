@@ -29,7 +29,7 @@ class SecondInvariant(Effect):
 class SecondInvariantLogarithm(Effect):
     """P gains c2 / I2 dI2/dF: another form of the same, by which the bands of curves allow for what a test cannot tell of its form."""
 
-    name = "logarithm of the second invariant"
+    name = "second invariant, logarithmic"
     stage = "energy"
     of_material = True
     formula = "psi + c2 ln(I2 / 3)"

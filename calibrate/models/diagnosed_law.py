@@ -22,7 +22,7 @@ from calibrate.effects.chain.linearisation import Constants
 from calibrate.effects.chain.quantities import STRESS, TIME, Base
 from calibrate.effects.chain.stages import law_stages
 from calibrate.effects.compressibility import Compressibility
-from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
+from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies, fibre_angles
 from calibrate.effects.mullins import Mullins
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.deformation_modes import largest_stretch, stretches_to_gradient
@@ -85,14 +85,8 @@ class DiagnosedLaw:
         """(k,): share by which the strain is beyond what was fitted, not positive within; of (I1, I2) (k, 2), and of fibres stretched by F (k, 2, 2)."""
         I = invariants[:, self._base.k]
         found = np.sqrt(np.maximum(I - 3.0, 0.0) / max(self.largest_invariant - 3.0, 1e-12)) - 1
-        angles = [
-            angle
-            for a in self.of_material
-            if isinstance(a.effect, OneFibreFamily | TwoFibreFamilies)
-            for angle in a.effect.angles(a.shape)
-        ]
-        for k, angle in enumerate(angles, 1):
-            end = self.model.calibrated_range.get("I4" if k == 1 else f"I4, {k}", (1.0, np.inf))[1]
+        for name, angle in fibre_angles(self.model.additions).items():
+            end = self.model.calibrated_range.get(name, (1.0, np.inf))[1]
             stretch = np.linalg.norm(F @ np.array([np.cos(angle), np.sin(angle)]), axis=-1)
             found = np.maximum(found, (stretch - 1) / max(np.sqrt(end) - 1, LITTLE) - 1)
         return np.asarray(found)
@@ -138,7 +132,8 @@ class DiagnosedLaw:
         return jnp.asarray((x[x > 1.0] - 1) / (x.max() - 1) * (self.duration or 1.0))
 
     def changes(self, mode: str, stretch: Array, direction: str, others: Sequence[DiagnosedLaw]) -> Array:
-        """(o, k): by how much the nominal stress along the pull of others differs, to first order in what it changes of a free lateral stretch.
+        """(o, k): by how much the nominal stress along the pull of others differs, to first order in what it changes of a free lateral stretch. Raises `FitError` where one of
+        them has none.
 
         At the deformation of this law another has stresses P across the pull; the free deformation moves until they are gone: dP11 = P11 - A K^-1 P, with A
         and K the slopes of the stress along and across by the free lateral stretch and shear.
@@ -159,6 +154,11 @@ class DiagnosedLaw:
         if mode == FREE:
             slopes = self._slopes(F, time, along, across, parts)
             found[:, steps > 1.0] -= _released(slopes, changes[..., 1:], self._remembers)
+        if not np.isfinite(found).all():
+            raise FitError(
+                f"up to a stretch of {x.max():.3g} an explanation that competes has no finite stress, so that there is no band; give a smaller one: "
+                "equigap predict FILE --stretch"
+            )
         return np.asarray(PchipInterpolator(steps, found, axis=1)(x)) if remembers else found
 
     def _slopes(self, F: jax.Array, time: jax.Array, along: int, across: int, parts: Callable[[Any], Any]) -> Array:

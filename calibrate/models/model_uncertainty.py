@@ -2,12 +2,13 @@
 
 Key ``uncertainty`` of a model file: ``root`` [n + k][q]: R of the covariance R R^T of the n coefficients of the base, then of amplitudes and shapes of every effect in its
 order, in their units; ``level_deviation``: relative, of all stiffness; ``error``: relative, that a model of this test is wrong by where it was fitted; ``last_time``: s, or null;
-``competitors`` [{"effects" [names], "probability", "coefficients" [n], "additions" as in the file}].
+``competitors`` [{"effects" [names], "kind", "probability", "coefficients" [n], "additions" as in the file}].
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,14 @@ from calibrate.models.addition_json import addition_from_dict, addition_to_dict
 Array = NDArray[np.float64]
 
 
+class Kind(StrEnum):
+    """Another explanation that was fitted; the model with an effect in another form; with an effect that the test does not show."""
+
+    EXPLANATION = "explanation"
+    FORM = "form"
+    UNSEEN = "unseen"
+
+
 @dataclass(frozen=True, eq=False)
 class Competitor:
     """An explanation beside that of the model. c (n,): of its base; of what these data cannot tell: the model with an effect as large as its root mean square, and the base that
@@ -28,6 +37,7 @@ class Competitor:
     probability: float
     c: Array = field(repr=False)
     additions: Additions
+    kind: Kind = Kind.EXPLANATION
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -69,6 +79,7 @@ class ModelUncertainty:
             "competitors": [
                 {
                     "effects": list(one.names),
+                    "kind": str(one.kind),
                     "probability": one.probability,
                     "coefficients": one.c.tolist(),
                     "additions": [addition_to_dict(a, (0.0,) * len(a.amplitudes), unit) for a in one.additions],
@@ -81,7 +92,11 @@ class ModelUncertainty:
     def from_dict(cls, content: dict[str, Any], n: int, additions: Additions) -> ModelUncertainty:
         """Of a model file with n coefficients and additions. Raises KeyError, TypeError, ValueError."""
         rows = n + sum(len(a.amplitudes) + len(a.shape) for a in additions)
-        root = np.asarray(content["root"], float).reshape(rows, -1)
+        root = np.asarray(content["root"], float)
+        if root.ndim != 2 or len(root) != rows:
+            raise ValueError(
+                f"uncertainty: root needs {rows} rows, of {n} coefficients and the parameters of the effects, it has the shape {root.shape}"
+            )
         competitors = tuple(_competitor(one, n) for one in content["competitors"])
         found = float(content["level_deviation"]), float(content["error"])
         if not (np.isfinite(root).all() and np.isfinite(found).all() and min(found) >= 0):
@@ -89,6 +104,8 @@ class ModelUncertainty:
                 "uncertainty: root, level_deviation and error must be finite numbers, the latter not negative"
             )
         last = content["last_time"]
+        if last is not None and not float(last) > 0:
+            raise ValueError(f"uncertainty: last_time {last} is not a positive number")
         return cls(root, competitors, *found, None if last is None else float(last))
 
 
@@ -96,7 +113,9 @@ def _competitor(content: dict[str, Any], n: int) -> Competitor:
     c, probability = np.asarray(content["coefficients"], float), float(content["probability"])
     if c.shape != (n,) or not np.isfinite(c).all() or not 0 <= probability <= 1:
         raise ValueError(f"uncertainty: a competitor needs {n} finite coefficients and a probability of 0 to 1")
-    return Competitor(probability, c, tuple(addition_from_dict(a)[0] for a in content["additions"]))
+    return Competitor(
+        probability, c, tuple(addition_from_dict(a)[0] for a in content["additions"]), Kind(content["kind"])
+    )
 
 
 def stiffness_factors(addition: Addition, factor: float, strength: float = 1.0) -> tuple[float, ...]:

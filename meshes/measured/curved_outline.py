@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-CORNER = np.radians(65)  # a larger turn between two edges is a corner: a hole of six points still is round
+CORNER = np.radians(65)  # a larger turn between two edges may be a corner
 SHARPEST = np.radians(85)  # turn of a curve, where both turns beside it are of its sense, no sharper, and at least
 BESIDE = 0.3  # of its size, as at the tip of an ellipse of few points
 NO_EDGE = -1

@@ -173,14 +173,14 @@ def _check_units(file: Path, model: Model | ExtendedModel, options: CurveOptions
         )
 
 
-def _known_stress(options: CurveOptions) -> Callable[[str, Array], Array] | None:
-    """Nominal stress (k,) in a mode at stretches (k,) of the material to compare with: of a diagnosis that of its material, along x where it has fibres."""
+def _known_stress(options: CurveOptions) -> Callable[[str, Array, str], Array] | None:
+    """Nominal stress (k,) in a mode at stretches (k,) along an axis of the material to compare with; of one with fibres along x, where the axis is none."""
     if options.against is None:
         return None
     if options.against.endswith(".json") and isinstance(other := load_model(Path(options.against)), ExtendedModel):
         if options.parameter:
             raise OptionError(f"--parameter does not apply to the model file {options.against}; leave it out")
         law = DiagnosedLaw(other, options.duration)
-        return lambda mode, x: law.homogeneous(mode, x, law.directions[0])[1]
+        return lambda mode, x, axis: law.homogeneous(mode, x, axis if axis in law.directions else law.directions[0])[1]
     slopes = MaterialDerivatives(read_material(options.against, dict(options.parameter)))
-    return lambda mode, x: nominal_stress(slopes, mode, x)
+    return lambda mode, x, axis: nominal_stress(slopes, mode, x)

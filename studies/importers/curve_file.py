@@ -80,7 +80,7 @@ def _no_table(path: Path) -> str:
                 return (
                     f"{path}, row {number} below the header, column '{name}': '{cell.strip()}' is no number; {NEEDED}"
                 )
-    if len(rows) == 2:
+    if len(rows) == 2 and not any(map(_is_number, head)):
         return f"{path}: one row is no curve; {NEEDED}"
     first = f"; the first line has {', '.join(head)}" if head else ""
     return f"{path}: no table with a header{first}; {NEEDED}"

@@ -1,7 +1,7 @@
 """What a diagnosis leaves uncertain of the material it found: parameters, level, and explanations that compete with it.
 
 In: a `Discovery`, priors. Out: `ModelUncertainty`. An effect of the material that is not in the model may still be there, as large as test and prior allow: with S its
-signature over prior deviations L outside of what base and model adjust, and r the residual over its dispersion, its amplitudes are L a with the posterior
+signature over prior deviations L outside of what base and model adjust, and r the residual, both over the root of the dispersion, its amplitudes are L a with the posterior
 N(m, M^-1), M = 1 + S^T S, m = -M^-1 S^T r, and the base makes up for them as far as it can. In deformation modes that a test does not hold, it cannot. An effect that is in the
 model may have another form (`OTHER_FORMS`), which is as probable before the test: it is fitted in its place, and weighed by its misfit.
 """
@@ -13,6 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+from scipy.special import expit
 
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.evidence.explanations import Explanation
@@ -25,7 +27,7 @@ from calibrate.diagnosis.replayed.parameter_spread import Columns
 from calibrate.diagnosis.selection.rounds import Discovery
 from calibrate.effects import FORMS, Effect
 from calibrate.effects.chain import Addition, Additions
-from calibrate.models.model_uncertainty import Competitor, ModelUncertainty
+from calibrate.models.model_uncertainty import Competitor, Kind, ModelUncertainty
 
 Array = NDArray[np.float64]
 LEAST = 1e-3  # probability of a competitor that is kept
@@ -49,7 +51,7 @@ def uncertainty_of(found: Discovery, priors: Priors) -> ModelUncertainty:
         competitors,
         0.0 if replayed is None else replayed.deviation,
         0.0 if replayed is None or replayed.fitted is None else _known(replayed.fitted.force),
-        max((t for t in times if t is not None), default=None),
+        max((t for t in times if t is not None and t > 0), default=None),
     )
 
 
@@ -71,7 +73,7 @@ def _fitted(found: Discovery) -> Iterator[Competitor]:
     for same in known.values():
         probability, c = sum(one.probability for one in same), same[0].c
         if probability > LEAST and c is not None:
-            yield Competitor(probability, c, same[0].additions)
+            yield Competitor(min(probability, 1.0), c, same[0].additions, Kind.EXPLANATION)
 
 
 def _explanations(found: Discovery) -> tuple[Explanation, ...]:
@@ -79,7 +81,7 @@ def _explanations(found: Discovery) -> tuple[Explanation, ...]:
 
 
 def _of_other_forms(problem: Problem, columns: Columns) -> Iterator[Competitor]:
-    """The model with an effect in another form, and base and other effects that make up for the difference; energies are linear in all of them."""
+    """The model with an effect in another form, and base and other effects that make up for the difference, to first order; the base stays within its cone."""
     fit, n = columns.fit, columns.base.shape[1]
     ends = n + np.cumsum([len(a.amplitudes) + len(a.shape) for a in fit.additions])
     for i, (addition, end) in enumerate(zip(fit.additions, ends, strict=True)):
@@ -95,17 +97,13 @@ def _of_other_forms(problem: Problem, columns: Columns) -> Iterator[Competitor]:
         )
         X = np.hstack([columns.J[:, kept], S])
         size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-        moved = -np.linalg.lstsq(X / size, without, rcond=None)[0] / size
-        amplitudes = moved[len(kept) :]
-        if (amplitudes <= 0).any():
-            continue
+        least = np.concatenate([-columns.weights, np.full(len(kept) - n, -np.inf), np.zeros(S.shape[1])]) * size
+        moved = lsq_linear(X / size, -without, (least, np.inf)).x / size
         left = without + X @ moved
-        odds = np.exp(-0.5 * float(left @ left - fit.residual @ fit.residual) / columns.dispersion)
-        yield Competitor(
-            float(odds / (1 + odds)),
-            fit.c + columns.base @ moved[:n],
-            (*_moved(others, moved[n : len(kept)]), replace(null, amplitudes=tuple(map(float, amplitudes)))),
-        )
+        gain = -0.5 * float(left @ left - fit.residual @ fit.residual) / columns.dispersion
+        form = replace(null, amplitudes=tuple(map(float, moved[len(kept) :])))
+        additions = (*_moved(others, moved[n : len(kept)]), form)
+        yield Competitor(float(expit(gain)), fit.c + columns.base @ moved[:n], additions, Kind.FORM)
 
 
 def _moved(additions: Additions, change: Array) -> Additions:
@@ -117,7 +115,10 @@ def _moved(additions: Additions, change: Array) -> Additions:
 
 
 def _undetected(found: Discovery, columns: Columns, priors: Priors) -> Iterator[Competitor]:
-    """Effects of the material that were tested, and are in no explanation that was fitted: one for each axis of their amplitudes."""
+    """Effects of the material that were tested and are not in the model, beside it, as probable as all explanations with them that were not fitted: one for each axis of their
+    amplitudes. None where these probabilities are provisional."""
+    if found.weighing is None or found.weighing.is_provisional:
+        return
     problem, inside, tested = found.problem, set(found.final.names), {}
     for one in found.rounds[-1].candidates:
         if one.score.is_tested and one.score.effect.of_material and one.name not in inside:
@@ -126,7 +127,7 @@ def _undetected(found: Discovery, columns: Columns, priors: Priors) -> Iterator[
         open_to = sum(one.probability for one in _explanations(found) if one.c is None and name in one.names)
         if open_to > LEAST:
             L = prior_deviations(problem, score.effect, priors)
-            yield from _as_large_as_it_may_be(problem, columns, score.effect, score.shape, L, open_to)
+            yield from _as_large_as_it_may_be(problem, columns, score.effect, score.shape, L, min(open_to, 1.0))
 
 
 def _as_large_as_it_may_be(
@@ -148,7 +149,8 @@ def _as_large_as_it_may_be(
         a = _admissible(a, effect, L)
         moved = made_up @ a
         new = Addition(effect, tuple(map(float, null + L * a)), shape)
-        yield Competitor(probability, fit.c + columns.base @ moved[:n], (*_moved(fit.additions, moved[n:]), new))
+        additions = (*_moved(fit.additions, moved[n:]), new)
+        yield Competitor(probability, fit.c + columns.base @ moved[:n], additions, Kind.UNSEEN)
 
 
 def _admissible(a: Array, effect: Effect, L: Array) -> Array:

@@ -60,24 +60,25 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Change J (N, p + k) of the whitened residual by the unknowns of a fit: weights of columns base (n, p), then amplitudes and shapes over scale (k,). stiffness: the largest weight."""
+    """Change J (N, p + k) of the whitened residual by the unknowns of a fit: weights of columns base (n, p), then amplitudes and shapes over scale (k,). weights (p,): of the base."""
 
     fit: Fit
     base: Array
     J: Array = field(repr=False)
     scale: Array
-    stiffness: float
+    weights: Array
 
     @classmethod
     def of(cls, problem: Problem, fit: Fit) -> Columns:
         """Functions at their bound are held there."""
         weights = np.maximum(np.linalg.lstsq(problem.cone, fit.c, rcond=None)[0], 0.0)
-        base = problem.cone[:, weights > ACTIVE * weights.max()]
+        active = weights > ACTIVE * weights.max()
+        base = problem.cone[:, active]
         scale = Variables(fit.additions).scale if fit.additions else np.zeros(0)
         J = equations.base_columns(problem, fit.chains) @ base
         if fit.additions:
             J = np.hstack([J, equations.signatures(problem, fit.chains, fit.c, fit.additions) * scale])
-        return cls(fit, base, J, scale, float(weights.max()))
+        return cls(fit, base, J, scale, weights[active])
 
     @property
     def dispersion(self) -> float:
@@ -88,15 +89,20 @@ class Columns:
     def spread(self) -> Spread:
         """See `spread_of`."""
         fit, p, variables = self.fit, self.base.shape[1], Variables(self.fit.additions)
-        root = covariance_root(self.J.T @ self.J / self.dispersion)
+        information = self.J.T @ self.J / self.dispersion
+        if fit.additions:
+            information[range(p, len(information)), range(p, len(information))] += (
+                self.scale / variables.shape_deviations
+            ) ** 2
+        root = covariance_root(information)
         if fit.additions:
             root[p:] *= _growth(root[p:], self.scale, fit, variables)[:, None]
             root[p:] *= self.scale[:, None]
-        return Spread(Directions.of(fit.c, fit.additions, self.base, self.stiffness), root)
+        return Spread(Directions.of(fit.c, fit.additions, self.base, float(self.weights.max())), root)
 
 
 def spread_of(problem: Problem, fit: Fit) -> Spread:
-    """Of Gauss-Newton's information, over the dispersion; amplitudes as uncertain as the fit says, which allows for errors of the kinematics, too.
+    """Of Gauss-Newton's information, over the dispersion, and of the priors of shapes; amplitudes as uncertain as the fit says, which allows for errors of the kinematics, too.
 
     Functions at their bound are held there.
     """

@@ -97,8 +97,10 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
         return RefusalReason.NO_BETTER_FIT
     if not_distinct_from_null(candidate.addition, candidate.deviations):
         return RefusalReason.NULL_AMPLITUDE
-    if any(at_bounds(one) or not is_possible(model.problem, one) for one in candidate.fit.additions):
+    if any(at_bounds(one) for one in candidate.fit.additions):
         return RefusalReason.INADMISSIBLE
+    if not all(is_possible(model.problem, one) for one in candidate.fit.additions):
+        return RefusalReason.IMPOSSIBLE
     if candidate.addition.effect.is_degenerate(candidate.addition.shape):
         return RefusalReason.DEGENERATE
     if has_soft_base(candidate.fit, now.fit, thresholds):

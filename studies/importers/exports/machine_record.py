@@ -126,7 +126,7 @@ def _check_pictures(record: TextFile, found: Guesses) -> None:
     for name, rows in [] if isinstance(files, str) else _rows_by_name(record, files):
         if None in rows and sum(row is not None for row in rows) > len(files) / 2:
             raise errors.FileFormatError(
-                f"{record.path}: '{name}' names the pictures of the rows, but none for {Path(files[rows.index(None)]).name}; add its row, or take its file out of the folder"
+                f"{record.path}: '{name}' names the pictures of the rows, but none or several for {Path(files[rows.index(None)]).name}; mend its row, take its file out of the folder, or give --frame-rate"
             )
 
 

@@ -2,7 +2,7 @@
 
 In: a `DiagnosedLaw` whose file holds its uncertainty, a test. Out: variances by what they are from:
 
-- *parameters* of base and effects, to first order, and the *level* of the stiffness;
+- *parameters* of base and effects, to first order, and the *level* of the stiffness by the forces of the replay, of which the parameters hold a part, too;
 - *formula*: effects are wrong by 2 % of what they change;
 - *competitors*, averaged by evidence: sum_k p_k d_k^2 with d_k the change to another explanation. Among them are effects that the test does not show, as large as they may be: in
   deformation modes that it does not hold they open the band;
@@ -24,6 +24,7 @@ from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.model_uncertainty import ModelUncertainty
 
 Array = NDArray[np.float64]
+STEP = 1e-3  # of the size of a parameter, of finite differences
 
 
 def variances(
@@ -37,19 +38,21 @@ def variances(
         errors = tuple((0.0,) * len(a.amplitudes) for a in additions)
         return replace(law, model=replace(model, c=c, additions=additions, errors=errors, uncertainty=None))
 
+    sizes = np.concatenate([np.full(n, np.abs(model.c).max()), variables.scale if model.additions else []])
+    shares = STEP / np.maximum(np.abs(known.root / sizes[:, None]).max(axis=0), STEP)
     along_root = [
         with_(model.c + step[:n], variables.at(variables.values + step[n:]) if model.additions else ())
-        for step in known.root.T
+        for step in (known.root * shares).T
     ]
     others = [with_(one.c, one.additions) for one in known.competitors]
     changes = law.changes(mode, x, direction, [*along_root, *others, with_(model.c, ())])
-    q, shares = len(along_root), np.array([one.probability for one in known.competitors])
+    q, odds = len(along_root), np.array([one.probability for one in known.competitors])
     wrong = max(FORMULA_ERROR, known.error) * _beyond(law, known, x, beyond)
     return {
-        "parameters": (changes[:q] ** 2).sum(axis=0),
+        "parameters": ((changes[:q] / shares[:, None]) ** 2).sum(axis=0),
         "level": (known.level_deviation * stress) ** 2,
         "formula": (FORMULA_ERROR * changes[-1]) ** 2,
-        "competitors": (shares[:, None] * changes[q:-1] ** 2).sum(axis=0),
+        "competitors": (odds[:, None] * changes[q:-1] ** 2).sum(axis=0),
         "extrapolation": (wrong * stress) ** 2,
     }
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -35,8 +37,9 @@ def _draw_curve(axes: Axes, curve: Curve, against: str | None) -> None:
     axes.plot(x, stress, linestyle="--", linewidth=0.9, color=colour, label=label)
     name = f"model, along {curve.direction}" if curve.direction else "model"
     axes.plot(x[inside], stress[inside], linestyle="-", linewidth=2, color=colour, label=name)
-    if curve.truth is not None and curve.direction != "y":
-        axes.plot(x, curve.truth, linestyle=":", color="black", label=str(against).replace("_", "-"))
+    if curve.truth is not None:
+        label = None if curve.direction == "y" else Path(str(against)).name.replace("_", "-")
+        axes.plot(x, curve.truth, linestyle=":", color="black", label=label)
     axes.set(title=title, xlabel="stretch", xlim=(1.0, x[-1]), ylim=(0, None))
     axes.legend(loc="upper left")
 

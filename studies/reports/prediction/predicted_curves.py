@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from calibrate.equations.deformation_modes import MODES, mode_invariants
 from calibrate.equations.kinematics import invariants_and_derivatives
 from calibrate.models.diagnosed_law import DiagnosedLaw
+from calibrate.models.model_uncertainty import Kind
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import BAND
 from studies.output.findings import Finding, Macro
@@ -105,24 +106,29 @@ def predict(
     model: Model | DiagnosedLaw,
     stretch: float | None = None,
     points: int = 101,
-    truth: Callable[[str, Array], Array] | None = None,
+    truth: Callable[[str, Array, str], Array] | None = None,
 ) -> list[Curve]:
     """Curves of the three modes up to `stretch`, or a quarter beyond what was calibrated.
 
-    truth: nominal stress (k,) of a known material in a mode at stretches (k,).
+    truth: nominal stress (k,) of a known material in a mode at stretches (k,), along an axis where it has fibres.
     """
     curves = []
     for mode in MODES:
         limit = calibrated_stretch(model, mode)
         top = stretch or (1 + MARGIN * (limit - 1) if 1 < limit < LARGEST else NO_RANGE)
         x = np.linspace(1.0, top, max(points, 2))
-        known = None if truth is None else truth(mode, x)
+        known = {axis: None if truth is None else truth(mode, x, axis) for axis in _axes(model)}
         if isinstance(model, DiagnosedLaw):
-            curves += [_of_diagnosis(model, mode, x, axis, limit, known) for axis in model.directions]
+            curves += [_of_diagnosis(model, mode, x, axis, limit, known[axis]) for axis in model.directions]
         else:
             stress, deviation = model.homogeneous(mode, x), model.homogeneous_deviation(mode, x)
-            curves.append(Curve(mode, x, stress, mode_invariants(mode, x), x <= limit, limit, known, deviation))
+            curves.append(Curve(mode, x, stress, mode_invariants(mode, x), x <= limit, limit, known[""], deviation))
     return curves
+
+
+def _axes(model: Model | DiagnosedLaw) -> tuple[str, ...]:
+    """Along which a material is pulled; '' where all are alike."""
+    return model.directions if isinstance(model, DiagnosedLaw) else ("",)
 
 
 def _of_diagnosis(law: DiagnosedLaw, mode: str, x: Array, axis: str, limit: float, known: Array | None) -> Curve:
@@ -152,9 +158,13 @@ def band_finding(model: Model | DiagnosedLaw) -> Finding:
         if spread is None:
             return Finding("prediction", Extent.OF_DIAGNOSIS)
         missed = model.model.verdict == "significant, not explained"
-        other = next((list(one.names) for one in spread.competitors if one.probability > LIKELY), None)
-        count = sum(one.probability > LEAST for one in spread.competitors)
-        given = {"competitors": count, "missed": missed, "other": other}
+        others = sorted(
+            (one for one in spread.competitors if one.kind is not Kind.UNSEEN), key=lambda one: -one.probability
+        )
+        other = list(others[0].names) if others and others[0].probability > LIKELY else None
+        count = sum(one.probability > LEAST for one in others)
+        unseen = any(one.kind is Kind.UNSEEN for one in spread.competitors)
+        given = {"competitors": count, "unseen": unseen, "missed": missed, "other": other}
         return Finding("prediction", Extent.DIAGNOSED_BANDS, given, missed)
     found = model.uncertainty
     if found is None:

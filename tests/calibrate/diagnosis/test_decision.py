@@ -13,7 +13,7 @@ from calibrate.data.experiment import Noise
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.evidence import decision
 from calibrate.diagnosis.evidence.decision import decided
-from calibrate.diagnosis.evidence.explanations import UNKNOWN, Alternatives, Explanation, Weighing
+from calibrate.diagnosis.evidence.explanations import UNKNOWN, Alternatives, Explanation, Finding, Power, Weighing
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
@@ -51,6 +51,16 @@ def test_an_effect_is_named_by_its_probability_alone_or_with_those_like_it():
     assert beside.groups == {HIDDEN: (HIDDEN,)}  # another beside it does not take its place
     spanned = after(((HIDDEN,), False, 1.0), groups={HIDDEN: (OTHER, "a with b")})
     assert spanned.groups == {HIDDEN: (HIDDEN, OTHER)}
+
+
+def test_with_quick_what_the_test_excludes_is_no_look_alike():
+    """Nor what it has itself: the rounds take effects of a similar signature together, whatever a limit beside the final model says."""
+    parameter = next(e for e in FEW if e.name == OTHER).amplitudes[0]
+    effect = next(e for e in FEW if e.name == OTHER)
+    rounds = replace(found(), groups={HIDDEN: (HIDDEN, OTHER)})
+    for finding, left in ((Finding.EXCLUDED, (HIDDEN,)), (Finding.INVISIBLE, (HIDDEN, OTHER))):
+        weighing = Weighing(Alternatives.of([Explanation((), 0.0)]), {}, (Power(effect, finding, parameter),), False)
+        assert decided(rounds, weighing, read_priors(), FEW).groups == {HIDDEN: left}
 
 
 def test_an_effect_that_is_not_needed_is_not_named():

@@ -544,3 +544,15 @@ def test_stereo_data_exclude_what_they_measure(tmp_path):
     np.testing.assert_array_equal(stereo.select([1, 3]).heights, moved[[0, 2, 4]])
     with pytest.raises(errors.MeshMismatchError, match="the reference and every increment"):
         dataclasses.replace(plain, heights=moved[1:])
+
+
+def test_a_field_of_stiffness_that_is_negative_somewhere_is_none():
+    """Every amplitude within its bounds."""
+    effect, data = next(one for one in CATALOGUE if one.name == "stiffness field"), made_up_chain().data
+    a = np.zeros(len(effect.amplitudes))
+    assert effect.is_possible(data, a, ())
+    a[:2] = 0.4
+    assert effect.is_possible(data, a, ())
+    a[:2] = -0.7
+    assert all(p.lower < v < p.upper for p, v in zip(effect.amplitudes, a, strict=True))
+    assert not effect.is_possible(data, a, ())

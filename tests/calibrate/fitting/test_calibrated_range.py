@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from synthetic import MooneyRivlin, plate_experiment
 
+from calibrate.diagnosis.distillation import fibre_ranges
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
+from calibrate.effects.fibres import fibre_angles
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.fitting.calibrated_range import calibrated_range, largest_fibre_stretch
 
@@ -21,3 +27,18 @@ def test_fibres_are_stretched_most_along_the_pull():
     last = np.array([False, False, True])
     assert largest_fibre_stretch(system, last, 0.0, 0.5) <= along[0.0]
     assert calibrated_range(system, quantile=1.0)["I1"][1] > 3.0
+
+
+def test_every_family_of_a_model_has_a_range_of_its_own():
+    """In the order of the file, effects without an amplitude among them."""
+    known = {effect.name: effect for effect in CATALOGUE}
+    two, one = (known[name] for name in ("two fibre families", "one fibre family"))
+    additions = (Addition(two, (0.0,), (0.3, 0.2, 1.0, 0.0)), Addition(one, (0.1,), (1.2, 1.0, 0.0)))
+    assert fibre_angles(additions) == {"I4": pytest.approx(0.5), "I4, 2": pytest.approx(0.1), "I4, 3": 1.2}
+    system = equilibrium(plate_experiment(MooneyRivlin(), n_increments=2))
+    part = SimpleNamespace(system=system, train=SimpleNamespace(rows=np.ones(system.loads.shape, bool)))
+    found = fibre_ranges(SimpleNamespace(trained=(part,)), additions)
+    every = np.ones(2, bool)
+    assert {name: end for name, (_, end) in found.items()} == {
+        name: max(1.0, largest_fibre_stretch(system, every, angle)) for name, angle in fibre_angles(additions).items()
+    }

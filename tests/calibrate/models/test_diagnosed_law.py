@@ -176,3 +176,21 @@ def test_fibres_that_were_not_stretched_are_extrapolated_from_rest():
     reached = replace(model, calibrated_range={"I1": (3.0, 5.0), "I4": (1.0, 1.3**2)})
     along = {curve.name: curve for curve in predict(DiagnosedLaw(reached))}["uniaxial_along_x"]
     assert along.limit == pytest.approx(1.3, abs=0.01)
+
+
+def test_a_model_beside_itself_is_the_same_along_both_axes(tmp_path):
+    found(("one fibre family", (0.2,), (0.4, 1.0, 0.0))).save(tmp_path / "model.json")
+    words = [
+        "predict",
+        str(tmp_path / "model.json"),
+        "--against",
+        str(tmp_path / "model.json"),
+        "-o",
+        str(tmp_path / "out"),
+    ]
+    assert cli.main(words) == 0
+    lines = [line for line in (tmp_path / "out" / "curves.csv").read_text().splitlines() if not line.startswith("#")]
+    rows = list(csv.DictReader(lines))
+    assert {row["mode"] for row in rows} >= {"uniaxial_along_x", "uniaxial_along_y"}
+    for row in rows:
+        assert float(row["compared"]) == pytest.approx(float(row["nominal_stress_MPa"]), abs=1e-9)

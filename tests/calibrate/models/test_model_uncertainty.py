@@ -11,7 +11,7 @@ from diagnosed_materials import MU, STRETCH, found
 
 from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR
 from calibrate.equations.deformation_modes import MODES
-from calibrate.errors import ModelFileError
+from calibrate.errors import FitError, ModelFileError
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.model_uncertainty import Competitor, ModelUncertainty
@@ -101,7 +101,7 @@ def test_a_file_holds_it_and_a_stiffer_batch_has_the_same_shares(tmp_path):
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("root", [[1.0], [2.0]], "reshape"),
+        ("root", [[1.0], [2.0]], "needs 32 rows"),
         ("level_deviation", -1.0, "not negative"),
         ("competitors", [{"probability": 2.0, "coefficients": [], "additions": []}], "probability"),
     ],
@@ -114,3 +114,29 @@ def test_a_wrong_uncertainty_is_named(tmp_path, key, value, said):
     (tmp_path / "model.json").write_text(json.dumps(content))
     with pytest.raises(ModelFileError, match=said):
         ExtendedModel.load(tmp_path / "model.json")
+
+
+@pytest.mark.parametrize("name", ["oblique fibres", "relaxing"])
+def test_the_sign_of_a_column_of_the_root_does_not_matter(name):
+    """However large it is: parameters enter to first order, shapes too."""
+    model = found(*LAWS[name])
+    rows, k = len(model.c) + sum(len(a.amplitudes) + len(a.shape) for a in model.additions), len(model.c) + 1
+    x, law = np.linspace(1.0, 1.5, 11), DiagnosedLaw(model, duration=5.0)
+    stress = law.homogeneous("pure_shear", x, law.directions[0])[1]
+    parts = []
+    for sign in (1.0, -1.0, 10.0):
+        root = np.zeros((rows, 1))
+        root[k] = 3.5 * sign
+        known = ModelUncertainty(root)
+        parts.append(variances(law, known, "pure_shear", x, law.directions[0], stress, np.zeros(len(x)))["parameters"])
+    np.testing.assert_allclose(parts[1], parts[0], rtol=0.02)
+    np.testing.assert_allclose(parts[2], 100 * parts[0], rtol=0.02)
+    assert parts[0][-1] > 0
+
+
+def test_without_a_finite_stress_there_is_no_band():
+    model = found(("one fibre family", (0.2,), (0.0, 1.0, 0.0)))
+    stiff = replace(model.additions[0], shape=(0.0, 5000.0, 0.0))
+    known = ModelUncertainty(np.zeros((len(model.c) + 4, 0)), (Competitor(0.5, model.c, (stiff,)),))
+    with pytest.raises(FitError, match="--stretch"):
+        predict(DiagnosedLaw(replace(model, uncertainty=known)), 3.0)

@@ -196,5 +196,7 @@ def test_force_of_every_picture_by_its_name(tmp_path):
         np.testing.assert_allclose(series.record.force, np.square(kept) + 0.5)
         np.testing.assert_allclose(series.time, 3.0 * np.array(kept))
     write(export / "Image.csv", "\n".join(["File;TimeStamp; Force [N]", *rows]).replace("_0004", "_0044") + "\n")
-    with pytest.raises(errors.FileFormatError, match="names the pictures of the rows, but none for Img_0004"):
+    with pytest.raises(
+        errors.FileFormatError, match="names the pictures of the rows, but none or several for Img_0004"
+    ):
         read(str(export), Request())

@@ -233,6 +233,8 @@ def test_unknown_noise_gives_no_p_value():
 def test_nothing_held_out_is_said():
     rounds = tuple(replace(now, held=None) for now in explained().rounds)
     found = replace(view(replace(explained(), rounds=rounds)), hold_out="nothing")
+    assert verdict(found).startswith("explained, but not confirmed, as nothing was held out: ")
+    assert verdict(view(explained())).startswith("explained: ")
     assert not Statement.of(found).errors.held_out
     assert any("--hold-out" in one.text for one in remarks(found))
 
