@@ -34,18 +34,17 @@ LEAST = 1e-3  # probability of a competitor that is kept
 OTHER_FORMS: dict[str, Effect] = {"second invariant": FORMS[0]}
 
 
-def uncertainty_of(found: Discovery, priors: Priors) -> ModelUncertainty:
-    """Of the final model, before its level is that of the replay."""
+def uncertainty_of(found: Discovery, priors: Priors) -> ModelUncertainty | None:
+    """Of the final model, before its level is that of the replay; None where its derivatives are not finite."""
     columns = Columns.of(found.problem, found.final)
+    if not np.isfinite(columns.J).all():
+        return None
     spread = columns.spread
     p = columns.base.shape[1]
     root = np.concatenate([columns.base @ spread.root[:p], spread.root[p:]])
     competitors = (*_fitted(found), *_of_other_forms(found.problem, columns), *_undetected(found, columns, priors))
-    check, times = (
-        found.replay_check,
-        [_last_time(part.train.rows, part.experiment.time) for part in found.problem.trained],
-    )
-    replayed = check.final if isinstance(check, ReplayCheck) else None
+    times = [_last_time(part.train.rows, part.experiment.time) for part in found.problem.trained]
+    replayed = found.replay_check.final if isinstance(found.replay_check, ReplayCheck) else None
     return ModelUncertainty(
         root,
         competitors,
@@ -92,6 +91,8 @@ def _of_other_forms(problem: Problem, columns: Columns) -> Iterator[Competitor]:
         others, kept = fit.additions[:i] + fit.additions[i + 1 :], np.delete(np.arange(columns.J.shape[1]), own)
         null = Addition(new, tuple(p.null for p in new.amplitudes))
         S = equations.signature(problem, fit.chains, fit.c, (*others, null))
+        if not np.isfinite(S).all():
+            continue
         without = fit.residual - columns.J[:, own] @ (
             np.array(addition.amplitudes) / columns.scale[own.start - n : own.stop - n]
         )

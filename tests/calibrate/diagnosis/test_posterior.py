@@ -121,5 +121,6 @@ def test_probabilities_that_round_off_takes_past_1_are_read_back():
     explanations = [replace(one, probability=1.0 + 4e-16) for one in found.weighing.alternatives.explanations if "second invariant" in one.names]  # fmt: skip
     sure = replace(found.weighing, alternatives=Alternatives(tuple(explanations)))
     known = uncertainty_of(replace(found, weighing=sure), read_priors())
+    assert known is not None
     again = ModelUncertainty.from_dict(known.to_dict("MPa"), len(found.final.c), ())
     assert max(one.probability for one in again.competitors) == 1.0
