@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from calibrate.data.experiment import Experiment
+from calibrate.data.experiment import Experiment, Noise
 from calibrate.effects.chain import Addition, Additions
 from calibrate.effects.chain.true_surface import is_expressed, true_surface
 from calibrate.equations.basis import SingleBasis
@@ -31,7 +31,7 @@ FIELD = "stiffness field"
 @dataclass(frozen=True)
 class Law:
     """sheet: what is solved. title: of the model. effects: that are solved for; taken_out: of the measurement of this test, to be taken out of it;
-    left_out: of the measurement of other tests, or neither solved for nor taken out. remarks: what the model file says of its own model."""
+    left_out: of the measurement of other tests, or neither solved for nor taken out. remarks: what the model file says of its own model. noise: that a diagnosis found in this test; None where it is not the one that was fitted."""
 
     sheet: Sheet
     title: str
@@ -39,6 +39,7 @@ class Law:
     taken_out: Additions = ()
     left_out: tuple[str, ...] = ()
     remarks: tuple[Finding, ...] = ()
+    noise: Noise | None = None
 
     @property
     def needs_time(self) -> bool:
@@ -63,7 +64,13 @@ def law_of(model: Model | ExtendedModel, experiment: Experiment) -> Law:
         law = _extended(model, experiment)
     if law.needs_time and experiment.time is None:
         raise ConfigError(f"{experiment.name}: has no time, which viscoelasticity needs; import it with its times")
-    return replace(law, remarks=tuple(model_remarks(model)))
+    return replace(law, remarks=tuple(model_remarks(model)), noise=_noise_found(model, experiment))
+
+
+def _noise_found(model: Model | ExtendedModel, experiment: Experiment) -> Noise | None:
+    fitted = model.training if isinstance(model, ExtendedModel) else ()
+    own = next((one for one in fitted if one["fingerprint"] == experiment.fingerprint and one.get("noise")), None)
+    return None if own is None else Noise(**own["noise"])
 
 
 def material_law(material: Material, title: str, experiment: Experiment) -> Law:

@@ -98,9 +98,9 @@ class Replay:
 
     @property
     def noise(self) -> float | None:
-        """Standard deviation of a measured displacement, mm, if it is known."""
+        """Standard deviation of a measured displacement at the largest deformation, mm, if it is known."""
         noise = self.experiment.noise
-        return noise.displacement_std if noise is not None and noise.displacement_std > 0 else None
+        return noise.total_std if noise is not None and noise.displacement_std > 0 else None
 
 
 def replay(
@@ -117,6 +117,7 @@ def replay(
     Raises `LoadingError` where too little of the boundary is held, `MaterialError`, and `ConvergenceError`.
     """
     has_record = experiment.record is not None
+    experiment = experiment if law.noise is None else replace(experiment, noise=law.noise)
     experiment = true_surface(experiment, law.taken_out)
     effect, level = None, 0
     if check_mesh:

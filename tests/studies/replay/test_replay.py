@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 
 import numpy as np
@@ -124,6 +124,16 @@ def test_an_extended_model_is_solved_with_its_effects():
     assert found.field_error[-1] < 0.02
     without = replay(test, law_of(extended(), test), check_mesh=False)
     assert without.force_error > 0.1
+
+
+def test_a_test_that_was_fitted_has_the_noise_that_the_diagnosis_found():
+    """Of the file of another test it is that of the test."""
+    plate = replace(experiment(120), noise=Noise(0.3)).select([1])
+    training = ({"name": "a", "fingerprint": plate.fingerprint, "spacing": None, "noise": asdict(Noise(0.03, 2.0, pattern_std=0.04))},)  # fmt: skip
+    for model, known in ((replace(extended(), training=training), 0.05), (extended(), 0.3)):
+        assert replay(plate, law_of(model, plate), check_mesh=False).noise == pytest.approx(known)
+    other = plate.select([0])
+    assert law_of(replace(extended(), training=training), replace(other, points=other.points + 1e-9)).noise is None
 
 
 @pytest.mark.slow
