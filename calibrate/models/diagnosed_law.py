@@ -22,7 +22,7 @@ from calibrate.effects.chain.linearisation import Constants
 from calibrate.effects.chain.quantities import STRESS, TIME, Base
 from calibrate.effects.chain.stages import law_stages
 from calibrate.effects.compressibility import Compressibility
-from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies, fibre_angles
+from calibrate.effects.fibres import fibre_angles
 from calibrate.effects.mullins import Mullins
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
 from calibrate.equations.deformation_modes import largest_stretch, stretches_to_gradient
@@ -62,8 +62,7 @@ class DiagnosedLaw:
     @property
     def directions(self) -> tuple[str, ...]:
         """'' for an isotropic material, else the axes of the test that it is pulled along."""
-        fibres = any(isinstance(a.effect, OneFibreFamily | TwoFibreFamilies) for a in self.of_material)
-        return ("x", "y") if fibres else ("",)
+        return ("x", "y") if fibre_angles(self.of_material) else ("",)
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -218,12 +217,15 @@ def _axes(direction: str) -> tuple[int, int]:
 
 def _released(slopes: Array, across: Array, coupled: bool) -> Array:
     """A K^-1 P (o, t) of stresses across (o, t, 2), see `DiagnosedLaw.changes`. coupled: whether one step depends on those before."""
-    if not coupled:
-        moved = np.linalg.solve(slopes[:, 1:], np.moveaxis(across, 0, -1))
-        return np.asarray(np.einsum("tk,tko->ot", slopes[:, 0], moved))
     o, t = across.shape[:2]
-    K, A = slopes[:, 1:].reshape(2 * t, 2 * t), slopes[:, 0].reshape(t, 2 * t)
-    return np.asarray((A @ np.linalg.solve(K, across.reshape(o, 2 * t).T)).T)
+    try:
+        if not coupled:
+            moved = np.linalg.solve(slopes[:, 1:], np.moveaxis(across, 0, -1))
+            return np.asarray(np.einsum("tk,tko->ot", slopes[:, 0], moved))
+        K, A = slopes[:, 1:].reshape(2 * t, 2 * t), slopes[:, 0].reshape(t, 2 * t)
+        return np.asarray((A @ np.linalg.solve(K, across.reshape(o, 2 * t).T)).T)
+    except np.linalg.LinAlgError:  # nothing holds the free sides
+        return np.full((o, t), np.nan)
 
 
 def _solved(residual: Residual, unknown: jax.Array, small: float, coupled: bool) -> jax.Array | None:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.diagnosis.selection.rounds import Verdict
 from calibrate.equations.deformation_modes import MODES, mode_invariants
 from calibrate.equations.kinematics import invariants_and_derivatives
 from calibrate.models.diagnosed_law import DiagnosedLaw
@@ -117,18 +118,14 @@ def predict(
         limit = calibrated_stretch(model, mode)
         top = stretch or (1 + MARGIN * (limit - 1) if 1 < limit < LARGEST else NO_RANGE)
         x = np.linspace(1.0, top, max(points, 2))
-        known = {axis: None if truth is None else truth(mode, x, axis) for axis in _axes(model)}
-        if isinstance(model, DiagnosedLaw):
-            curves += [_of_diagnosis(model, mode, x, axis, limit, known[axis]) for axis in model.directions]
-        else:
-            stress, deviation = model.homogeneous(mode, x), model.homogeneous_deviation(mode, x)
-            curves.append(Curve(mode, x, stress, mode_invariants(mode, x), x <= limit, limit, known[""], deviation))
+        for axis in model.directions if isinstance(model, DiagnosedLaw) else ("",):
+            known = None if truth is None else truth(mode, x, axis)
+            if isinstance(model, DiagnosedLaw):
+                curves.append(_of_diagnosis(model, mode, x, axis, limit, known))
+            else:
+                stress, deviation = model.homogeneous(mode, x), model.homogeneous_deviation(mode, x)
+                curves.append(Curve(mode, x, stress, mode_invariants(mode, x), x <= limit, limit, known, deviation))
     return curves
-
-
-def _axes(model: Model | DiagnosedLaw) -> tuple[str, ...]:
-    """Along which a material is pulled; '' where all are alike."""
-    return model.directions if isinstance(model, DiagnosedLaw) else ("",)
 
 
 def _of_diagnosis(law: DiagnosedLaw, mode: str, x: Array, axis: str, limit: float, known: Array | None) -> Curve:
@@ -157,7 +154,7 @@ def band_finding(model: Model | DiagnosedLaw) -> Finding:
         spread = model.model.uncertainty
         if spread is None:
             return Finding("prediction", Extent.OF_DIAGNOSIS)
-        missed = model.model.verdict == "significant, not explained"
+        missed = model.model.verdict == Verdict.NOT_EXPLAINED
         others = sorted(
             (one for one in spread.competitors if one.kind is not Kind.UNSEEN), key=lambda one: -one.probability
         )
