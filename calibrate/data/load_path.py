@@ -13,14 +13,33 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 STEP, BEND = 0.25, 0.02  # of the largest displacement: the length of a line, and how far an increment may be off it
-SAMPLE = 0.1  # the same length between samples
+LINE = 0.6  # the same length of a line that is sampled at its ends and its middle
+MIDDLE = 0.25, 0.75  # places on a line, between which an increment is its middle
 
 
 def samples(displacements: Array) -> tuple[NDArray[np.int64], Array]:
-    """Ends (k,) of straight lines through displacements (t, n, 2), mm, the first increment among them; shares (t, k) as in `turning_points`."""
-    ends, shares = turning_points(displacements[1:] - displacements[0], SAMPLE)
-    first = np.concatenate([[1.0], 1 - shares.sum(axis=1)])
-    return np.concatenate([[0], ends + 1]), np.column_stack([first, np.concatenate([np.zeros((1, len(ends))), shares])])
+    """Increments (k,) at the ends and the middles of straight lines through displacements (t, n, 2), mm, the first increment among them; and shares (t, k) of
+    the parabola through the three of a line, so that what has the values (k, ...) there is about shares @ values."""
+    u = displacements.reshape(len(displacements), -1) - displacements[:1].reshape(1, -1)
+    chosen, rows = [0], [{0: 1.0}]
+    for start, end in pairwise(_ends_of_lines(u, LINE)):
+        places = _along(u[start : end + 1])[0]
+        nearest = int(np.argmin(np.abs(places - 0.5)))
+        middle = start + 1 + nearest if MIDDLE[0] <= places[nearest] <= MIDDLE[1] else None
+        chosen += [end] if middle is None else [middle, end]
+        at = {start: 0.0, end: 1.0} if middle is None else {start: 0.0, middle: float(places[nearest]), end: 1.0}
+        rows += [_lagrange(at, float(place)) for place in places]
+    shares = np.zeros((len(rows), len(chosen)))
+    for i, row in enumerate(rows):
+        shares[i, [chosen.index(sample) for sample in row]] = list(row.values())
+    return np.array(chosen, np.int64), shares
+
+
+def _lagrange(at: dict[int, float], place: float) -> dict[int, float]:
+    """Values at a place of the polynomials that are 1 at one of the samples {increment: place} and 0 at the others."""
+    return {
+        i: float(np.prod([(place - y) / (x - y) for j, y in at.items() if j != i], initial=1.0)) for i, x in at.items()
+    }
 
 
 def turning_points(displacements: Array, step: float = STEP) -> tuple[NDArray[np.int64], Array]:
@@ -28,10 +47,7 @@ def turning_points(displacements: Array, step: float = STEP) -> tuple[NDArray[np
     of them, shares (t, k) of both: what is nothing at rest and has the values (k, ...) at the ends is about shares @ values."""
     flat = displacements.reshape(len(displacements), int(np.prod(displacements.shape[1:])))
     u = np.concatenate([np.zeros((1, flat.shape[1])), flat])
-    largest = float(np.linalg.norm(u, axis=1).max())
-    ends = [0]
-    while ends[-1] < len(displacements):
-        ends.append(_end_of_line(u, ends[-1], step * largest, BEND * largest))
+    ends = _ends_of_lines(u, step)
     shares = np.zeros((len(displacements), len(ends) - 1))
     for j, (start, end) in enumerate(pairwise(ends)):
         places = _along(u[start : end + 1])[0]
@@ -39,6 +55,15 @@ def turning_points(displacements: Array, step: float = STEP) -> tuple[NDArray[np
         if j:
             shares[start:end, j - 1] = 1 - places
     return np.array(ends[1:], np.int64) - 1, shares
+
+
+def _ends_of_lines(u: Array, step: float) -> list[int]:
+    """Rows of u (t + 1, m) from the first to the last, between which it goes straight, by `step` of the largest at most."""
+    largest = float(np.linalg.norm(u, axis=1).max())
+    ends = [0]
+    while ends[-1] + 1 < len(u):
+        ends.append(_end_of_line(u, ends[-1], step * largest, BEND * largest))
+    return ends
 
 
 def _end_of_line(u: Array, start: int, longest: float, bend: float) -> int:

@@ -83,9 +83,9 @@ class ClassicalFit:
         reciprocal = np.array([p.reciprocal for p in self.law.parameters])
         return np.where(reciprocal, fitted / self.found.parameters**2, fitted)
 
-    def stress(self, F: Array) -> Array:
-        """P (..., 2, 2) at F (..., 2, 2)."""
-        return self.law.stress(F, self.found.parameters)
+    def internal_forces(self, system: Equilibrium) -> Array:
+        """Internal virtual work (t, 2 v), N."""
+        return np.asarray(internal_forces(self.law, system, self.found.parameters)[0])
 
 
 @dataclass(frozen=True)
@@ -142,13 +142,23 @@ def fit_law(
     law: StressLaw, system: Equilibrium, weights: Weights, start: Array, lower: Array | float = -np.inf
 ) -> LeastSquares:
     """Parameters of least weighted residual above `lower` (q,), from `start` (q,)."""
-    F, loads = system.deformation_gradients, np.nan_to_num(system.loads)
+    loads = np.nan_to_num(system.loads)
 
     def evaluate(p: Array) -> tuple[Array, Array]:
-        P, slopes = law.stress_and_sensitivity(F, p)
-        return weights(system.internal_forces(P) - loads), weights(system.internal_forces(slopes)).T
+        forces, *slopes = internal_forces(law, system, p)
+        return weights(forces - loads), weights(np.array(slopes)).T
 
     return least_squares_fit(evaluate, weights.size, start, lower)
+
+
+def internal_forces(law: StressLaw, system: Equilibrium, parameters: Array) -> Array:
+    """Internal virtual work (1 + q, t, 2 v), N, of a law, then its derivatives by each parameter (q,). An increment after the other, as all at once would
+    not stay in the processor's cache."""
+    found = []
+    for F in system.deformation_gradients:
+        P, slopes = law.stress_and_sensitivity(F, parameters)
+        found.append(system.internal_forces(np.concatenate([P[None], slopes])))
+    return np.stack(found, axis=1)
 
 
 def least_squares_fit(
@@ -215,7 +225,7 @@ def _raised(
     law: Law, fit: LeastSquares, system: Equilibrium, weights: Weights, b: Array, tops: tuple[float, float]
 ) -> ClassicalFit:
     """With the stiffness that noise attenuates put right, as `Quadratic.stiffness_factor` does it, and the stability of the law."""
-    a = weights(system.internal_forces(law.stress(system.deformation_gradients, fit.parameters)))
+    a = weights(internal_forces(law, system, fit.parameters)[0])
     factor = np.where(law.moduli, float(b @ b) / float(a @ b), 1.0)
     p, covariance = factor * fit.parameters, fit.covariance * np.outer(factor, factor)
     share = law.stability(p, tops) / abs(law.stability(p, AT_REST))

@@ -110,9 +110,8 @@ def force_error(view: Review, candidate: Candidate, increments: Mask) -> float |
         return None
     if candidate.fit is None:
         return view.force_error(increments)
-    system, rows = view.system, np.tile(view.system.fields.boundary >= 0, 2)
-    work = system.internal_forces(candidate.fit.stress(system.deformation_gradients[increments]))
-    return relative_force_error({"all": work[:, rows]}, {"all": system.loads[increments][:, rows]})
+    loads = view.system.loads[:, np.tile(view.system.fields.boundary >= 0, 2)]
+    return relative_force_error({"all": view.classical_forces[candidate.name][increments]}, {"all": loads[increments]})
 
 
 def values(fit: ClassicalFit, unit: str, scale: float) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,13 @@ class Review:
             {name: f[increments] for name, f in self.forces.items()},
             {name: f[increments] for name, f in self.measured.items()},
         )
+
+    @cached_property
+    def classical_forces(self) -> dict[str, Array]:
+        """{law: (n_increments, rows)}: internal virtual work of every classical law on the fields of loaded boundaries, N."""
+        rows = np.tile(self.system.fields.boundary >= 0, 2)
+        fits = [one.fit for one in self.classical.laws] if self.classical else []
+        return {fit.law.name: fit.internal_forces(self.system)[:, rows] for fit in fits if fit is not None}
 
     @property
     def held_out(self) -> HeldOut | None:

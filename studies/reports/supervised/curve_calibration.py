@@ -143,4 +143,4 @@ def _figure(found: CurveCalibration) -> Figure:
 
 def _law_curve(fit: ClassicalFit, mode: str, stretch: np.ndarray) -> np.ndarray:
     F = gradients({mode: (stretch, np.ones_like(stretch))})[0]
-    return np.asarray(fit.stress(F)[:, 0, 0])
+    return np.asarray(fit.law.stress(F, fit.found.parameters)[:, 0, 0])

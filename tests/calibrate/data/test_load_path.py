@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibrate.data.load_path import BEND, SAMPLE, STEP, samples, turning_points
+from calibrate.data.load_path import BEND, LINE, STEP, samples, turning_points
 
 SHAPE = np.random.default_rng(0).standard_normal((2, 30, 2))
 
@@ -46,18 +46,35 @@ def test_few_increments_are_all_chosen(count):
 
 
 def test_samples_interpolate_what_is_not_nothing_at_rest():
-    """A tangent that falls with the load: exact at the samples, of second order in their distance between."""
+    """A tangent that falls with the load: exact at the samples, of third order in their distance between."""
     factors = np.arange(1, 42) / 41
     chosen, shares = samples(proportional(factors))
-    assert chosen[0] == 0 and chosen[-1] == 40 and len(chosen) == 1 + 1 / SAMPLE
+    assert chosen[0] == 0 and chosen[-1] == 40 and len(chosen) == 5
     np.testing.assert_allclose(shares.sum(axis=1), 1, atol=1e-12)
-    np.testing.assert_array_equal(shares[chosen], np.eye(len(chosen)))
+    np.testing.assert_allclose(shares[chosen], np.eye(len(chosen)), atol=1e-12)
+    np.testing.assert_allclose(shares @ factors[chosen] ** 2, factors**2, atol=1e-12)
     tangent = 1 + 3 / (1 + factors) ** 4
-    curvature = 60 / (1 + factors[0]) ** 6
-    assert np.abs(shares @ tangent[chosen] - tangent).max() <= curvature * SAMPLE**2 / 8
+    third = 360 / (1 + factors[0]) ** 7
+    assert np.abs(shares @ tangent[chosen] - tangent).max() <= third * (LINE / 2) ** 3 / (9 * np.sqrt(3))
 
 
-@pytest.mark.parametrize("count", [1, 2, 11])
+def test_samples_between_which_a_test_jumps_are_joined_by_straight_lines():
+    """The increments of a line are all near its ends, so that a parabola through one of them would run away in the middle."""
+    factors = np.array([0.1, 0.12, 0.58, 0.6, 0.8, 1.0])
+    chosen, shares = samples(proportional(factors))
+    assert {0, 3} <= set(chosen.tolist()) and not {1, 2} & set(chosen.tolist())
+    assert shares.min() >= -0.13 and shares.max() <= 1
+    np.testing.assert_allclose(shares @ factors[chosen], factors, atol=1e-12)
+
+
+def test_samples_hold_every_turn():
+    factors = np.array([0.1, 0.3, 0.5, 0.7, 0.9, 0.6, 0.3, 0.1, 0.5, 0.8, 1.0])
+    chosen, shares = samples(proportional(factors))
+    assert {0, 4, 7, 10} <= set(chosen.tolist())
+    np.testing.assert_allclose(shares @ factors[chosen] ** 2, factors**2, atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
 def test_of_few_increments_all_are_samples(count):
     chosen, shares = samples(proportional(np.arange(1, count + 1) / count))
     assert chosen.tolist() == list(range(count))
