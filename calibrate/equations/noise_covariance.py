@@ -31,6 +31,9 @@ from calibrate.errors import FitError
 Array = NDArray[np.float64]
 ONE_CELL = 1e-7  # sum of two forces over their size, below which one load cell read both
 SINGULAR = 1e-10  # smallest over largest variance of a sum of increments
+RAN_AWAY = (
+    "the noise of the equations cannot be computed: the stiffness of the material ran away; check forces and their signs, and the largest strains"
+)
 NEGLIGIBLE = 0.1  # variance of a source in common, over that of displacement_std, in all increments, that is left out
 
 
@@ -288,7 +291,4 @@ def cholesky_factor(covariance: Array) -> Array:
             raise np.linalg.LinAlgError
         return np.linalg.cholesky(covariance + np.diag(1e-10 * variance + 1e-14 * variance.max()))
     except np.linalg.LinAlgError:
-        raise FitError(
-            "the noise of the equations cannot be computed: the stiffness of the material ran away; check forces and their signs, and "
-            "the largest strains"
-        ) from None
+        raise FitError(RAN_AWAY) from None

@@ -7,7 +7,7 @@ Up to `DENSE` rows the covariance of all is formed where increments have noise i
 1. The part of the noise of its own: of each increment i, given those before it, L_i^-1 (r_i - M_i r_before), with L_i L_i^T the covariance that is left
    (Vecchia 1988; Katzfuss and Guinness 2021). As many are before it as tell what all before would (`memory`): none where the noise is new in each, one
    where it drifts as exp(-t / tau), those with the pictures that it is made of for an increment between pictures.
-2. Sources V of the rest after 1: the covariance is I + V V^T. With C C^T = I + V^T V, I - V (I + C^T)^-1 C^-1 V^T is an inverse root.
+2. Sources V of the rest after 1: the covariance is I + V V^T. With V V^T = U diag(s) U^T, I - U diag(1 - 1 / sqrt(1 + s)) U^T is its inverse root.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from calibrate.equations.noise_covariance import EquationNoise, cholesky_factor
+from calibrate.equations.noise_covariance import RAN_AWAY, EquationNoise, cholesky_factor
+from calibrate.errors import FitError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 DENSE = 5000  # rows up to which their covariance is formed
+FELT = 1e-3  # of the variance of the noise: what sources add in a direction, from which it counts
 TOLD = 1e-3  # of the variance of an increment: what those further back may tell of it beside those before it
 
 
@@ -56,27 +58,27 @@ class Whole(NamedTuple):
 
 
 class Common(NamedTuple):
-    """V (N, s) and inner = (I + C^T)^-1 C^-1 (s, s), see the head of this module. log_determinant: of C."""
+    """U (N, k): orthonormal directions of the sources; taken (k,): the share of a residual along each that is taken off, see the head of this module.
+    log_determinant: of the root of the covariance."""
 
-    V: Array
-    inner: Array
+    U: Array
+    taken: Array
     log_determinant: float
 
     @classmethod
     def of(cls, V: Array) -> Common:
-        """Of sources (N, s)."""
-        lower = cholesky_factor(np.eye(V.shape[1]) + V.T @ V)
-        inverse = _solved(lower, np.eye(len(lower)))
-        inner = _solved(np.eye(len(lower)) + lower.T, inverse, lower=False)
-        return cls(V, inner, float(np.log(np.diag(lower)).sum()))
+        """Of sources (N, s). Directions of less than `FELT` of the variance of the noise are left out. Raises `FitError` where they are not finite."""
+        squares = V.T @ V
+        if not np.isfinite(squares).all():
+            raise FitError(RAN_AWAY)
+        least = max(FELT, 1e-10 * float(np.trace(squares)))
+        values, vectors = scipy.linalg.eigh(squares, subset_by_value=(least, np.inf))
+        taken = 1 - 1 / np.sqrt(1 + values)
+        return cls(V @ (vectors / np.sqrt(values)), taken, float(np.log1p(values).sum()) / 2)
 
     def white(self, columns: Array) -> Array:
-        """Columns (N, k) without the covariance of the sources."""
-        return np.asarray(columns - self.V @ (self.inner @ (self.V.T @ columns)))
-
-    def adjoint(self, rows: Array) -> Array:
-        """The transposed map (N,)."""
-        return np.asarray(rows - self.V @ (self.inner.T @ (self.V.T @ rows)))
+        """Columns (N, k) without the covariance of the sources; the map is its own transpose."""
+        return np.asarray(columns - self.U @ ((self.taken * (self.U.T @ columns).T).T))
 
 
 class Split(NamedTuple):
@@ -92,7 +94,7 @@ class Split(NamedTuple):
 
     def adjoint(self, rows: Array) -> Array:
         """The transposed map (N,)."""
-        white = rows if self.common is None else self.common.adjoint(rows)
+        white = rows if self.common is None else self.common.white(rows)
         flat = np.zeros(len(white))
         for before, own, block in _places(self.blocks):
             part = block.root.T @ white[own]

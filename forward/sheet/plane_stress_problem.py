@@ -32,6 +32,7 @@ DOLFINX_NODES = {"quad": [0, 1, 3, 2, 4, 7, 5, 6, 8], "triangle6": [0, 1, 2, 4, 
 PETSC_OPTIONS = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "bt",
+    "snes_lag_jacobian": 2,  # a factor serves two iterations: it costs five times what the residual does
     "ksp_type": "preonly",
     "pc_type": "cholesky",
     "pc_factor_mat_solver_type": "mumps",

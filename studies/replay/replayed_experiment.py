@@ -44,7 +44,7 @@ PARTS, READINGS, MORE = (
     24,
     60,
 )  # of an increment without one; over the record, at least; where the force bends, at most
-TOLERANCE = 1e-7  # imbalance over the reactions: displacements and forces are then right to 1e-8 of their size
+TOLERANCE = 1e-6  # imbalance over the reactions: displacements and forces are then right to 1e-7 of their size
 SMALL = 1e-3  # of the largest displacement, which the mesh may matter where the noise is unknown
 
 
