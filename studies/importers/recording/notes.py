@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
+from calibrate.models.fitness import SOFT
 from studies.importers.recording.load_cell_noise import Origin
 from studies.importers.recording.masks import Masked
 from studies.importers.recording.synchronise import ForceRecord
@@ -19,7 +20,6 @@ Array = NDArray[np.float64]
 LISTED = 30  # places or readings that a note names
 WEAK = 3.0  # signal to noise of the strain, below which little can be identified
 FILTERED = 10.0  # total over temporal noise, from which the latter says nothing of the errors of a frame
-STIFFEST = {"MPa": 200.0, "N/mm": 100.0}  # of what is soft enough for large strains
 LARGEST = 1500.0  # mm, of what fits into a test stand
 
 
@@ -75,7 +75,7 @@ def strain_notes(experiment: Experiment) -> list[str]:
     if signal.ratio < WEAK:
         notes.append(WORDS.note_weak_strain(signal=signal))
     modulus = apparent_modulus(experiment)
-    if modulus > STIFFEST[experiment.stress_unit]:
+    if modulus > SOFT[experiment.stress_unit][1]:
         notes.append(WORDS.note_stiff(modulus=modulus, unit=experiment.stress_unit))
     extent = float(np.ptp(experiment.points, axis=0).max())
     if extent > LARGEST:

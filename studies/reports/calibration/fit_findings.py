@@ -10,10 +10,12 @@ import numpy as np
 
 from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.classical_fit import Verdict as Enough
+from calibrate.models.fitness import SOFT
+from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import MISFIT
 from studies.output.findings import Finding, Macro
 from studies.reports.calibration.classical_table import force_error
-from studies.reports.calibration.fit_review import Review, section_shares
+from studies.reports.calibration.fit_review import Review, initial_shear_modulus, section_shares
 from studies.reports.calibration.polish_record import Kept, PolishRecord
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
 from studies.reports.prediction.predicted_curves import band_finding
@@ -30,6 +32,7 @@ class FitCode(Macro):
     STARTS = "starts"
     FORCES = "forces"
     GRIPS = "grips_differ"
+    NOT_SOFT = "not_soft"
     NOMINAL_LEVEL = "nominal_level"
     HELD_OUT = "held_out"
     CLASSICAL = "classical_laws"
@@ -69,6 +72,8 @@ LIMITS = Thresholds()
 def findings(view: Review) -> list[Finding]:
     """What a reader of the numbers should know, the most important first."""
     found = [residuals(view), starts(view), forces(view), *grips(view), held_out(view), classical(view)]
+    if not view.experiment.level_is_nominal:
+        found += stiffness(view.model)
     if view.polish is not None:
         found.insert(0, polish(view.polish))
     if view.model.uncertainty is not None:
@@ -145,6 +150,14 @@ def forces(view: Review) -> Finding:
     error, simple = view.force_error(view.fitted), view.neo_hooke_error
     worse = bool(error > max(LIMITS.factor * simple, LIMITS.negligible))
     return _finding(FitCode.FORCES, worse, error=error, neo_hooke_error=simple, worse_than_neo_hooke=worse)
+
+
+def stiffness(model: Model) -> list[Finding]:
+    """Whether the model is as stiff as something soft; nothing where it is."""
+    modulus, (least, most) = initial_shear_modulus(model), SOFT[model.unit]
+    if least <= modulus <= most:
+        return []
+    return [_finding(FitCode.NOT_SOFT, modulus=modulus, unit=model.unit, limit=most if modulus > most else least)]
 
 
 def grips(view: Review) -> list[Finding]:

@@ -25,7 +25,7 @@ from studies.output.report import Report
 from studies.output.words import Words
 from studies.reports.alert_table import add_alerts, alert_lines, alert_records
 from studies.reports.calibration.classical_table import curve_laws, curve_laws_record, terminal_lines
-from studies.reports.calibration.fit_findings import classical_finding
+from studies.reports.calibration.fit_findings import classical_finding, stiffness
 
 WORDS, LAWS = Words("curves"), Words("calibration")
 GOOD, POOR = 0.05, 0.2  # stress error of the worst mode, up to which a model is usable, and with reservations
@@ -66,7 +66,7 @@ class CurveCalibration:
     def findings(self) -> list[Finding]:
         """What a reader should know."""
         laws = classical_finding(self.laws, self.fit.model.architecture.inputs)
-        return [laws, Finding("curves", CurveCode.NO_FIELD)]
+        return [laws, *stiffness(self.fit.model), Finding("curves", CurveCode.NO_FIELD)]
 
     def lines(self) -> Iterator[str]:
         """What was found, for a terminal."""

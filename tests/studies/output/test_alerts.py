@@ -121,12 +121,10 @@ def review(chi_square: float | None = 1.0, **changes: Any) -> Any:
     """A `Review`, as far as findings look at it: nothing held out, no classical laws, forces missed by 1 %."""
     system = SimpleNamespace(level_equation=np.array([[False], [True]]))
     calibration = SimpleNamespace(reduced_chi_square=chi_square, losses=(1.0,) * 20, reason="converged", system=system)
-    sheet = SimpleNamespace(
-        fields=SimpleNamespace(boundary=np.array([0])), deformation_gradients=np.zeros((5, 1, 2, 2)),
-        loads=np.full((5, 2), 2.0), internal_forces=lambda P: np.full((len(P), 2), 2.1),
-    )  # fmt: skip
+    sheet = SimpleNamespace(fields=SimpleNamespace(boundary=np.array([0])), loads=np.full((5, 2), 2.0))
     known = {
-        "system": sheet,  # a classical law misses its forces by 5 %
+        "system": sheet,
+        "classical_forces": dict.fromkeys(("Yeoh", "Gent"), np.full((5, 2), 2.1)),  # of 2 N: missed by 5 %
         "chi_square": None if chi_square is None else np.ones(5),
         "fitted_chi_square": chi_square,
         "fitted": np.array([False, True, True, False, False]),
@@ -156,7 +154,7 @@ def two_grips(right: float) -> dict[str, Any]:
 
 def law(name: str, criterion: float, converged: bool = True) -> Any:
     """A classical law that was fitted."""
-    fit = SimpleNamespace(reason=SimpleNamespace(is_success=converged), stability=1.0, stress=lambda F: F)
+    fit = SimpleNamespace(reason=SimpleNamespace(is_success=converged), stability=1.0)
     return SimpleNamespace(name=name, fit=fit, numbers=1, criterion=criterion, chi_square=criterion)
 
 
@@ -164,6 +162,7 @@ def laws(*found: Any) -> Any:
     return Comparison(100, 1.0, found[0], found)
 
 
+STIFF = replace(neo_hooke(), parameters=1e4 * neo_hooke().parameters)  # as of kN for N, and Pa for MPa
 ERRORS = ReplayErrors(100.0, 90, 0.01, 0.1)
 POLISHED = PolishRecord(Kept.POLISHED, neo_hooke(), neo_hooke(), 2, ERRORS, ERRORS, ERRORS, ERRORS)
 HELD = SimpleNamespace(increments=3, relative_force_error=0.02, chi_square_per_equation=1.1)
@@ -179,6 +178,7 @@ OF_CALIBRATION: dict[str, Callable[[], Findings]] = {
     "calibration.starts": lambda: fit_findings.findings(review()),
     "calibration.forces": lambda: fit_findings.findings(review()),
     "calibration.grips_differ": lambda: fit_findings.findings(review(**two_grips(1.5))),
+    "calibration.not_soft": lambda: fit_findings.findings(review(model=STIFF)),
     "calibration.nominal_level": lambda: fit_findings.findings(review(experiment=poor_test(level_is_nominal=True))),
     "calibration.held_out": lambda: fit_findings.findings(review(held_out=HELD)),
     "calibration.polished": lambda: fit_findings.findings(review(polish=POLISHED)),
@@ -730,6 +730,14 @@ def test_forces_of_grips_that_differ_are_told():
     assert "25 % of the largest is left over (measured: 0 %)" in told and "left 2 N, right 1.5 N" in told
     for quiet in (two_grips(1.96), {}):
         assert "F319" not in {one.alert.code for one in fit_findings.findings(review(**quiet))}
+
+
+def test_a_model_as_stiff_as_a_metal_is_told_its_units():
+    told = made("calibration.not_soft").text
+    assert "is above that of any soft material (200 MPa)" in told and "forces are in N" in told
+    below = replace(neo_hooke(), parameters=1e-6 * neo_hooke().parameters)
+    assert "is below that of any soft material (1e-05 MPa)" in fit_findings.stiffness(below)[0].text
+    assert fit_findings.stiffness(neo_hooke()) == []
 
 
 @pytest.mark.parametrize(
