@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from calibrate.equations import discretisation_error
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.noise_covariance import EquationNoise
 from calibrate.equations.reduction import Assembled, coefficients_of_weights, stacked
-from calibrate.equations.weights import Weights, weights_of
+from calibrate.equations.weights import Sources, Weights, weights_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -41,13 +41,13 @@ def weighted_part(
     own: tuple[OwnSignature, ...] = (),
 ) -> Part:
     """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both. twin, own: see `Part`."""
-    sources = [one.sources for one in own]
+    sources = [Sources.of(one.sources) for one in own]
     if with_discrepancy:
         given = chain.system, basis, c
         sources.append(
             discretisation_error.sources(*given) if twin is None else discretisation_error.remainder(*given, twin)
         )
-    common = np.concatenate(sources, axis=-1) if sources else None
+    common = reduce(Sources.beside, sources) if sources else None
     noise = noise_of(chain, assembled, c, additions if train.any() else ())
     chain = chain.remembering()
     shift = chain.noise_shift(c, assembled.noise_axes, assembled.variances)
@@ -81,7 +81,7 @@ def _weighted_by(part: Part, noise: EquationNoise) -> Part:
     return replace(part, train=train, held=held, together=_together(*given))
 
 
-def _weights(noise: EquationNoise, train: Mask, held: Mask, common: Array | None) -> tuple[Weights, Weights]:
+def _weights(noise: EquationNoise, train: Mask, held: Mask, common: Sources | None) -> tuple[Weights, Weights]:
     """Of the equations used for fitting and of those held out, each for themselves."""
     return weights_of(noise, train, common), weights_of(noise, held, common)
 
@@ -92,7 +92,7 @@ class _Together:
 
     noise: EquationNoise = field(repr=False)
     rows: Mask = field(repr=False)
-    common: Array | None = field(repr=False)
+    common: Sources | None = field(repr=False)
 
     @cached_property
     def _weights(self) -> Weights:
@@ -102,7 +102,7 @@ class _Together:
         return self._weights
 
 
-def _together(noise: EquationNoise, train: Mask, held: Mask, common: Array | None) -> Callable[[], Weights] | None:
+def _together(noise: EquationNoise, train: Mask, held: Mask, common: Sources | None) -> Callable[[], Weights] | None:
     """Of both together, where increments have noise in common."""
     if noise.is_new_in_each or not (train.any() and held.any()):
         return None

@@ -20,7 +20,7 @@ from calibrate.equations import kinematics
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.reduction import Assembled
-from calibrate.equations.weights import Weights
+from calibrate.equations.weights import Sources, Weights
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -53,7 +53,7 @@ class Part:
     train: Weights
     held: Weights
     shift: Array = field(repr=False)
-    common: Array | None = field(repr=False)
+    common: Sources | None = field(repr=False)
     together: Callable[[], Weights] | None = field(default=None, repr=False)
     twin: Array | None = field(default=None, repr=False)
     own: tuple[OwnSignature, ...] = field(default=(), repr=False)

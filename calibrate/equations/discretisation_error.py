@@ -1,6 +1,6 @@
 """What recovered kinematics may still miss, as sources that act alike in every increment.
 
-In: the equations of an Experiment and a material. Out: sources (t, 2 v, s), N: change of the residual when one correction
+In: the equations of an Experiment and a material. Out: sources (`weights.Sources`): change of the residual when one correction
 that `recovery` makes, of an edge or a curved segment, is wrong by its own size; and what a twin leaves of them.
 
 A discretisation error is no noise: it grows with the load and keeps its pattern, so that it would pass for an effect.
@@ -27,6 +27,7 @@ from calibrate.data.triangulation import unique_edges
 from calibrate.equations import kinematics, recovery
 from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium, nominal_stress, tangent_modulus
+from calibrate.equations.weights import Sources
 
 Array = NDArray[np.float64]
 NEGLIGIBLE = 1e-6  # variance that is left of an equation, over the largest of any
@@ -126,8 +127,8 @@ class Corrections:
         return sp.csr_array(sp.vstack(rows))
 
 
-def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
-    """Sources (t, 2 v, s), N, at the material with coefficients c (n,): a few that have the covariance of all.
+def sources(system: Equilibrium, basis: Basis, c: Array) -> Sources:
+    """Sources at the material with coefficients c (n,): a few that have the covariance of all.
 
     They are smooth in the load, so that they are taken at turning points and interpolated between (`turning_points`).
     """
@@ -139,7 +140,7 @@ def sources(system: Equilibrium, basis: Basis, c: Array) -> Array:
         together = single @ np.eye(group.max(initial=0) + 1)[group]
         covariance += together @ together.T
     columns = _root(covariance)
-    return np.tensordot(shares, columns.reshape(len(chosen), -1, columns.shape[1]), 1)
+    return Sources(((columns.reshape(len(chosen), -1, columns.shape[1]), shares),))
 
 
 def _root(covariance: Array) -> Array:
@@ -150,9 +151,9 @@ def _root(covariance: Array) -> Array:
     return columns
 
 
-def remainder(system: Equilibrium, basis: Basis, c: Array, twin: Array) -> Array:
-    """Sources (t, 2 v, s), N, of what is left once the residual of a twin (t, 2 v), N, is subtracted."""
-    return REMAINDER * np.concatenate([sources(system, basis, c), twin[..., None]], axis=-1)
+def remainder(system: Equilibrium, basis: Basis, c: Array, twin: Array) -> Sources:
+    """Sources of what is left once the residual of a twin (t, 2 v), N, is subtracted."""
+    return sources(system, basis, c).beside(Sources.of(twin[..., None])).scaled(REMAINDER)
 
 
 def edge_middles(system: Equilibrium) -> Array:

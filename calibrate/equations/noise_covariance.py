@@ -31,9 +31,7 @@ from calibrate.errors import FitError
 Array = NDArray[np.float64]
 ONE_CELL = 1e-7  # sum of two forces over their size, below which one load cell read both
 SINGULAR = 1e-10  # smallest over largest variance of a sum of increments
-RAN_AWAY = (
-    "the noise of the equations cannot be computed: the stiffness of the material ran away; check forces and their signs, and the largest strains"
-)
+RAN_AWAY = "the noise of the equations cannot be computed: the stiffness of the material ran away; check forces and their signs, and the largest strains"
 NEGLIGIBLE = 0.1  # variance of a source in common, over that of displacement_std, in all increments, that is left out
 
 

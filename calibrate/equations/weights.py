@@ -30,6 +30,52 @@ FELT = 1e-3  # of the variance of the noise: what sources add in a direction, fr
 TOLD = 1e-3  # of the variance of an increment: what those further back may tell of it beside those before it
 
 
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Of a discrepancy common to all increments, N: what each changes in the residuals (t, 2 v).
+
+    parts: columns (k, 2 v, s) of k increments, and the shares (t, k) of these in every one, so that many increments take no more memory than few.
+    """
+
+    parts: tuple[tuple[Array, Array], ...]
+
+    @classmethod
+    def of(cls, values: Array) -> Sources:
+        """Values (t, 2 v, s) that have nothing to do with each other."""
+        return cls(((values, np.eye(len(values))),))
+
+    def __len__(self) -> int:
+        return sum(columns.shape[2] for columns, _ in self.parts)
+
+    def beside(self, other: Sources) -> Sources:
+        """Both."""
+        return Sources((*self.parts, *other.parts))
+
+    def scaled(self, factor: float) -> Sources:
+        """Each by a factor."""
+        return Sources(tuple((factor * columns, shares) for columns, shares in self.parts))
+
+    def increment(self, i: int) -> Array:
+        """(2 v, s)."""
+        return np.hstack([_mixed(columns, shares[i]) for columns, shares in self.parts])
+
+    def rows(self, used: Mask) -> Array:
+        """(N, s) of the rows (t, 2 v) used."""
+        some = np.flatnonzero(used.any(axis=1)).tolist()
+        return np.concatenate([np.zeros((0, len(self))), *(self.increment(i)[used[i]] for i in some)])
+
+    @property
+    def variances(self) -> Array:
+        """(t, 2 v), N^2."""
+        return np.array([(self.increment(i) ** 2).sum(axis=1) for i in range(len(self.parts[0][1]))])
+
+
+def _mixed(columns: Array, shares: Array) -> Array:
+    """Of an increment, from the few that have a share (k,) in it."""
+    few = np.flatnonzero(shares)
+    return np.tensordot(shares[few], columns[few], 1)
+
+
 class Block(NamedTuple):
     """The rows used of an increment: root (r, r), the inverse of their Cholesky factor given the b rows before them, by gain (r, b). It is used so often that
     the inverse pays."""
@@ -111,13 +157,13 @@ class Split(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """rows (t, 2 v): which equations are used. variance (t, 2 v), N^2: of the noise of each; 0 of those not used. root: of the covariance. sources
-    (t, 2 v, s), N: of the discrepancy; None without."""
+    """rows (t, 2 v): which equations are used. variance (t, 2 v), N^2: of the noise of each; 0 of those not used. root: of the covariance. sources:
+    of the discrepancy; None without."""
 
     rows: Mask
     variance: Array = field(repr=False)
     root: Whole | Split = field(repr=False)
-    sources: Array | None = field(repr=False)
+    sources: Sources | None = field(repr=False)
 
     @property
     def size(self) -> int:
@@ -148,23 +194,23 @@ class Weights:
         """
         if self.sources is None or not self.size:
             return np.zeros((self.size, 0))
-        V = self.root.white(self.sources[self.rows])
+        V = self.root.white(self.sources.rows(self.rows))
         wide = V.shape[1] > len(V)
         values, U = scipy.linalg.eigh(V @ V.T if wide else V.T @ V, subset_by_value=(least / (1 + least), np.inf))
         return U if wide else np.asarray(V @ U / np.sqrt(values))
 
 
-def weights_of(noise: EquationNoise, rows: Mask, sources: Array | None = None) -> Weights:
-    """Weights for the equations `rows` (t, 2 v) with a noise and the sources (t, 2 v, s) of a discrepancy common to all."""
+def weights_of(noise: EquationNoise, rows: Mask, sources: Sources | None = None) -> Weights:
+    """Weights for the equations `rows` (t, 2 v) with a noise and the sources of a discrepancy common to all."""
     return Weights(rows, noise.variance(rows), _root(noise, rows, sources), sources)
 
 
-def _root(noise: EquationNoise, rows: Mask, sources: Array | None) -> Whole | Split:
+def _root(noise: EquationNoise, rows: Mask, sources: Sources | None) -> Whole | Split:
     """Of the covariance of the rows used."""
     n = int(rows.sum())
     if not n:
         return Split((), None)
-    more = np.zeros((n, 0)) if sources is None else sources[rows]
+    more = np.zeros((n, 0)) if sources is None else sources.rows(rows)
     if n <= DENSE and (2 * more.shape[1] > n or not noise.is_new_in_each):
         return Whole(cholesky_factor(noise.covariance(rows) + more @ more.T))
     blocks = tuple(_blocks(noise, rows))

@@ -96,7 +96,7 @@ def forces(part: Part, fit: Fit, level: float = 1.0) -> dict[str, tuple[Array, A
 
 def deviations(part: Part) -> Array:
     """Standard deviation (t, 2 v), N, of every residual by noise and discretisation; NaN where there is no equation."""
-    discrepancy = 0.0 if part.common is None else (part.common**2).sum(axis=2)
+    discrepancy = 0.0 if part.common is None else part.common.variances
     known = part.train.rows | part.held.rows
     return np.where(known, np.sqrt(part.train.variance + part.held.variance + discrepancy), np.nan)
 
@@ -112,7 +112,8 @@ def decorrelated(problem: Problem, part: Part, fits: Sequence[Fit]) -> list[Arra
     for i, used in [(i, w.rows[i]) for w in (part.train, part.held) for i in range(len(w.rows)) if w.rows[i].any()]:
         covariance = noise.increment(i)[np.ix_(used, used)]
         if part.common is not None:
-            covariance = covariance + part.common[i, used] @ part.common[i, used].T
+            sources = part.common.increment(i)[used]
+            covariance = covariance + sources @ sources.T
         spread = np.sqrt(np.diag(covariance))
         values, vectors = np.linalg.eigh(covariance / np.outer(spread, spread))
         root = np.sqrt(np.maximum(values, 1e-12 * values.max()))

@@ -35,7 +35,7 @@ from calibrate.equations import discretisation_error, kinematics, noise_covarian
 from calibrate.equations.basis import SingleBasis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, equilibrium, neo_hooke
 from calibrate.equations.noise_covariance import EquationNoise
-from calibrate.equations.weights import weights_of
+from calibrate.equations.weights import Sources, weights_of
 from calibrate.fitting import least_squares
 from calibrate.fitting.resumable import SILENT
 from studies.trials import blind_data
@@ -127,7 +127,7 @@ def test_whitening_gives_unit_covariance(common, most, sources, monkeypatch):
     rng, noise = np.random.default_rng(1), drawn_noise(common)
     used = rng.uniform(size=(3, 5)) < 0.7
     source = rng.standard_normal((3, 5, sources))
-    found, flat = weights_of(noise, used, source if sources else None), source.reshape(15, -1)
+    found, flat = weights_of(noise, used, Sources.of(source) if sources else None), source.reshape(15, -1)
     rows, some = noise.spreads.reshape(15, -1), np.ix_(used.ravel(), used.ravel())
     own = np.kron(np.eye(3) + 5 * np.outer(common, common), np.ones((5, 5))) * (rows @ rows.T)
     own, more = (own + np.diag(noise.deviations.ravel() ** 2))[some], (flat @ flat.T)[some]
@@ -147,7 +147,7 @@ def test_whitening_gives_unit_covariance(common, most, sources, monkeypatch):
 
 
 def test_no_equations_have_weights_of_their_own():
-    found = weights_of(drawn_noise(np.array([0.5, 1.0, 1.5])), np.zeros((3, 5), bool), np.ones((3, 5, 2)))
+    found = weights_of(drawn_noise(np.array([0.5, 1.0, 1.5])), np.zeros((3, 5), bool), Sources.of(np.ones((3, 5, 2))))
     assert found.size == 0 and found(np.ones((4, 3, 5))).shape == (4, 0) and found.log_determinant == 0
     assert found.uncertain_directions(0.1).shape == (0, 0)
 
@@ -275,8 +275,7 @@ def test_few_sources_have_the_covariance_of_all():
     for group in (np.arange(single.shape[1]), corrections.groups, corrections.kinds):
         same = group[:, None] == group
         expected += single @ same @ single.T
-    few = discretisation_error.sources(system, basis, c)
-    few = few.reshape(-1, few.shape[-1])
+    few = discretisation_error.sources(system, basis, c).rows(np.ones(system.loads.shape, bool))
     np.testing.assert_allclose(few @ few.T, expected, atol=1e-3 * expected.max())
 
 
