@@ -78,8 +78,10 @@ class ClassicalFit:
         return {p.name: p.value(float(x)) for p, x in zip(self.law.parameters, self.found.parameters, strict=True)}
 
     def deviations(self, scale: float = 1.0) -> Array:
-        """Standard deviations (q,) of `values`; of a reciprocal to first order. scale: variance of the whitened noise."""
-        fitted = np.sqrt(scale * np.diag(self.found.covariance))
+        """Standard deviations (q,) of `values`; of a reciprocal to first order. scale: variance of the whitened noise; of what the law leaves where that is more,
+        as of the bands of a network."""
+        left = self.found.chi_square / max(self.found.equations - len(self.found.parameters), 1)
+        fitted = np.sqrt(max(scale, left) * np.diag(self.found.covariance))
         reciprocal = np.array([p.reciprocal for p in self.law.parameters])
         return np.where(reciprocal, fitted / self.found.parameters**2, fitted)
 

@@ -91,6 +91,10 @@ def test_what_the_data_can_tell_and_what_did_not_converge(monkeypatch):
     )
     chains = seen.laws[1].fit
     assert abs(chains.values["N"] - 21.49) < 3 * chains.deviations(seen.scale)[1]
+    missing = seen.laws[0].fit  # neo-Hooke: its deviation grows with what it leaves, and is not that of noise alone
+    left = missing.found.chi_square / (seen.equations - 1)
+    assert left > 1.5 * seen.scale
+    assert missing.deviations(seen.scale)[0] == pytest.approx(np.sqrt(left * missing.found.covariance[0, 0]))
     monkeypatch.setattr(classical_fit, "EVALUATIONS", 1)
     short = compare(found, laws)
     assert [c.fit.reason for c in short.laws] == 3 * [Stop.ITERATION_LIMIT] and short.verdict == Verdict.NONE_FITTED
