@@ -22,6 +22,7 @@ Indices = NDArray[np.int64]
 Wanted = Literal["all"] | int | tuple[int, ...] | None
 AFFORDABLE = 40_000  # points times pictures
 FEWEST = 12  # pictures, however many points there are
+TURN = 0.1  # of the largest deformation, by which the load goes back after a turn
 UNSEEN = (
     0.02  # of the largest deformation, by which a specimen may have been deformed more than the chosen pictures show
 )
@@ -42,17 +43,48 @@ def chosen(experiment: Experiment, wanted: Wanted = None) -> Experiment:
 
 
 def spread(experiment: Experiment, most: int) -> Indices:
-    """At most `most` increments, evenly spread, the last among them; one is exchanged for its neighbour where the specimen would otherwise have been
-    deformed more than they show, which softening and permanent set depend on."""
+    """At most `most` increments, evenly spread, the last among them; one is exchanged for its neighbour where the load turns, and where the specimen would
+    otherwise have been deformed more than they show: relaxation, softening and permanent set depend on the course."""
     n = experiment.n_increments
     size = min(n, most)
     index = np.unique(np.round(np.linspace(n / size - 1, n - 1, size)).astype(np.int64))
-    return index if len(index) == n else _with_peaks(experiment.deformation_shares, index)
+    if len(index) == n:
+        return index
+    shares = experiment.deformation_shares
+    return _with_peaks(shares, *_with_turns(shares, index))
 
 
-def _with_peaks(shares: Array, index: Indices) -> Indices:
-    """shares (n,) of the deformation; index (k,), rising."""
-    kept, peaks = index.copy(), set[int]()
+def turns(shares: Array) -> list[int]:
+    """Increments at which the deformation, shares (n,) of the largest, turns by more than `TURN`."""
+    found, last, direction = list[int](), 0, 0
+    for i, share in enumerate(shares.tolist()):
+        further = (share - shares[last]) * direction
+        if direction == 0 and abs(share - shares[last]) > TURN:
+            last, direction = i, 1 if share > shares[last] else -1
+        elif further > 0:
+            last = i
+        elif further < -TURN:
+            found.append(last)
+            last, direction = i, -direction
+    return found
+
+
+def _with_turns(shares: Array, index: Indices) -> tuple[Indices, set[int]]:
+    """index (k,), rising, with the turns, and these; as it is where they would take more than half of the places."""
+    needed = turns(shares)
+    if 2 * len(needed) > len(index):
+        return index, set()
+    kept, held = index.tolist(), set(needed)
+    for turn in needed:
+        if turn not in kept:
+            kept.remove(min((i for i in kept[:-1] if i not in held), key=lambda i: abs(i - turn)))
+            kept = sorted([*kept, turn])
+    return np.array(kept, dtype=np.int64), held
+
+
+def _with_peaks(shares: Array, index: Indices, held: set[int]) -> Indices:
+    """shares (n,) of the deformation; index (k,), rising; held: those that stay."""
+    kept, peaks = index.copy(), set(held)
     for _ in range(len(index)):
         missed = np.maximum.accumulate(shares)[kept] - np.maximum.accumulate(shares[kept])
         worst = kept[np.argmax(missed)]

@@ -220,5 +220,6 @@ def _check_deformation(e: Record) -> None:
             raise errors.InvalidDeformationError(
                 f"increment {i}: det F <= 0 in {int((jacobian <= 0).sum())} triangles, the first at "
                 f"{_place(e.points[e.triangles[jacobian <= 0][0]].mean(axis=0))}; points there are wrong: leave them out ([mask] points or boxes "
-                "of a column map, `calibrate.data.points.drop_points`), or the frame (frames.list, --frames)"
+                "of a column map, `calibrate.data.points.drop_points`), or the frame (frames.list, --frames); many at once: the sign of a displacement or the direction "
+                "of an axis is wrong (points.y_axis)"
             )

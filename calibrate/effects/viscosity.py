@@ -21,7 +21,7 @@ class Viscosity(Effect):
     name = "viscoelasticity"
     stage = "relaxation"
     of_material = True
-    formula = "S + Q - C33 Q33 C^-1, Q = g int exp(-(t - s) / tau) dS_iso"
+    formula = "S + Q - C33 Q33 C^-1, Q = g int exp(-(t - s) / tau) dS_iso (of a Prony series as in Abaqus: g / (1 + g))"
     source = "Simo 1987"
     amplitudes = (Parameter("g", "1", lower=0.0, typical=0.2),)
     shapes = (Parameter("tau", "s", lower=0.0),)

@@ -9,10 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-SOFT = {
-    "MPa": (1e-5, 200.0),
-    "N/mm": (1e-5, 100.0),
-}  # initial shear moduli of what is soft enough for large strains, by unit
+SOFT = {"MPa": (1e-3, 200.0), "N/mm": (1e-4, 100.0)}  # initial shear moduli of what is soft enough for large strains
 
 
 class Use(StrEnum):

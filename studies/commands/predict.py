@@ -68,6 +68,14 @@ class CurveOptions:
     """of that material, such as mu=0.3; may be repeated"""
 
 
+OfTheTest = Annotated[
+    Pictures,
+    Parameter(
+        help="of --test that are used: all, how many, evenly spread, or numbers with commas between (default: all)"
+    ),
+]
+
+
 @dataclass(frozen=True)
 class PredictedCurves(Outcome):
     """Curves of the three homogeneous tests."""
@@ -104,7 +112,7 @@ def predict(
     /,
     *,
     test: Path | None = None,
-    pictures: Pictures = None,
+    pictures: OfTheTest = None,
     curves: CurveOptions = CurveOptions(),
     output: OutputFolder = None,
     overwrite: Overwrite = False,
@@ -153,7 +161,7 @@ def _curves(file: Path, options: CurveOptions, output: Path | None, overwrite: b
 def _forces(
     file: Path, test: Path, options: CurveOptions, pictures: Wanted, output: Path | None, overwrite: bool
 ) -> PredictedForces:
-    found = forecast(file, chosen(Experiment.load(test), pictures))
+    found = forecast(file, chosen(Experiment.load(test), "all" if pictures is None else pictures))
     settings = {"command": "predict", "pictures": pictures, **asdict(options)}
     manifest = Manifest(settings=settings, inputs=[file, test])
     key = {"command": "predict", **settings, "inputs": list(manifest.to_dict()["inputs"].values())}

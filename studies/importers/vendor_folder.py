@@ -132,6 +132,20 @@ def _refuse_empty(folder: Path, pattern: str | None, suffixes: set[str]) -> None
             raise errors.FileFormatError(f"{path}: the file is empty; export it again, or take it out of the folder")
 
 
+def _refuse_headers_alone(folder: Path, tables: set[Path], names: set[str]) -> None:
+    """Raises `FileFormatError` for a file that has the name of a frame and no row of numbers. tables: files that have some."""
+    for path in sorted(folder.iterdir()):
+        if path.is_file() and path not in tables and _unnumbered(path) in names:
+            raise errors.FileFormatError(
+                f"{path}: no row of numbers, though it has the name of a frame; export it again, or take it out of the folder"
+            )
+
+
+def _unnumbered(path: Path) -> str:
+    """Name of a file with * for its numbers."""
+    return re.sub(r"\d+", "*", path.name)
+
+
 def exported(folder: Path, pattern: str | None) -> Export:
     """What a folder holds. pattern: glob of the frames. Raises `DataNotFoundError` for a pattern without a frame, `FileFormatError` for a frame
     without content."""
@@ -145,6 +159,7 @@ def exported(folder: Path, pattern: str | None) -> Export:
     vendor = next(v for v, _ in chosen if v.name == name)
     frames = [f for v, f in chosen if v.name == name]
     _refuse_empty(folder, pattern, {f.path.suffix for f in frames})
+    _refuse_headers_alone(folder, {f.path for f in files}, {_unnumbered(f.path) for f in frames})
     others = [f for v, f in claims if v is None and not any(one.belongs(f) for one in vendors())]
     return Export(vendor, frames, others, dict(count))
 
@@ -164,7 +179,7 @@ def _file(path: Path) -> TextFile | None:
 
 def _alike(frames: list[TextFile]) -> str:
     """A pattern of the files of one export: * where numbers differ, ? for brackets, which mean something in patterns."""
-    names = {re.sub(r"\d+", "*", frame.path.name) if len(frames) > 1 else frame.path.name for frame in frames}
+    names = {_unnumbered(frame.path) if len(frames) > 1 else frame.path.name for frame in frames}
     return min(names).translate(str.maketrans("[]", "??"))
 
 

@@ -21,7 +21,7 @@ def _environment() -> Any:
         loader=jinja2.PackageLoader("studies"), undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         extensions=["jinja2.ext.do"],
     )  # fmt: skip
-    environment.filters.update(percent=percent, digits=digits, plus_minus=plus_minus)
+    environment.filters.update(percent=percent, probability=probability_text, digits=digits, plus_minus=plus_minus)
     return environment
 
 
@@ -47,6 +47,11 @@ def percent(share: float, places: int = 2) -> str:
         return "unknown"
     text = f"{100 * share:.{places}g}"
     return f"{float(text):.0f} %" if "e+" in text else f"{text} %"
+
+
+def probability_text(share: float) -> str:
+    """'97 %'; 'more than 99 %' and 'less than 1 %' beyond, as a probability is one among what was compared."""
+    return "more than 99 %" if share > 0.99 else "less than 1 %" if share < 0.01 else percent(share)
 
 
 def digits(value: float, places: int = 3) -> str:

@@ -97,10 +97,13 @@ def say_edges(frames: Frames, loaded: Sequence[str], free: Sequence[str], found:
         found.say("edges.loaded", list(loaded), "as given")
     else:
         axis, why = pull_axis(frames)
-        if axis is None:
+        sides = None if axis is None else [["left", "right"], ["bottom", "top"]][axis]
+        if sides is not None and set(sides) & set(free):
+            why, sides = f"{' and '.join(sides)} by the pull, but --free names {' and '.join(free)}; {why}", None
+        if sides is None:
             found.ask("edges.loaded", "--loaded", f"which sides are gripped ({why}), such as left,right")
         else:
-            found.say("edges.loaded", [["left", "right"], ["bottom", "top"]][axis], why)
+            found.say("edges.loaded", sides, why)
     _say_tolerance(frames.points, found)
     if free:
         found.say("edges.free", list(free), "as given")
@@ -131,13 +134,17 @@ def _depth(points: Array, side: str) -> float | None:
 
 
 def pull_axis(frames: Frames) -> tuple[int | None, str]:
-    """0 or 1: x or y, along which the mean strain is largest in the last frame that has enough points; None where that is not decided, and why."""
-    seen = np.isfinite(frames.displacements).all(axis=2).sum(axis=1) >= LEAST_POINTS
-    if not seen.any():
+    """0 or 1: x or y, along which the mean strain is largest in the frame of those with enough points that is deformed most, as a test may end where it began;
+    None where that is not decided, and why."""
+    known = np.isfinite(frames.displacements).all(axis=2)
+    seen = np.flatnonzero(known.sum(axis=1) >= LEAST_POINTS)
+    if not len(seen):
         return None, f"no frame has {LEAST_POINTS} points with a displacement"
-    strain, error = mean_strains(frames.points, frames.displacements[np.flatnonzero(seen)[-1]])
+    size = [frames.displacements[i][known[i]].std(axis=0).max() for i in seen]
+    most = int(seen[np.argmax(size)])
+    strain, error = mean_strains(frames.points, frames.displacements[most])
     larger = int(np.argmax(np.abs(strain)))
-    text = f"mean strains {100 * strain[0]:.3g} % along x, {100 * strain[1]:.3g} % along y in the last frame"
+    text = f"mean strains {100 * strain[0]:.3g} % along x, {100 * strain[1]:.3g} % along y in frame {most + 1}, where points move most against each other"
     if not abs(strain[larger]) > max(STRAINED, SIGNIFICANT * error[larger]):
         return None, f"no significant strain: {text}"
     if strain[1 - larger] / strain[larger] > ALIKE:

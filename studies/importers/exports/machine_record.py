@@ -23,6 +23,10 @@ FORCE = re.compile(WORD.format(FORCES) + r"|^f_?[xy]?$", re.IGNORECASE)
 TIME = re.compile(
     WORD.format(r"time|zeit|\w*zeit|temps|tempo|tiempo|tijd|czas|elapsed") + r"|^t$|timestamp", re.IGNORECASE
 )
+CROSSHEAD = re.compile(
+    WORD.format(r"cross-?\s?head|traverse\w*|stroke|extension|displacement|\w*weg|course|desplazamiento|spostamento"),
+    re.IGNORECASE,
+)
 SECONDS = {"sec": "s", "second": "s", "seconds": "s"}
 
 
@@ -80,6 +84,9 @@ def say_record(others: Sequence[TextFile], answers: RecordAnswers, frames: int, 
         )
         return
     _say_time(record, time, answers, found)
+    crosshead = _numbers(record, [name for name in record.names if CROSSHEAD.search(plain(name))])
+    if crosshead is not None:
+        found.say("force.crosshead", crosshead, "name of the column: where the crosshead is, in any unit")
     if untimed:
         _check_pictures(record, found)
         found.ask(
@@ -157,7 +164,7 @@ def _named(path: Path) -> TextFile:
     found = text_file(path)
     if found is None or found.is_matrix:
         raise errors.FileFormatError(
-            f"{path}: no table with a header; export the machine record as text with named columns"
+            f"{path}: no table with a header and at least two rows of numbers; export the machine record as text with named columns"
         )
     return found
 
@@ -189,8 +196,13 @@ def _column(file: TextFile, kind: re.Pattern[str], units: dict[str, float]) -> s
 def _clock(file: TextFile) -> str | None:
     """The column of the time, where it holds numbers and no dates."""
     time = _column(file, TIME, TIME_UNITS)
+    return _numbers(file, [time] if time else [])
+
+
+def _numbers(file: TextFile, names: Sequence[str]) -> str | None:
+    """The only one of some columns, if it holds numbers."""
     try:
-        return time and next(iter(read_table(file.path, [time], file.layout)))
+        return next(iter(read_table(file.path, names, file.layout))) if len(names) == 1 else None
     except errors.FileFormatError:
         return None
 

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 LISTED = 30  # places or readings that a note names
 WEAK = 3.0  # signal to noise of the strain, below which little can be identified
 FILTERED = 10.0  # total over temporal noise, from which the latter says nothing of the errors of a frame
+AUXETIC = 0.1  # of the strain along the pull: strain across of the same sign, from which no soft material has it
+ONE_AXIS = 0.2  # of the largest force: forces across, up to which a sheet is pulled along one axis
+OPPOSED = 0.05  # of their ranges: steps of elongation and force in opposite directions
 LARGEST = 1500.0  # mm, of what fits into a test stand
 
 
@@ -70,7 +73,8 @@ def noise_notes(report: dict[str, Any]) -> list[str]:
 
 
 def strain_notes(experiment: Experiment) -> list[str]:
-    """Of a strain near its noise, a stiffness that no soft material has, and a specimen as large as one in pixels."""
+    """Of a strain near its noise, a stiffness that no soft material has, a specimen as large as one in pixels, and what a wrong sign or order of pictures looks
+    like."""
     signal, notes = experiment.strain_signal, []
     if signal.ratio < WEAK:
         notes.append(WORDS.note_weak_strain(signal=signal))
@@ -80,7 +84,35 @@ def strain_notes(experiment: Experiment) -> list[str]:
     extent = float(np.ptp(experiment.points, axis=0).max())
     if extent > LARGEST:
         notes.append(WORDS.note_large(extent=extent))
+    return notes + pull_notes(experiment)
+
+
+def pull_notes(experiment: Experiment) -> list[str]:
+    """Of a sheet that is pulled along one axis: whether it widens, and whether its length and its force go in opposite directions."""
+    forces = np.nan_to_num(
+        max((b.force for b in experiment.loaded), key=lambda force: np.nanmax(np.abs(force), initial=0.0))
+    )
+    size = np.max([np.abs(np.nan_to_num(b.force)).max(axis=0) for b in experiment.loaded], axis=0)
+    along, across = int(np.argmax(size)), int(np.argmin(size))
+    if size[across] > ONE_AXIS * size[along]:
+        return []
+    force = forces[:, along] * np.sign(forces[np.argmax(np.abs(forces[:, along])), along])
+    strains = mean_strains(experiment)
+    most, notes = int(np.argmax(np.abs(strains[:, along]))), []
+    if strains[most, across] / strains[most, along] > AUXETIC:
+        notes.append(WORDS.note_auxetic(pull="xy"[along], along=strains[most, along], across=strains[most, across]))
+    steps = [np.diff(values) / max(float(np.ptp(values)), 1e-300) for values in (strains[:, along], force)]
+    opposed = (steps[0] * steps[1] < 0) & (np.minimum(*np.abs(steps)) > OPPOSED)
+    if opposed.any():
+        notes.append(WORDS.note_opposed(increments=numbers((np.flatnonzero(opposed) + 2).tolist())))
     return notes
+
+
+def mean_strains(experiment: Experiment) -> Array:
+    """(t, 2): du/dx and dv/dy of a linear fit to every increment."""
+    points = experiment.points - experiment.points.mean(axis=0)
+    fit = np.linalg.pinv(np.column_stack([np.ones(len(points)), points]))
+    return np.stack([experiment.displacements[:, :, k] @ fit[1 + k] for k in range(2)], axis=1)
 
 
 def apparent_modulus(experiment: Experiment) -> float:

@@ -23,8 +23,8 @@ def classical_table(view: Review, found: Comparison) -> tuple[list[str], list[li
         "law",
         "parameters",
         "values",
-        "chi-square",
-        "BIC",
+        "chi-square less the network's",
+        "BIC less the network's",
         "force error, %",
         "held-out force error, %",
         "stable",
@@ -47,7 +47,7 @@ def curve_laws(found: Comparison, unit: str) -> tuple[list[str], list[list[Any]]
     for c in (found.network, *found.laws):
         text, state = ("", "yes") if c.fit is None else (values(c.fit, unit, found.scale), _state(c.fit))
         rows.append([c.name, f"{c.numbers:.3g}", text, f"{c.chi_square:+.4g}", f"{c.criterion:+.4g}", state])
-    return ["law", "parameters", "values", "chi-square", "BIC", "stable"], rows
+    return ["law", "parameters", "values", "chi-square less the network's", "BIC less the network's", "stable"], rows
 
 
 def curve_laws_record(found: Comparison, unit: str) -> dict[str, Any]:

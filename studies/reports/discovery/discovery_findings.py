@@ -6,9 +6,14 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from calibrate.diagnosis.distillation import bulk_modulus
+from calibrate.diagnosis.problem import Part
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.selection import Discovery
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
+from calibrate.equations.equilibrium import neo_hooke
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import Use
 from studies.output.findings import Finding, Macro
@@ -25,6 +30,7 @@ from studies.reports.headline import Reason
 
 ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
 OTHER_LEVEL = 0.3  # from that of the first test, which thicknesses of one kind of specimen do not explain
+OTHER_MODULUS = 1.25, 1.5  # largest over smallest modulus of tests: it is told, and it is a warning
 OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
 
 
@@ -49,6 +55,7 @@ class DiscoveryCode(Macro):
     OWN_STAND_INS = "own_stand_ins"
     THICKNESS_UNKNOWN = "no_thickness"
     LEVELS_UNKNOWN = "levels_unknown"
+    MODULI_DIFFER = "moduli_differ"
     ATTENUATED = "attenuated"
     WEAK_STRAIN = "weak_strain"
     PLANE_STRAIN = "plane_strain"
@@ -152,10 +159,28 @@ def _of_stiffness(view: View) -> Iterator[Finding]:
         far = any(abs(one.factor - 1) > OTHER_LEVEL for one in others)
         said = [(one.test, plus_minus(one.factor, BAND * one.deviation), f"{one.divided_by:.4g}") for one in others]
         yield _finding(DiscoveryCode.LEVELS_UNKNOWN, far, first=first.test, levels=said)
+    else:
+        yield from _of_moduli(view)
     factor = discovery_quality(view).attenuation
     replayed = isinstance(view.discovery.replay_check, ReplayCheck)  # whose level makes up for it
     if factor > ATTENUATED and not (replayed or view.discovery.problem.level_is_nominal):
         yield _finding(DiscoveryCode.ATTENUATED, factor=factor)
+
+
+def _of_moduli(view: View) -> Iterator[Finding]:
+    """Of several tests whose level is known, where their stiffness differs."""
+    parts = [part for part in view.discovery.problem.trained if not part.experiment.level_is_nominal]
+    moduli = {part.experiment.name: neo_hookean_modulus(part, view.discovery.problem.basis) for part in parts}
+    if len(moduli) > 1 and max(moduli.values()) > OTHER_MODULUS[0] * min(moduli.values()):
+        far = max(moduli.values()) > OTHER_MODULUS[1] * min(moduli.values())
+        yield _finding(DiscoveryCode.MODULI_DIFFER, far, moduli=moduli, unit=view.unit)
+
+
+def neo_hookean_modulus(part: Part, basis: SingleBasis | PlaneStrainBasis) -> float:
+    """Of the forces of a test that are fitted, by least squares, MPa (or N/mm); in plane strain at a Poisson ratio of a quarter."""
+    rows = part.train.rows & np.tile(part.system.fields.boundary >= 0, 2)
+    forces = np.array(part.assembled.matrices)[rows] @ neo_hooke(basis, 1.0, 5 / 3)
+    return float(forces @ part.system.loads[rows] / (forces @ forces))
 
 
 def _of_tests(view: View) -> Iterator[Finding]:

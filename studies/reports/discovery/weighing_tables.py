@@ -6,7 +6,7 @@ from typing import Any
 
 from calibrate.diagnosis.evidence.explanations import CERTAIN, UNKNOWN, Explanation, Finding, Power, Weighing
 from calibrate.models.addition_json import addition_to_dict, amplitude_unit
-from studies.output.words import percent, plus_minus
+from studies.output.words import plus_minus, probability_text
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.view import BAND
 
@@ -56,7 +56,7 @@ def probability(value: float) -> str:
 
 def alternatives_data(found: Weighing) -> dict[str, Any]:
     """Alternatives, for one sentence."""
-    said = [f"{explanation(one)} ({percent(one.probability)})" for one in found.alternatives.explanations[:SHOWN]
+    said = [f"{explanation(one)} ({probability_text(one.probability)})" for one in found.alternatives.explanations[:SHOWN]
             if one.probability > LEAST]  # fmt: skip
     present = [name for name, value in found.alternatives.inclusion.items() if value > CERTAIN]
     certain = None if found.is_provisional else present

@@ -76,3 +76,17 @@ def test_turning_points_are_among_them():
         assert len(index) == most and index[-1] == len(sizes) - 1
         seen, true = np.maximum.accumulate(sizes[index]), np.maximum.accumulate(sizes)[index]
         assert (true - seen <= chosen_pictures.UNSEEN + 1e-12).all()
+
+
+def test_every_turn_of_a_cyclic_test_is_among_them():
+    """Relaxation knows the course of the load from the pictures that are used alone; noise is no turn."""
+    cycle = np.concatenate([np.linspace(0, 1, 9)[1:], np.linspace(1, 0.1, 9)[1:]])
+    sizes = np.concatenate([0.4 * cycle, 0.7 * cycle, cycle])
+    noisy = pulled(sizes + 0.005 * np.random.default_rng(0).standard_normal(len(sizes)))
+    assert chosen_pictures.turns(noisy.deformation_shares) == [7, 15, 23, 31, 39]
+    for most in (10, 12, 20):
+        index = spread(noisy, most)
+        assert len(index) == most and index[-1] == len(sizes) - 1
+        assert {7, 15, 23, 31, 39} <= set(index.tolist())
+    assert chosen_pictures.turns(pulled(RAMP).deformation_shares) == []
+    assert len(spread(noisy, 4)) == 4  # more turns than half of the places

@@ -129,7 +129,7 @@ def test_everything_is_written(run):
     chains = next(law for law in laws["laws"] if law["law"] == "Arruda-Boyce")
     assert chains["bic_difference"] < 0 and chains["stability"] > 0 and chains["held_out_force_error"] is None
     assert chains["force_error"] == pytest.approx(manifest["results"]["relative_force_error"], abs=2e-3)
-    assert "cannot tell it from the network" in said
+    assert "cannot tell them apart" in said and "It is enough." in said
     lines = (folder / "forces.csv").read_text().splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     measured = np.array([float(row["right_x_measured"]) for row in rows])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from calibrate import errors
 from studies.importers import printed_sheets, vendor_folder
 from studies.importers.exports.field_guesses import pull_axis
 from studies.importers.frame_tables import Frames
-from studies.importers.recording.notes import strain_notes
+from studies.importers.recording.notes import pull_notes, strain_notes
 
 
 def test_numbers_of_frames_that_are_not_there_count_as_time(tmp_path: Path) -> None:
@@ -36,6 +37,45 @@ def test_an_empty_frame_is_refused(tmp_path: Path) -> None:
         vendor_folder.exported(tmp_path, None)
 
 
+def test_a_frame_of_a_header_alone_is_refused(tmp_path: Path) -> None:
+    vic2d(tmp_path)
+    first = min(tmp_path.glob("*.csv"))
+    first.write_text(first.read_text().splitlines()[0] + "\n")
+    (tmp_path / "notes.csv").write_text("operator,remark\n")
+    with pytest.raises(errors.FileFormatError, match=f"{first.name}.*no row of numbers"):
+        vendor_folder.exported(tmp_path, None)
+
+
+def test_the_pull_of_a_cyclic_test_is_seen_where_it_is_deformed_most() -> None:
+    """It ends where it began but for a residue, wider across than along."""
+    x = np.stack(np.meshgrid(np.linspace(0, 40, 6), np.linspace(0, 80, 9)), axis=-1).reshape(-1, 2)
+    u = np.stack([x * strain for strain in ([0.0, 0.0], [-0.15, 0.4], [0.002, -0.001])])
+    axis, why = pull_axis(Frames(x, u, None, []))
+    assert axis == 1 and "40 % along y in frame 2" in why
+
+
+def pulled_strip(elongations: list[float], forces: list[float], across: float = -0.4) -> Any:
+    """20 x 40 mm, pulled along y."""
+    points = np.stack(np.meshgrid(np.linspace(0, 20, 3), np.linspace(0, 40, 5)), axis=-1).reshape(-1, 2)
+    u = np.array(elongations)[:, None, None] * points * [across, 1.0]
+    force = np.array(forces)[:, None] * [0.0, 1.0]
+    return SimpleNamespace(points=points, displacements=u, loaded=[SimpleNamespace(force=f) for f in (force, -force)])
+
+
+def test_what_a_wrong_sign_and_a_wrong_order_look_like_is_said() -> None:
+    there_and_back, forces = [0.1, 0.2, 0.3, 0.2, 0.1], [1.0, 2.0, 2.9, 1.7, 0.8]
+    assert pull_notes(pulled_strip(there_and_back, forces)) == []
+    (wide,) = pull_notes(pulled_strip(there_and_back, forces, 0.4))
+    assert "30 % along y" in wide and "12 % across" in wide and "sign" in wide
+    (swapped,) = pull_notes(pulled_strip([0.1, 0.3, 0.2, 0.4, 0.5], [1.0, 2.0, 3.0, 4.0, 5.0]))
+    assert "increment before to 3:" in swapped and "--order" in swapped
+    held = [0.1, 0.3, 0.3, 0.301, 0.301]  # a relaxing force is no contradiction
+    assert pull_notes(pulled_strip(held, [1.0, 3.0, 2.5, 2.3, 2.2])) == []
+    both = pulled_strip(there_and_back, forces, 0.9)
+    both.loaded.append(SimpleNamespace(force=np.array(forces)[:, None] * [1.0, 0.0]))
+    assert pull_notes(both) == []
+
+
 def test_the_pull_is_seen_in_the_last_frame_with_points() -> None:
     x = np.stack(np.meshgrid(np.linspace(0, 10, 6), np.linspace(0, 5, 4)), axis=-1).reshape(-1, 2)
     u = np.stack([0 * x, x * [0.2, -0.1], np.full_like(x, np.nan)])
@@ -50,7 +90,8 @@ def test_the_pull_is_seen_in_the_last_frame_with_points() -> None:
 def test_a_specimen_of_metres_is_asked_about(factor: float, said: bool) -> None:
     points = factor * np.array([[0.0, 0.0], [40.0, 0.0], [40.0, 20.0], [0.0, 20.0]])
     sheet = SimpleNamespace(
-        points=points, thickness=2.0, stress_unit="MPa", strain_signal=SimpleNamespace(ratio=50.0, strain=0.4),
+        points=points, displacements=0.2 * points[None] * [-0.5, 1.0],
+        thickness=2.0, stress_unit="MPa", strain_signal=SimpleNamespace(ratio=50.0, strain=0.4),
         loaded=[SimpleNamespace(force=np.array([[0.0, 10.0]]), nodes=np.array([0, 1]))],
     )  # fmt: skip
     assert any("pixels" in note for note in strain_notes(sheet)) is said  # type: ignore[arg-type]

@@ -128,6 +128,21 @@ def test_a_real_export_with_a_record_goes_through_and_its_map_again(tmp_path):
     assert min(spans) > 0.9  # rows are not parallel to the axes, and all of the section is loaded
 
 
+def test_the_crosshead_of_a_record_is_recognised(tmp_path):
+    """By its name; of two such columns none is taken."""
+    for header, crosshead in (
+        ("Zeit [s];Kraft [kN];Traversenweg [mm]", "Traversenweg [mm]"),
+        ("Time [s];Force [kN];Crosshead", "Crosshead"),
+        ("Time [s];Load [kN];Extension;Stroke", None),
+    ):
+        columns = header.count(";") - 1
+        rows = "".join(f"{t};{f}{';1,5' * columns}\n" for t, f in (("20,0", "0,0"), ("25,0", "-0,6"), ("33,0", "-2,0")))
+        record = write(tmp_path / "cell.csv", f"{header}\n{rows}", "latin-1")
+        _, recording = read(str(EXPORTS / "gom_zeiss"), Request(record=record))
+        assert recording.guesses.get("force.crosshead") == crosshead
+        assert (recording.series.record.crosshead is not None) == (crosshead is not None)
+
+
 # --- one test in the form of every program: the same Experiment comes out ---
 
 METRES = Answers(unit="m")
@@ -208,7 +223,7 @@ def test_questions_leave_a_column_map_to_be_completed(tmp_path):
     with pytest.raises(errors.ConfigError, match="--loaded up: unknown"):
         Answers(loaded=("up",))
     record = write(tmp_path / "r.csv", "Time,Force\n" + "".join(f"{k},{k}\n" for k in range(9)))
-    with pytest.raises(errors.ConfigError, match="edges.loaded must name a side, and a loaded side is not free"):
+    with pytest.raises(errors.UndecidedError, match=r"--loaded.*left and right by the pull, but --free names left"):
         read(
             str(tmp_path / "export"),
             Request(record=record, sheet=SheetOptions(scale=1.0, frame_rate=1.0), answers=Answers(free=("left",))),

@@ -211,6 +211,14 @@ def of_experiment(change: Callable[[Experiment], Experiment], **changes: Any) ->
     return of_nothing(problem=replace(nothing().problem, parts=parts), **changes)
 
 
+def of_two_tests(stiffer: float) -> Findings:
+    """Of a test and another, as a copy of it whose forces are larger by a factor."""
+    (one,) = nothing().problem.parts
+    loaded = tuple(replace(b, force=stiffer * b.force) for b in one.experiment.loaded)
+    system = replace(one.system, experiment=replace(one.experiment, name="other", loaded=loaded))
+    return of_problem(parts=(one, replace(one, chain=replace(one.chain, system=system))))
+
+
 def of_first_round(**changes: Any) -> Findings:
     first, *rest = nothing().rounds
     return of_nothing(rounds=(replace(first, **changes), *rest))
@@ -321,6 +329,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.tie": lambda: of_explained(groups={"second invariant": ("second invariant", "upturn")}),
     "discovery.no_thickness": lambda: of_experiment(lambda e: replace(e, thickness=None)),
     "discovery.levels_unknown": lambda: of_nothing(levels=(Level("first", 1.0, 1.0), Level("second", 1.1, 1.11, 0.01))),
+    "discovery.moduli_differ": lambda: of_two_tests(1.3),
     "discovery.attenuated": lambda: with_patch("discovery_quality", lambda view: replace(GOOD, attenuation=1.2)),
     "discovery.weak_strain": lambda: of_experiment(noisy),
     "discovery.replayed": lambda: of_nothing(replay_check=check(observations())),
@@ -460,6 +469,7 @@ CASES = {**OF_HEADLINE, **OF_CALIBRATION, **OF_DISCOVERY, **OF_OTHERS}
 RAISED: dict[str, Callable[[], Findings]] = {
     "D110": lambda: of_nothing(levels=(Level("first", 1.0, 1.0), Level("second", 0.44, 0.44, 0.01))),
     "D103": lambda: reasons(signals=WEAK, level_is_nominal=True),
+    "D111": lambda: of_two_tests(1.6),
     "N207": lambda: reasons(reduced_chi_square=200.0, level_is_nominal=True),
     "N208": lambda: reasons(attenuation=1.6),
     "F301": lambda: reasons(force_error=0.3),
@@ -732,11 +742,19 @@ def test_forces_of_grips_that_differ_are_told():
         assert "F319" not in {one.alert.code for one in fit_findings.findings(review(**quiet))}
 
 
+def test_moduli_of_tests_are_compared():
+    """Those of the fitted forces, by least squares: in proportion to the forces, and nothing is said of tests that are nearly alike."""
+    (told,) = (one for one in of_two_tests(1.3) if one.alert.code == "D111")
+    first, second = told.data["moduli"].values()
+    assert second / first == pytest.approx(1.3, rel=1e-6) and 0.2 < first < 0.4
+    assert "D111" not in {one.alert.code for one in of_two_tests(1.2)}
+
+
 def test_a_model_as_stiff_as_a_metal_is_told_its_units():
     told = made("calibration.not_soft").text
     assert "is above that of any soft material (200 MPa)" in told and "forces are in N" in told
     below = replace(neo_hooke(), parameters=1e-6 * neo_hooke().parameters)
-    assert "is below that of any soft material (1e-05 MPa)" in fit_findings.stiffness(below)[0].text
+    assert "is below that of any soft material (0.001 MPa)" in fit_findings.stiffness(below)[0].text
     assert fit_findings.stiffness(neo_hooke()) == []
 
 
