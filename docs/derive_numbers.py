@@ -78,7 +78,7 @@ SETS = (
         "blind_79000.json",
         "--seed 79000 --trials 5 --nulls 36 --pairs 20",
         "all that foreign trials from 77000 have",
-        "revisions e2872af (36, the largest tests, on 16 cores) and ad9835a; twice stopped for time, the first 36 looked at before",
+        "the whole plan: revisions e2872af (36, the largest tests, on 16 cores), ad9835a (62) and 5cacae2 (63); the first 98 were looked at before the last were made",
     ),
 )
 DEVELOPED = TrialSet(

@@ -211,7 +211,7 @@ def _failure(last: Moment, outcome: Outcome, step: float) -> str:
     when = "" if last.time == last.load_factor else f", {last.time:.4g} s after the start"
     return (
         f"no equilibrium beyond {last.load_factor:.4g} of the load{when}: {outcome.text} in steps down to "
-        f"{step:.2g}. Load less, use more increments, refine the mesh or check the material"
+        f"{step:.2g}. Use more increments (more pictures of a test), load less, refine the mesh, or check the material: whether it is stable, and meant for such strains"
     )
 
 

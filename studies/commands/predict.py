@@ -154,7 +154,7 @@ def _curves(file: Path, options: CurveOptions, output: Path | None, overwrite: b
     _check_units(file, model, options)
     curves = predicted_curves(law, options.stretch, options.points, _known_stress(options))
     folder = open_output_folder(output or default_folder("predict"), overwrite, key)
-    report = write_curves(folder, law, curves, manifest, options.against)
+    report = write_curves(folder, law, curves, manifest, _known_name(options))
     return PredictedCurves(tuple(curves), tuple(findings(law, curves)), folder / "curves.csv", report)
 
 
@@ -179,6 +179,15 @@ def _check_units(file: Path, model: Model | ExtendedModel, options: CurveOptions
             f"--against {options.against}: its stresses are in {unit}, those of {file} in {model.unit}; give its parameters in {model.unit} with "
             "--parameter, or import the test with its thickness"
         )
+
+
+def _known_name(options: CurveOptions) -> str | None:
+    """The material to compare with and its parameters, which are the usual ones where none are given: 'neo-hooke (mu = 0.3)'."""
+    if options.against is None or options.against.endswith(".json"):
+        return options.against and Path(options.against).name
+    values = read_material(options.against, dict(options.parameter)).to_dict()
+    shown = ", ".join(f"{key} = {value:.4g}" for key, value in values.items() if key != "material")
+    return f"{options.against.replace('_', '-')} ({shown})"
 
 
 def _known_stress(options: CurveOptions) -> Callable[[str, Array, str], Array] | None:

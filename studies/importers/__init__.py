@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from calibrate import errors
+from studies.importers.exports.text_files import text_file
 from studies.importers.recording.importer import Importer, Processing, Recording, SheetOptions, arrays_in
 
+SHOWN = 12  # columns that a message names
 __all__ = ["Importer", "Processing", "Recording", "SheetOptions", "importer_of", "importers"]
 
 
@@ -40,8 +42,18 @@ def importer_of(source: str) -> Importer:
         raise errors.FileFormatError(f"{source}: an Experiment already; give it to `equigap calibrate`")
     looked = "; ".join(importer.looks_for for importer in known if importer.looks_for)
     raise errors.FileFormatError(
-        f"{source}: no importer reads this. Looked for: {looked}. Give other text tables by a column map (docs/import.md)"
+        f"{source}: no importer reads this{_content(Path(source))}. Looked for: {looked}. Give other text tables by a column map (docs/import.md)"
     )
+
+
+def _content(source: Path) -> str:
+    """What there is instead, for a message: that a folder is empty, or the columns of its first table."""
+    files = sorted(path for path in source.iterdir() if path.is_file()) if source.is_dir() else [source]
+    if not files:
+        return " (the folder holds no files)"
+    tables = (text_file(path) for path in files)
+    first = next((table for table in tables if table is not None and table.names), None)
+    return "" if first is None else f" ({first.path.name} has the columns {', '.join(first.names[:SHOWN])})"
 
 
 def is_experiment(source: str) -> bool:

@@ -7,7 +7,9 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from calibrate.data.triangulation import signed_areas
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.problem import Part
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
@@ -28,6 +30,8 @@ from studies.reports.discovery.weighing_tables import alternatives_data, power_d
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
 from studies.reports.headline import Reason
 
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
 OTHER_LEVEL = 0.3  # from that of the first test, which thicknesses of one kind of specimen do not explain
 OTHER_MODULUS = 1.25, 1.5  # largest over smallest modulus of tests: it is told, and it is a warning
@@ -46,6 +50,7 @@ class DiscoveryCode(Macro):
     ROUND = "round_remark"
     ALTERNATIVES = "alternatives"
     REPLACED = "replaced"
+    AT_A_HOLE = "inclusion_at_a_hole"
     NO_EXPLANATION = "no_explanation"
     DOMINANT = "dominant_effect"
     TIE = "tie"
@@ -118,6 +123,7 @@ def _of_effects(view: View) -> Iterator[Finding]:
         for text in round_remarks(now):
             yield _finding(DiscoveryCode.ROUND, number=i, remark=text)
     yield from _of_verdict(view.discovery)
+    yield from _of_inclusions(view.discovery)
     if view.discovery.replaced is not None:
         by = view.discovery.rounds[1].fit.names
         yield _finding(DiscoveryCode.REPLACED, by=list(by), names=list(view.discovery.replaced))
@@ -125,6 +131,23 @@ def _of_effects(view: View) -> Iterator[Finding]:
         alternatives = alternatives_data(view.weighing)
         yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unknown"] is not None, **alternatives)
         yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))
+
+
+def _of_inclusions(found: Discovery) -> Iterator[Finding]:
+    """Of an inclusion whose middle is where the specimen has no material."""
+    for addition in found.final.additions:
+        if addition.effect.name == "inclusion" and found.final.chains:
+            data = found.final.chains[0].data
+            middle = np.asarray(data.centre) + float(data.size) * np.array(addition.shape[:2])
+            if not in_a_triangle(middle, np.asarray(data.points), found.problem.trained[0].experiment.triangles):
+                yield _finding(DiscoveryCode.AT_A_HOLE, place=addition.effect.located(data, addition.shape))
+
+
+def in_a_triangle(place: Array, points: Array, triangles: Indices) -> bool:
+    """Whether a place (2,) is in one of the triangles (m, 3) of points (n, 2): the three with it for a corner are turned as that is."""
+    with_it = [np.where(np.arange(3) == k, len(points), triangles) for k in range(3)]
+    parts = np.array([signed_areas(np.vstack([points, place]), corners) for corners in with_it])
+    return bool((np.sign(signed_areas(points, triangles)) * parts >= 0).all(axis=0).any())
 
 
 def _of_own_effects(view: View) -> Iterator[Finding]:

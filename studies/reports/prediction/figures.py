@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -38,7 +36,7 @@ def _draw_curve(axes: Axes, curve: Curve, against: str | None) -> None:
     name = f"model, along {curve.direction}" if curve.direction else "model"
     axes.plot(x[inside], stress[inside], linestyle="-", linewidth=2, color=colour, label=name)
     if curve.truth is not None:
-        label = None if curve.direction == "y" else Path(str(against)).name.replace("_", "-")
+        label = None if curve.direction == "y" else against
         axes.plot(x, curve.truth, linestyle=":", color="black", label=label)
     axes.set(title=title, xlabel="stretch", xlim=(1.0, x[-1]), ylim=(0, None))
     axes.legend(loc="upper left")

@@ -245,6 +245,14 @@ def of_explained(**changes: Any) -> Findings:
     return remarks(seen(replace(explained(), **changes)))
 
 
+def of_inclusion(x: float, y: float) -> Findings:
+    """Of an inclusion about a place, in extents from the middle of a plate with a hole there."""
+    effect = next(one for one in CATALOGUE if one.name == "inclusion")
+    *rounds, last = explained().rounds
+    fit = replace(last.fit, additions=(Addition(effect, (0.2,), (x, y, 0.2)),), errors=((0.01,),))
+    return of_explained(rounds=(*rounds, replace(last, fit=fit)), groups={}, named=("inclusion",))
+
+
 def of_few(
     wrong: float | None = 0.0,
     names: tuple[str, ...] = ("second invariant",),
@@ -326,6 +334,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.dominant_effect": lambda: of_explained(
         named=(), closest=explained().named, dominant=DominantEffect("second invariant", 0.95, ("upturn",))
     ),
+    "discovery.inclusion_at_a_hole": lambda: of_inclusion(0.0, 0.0),
     "discovery.tie": lambda: of_explained(groups={"second invariant": ("second invariant", "upturn")}),
     "discovery.no_thickness": lambda: of_experiment(lambda e: replace(e, thickness=None)),
     "discovery.levels_unknown": lambda: of_nothing(levels=(Level("first", 1.0, 1.0), Level("second", 1.1, 1.11, 0.01))),
@@ -740,6 +749,10 @@ def test_forces_of_grips_that_differ_are_told():
     assert "25 % of the largest is left over (measured: 0 %)" in told and "left 2 N, right 1.5 N" in told
     for quiet in (two_grips(1.96), {}):
         assert "F319" not in {one.alert.code for one in fit_findings.findings(review(**quiet))}
+
+
+def test_an_inclusion_in_the_material_is_no_hole():
+    assert "E414" not in {one.alert.code for one in of_inclusion(0.4, 0.4)}
 
 
 def test_moduli_of_tests_are_compared():

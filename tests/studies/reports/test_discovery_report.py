@@ -354,7 +354,9 @@ def test_the_model_to_predict_with_is_said_first():
     assert "It is one modulus" in recommendation(worse)
     neither = replace(open_one, replay_check=good, few=few_effects(bad.final, bad.final))
     assert recommendation(neither).startswith("Nothing to predict with beyond doubt")
-    assert recommendation(replace(open_one, few=None)).startswith("Nothing to predict with: nothing explains")
+    assert recommendation(replace(open_one, few=None)).startswith(
+        "Nothing to predict another test with: nothing explains"
+    )
 
 
 def test_what_comes_nearest_is_said_before_it():
@@ -408,7 +410,7 @@ def test_fields_that_noise_cannot_tell_apart_refuse_no_model_that_meets_the_forc
     few = few_effects(replace(good.final, rows=rows), bad.final)
     check_of_base = good if file is None else bad
     found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=check_of_base, few=few)
-    said = f"To predict with: {file}." if file else "Nothing to predict with"
+    said = f"To predict with: {file}." if file else "Nothing to predict"
     assert recommendation(found).startswith(said)
 
 
