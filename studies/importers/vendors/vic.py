@@ -56,4 +56,5 @@ class Vic(Vendor):
         if "sigma" in names:
             found.say("points.valid_column", names["sigma"], "-1 where a subset was not matched")
             found.say("points.valid_minimum", 0.0, "not negative where matched")
-        found.say("recording.software", "VIC-3D" if "X" in names else "VIC-2D", "column names; version not stated")
+        if {"Z", "W", "sigma"} & set(names):  # X, Y, U, V alone may be of anything
+            found.say("recording.software", "VIC-3D" if "X" in names else "VIC-2D", "column names; version not stated")
