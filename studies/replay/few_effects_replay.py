@@ -22,7 +22,7 @@ from calibrate.fitting.resumable import SILENT, Resumable
 from studies.errors import OptionError
 from studies.replay.compared_test import ComparedTest
 from studies.replay.fitted_replays import EACH, Replays, other_times
-from studies.replay.model_law import is_solved
+from studies.replay.model_law import STRIP, is_solved
 
 Array = NDArray[np.float64]
 PICTURES = 4  # of a test that was fitted: more tell little, as what a model misses persists over the load
@@ -65,5 +65,7 @@ def _candidates(problem: Problem, effects: Sequence[Effect], priors: Priors) -> 
             prior_deviations(problem, effect, priors),
         )
         for effect in effects
-        if untestable(problem, effect, alike=True) is None and (is_solved(effect.name) or is_expressed(effect))
+        if untestable(problem, effect, alike=True) is None
+        and effect.name != STRIP
+        and (is_solved(effect.name) or is_expressed(effect))
     ]

@@ -25,13 +25,13 @@ from studies.output.findings import Finding
 from studies.reports.model_remarks import model_remarks
 from studies.synthetic import effect_laws
 
-FIELD = "stiffness field"
+FIELD, STRIP = "stiffness field", "unmeasured strip"
 
 
 @dataclass(frozen=True)
 class Law:
     """sheet: what is solved. title: of the model. effects: that are solved for; taken_out: of the measurement of this test, to be taken out of it;
-    left_out: of the measurement of other tests, or neither solved for nor taken out. remarks: what the model file says of its own model. noise: that a diagnosis found in this test; None where it is not the one that was fitted."""
+    left_out: of the measurement of other tests, or neither solved for nor taken out. remarks: what the model file says of its own model. noise: that a diagnosis found in this test; None where it is not the one that was fitted. strip: width, mm, of what the camera does not see beside free edges."""
 
     sheet: Sheet
     title: str
@@ -40,6 +40,7 @@ class Law:
     left_out: tuple[str, ...] = ()
     remarks: tuple[Finding, ...] = ()
     noise: Noise | None = None
+    strip: float = 0.0
 
     @property
     def needs_time(self) -> bool:
@@ -95,16 +96,17 @@ def _extended(model: ExtendedModel, experiment: Experiment) -> Law:
         if a.effect.name == FIELD
     ]
     extent = effect_laws.Extent(float((high - low).max()), tuple(((low + high) / 2).tolist()))
-    effects = [_named(a) for a in solved if a.effect.name != FIELD]
+    effects = [_named(a) for a in solved if a.effect.name not in (FIELD, STRIP)]
+    strip = sum(a.amplitudes[0] for a in solved if a.effect.name == STRIP)
     sheet = effect_laws.sheet(spline_law(model), _thickness(experiment), effects, extent, fields)
     names = tuple(a.effect.name for a in solved)
     rest = tuple(a.effect.name for a in model.additions if a not in (*solved, *taken_out) and not a.is_null)
-    return Law(sheet, " + ".join(["spline of I1", *names]), names, taken_out, rest)
+    return Law(sheet, " + ".join(["spline of I1", *names]), names, taken_out, rest, strip=strip)
 
 
 def is_solved(name: str) -> bool:
-    """Whether the forward model has a law for an effect of that name."""
-    return name in effect_laws.SOLVED or name == FIELD
+    """Whether the forward model has a law for an effect of that name, or its mesh holds it."""
+    return name in effect_laws.SOLVED or name in (FIELD, STRIP)
 
 
 def _named(addition: Addition) -> effect_laws.Law:

@@ -24,7 +24,7 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations import noise_covariance
 from calibrate.equations.virtual_fields import default_spacing
 from forward.sheet.adjoint import AdjointLaw
-from forward.sheet.thin_sheet import Sheet
+from studies.replay.model_law import Law
 from studies.replay.replayed_experiment import BoundaryValues, Replay
 
 Array = NDArray[np.float64]
@@ -105,7 +105,7 @@ def sheet_rows(
         return SheetRows(
             seen, layout, measured, replayed, squares, none, np.zeros((k, 0, 0, 2)), np.zeros((k, 0, 0, 2))
         )
-    made = _Linear(seen, layout, found.law.sheet, found.solution.displacements[own], forces)
+    made = _Linear(seen, layout, found.law, found.solution.displacements[own], forces)
     fields, prescribed = made.virtual_fields()
     noise = made.covariance(prescribed, measured)
     return SheetRows(seen, layout, measured, replayed, squares, noise, fields, prescribed)
@@ -117,19 +117,19 @@ class _Linear:
 
     experiment: Experiment
     layout: Layout
-    sheet: Sheet
+    law: Law
     displacements: Array
     forces: list[Array]
 
     @cached_property
     def boundary(self) -> BoundaryValues:
-        return BoundaryValues.of(self.experiment)
+        return BoundaryValues.of(self.experiment, strip=self.law.strip)
 
     def virtual_fields(self) -> tuple[Array, Array]:
         """At the camera's points (k, rows, n, 2): v, and W - (K v)_h."""
         mesh, n = self.boundary.mesh, len(self.experiment.points)
         held, values = self.boundary.motion(self.experiment.displacements).prescribed(mesh)
-        sheet = AdjointLaw(mesh, self.sheet, held, values)
+        sheet = AdjointLaw(mesh, self.law.sheet, held, values)
         weights, on_held = self._weights()
         carried = sp.csr_array(self.boundary.carried.T)
         fields, forces = [], []

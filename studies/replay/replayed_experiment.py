@@ -33,6 +33,7 @@ from forward.solution import SurfaceSolution
 from meshes import Mesh
 from meshes.measured.curved_outline import rises
 from meshes.measured.quadratic_triangles import CurvedEdges, split
+from meshes.measured.strip import with_strip
 from studies.replay.model_law import Law
 from studies.replay.replayed_record import ReplayedRecord, between_pictures
 
@@ -124,7 +125,7 @@ def replay(
         effect = mesh_effect(experiment, law)
         noise = experiment.noise.displacement_std if experiment.noise else 0.0
         level = int(effect.field > (noise or SMALL * np.abs(experiment.displacements).max()))
-    problem = BoundaryValues.of(experiment, level)
+    problem = BoundaryValues.of(experiment, level, law.strip)
     times = experiment.time if experiment.time is not None else np.arange(1.0, experiment.n_increments + 1)
     factors = np.arange(1, experiment.n_increments + 1) / experiment.n_increments
     history = law.sheet.prony is not None or law.sheet.softens
@@ -151,7 +152,7 @@ def mesh_effect(experiment: Experiment, law: Law) -> MeshEffect:
     sheet = replace(law.sheet, prony=None, permanent_set=None)
     found = []
     for level in (0, 1):
-        problem = BoundaryValues.of(experiment, level)
+        problem = BoundaryValues.of(experiment, level, law.strip)
         motion = problem.motion(experiment.displacements[-1:])
         found.append(solve_history(problem.mesh, sheet, motion, [1.0], [1.0]))
     n = len(experiment.points)
@@ -187,28 +188,58 @@ class BoundaryValues:
         return ~self.held.any(axis=1)
 
     @classmethod
-    def of(cls, experiment: Experiment, finer: int = 0) -> BoundaryValues:
-        """The camera's triangles, quadratic, each divided in four `finer` times before; the first nodes are the camera's points."""
-        edges = named_edges(experiment)
-        split_mesh = split(experiment.points, experiment.triangles, edges, finer, free_edges(experiment))
+    def of(cls, experiment: Experiment, finer: int = 0, strip: float = 0.0) -> BoundaryValues:
+        """The camera's triangles, quadratic, each divided in four `finer` times before; the first nodes are the camera's points. strip: width, mm, of what it does not see beside
+        free edges; where that is gripped it moves as the point beside it. Raises `MeshDataError` where a strip so wide folds."""
+        seen = Seen.of(experiment, strip)
+        split_mesh = split(seen.points, seen.triangles, seen.edges, finer, seen.curved)
         held = np.zeros((len(split_mesh.mesh.points), 2), bool)
         held[np.unique(split_mesh.mesh.boundaries[RIM])] = True
         for boundary in experiment.loaded:
             held[np.unique(split_mesh.mesh.boundaries[boundary.name])] |= np.array(boundary.held)
-        return cls(split_mesh.mesh, split_mesh.interpolation, held, tuple(b.name for b in experiment.loaded))
+        carried = sp.csr_array(split_mesh.interpolation @ seen.carried)
+        return cls(split_mesh.mesh, carried, held, tuple(b.name for b in experiment.loaded))
 
     def motion(self, displacements: Array) -> MeasuredMotion:
         """The held nodes as measured: displacements (t, n, 2), mm, of the camera's points."""
         return MeasuredMotion(self.sides, self.held, np.stack([self.carried @ u for u in displacements]))
 
 
-def free_edges(experiment: Experiment) -> CurvedEdges:
-    """Free edges with the curve through their points, which rises by at most the share `HIGHEST` of the height of a triangle."""
-    outline = Outline.of(experiment)
-    edges, owners = outline.edges[outline.free], outline.owners[outline.free]
-    length = np.linalg.norm(experiment.points[edges[:, 1]] - experiment.points[edges[:, 0]], axis=1)
-    height = 2 * signed_areas(experiment.points, experiment.triangles[owners]) / length
-    return CurvedEdges(edges, rises(experiment.points, edges, HIGHEST * height))
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The camera's triangulation, with the strip that it does not see. carried (points, n): from the camera's points; edges: of each grip and of the rim; curved: free edges with the curve
+    through their points, which rises by at most the share `HIGHEST` of the height of a triangle."""
+
+    points: Array
+    triangles: NDArray[np.int64]
+    carried: sp.csr_array
+    edges: dict[str, NDArray[np.int64]]
+    curved: CurvedEdges
+
+    @classmethod
+    def of(cls, experiment: Experiment, strip: float = 0.0) -> Seen:
+        """Of a test. strip: see `BoundaryValues.of`."""
+        outline, n = Outline.of(experiment), len(experiment.points)
+        free, owners = outline.edges[outline.free], experiment.triangles[outline.owners[outline.free]]
+        points, triangles, edges = experiment.points, experiment.triangles, named_edges(experiment)
+        carried = sp.eye_array(n, format="csr")
+        if strip > 0 and len(free):
+            others = outline.edges[~outline.free | (outline.grip >= 0)]
+            free = outline.edges[outline.free & (outline.grip < 0)]
+            grown = with_strip(points, triangles, free, others, strip)
+            points, triangles, free, owners = (
+                grown.points,
+                grown.triangles,
+                grown.edges,
+                grown.triangles[-2 * len(free) : -len(free)],
+            )
+            for name, some in edges.items():
+                on = [(others[i] == some).all(axis=1).any() for i in grown.beside]
+                edges[name] = np.concatenate([some, grown.ends[np.array(on, bool)]])
+            carried = sp.csr_array(sp.vstack([carried, carried[grown.parents]]))
+        length = np.linalg.norm(points[free[:, 1]] - points[free[:, 0]], axis=1)
+        height = 2 * signed_areas(points, owners) / length
+        return cls(points, triangles, carried, edges, CurvedEdges(free, rises(points, free, HIGHEST * height)))
 
 
 def named_edges(experiment: Experiment) -> dict[str, NDArray[np.int64]]:

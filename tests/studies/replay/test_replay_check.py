@@ -250,10 +250,10 @@ def test_a_model_that_is_replayed_worse_than_the_base_is_no_improvement():
 
 def test_what_cannot_be_replayed_says_why_and_changes_no_verdict():
     last = found(True).rounds[-1]
-    strip = replace(last.fit, additions=(Addition(BY_NAME["unmeasured strip"], (0.1,)),))
-    one = replace(found(True), rounds=(*found(True).rounds[:-1], replace(last, fit=strip)))
+    thick = replace(last.fit, additions=(Addition(BY_NAME["3D effect of thickness"], (0.1,)),))
+    one = replace(found(True), rounds=(*found(True).rounds[:-1], replace(last, fit=thick)))
     check = FiniteElementCheck()(one)
-    assert isinstance(check, NoReplayCheck) and "unmeasured strip" in check.reason
+    assert isinstance(check, NoReplayCheck) and "3D effect of thickness" in check.reason
     judged = judged_by_replay(one, check)
     assert judged.verdict is one.verdict and judged.replay_check is check
     expressed = {name for name, effect in BY_NAME.items() if is_expressed(effect)}
