@@ -15,6 +15,7 @@ from meshes.errors import MeshDataError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+NARROWER, SHORTER = 0.7, 3  # factor on the width where it folds, as at the corners of a staircase of points; how often
 SHARPEST = 0.5  # cosine between the way to a new point and the normal of its edge, below which it is held
 
 
@@ -53,14 +54,24 @@ def with_strip(points: Array, triangles: Indices, free: Indices, others: Indices
     (a, b), (c, d) = free.T, number[free].T
     added = np.concatenate([np.column_stack([c, d, b]), np.column_stack([c, b, a])])
     grown = np.concatenate([points, points[parents] + steps])
-    one, other = (grown[added[:, k]] - grown[added[:, 0]] for k in (1, 2))
-    folded = one[:, 0] * other[:, 1] <= one[:, 1] * other[:, 0]
+    for _ in range(SHORTER):
+        narrow = np.unique(added[_folded(grown, added)])
+        grown[narrow[narrow >= n]] -= (1 - NARROWER) * (
+            grown[narrow[narrow >= n]] - points[parents[narrow[narrow >= n] - n]]
+        )
+    folded = _folded(grown, added)
     if folded.any():
         x, y = grown[added[folded][0]].mean(axis=0)
         raise MeshDataError(f"a strip of {width:.3g} mm beside the measured region folds at ({x:.4g}, {y:.4g}) mm")
     corners = parents[~inner]
     ends = np.column_stack([corners, number[corners]])
     return Strip(grown, np.concatenate([triangles, added]), parents, np.column_stack([c, d]), ends, beside)
+
+
+def _folded(points: Array, triangles: Indices) -> NDArray[np.bool_]:
+    """Which triangles (m, 3) are turned inside out."""
+    one, other = (points[triangles[:, k]] - points[triangles[:, 0]] for k in (1, 2))
+    return np.asarray(one[:, 0] * other[:, 1] <= one[:, 1] * other[:, 0])
 
 
 def _beside(node: int, others: Indices) -> int:

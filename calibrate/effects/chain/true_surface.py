@@ -21,6 +21,7 @@ from calibrate.effects.chain.stages import load_stages, motion_stages
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
 from calibrate.equations import noise_covariance
+from calibrate.errors import ExperimentError, InvalidDeformationError
 
 Array = NDArray[np.float64]
 HOOKS = ("places", "displacements", "time", "loads")
@@ -57,13 +58,19 @@ def _corrected(experiment: Experiment, additions: Additions) -> Experiment:
     stages = (*motion_stages(additions), *load_stages(additions))
     run = Linearisation.run(stages, Constants(data, 0.0, ()), given).quantities
     places, loads = np.asarray(run[PLACES]), np.where(np.isnan(forces), np.nan, np.asarray(run[LOADS]))
-    return replace(
-        experiment,
-        points=places,
-        displacements=experiment.points + np.asarray(run[DISPLACEMENTS]) - places,
-        time=None if data.time is None else np.asarray(run[TIME]),
-        loaded=tuple(replace(b, force=loads[..., i]) for i, b in enumerate(experiment.loaded)),
-    )
+    try:
+        return replace(
+            experiment,
+            points=places,
+            displacements=experiment.points + np.asarray(run[DISPLACEMENTS]) - places,
+            time=None if data.time is None else np.asarray(run[TIME]),
+            loaded=tuple(replace(b, force=loads[..., i]) for i, b in enumerate(experiment.loaded)),
+        )
+    except InvalidDeformationError as error:
+        names = " and ".join(a.effect.name for a in additions)
+        raise ExperimentError(
+            f"{experiment.name}, corrected for {names}, has triangles that are turned inside out: an effect so large is not in this test"
+        ) from error
 
 
 def _corrected_record(experiment: Experiment, found: Experiment, additions: Additions) -> LoadRecord | None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.triangulation import boundary_edges, signed_areas
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.effects import KNOWN
@@ -85,6 +86,23 @@ def test_a_corner_goes_on_along_its_other_edge():
     found = with_strip(points, np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0, 1]]), np.array([[1, 2], [2, 3], [3, 0]]), 0.5)  # fmt: skip
     np.testing.assert_allclose(found.points[4:], [[0.5, -0.5], [1.5, -0.5]], atol=1e-12)
     assert found.ends.tolist() == [[0, 4], [1, 5]] and found.beside.tolist() == [2, 0]
+
+
+def test_a_strip_beside_a_staircase_is_narrower_at_its_corners():
+    """Of a hole in a grid, 1 mm apart: strips beside its re-entrant corners meet from 0.5 mm on, and are made narrower there; none is turned inside out."""
+    x, y = (v.ravel() for v in np.meshgrid(np.arange(8.0), np.arange(8.0)))
+    grid = np.column_stack([x, y])
+    corners = np.array([(k, k + 1, k + 9, k + 8) for k in range(55) if k % 8 != 7])
+    cells = corners[np.hypot(*(grid[corners].mean(axis=1) - 3.5).T) > 2.2]
+    faces = np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]])
+    edges = boundary_edges(faces)[0]
+    hole = np.abs(grid[edges].mean(axis=1) - 3.5).max(axis=1) < 3
+    for width in (0.3, 0.6):
+        found = with_strip(grid, faces, edges[hole], edges[~hole], width)
+        assert (signed_areas(found.points, found.triangles) > 0).all()
+        grown = signed_areas(found.points, found.triangles).sum() - signed_areas(grid, faces).sum()
+        length = np.linalg.norm(np.diff(grid[edges[hole]], axis=1), axis=-1).sum()
+        assert 0.5 * width * length < grown < width * length  # around a hole it is shorter than the edge
 
 
 def test_a_model_with_a_strip_is_solved_with_it():
