@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 STEP, BEND = 0.25, 0.02  # of the largest displacement: the length of a line, and how far an increment may be off it
-LINE = 0.6  # the same length of a line that is sampled at its ends and its middle
+LINE = 0.4  # the same length of a line that is sampled at its ends and its middle
 MIDDLE = 0.25, 0.75  # places on a line, between which an increment is its middle
 
 
