@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
-from calibrate.data.experiment import Experiment
+from calibrate.data.experiment import WHOLE, Experiment
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -39,7 +39,7 @@ def chosen(experiment: Experiment, wanted: Wanted = None) -> Experiment:
         return experiment
     found = experiment.select(index)
     told = {"used": (index + 1).tolist(), "of": n, "asked_for": wanted is not None}
-    return replace(found, provenance={**found.provenance, "pictures": told})
+    return replace(found, provenance={**found.provenance, "pictures": told, WHOLE: experiment.whole})
 
 
 def spread(experiment: Experiment, most: int) -> Indices:

@@ -25,6 +25,7 @@ from calibrate.data.triangulation import boundary_nodes
 
 __all__ = ["PLANES", "Experiment", "LoadRecord", "LoadedBoundary", "Noise"]
 Array = NDArray[np.float64]
+WHOLE = "fingerprint_of_all_pictures"  # in a provenance, of the test that pictures were chosen of
 
 
 @dataclass(frozen=True)
@@ -200,6 +201,15 @@ class Experiment:
         for array in (self.points, self.displacements[seen], *(b.force[seen] for b in self.loaded)):
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()[:16]
+
+    @property
+    def whole(self) -> str:
+        """Fingerprint of the test with all its pictures, some of which are chosen here."""
+        return str(self.provenance.get(WHOLE, self.fingerprint))
+
+    def is_of(self, fingerprint: str) -> bool:
+        """Whether this is the test with a fingerprint, or some of its pictures."""
+        return fingerprint in (self.fingerprint, self.whole)
 
     def save(self, path: str | Path) -> None:
         """Write the documented ``.npz`` atomically."""

@@ -109,7 +109,7 @@ class ExtendedModel:
 
     def for_test(self, experiment: Experiment) -> Additions:
         """The additions that hold for an Experiment: all if it was fitted, else those of the material."""
-        fitted = experiment.fingerprint in {t["fingerprint"] for t in self.training}
+        fitted = any(experiment.is_of(t["fingerprint"]) for t in self.training)
         return tuple(a for a in self.additions if fitted or a.effect.of_material)
 
     def only(self, additions: Additions) -> ExtendedModel:
@@ -136,7 +136,7 @@ class ExtendedModel:
             raise errors.ConfigError(
                 f"{experiment.name} is in plane {experiment.plane}, the model was fitted in plane {self.plane}; fit one to such tests"
             )
-        fitted = next((t for t in self.training if t["fingerprint"] == experiment.fingerprint), {})
+        fitted = next((t for t in self.training if experiment.is_of(t["fingerprint"])), {})
         system = equilibrium(experiment, spacing or fitted.get("spacing"))
         chain, additions = Chain(system, self.basis), self.for_test(experiment)
         for addition in additions:

@@ -70,7 +70,7 @@ def law_of(model: Model | ExtendedModel, experiment: Experiment) -> Law:
 
 def _noise_found(model: Model | ExtendedModel, experiment: Experiment) -> Noise | None:
     fitted = model.training if isinstance(model, ExtendedModel) else ()
-    own = next((one for one in fitted if one["fingerprint"] == experiment.fingerprint and one.get("noise")), None)
+    own = next((one for one in fitted if experiment.is_of(one["fingerprint"]) and one.get("noise")), None)
     return None if own is None else Noise(**own["noise"])
 
 

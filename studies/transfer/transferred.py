@@ -134,7 +134,7 @@ def transfer(
     rows.append(row(MAP, located.residual, None, rows[-1].relaxation))
     kept = {a.effect.name for a in applied.model.additions}
     left_out = tuple(a.effect.name for a in model.additions if a.effect.name not in kept)
-    was_fitted = e.fingerprint in {one["fingerprint"] for one in model.training}
+    was_fitted = any(e.is_of(one["fingerprint"]) for one in model.training)
     return Transferred(
         e, str(rule), fitted, system.fields.spacing, tuple(rows), left_out, final.model, located, was_fitted
     )

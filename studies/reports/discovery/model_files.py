@@ -68,7 +68,7 @@ def _file(
         tuple(
             {
                 "name": p.experiment.name,
-                "fingerprint": p.experiment.fingerprint,
+                "fingerprint": p.experiment.whole,
                 "spacing": p.system.fields.spacing,
                 "noise": None if p.experiment.noise is None else asdict(p.experiment.noise),
             }

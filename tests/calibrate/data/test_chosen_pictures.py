@@ -90,3 +90,13 @@ def test_every_turn_of_a_cyclic_test_is_among_them():
         assert {7, 15, 23, 31, 39} <= set(index.tolist())
     assert chosen_pictures.turns(pulled(RAMP).deformation_shares) == []
     assert len(spread(noisy, 4)) == 4  # more turns than half of the places
+
+
+def test_some_pictures_are_still_the_same_test():
+    """Whichever were fitted, and of files that know only the pictures that were."""
+    test = pulled(RAMP)
+    some, others = chosen(test, 6), chosen(test, (2, 9, 20))
+    assert some.fingerprint != others.fingerprint and some.whole == others.whole == test.fingerprint
+    assert others.is_of(some.whole) and some.is_of(some.fingerprint) and chosen(test, "all").is_of(some.whole)
+    assert not others.is_of(some.fingerprint) and not pulled(2 * RAMP).is_of(some.whole)
+    assert chosen(some, 3).whole == test.fingerprint
