@@ -1,7 +1,7 @@
 """A strip of triangles along the free edges of a triangulation: what the camera does not see of a specimen.
 
 In: points (n, 2), mm, anticlockwise triangles (m, 3), its outline, and the width of the strip. Out: `Strip`, the same triangulation grown by it; the first n points
-are the old ones. A new point lies on the bisector of its edges; where a free edge meets another one, on the continuation of that.
+are the old ones. A new point lies on the bisector of its edges; where a free edge meets another one, on the continuation of that, unless it goes along.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from meshes.errors import MeshDataError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 NARROWER, SHORTER = 0.7, 3  # factor on the width where it folds, as at the corners of a staircase of points; how often
-SHARPEST = 0.5  # cosine between the way to a new point and the normal of its edge, below which it is held
+SHARPEST = 0.5  # cosine between the way to a new point and the normal of its edge, below which it is another way
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,9 @@ def with_strip(points: Array, triangles: Indices, free: Indices, others: Indices
     from_inside = points[parents[~inner]] - points[others[beside].sum(axis=1) - parents[~inner]]
     cosine = (from_inside * way[~inner]).sum(axis=1) / np.linalg.norm(from_inside, axis=1)
     steps = width * way / np.maximum((way * (into + out)[parents]).sum(axis=1) / 2, SHARPEST)[:, None]
-    steps[~inner] = width * from_inside / (np.linalg.norm(from_inside, axis=1) * np.maximum(cosine, SHARPEST))[:, None]
+    goes_on = cosine > SHARPEST
+    further = from_inside / (np.linalg.norm(from_inside, axis=1) * np.where(goes_on, cosine, 1.0))[:, None]
+    steps[~inner] = width * np.where(goes_on[:, None], further, way[~inner])
     number = np.full(n, -1)
     number[parents] = n + np.arange(len(parents))
     (a, b), (c, d) = free.T, number[free].T

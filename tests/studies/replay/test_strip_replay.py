@@ -86,6 +86,9 @@ def test_a_corner_goes_on_along_its_other_edge():
     found = with_strip(points, np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0, 1]]), np.array([[1, 2], [2, 3], [3, 0]]), 0.5)  # fmt: skip
     np.testing.assert_allclose(found.points[4:], [[0.5, -0.5], [1.5, -0.5]], atol=1e-12)
     assert found.ends.tolist() == [[0, 4], [1, 5]] and found.beside.tolist() == [2, 0]
+    flat = np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.0], [2.0, 3.0]])  # one half of a side is free
+    found = with_strip(flat, np.array([[0, 1, 3], [1, 2, 3]]), np.array([[0, 1]]), np.array([[1, 2], [2, 3], [3, 0]]), 0.5)  # fmt: skip
+    np.testing.assert_allclose(found.points[5], [2.0, -0.5], atol=1e-12)
 
 
 def test_a_strip_beside_a_staircase_is_narrower_at_its_corners():
