@@ -14,11 +14,17 @@ from studies.reports.prediction.predicted_forces import Forecast
 
 def draw_curves(curves: list[Curve], unit: str, against: str | None = None) -> Figure:
     """One panel a mode: solid where calibrated, thin beyond; the known material `against` as a dotted line."""
-    with style.figure(9.0, 3.3) as figure:
+    with style.figure(9.0, 3.8) as figure:
         panels = dict(zip(MODES, figure.subplots(1, len(MODES)), strict=True))
         for curve in curves:
             _draw_curve(panels[curve.mode], curve, against)
         figure.axes[0].set_ylabel(f"nominal stress, {unit}")
+        labelled = {
+            label: line
+            for axes in figure.axes[::-1]
+            for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend(labelled.values(), labelled.keys(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -39,7 +45,6 @@ def _draw_curve(axes: Axes, curve: Curve, against: str | None) -> None:
         label = None if curve.direction == "y" else against
         axes.plot(x, curve.truth, linestyle=":", color="black", label=label)
     axes.set(title=title, xlabel="stretch", xlim=(1.0, x[-1]), ylim=(0, None))
-    axes.legend(loc="upper left")
 
 
 def draw_forces(found: Forecast) -> Figure:
