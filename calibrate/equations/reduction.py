@@ -71,7 +71,10 @@ class Quadratic:
         return self.constant / float(self.q @ c)
 
     def coefficients_of_weights(self, c: Array, neo_hooke: Array) -> Array:
-        """Those for the next weights of a fit c (n_functions,), see `coefficients_of_weights`; neo_hooke: of any stiffness."""
+        """Those for the next weights of a fit c (n_functions,), see `coefficients_of_weights`; neo_hooke: of any stiffness. In plane strain those of the fit
+        itself: what noise adds to the change of volume is taken off with them, see `corrected`, and it looks like what a model misses."""
+        if isinstance(self.basis, PlaneStrainBasis):
+            return c
         level = float(self.q @ c) / float(self.q @ neo_hooke)
         return coefficients_of_weights(c, level * neo_hooke, self.loss(c) / self.n_rows)
 
