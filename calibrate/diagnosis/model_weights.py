@@ -158,7 +158,7 @@ def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions
     c = c * float(load @ whole) / float(load @ base)
     neo_hooke = base_functions.first_guess([(part.assembled, part.train.rows) for part in problem.trained])
     neo_hooke *= float(load @ whole) / float(load @ (residual(problem, neo_hooke, measured) + load))
-    c = coefficients_of_weights(c, neo_hooke, equations.dispersion(problem, whole - load))
+    c = coefficients_of_weights(problem.basis, c, neo_hooke, equations.dispersion(problem, whole - load))
     heavier = _of_coefficients(problem, c, known)
     return replace(heavier, dispersion=rough_dispersion(heavier, residual(heavier, fitted, additions)))
 

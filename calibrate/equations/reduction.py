@@ -71,12 +71,9 @@ class Quadratic:
         return self.constant / float(self.q @ c)
 
     def coefficients_of_weights(self, c: Array, neo_hooke: Array) -> Array:
-        """Those for the next weights of a fit c (n_functions,), see `coefficients_of_weights`; neo_hooke: of any stiffness. In plane strain those of the fit
-        itself: what noise adds to the change of volume is taken off with them, see `corrected`, and it looks like what a model misses."""
-        if isinstance(self.basis, PlaneStrainBasis):
-            return c
+        """Those for the next weights of a fit c (n_functions,), see `coefficients_of_weights`; neo_hooke: of any stiffness."""
         level = float(self.q @ c) / float(self.q @ neo_hooke)
-        return coefficients_of_weights(c, level * neo_hooke, self.loss(c) / self.n_rows)
+        return coefficients_of_weights(self.basis, c, level * neo_hooke, self.loss(c) / self.n_rows)
 
     def of_energy(self) -> Quadratic:
         """The least loss over all bulk moduli, as a function of the other coefficients; itself where there is none."""
@@ -243,13 +240,16 @@ def corrected(
     return parts @ np.linalg.solve(true, parts.T @ quadratic.q)
 
 
-def coefficients_of_weights(c: Array, neo_hooke: Array, dispersion: float) -> Array:
+def coefficients_of_weights(basis: Basis, c: Array, neo_hooke: Array, dispersion: float) -> Array:
     """Coefficients (n_functions,) whose noise weights the equations of a material c: its own where it leaves noise alone (dispersion 1), and the more it leaves, the more those
     of neo-Hooke, as stiff as c.
 
     What a material misses does not scale with its stiffness as noise does. Weights that followed it would take the equations where it is soft for
-    exact ones, and the next fit would be softer still there, down to no modulus at rest.
+    exact ones, and the next fit would be softer still there, down to no modulus at rest. In plane strain they are its own: what noise adds to the change of
+    volume looks like what a model misses, and is taken off with its weights, see `corrected`.
     """
+    if isinstance(basis, PlaneStrainBasis):
+        return c
     return neo_hooke + (c - neo_hooke) / max(dispersion, 1.0)
 
 

@@ -57,10 +57,9 @@ def with_strip(points: Array, triangles: Indices, free: Indices, others: Indices
     added = np.concatenate([np.column_stack([c, d, b]), np.column_stack([c, b, a])])
     grown = np.concatenate([points, points[parents] + steps])
     for _ in range(SHORTER):
-        narrow = np.unique(added[_folded(grown, added)])
-        grown[narrow[narrow >= n]] -= (1 - NARROWER) * (
-            grown[narrow[narrow >= n]] - points[parents[narrow[narrow >= n] - n]]
-        )
+        narrow = np.isin(number[parents], added[_folded(grown, added)])
+        steps[narrow] *= NARROWER
+        grown[n:] = points[parents] + steps
     folded = _folded(grown, added)
     if folded.any():
         x, y = grown[added[folded][0]].mean(axis=0)

@@ -219,20 +219,16 @@ class Seen:
     @classmethod
     def of(cls, experiment: Experiment, strip: float = 0.0) -> Seen:
         """Of a test. strip: see `BoundaryValues.of`."""
-        outline, n = Outline.of(experiment), len(experiment.points)
-        free, owners = outline.edges[outline.free], experiment.triangles[outline.owners[outline.free]]
+        outline = Outline.of(experiment)
+        is_free = outline.free & (outline.grip < 0)
+        free, owners = outline.edges[is_free], experiment.triangles[outline.owners[is_free]]
         points, triangles, edges = experiment.points, experiment.triangles, named_edges(experiment)
-        carried = sp.eye_array(n, format="csr")
+        carried = sp.eye_array(len(points), format="csr")
         if strip > 0 and len(free):
-            others = outline.edges[~outline.free | (outline.grip >= 0)]
-            free = outline.edges[outline.free & (outline.grip < 0)]
+            others = outline.edges[~is_free]
             grown = with_strip(points, triangles, free, others, strip)
-            points, triangles, free, owners = (
-                grown.points,
-                grown.triangles,
-                grown.edges,
-                grown.triangles[-2 * len(free) : -len(free)],
-            )
+            points, triangles, free = grown.points, grown.triangles, grown.edges
+            owners = triangles[-2 * len(free) : -len(free)]
             for name, some in edges.items():
                 on = [(others[i] == some).all(axis=1).any() for i in grown.beside]
                 edges[name] = np.concatenate([some, grown.ends[np.array(on, bool)]])

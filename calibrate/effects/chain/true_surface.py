@@ -21,7 +21,7 @@ from calibrate.effects.chain.stages import load_stages, motion_stages
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
 from calibrate.equations import noise_covariance
-from calibrate.errors import ExperimentError, InvalidDeformationError
+from calibrate.errors import ExperimentError
 
 Array = NDArray[np.float64]
 HOOKS = ("places", "displacements", "time", "loads")
@@ -66,10 +66,10 @@ def _corrected(experiment: Experiment, additions: Additions) -> Experiment:
             time=None if data.time is None else np.asarray(run[TIME]),
             loaded=tuple(replace(b, force=loads[..., i]) for i, b in enumerate(experiment.loaded)),
         )
-    except InvalidDeformationError as error:
+    except ExperimentError as error:  # its remedies are for what was measured
         names = " and ".join(a.effect.name for a in additions)
         raise ExperimentError(
-            f"{experiment.name}, corrected for {names}, has triangles that are turned inside out: an effect so large is not in this test"
+            f"{experiment.name}, corrected for {names}, is no test that could be: an effect so large is not in it"
         ) from error
 
 

@@ -22,6 +22,7 @@ STILL = 1e-9  # of the distance of the points: a displacement that is zero but f
 STRAINED, SIGNIFICANT = 1e-4, 10.0  # least strain, and least ratio of it to its standard error, that tell the pull
 USUAL_DEPTH, DEEPEST, SPANNED = 0.4, 4.0, 0.95  # of a side: spacings, spacings, share of the section
 AGREEING, DECIDED = 0.02, 0.1  # spacings, and share of the other distance, below which positions agree
+INNER = 5, 95  # percentiles of displacements, whose difference is how far points move against each other
 LEAST_POINTS = 4  # of a frame, for mean strains with an error
 ALIKE = 0.6  # of the larger strain, from which the smaller of equal sign makes the pull undecided
 
@@ -140,8 +141,8 @@ def pull_axis(frames: Frames) -> tuple[int | None, str]:
     seen = np.flatnonzero(known.sum(axis=1) >= LEAST_POINTS)
     if not len(seen):
         return None, f"no frame has {LEAST_POINTS} points with a displacement"
-    size = [frames.displacements[i][known[i]].std(axis=0).max() for i in seen]
-    most = int(seen[np.argmax(size)])
+    inner = [np.percentile(frames.displacements[i][known[i]], INNER, axis=0) for i in seen]  # a wild point says nothing
+    most = int(seen[np.argmax(np.ptp(inner, axis=1).max(axis=1))])
     strain, error = mean_strains(frames.points, frames.displacements[most])
     larger = int(np.argmax(np.abs(strain)))
     text = f"mean strains {100 * strain[0]:.3g} % along x, {100 * strain[1]:.3g} % along y in frame {most + 1}, where points move most against each other"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.models.fitness import SOFT
+from studies.importers.exports.field_guesses import mean_strains
 from studies.importers.recording.load_cell_noise import Origin
 from studies.importers.recording.masks import Masked
 from studies.importers.recording.synchronise import ForceRecord
@@ -97,7 +98,7 @@ def pull_notes(experiment: Experiment) -> list[str]:
     if size[across] > ONE_AXIS * size[along]:
         return []
     force = forces[:, along] * np.sign(forces[np.argmax(np.abs(forces[:, along])), along])
-    strains = mean_strains(experiment)
+    strains = np.array([mean_strains(experiment.points, u)[0] for u in experiment.displacements])
     most, notes = int(np.argmax(np.abs(strains[:, along]))), []
     if strains[most, across] / strains[most, along] > AUXETIC:
         notes.append(WORDS.note_auxetic(pull="xy"[along], along=strains[most, along], across=strains[most, across]))
@@ -106,13 +107,6 @@ def pull_notes(experiment: Experiment) -> list[str]:
     if opposed.any():
         notes.append(WORDS.note_opposed(increments=numbers((np.flatnonzero(opposed) + 2).tolist())))
     return notes
-
-
-def mean_strains(experiment: Experiment) -> Array:
-    """(t, 2): du/dx and dv/dy of a linear fit to every increment."""
-    points = experiment.points - experiment.points.mean(axis=0)
-    fit = np.linalg.pinv(np.column_stack([np.ones(len(points)), points]))
-    return np.stack([experiment.displacements[:, :, k] @ fit[1 + k] for k in range(2)], axis=1)
 
 
 def apparent_modulus(experiment: Experiment) -> float:

@@ -7,17 +7,15 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibrate.data.triangulation import signed_areas
 from calibrate.diagnosis.distillation import bulk_modulus
-from calibrate.diagnosis.problem import Part
+from calibrate.diagnosis.evidence.levels import neo_hookean_modulus
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.selection import Discovery
-from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
-from calibrate.equations.equilibrium import neo_hooke
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import Use
+from forward.interpolation import in_triangles
+from meshes import Mesh
 from studies.output.findings import Finding, Macro
 from studies.output.words import plus_minus
 from studies.reports.alert_table import merged
@@ -30,8 +28,6 @@ from studies.reports.discovery.weighing_tables import alternatives_data, power_d
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
 from studies.reports.headline import Reason
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
 OTHER_LEVEL = 0.3  # from that of the first test, which thicknesses of one kind of specimen do not explain
 OTHER_MODULUS = 1.25, 1.5  # largest over smallest modulus of tests: it is told, and it is a warning
@@ -139,15 +135,9 @@ def _of_inclusions(found: Discovery) -> Iterator[Finding]:
         if addition.effect.name == "inclusion" and found.final.chains:
             data = found.final.chains[0].data
             middle = np.asarray(data.centre) + float(data.size) * np.array(addition.shape[:2])
-            if not in_a_triangle(middle, np.asarray(data.points), found.problem.trained[0].experiment.triangles):
+            sheet = Mesh(np.asarray(data.points), found.problem.trained[0].experiment.triangles, "triangle", {})
+            if in_triangles(sheet, middle).excess[0] > 0:
                 yield _finding(DiscoveryCode.AT_A_HOLE, place=addition.effect.located(data, addition.shape))
-
-
-def in_a_triangle(place: Array, points: Array, triangles: Indices) -> bool:
-    """Whether a place (2,) is in one of the triangles (m, 3) of points (n, 2): the three with it for a corner are turned as that is."""
-    with_it = [np.where(np.arange(3) == k, len(points), triangles) for k in range(3)]
-    parts = np.array([signed_areas(np.vstack([points, place]), corners) for corners in with_it])
-    return bool((np.sign(signed_areas(points, triangles)) * parts >= 0).all(axis=0).any())
 
 
 def _of_own_effects(view: View) -> Iterator[Finding]:
@@ -193,17 +183,10 @@ def _of_stiffness(view: View) -> Iterator[Finding]:
 def _of_moduli(view: View) -> Iterator[Finding]:
     """Of several tests whose level is known, where their stiffness differs."""
     parts = [part for part in view.discovery.problem.trained if not part.experiment.level_is_nominal]
-    moduli = {part.experiment.name: neo_hookean_modulus(part, view.discovery.problem.basis) for part in parts}
+    moduli = {part.experiment.name: neo_hookean_modulus(part.system, part.train.rows) for part in parts}
     if len(moduli) > 1 and max(moduli.values()) > OTHER_MODULUS[0] * min(moduli.values()):
         far = max(moduli.values()) > OTHER_MODULUS[1] * min(moduli.values())
         yield _finding(DiscoveryCode.MODULI_DIFFER, far, moduli=moduli, unit=view.unit)
-
-
-def neo_hookean_modulus(part: Part, basis: SingleBasis | PlaneStrainBasis) -> float:
-    """Of the forces of a test that are fitted, by least squares, MPa (or N/mm); in plane strain at a Poisson ratio of a quarter."""
-    rows = part.train.rows & np.tile(part.system.fields.boundary >= 0, 2)
-    forces = np.array(part.assembled.matrices)[rows] @ neo_hooke(basis, 1.0, 5 / 3)
-    return float(forces @ part.system.loads[rows] / (forces @ forces))
 
 
 def _of_tests(view: View) -> Iterator[Finding]:

@@ -13,6 +13,7 @@ from calibrate.diagnosis import base_fit, model_weights
 from calibrate.diagnosis.problem import all_rows, loads, residual
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
+from calibrate.equations.basis import SingleBasis
 from calibrate.equations.reduction import coefficients_of_weights
 from calibrate.equations.weights import weights_of
 
@@ -80,7 +81,7 @@ def test_an_explanation_keeps_what_the_best_one_does_to_noise_but_for_its_own_in
 def test_weights_are_those_of_the_base_where_it_leaves_noise_alone_and_of_neo_hooke_where_it_leaves_much():
     c, neo_hooke = np.array([1.0, 2.0, 3.0]), np.full(3, 2.0)
     for dispersion, share in ((0.7, 1.0), (1.0, 1.0), (4.0, 0.25), (1e12, 0.0)):
-        found = coefficients_of_weights(c, neo_hooke, dispersion)
+        found = coefficients_of_weights(SingleBasis(0, 1.0), c, neo_hooke, dispersion)
         np.testing.assert_allclose(found, neo_hooke + share * (c - neo_hooke), atol=1e-11)
 
 

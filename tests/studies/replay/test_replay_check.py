@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.load_record import LoadRecord
 from calibrate.diagnosis import base_fit
@@ -374,3 +375,19 @@ def test_a_replay_is_judged_by_the_tests_that_lack_nothing_it_lacks():
     assert judging(replace(gradient, own=0.0, common=1.0)) == [False] * 4
     assert judging(replace(gradient, prior=(0.05, 0.05))) == [True] * 4
     assert judging(level) == [True, True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("name", "amplitudes", "shape"),
+    [
+        ("subset smoothing", (30.0,), (0.1,)),
+        ("camera tilt", (3.0, 3.0), (0.1,)),
+        ("out-of-plane motion", (-1.0,), (0.1,)),
+    ],
+)
+def test_a_correction_that_leaves_no_test_names_the_effect(name, amplitudes, shape):
+    """Triangles turned inside out, or displacements as of pixels: the points are right, it is the effect that is too large."""
+    effect = BY_NAME[name]
+    addition = Addition(effect, amplitudes[: len(effect.amplitudes)], shape[: len(effect.shapes)])
+    with pytest.raises(errors.ExperimentError, match=f"plate, corrected for {name}, is no test that could be"):
+        true_surface(exact(True), (addition,))
