@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibrate.data.measurement import Noise
-from calibrate.equations.noise_covariance import noise_factor, sample
+from calibrate.equations.noise_covariance import factor_of_points, sample
 from studies.importers.recording.outliers import outliers
 from studies.output import Manifest, write_json
 from studies.trials.blind_data import draw, make
@@ -41,7 +41,7 @@ def window(rng: np.random.Generator, correlated: bool) -> tuple[Array, Array]:
     coefficients = rng.normal(0, 0.5, (powers.shape[1], 2))
     field = points * [0.08, -0.03] + powers @ coefficients
     load = np.linspace(0, 1, FRAMES)
-    factor = noise_factor(points, Noise(NOISE, PITCH if correlated else 0.0))
+    factor = factor_of_points(points, Noise(NOISE, PITCH if correlated else 0.0))
     noise = sample(factor, rng, 4)
     mixed = np.einsum("tk,knc->tnc", rng.normal(0, 0.5, (FRAMES, 4)), noise)  # errors that last for some frames
     return points, load[:, None, None] * (field + noise[0]) + 0.3 * mixed

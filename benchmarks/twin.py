@@ -131,7 +131,7 @@ def three_points(system: Equilibrium, basis: SingleBasis, c: Array) -> Array:
 def noisy(e: Experiment, seed: int) -> Experiment:
     """With noise of the displacements."""
     assert e.noise is not None
-    factor = noise_covariance.noise_factor(e.points, e.noise)
+    factor = noise_covariance.noise_factor(e, e.noise)
     fields = noise_covariance.sample(factor, np.random.default_rng(seed), e.n_increments)
     return replace(e, displacements=e.displacements + fields)
 

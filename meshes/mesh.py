@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from meshes.elements import ELEMENTS, Element
 from meshes.errors import MeshDataError
@@ -127,6 +128,26 @@ def boundary_edges(cells: Indices, cell_type: str) -> tuple[Indices, Indices]:
     _, first, count = np.unique(np.sort(edges[:, :2], axis=1), axis=0, return_index=True, return_counts=True)
     single = first[count == 1]
     return edges[single], single % len(cells)
+
+
+def within(points: Array, triangles: Indices, where: Array) -> NDArray[np.bool_]:
+    """Whether positions (k, 2) lie in any of the triangles (small overshoot allowed)."""
+    corners = points[triangles]
+    centres = corners.mean(axis=1)
+    reach = float(np.linalg.norm(corners - centres[:, None], axis=2).max())
+    inside = np.zeros(len(where), bool)
+    near = cKDTree(centres).query_ball_point(where, reach)
+    size = np.fromiter((len(n) for n in near), np.int64, len(near))
+    if size.sum() == 0:
+        return inside
+    who = np.repeat(np.arange(len(where)), size)
+    which = np.concatenate([np.asarray(n, np.int64) for n in near])
+    a, b, c = (corners[which, i] for i in range(3))
+    edges = np.stack([b - a, c - a], axis=-1)
+    local = np.linalg.solve(edges, (where[who] - a)[..., None])[..., 0]
+    hit = (local.min(axis=1) > -1e-6) & (local.sum(axis=1) < 1 + 1e-6)
+    inside[who[hit]] = True
+    return inside
 
 
 def _mirror(mesh: Mesh, axis: int, cut: str, source: Indices, signs: Array) -> tuple[Mesh, Indices, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ class Ellipse:
     a: float
     b: float
     angle: float = 0.0
+    closed: ClassVar[bool] = True
 
     @property
     def area(self) -> float:
@@ -49,10 +51,77 @@ class Ellipse:
 
     def rim(self, n: int = 90) -> Array:
         """(n, 2) points on the rim, mm."""
-        t = np.linspace(0, 2 * np.pi, n, endpoint=False)
+        return self.along(np.linspace(0, 1, n, endpoint=not self.closed))
+
+    def along(self, shares: Array) -> Array:
+        """(k, 2) points on the rim, mm, at shares (k,), from 0 to 1, of the way around."""
         c, s = math.cos(self.angle), math.sin(self.angle)
-        x, y = self.a * np.cos(t), self.b * np.sin(t)
+        turns = self._turns(shares)
+        x, y = self.a * np.cos(turns), self.b * np.sin(turns)
         return np.column_stack([self.x + c * x - s * y, self.y + s * x + c * y])
+
+    def _turns(self, shares: Array) -> Array:
+        return 2 * np.pi * shares
+
+    def cuts(self, points: Array) -> NDArray[np.bool_]:
+        """Whether points (n, 2) are where nothing is left."""
+        return self.level(points) < 1
+
+
+@dataclass(frozen=True)
+class Arc(Ellipse):
+    """Part of an ellipse that is cut out of a sheet at its outline, as fillets and notches are: from parameter `first` to `last`, rad, anticlockwise."""
+
+    first: float = 0.0
+    last: float = 2 * math.pi
+    closed: ClassVar[bool] = False
+
+    def _turns(self, shares: Array) -> Array:
+        return self.first + shares * (self.last - self.first)
+
+    def cuts(self, points: Array) -> NDArray[np.bool_]:
+        """Inside, and between the rays from the centre through both ends."""
+        c, s = math.cos(self.angle), math.sin(self.angle)
+        x, y = points[:, 0] - self.x, points[:, 1] - self.y
+        turn = np.arctan2((c * y - s * x) / self.b, (c * x + s * y) / self.a)
+        return (self.level(points) < 1) & ((turn - self.first) % (2 * math.pi) <= self.last - self.first)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Straight edge from `start` to `end`, mm, of a sheet on its left."""
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+    closed: ClassVar[bool] = False
+
+    @property
+    def x(self) -> float:
+        """Of its middle, mm."""
+        return (self.start[0] + self.end[0]) / 2
+
+    @property
+    def y(self) -> float:
+        """Of its middle, mm."""
+        return (self.start[1] + self.end[1]) / 2
+
+    def rim(self, n: int = 90) -> Array:
+        """(n, 2) points on the edge, both ends among them, mm."""
+        return self.along(np.linspace(0, 1, n))
+
+    def along(self, shares: Array) -> Array:
+        """(k, 2) points on the edge, mm, at shares (k,), from 0 to 1, of its length."""
+        return np.array(self.start) + shares[:, None] * np.subtract(self.end, self.start)
+
+    def cuts(self, points: Array) -> NDArray[np.bool_]:
+        """Whether points (n, 2) are beside the edge, where nothing is."""
+        way = np.subtract(self.end, self.start)
+        from_start = points - self.start
+        share = from_start @ way / (way @ way)
+        return (way[0] * from_start[:, 1] - way[1] * from_start[:, 0] < 0) & (share >= 0) & (share <= 1)
+
+
+type Rim = Ellipse | Segment
 
 
 def rotations(quadrant: list[Corner]) -> list[Corner]:
@@ -101,6 +170,12 @@ def fillet_points(before: Corner, corner: Corner, after: Corner, n: int = 17) ->
     x, y = start - centre
     c, s = np.cos(angles), np.sin(angles)
     return centre + np.column_stack([c * x - s * y, s * x + c * y])
+
+
+def polygon_area(polygon: Array) -> float:
+    """Area of a closed polygon (m, 2), mm^2, negative where it runs clockwise."""
+    x, y = polygon.T
+    return 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
 
 
 def signed_distance(points: Array, polygon: Array) -> Array:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.data.deformation_shares import deformation_shares
@@ -43,6 +44,7 @@ class Experiment:
     record: of the testing machine over the whole test, whichever pictures are kept; None = unknown.
     interpolated (n_increments, k): weights of k pictures in the displacements of the increments, where some are between pictures
     (`calibrate.data.readings_between`); None: each is a picture. No file keeps it.
+    continued (k, n_nodes - k): values at the last k points, which are on rims that no camera sees, from those at the others; None: all are measured.
 
     Raises `ExperimentError` or a subclass of it when a check fails, `ConfigError` for another plane.
     """
@@ -61,6 +63,7 @@ class Experiment:
     heights: Array | None = None
     record: LoadRecord | None = None
     interpolated: Array | None = None
+    continued: sp.csr_array | None = None
 
     def __post_init__(self) -> None:
         for key in ("points", "displacements"):
@@ -81,6 +84,25 @@ class Experiment:
     def n_increments(self) -> int:
         """Number of increments."""
         return self.displacements.shape[0]
+
+    @property
+    def n_measured(self) -> int:
+        """Number of points that are measured; those after them are continued."""
+        return len(self.points) - (0 if self.continued is None else self.continued.shape[0])
+
+    @property
+    def given_rims(self) -> NDArray[np.int64]:
+        """Nodes (k,) on true edges that the user gave, so that the specimen ends there."""
+        fitted = [np.full(rim["points"], rim["fitted"]) for rim in self.provenance.get("rims", ())]
+        is_given = ~np.concatenate(fitted) if self.continued is not None and fitted else np.zeros(0, bool)
+        return self.n_measured + np.flatnonzero(is_given)
+
+    def as_seen(self, displacements: Array) -> Array:
+        """Displacements (n_increments, n_nodes, 2), mm, with those at continued points as the others tell them."""
+        if self.continued is None:
+            return displacements
+        measured = displacements[:, : self.n_measured]
+        return np.concatenate([measured, np.stack([self.continued @ u for u in measured])], axis=1)
 
     @cached_property
     def strain_signal(self) -> StrainSignal:

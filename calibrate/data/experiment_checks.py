@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate import errors
@@ -43,6 +44,8 @@ class Record(Protocol):
     def heights(self) -> Array | None: ...
     @property
     def record(self) -> LoadRecord | None: ...
+    @property
+    def continued(self) -> sp.csr_array | None: ...
 
 
 def check(record: Record) -> None:
@@ -84,6 +87,10 @@ def _check_shapes(e: Record) -> None:
     if e.heights is not None and e.heights.shape != (len(e.displacements) + 1, n):
         raise errors.MeshMismatchError(
             f"heights {e.heights.shape} do not match; expected ({len(e.displacements) + 1}, {n}): the reference and every increment"
+        )
+    if e.continued is not None and (sum(e.continued.shape) != n or not np.isfinite(e.continued.data).all()):
+        raise errors.MeshMismatchError(
+            f"continued {e.continued.shape} does not match {n} nodes; expected (k, {n} - k), finite: import the test again"
         )
     if len(e.displacements) == 0 or len(e.triangles) == 0:
         raise errors.MeshMismatchError("an Experiment needs at least one increment and one triangle")

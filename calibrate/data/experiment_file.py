@@ -7,6 +7,7 @@ std, force std N; absent = unknown); ``provenance`` (JSON text). In plane strain
 which older programs refuse. Of stereo data, ``heights``. Where an edge slides, ``loaded_i_held`` (2,) says which components it holds, and ``version`` = 3.
 Where part of the noise is common to the increments, ``noise`` has 6 numbers (pattern std mm, reference std mm), and ``version`` = 4; where it drifts, 7
 (correlation time, s, or increments without ``time``), and ``version`` = 5.
+Where points are continued (`Experiment.continued`), ``continued_data``, ``continued_indices``, ``continued_indptr`` of that sparse matrix (CSR), and ``version`` = 7.
 Of a machine record ``record_time`` (r,), ``record_force`` (b, r, 2) and, where it was recorded, ``record_crosshead`` (r,); older programs pass over it.
 """
 
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from calibrate import errors
 from calibrate.data.load_record import LoadRecord
@@ -28,7 +30,8 @@ from calibrate.data.measurement import LoadedBoundary, Noise
 from meshes.files import write_atomically
 
 FORMAT, VERSION, WITH_PLANE, WITH_SLIDING = "equigap-experiment", 1, 2, 3
-WITH_COMMON_NOISE, WITH_DRIFT, WITH_TWO_LENGTHS = 4, 5, 6
+WITH_COMMON_NOISE, WITH_DRIFT, WITH_TWO_LENGTHS, WITH_CONTINUED = 4, 5, 6, 7
+SPARSE = ("data", "indices", "indptr")  # of a matrix of compressed rows
 SAME = ("name", "points", "triangles", "displacements", "free_nodes")
 
 
@@ -54,6 +57,8 @@ def write_fields(path: str | Path, fields: Mapping[str, Any]) -> None:
     if fields["record"] is not None:
         parts = {f"record_{item.name}": getattr(fields["record"], item.name) for item in field_names(LoadRecord)}
         arrays |= {name: values for name, values in parts.items() if values is not None}
+    if fields["continued"] is not None:
+        arrays |= {f"continued_{part}": getattr(fields["continued"], part) for part in SPARSE}
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
     write_atomically(path, buffer.getvalue())
@@ -70,6 +75,8 @@ def _numbers(noise: Noise) -> int:
 
 def _version(fields: Mapping[str, Any]) -> int:
     """The least version that says all."""
+    if fields["continued"] is not None:
+        return WITH_CONTINUED
     if fields["noise"] is not None and _numbers(fields["noise"]) > 4:
         return {6: WITH_COMMON_NOISE, 7: WITH_DRIFT, 9: WITH_TWO_LENGTHS}[_numbers(fields["noise"])]
     if not all(all(boundary.held) for boundary in fields["loaded"]):
@@ -118,9 +125,9 @@ def _read_arrays(path: Path) -> dict[str, Any]:
         )
     if "version" not in content:
         raise errors.FileFormatError(f"{path}: array 'version' is missing; import the test again")
-    if str(content.get("version")) not in map(str, range(VERSION, WITH_TWO_LENGTHS + 1)):
+    if str(content.get("version")) not in map(str, range(VERSION, WITH_CONTINUED + 1)):
         raise errors.FileFormatError(
-            f"{path}: Experiment version {content['version']}, this program reads {VERSION} to {WITH_TWO_LENGTHS}; "
+            f"{path}: Experiment version {content['version']}, this program reads {VERSION} to {WITH_CONTINUED}; "
             "update equigap"
         )
     return content
@@ -143,7 +150,16 @@ def _fields(content: Mapping[str, Any]) -> dict[str, Any]:
         "provenance": json.loads(str(content["provenance"])),
         "plane": str(content.get("plane", "stress")),
         "record": _record(content),
+        "continued": _continued(content),
     }
+
+
+def _continued(content: Mapping[str, Any]) -> sp.csr_array | None:
+    """Raises KeyError for a matrix without one of its parts."""
+    if "continued_data" not in content:
+        return None
+    k = len(content["continued_indptr"]) - 1
+    return sp.csr_array(tuple(content[f"continued_{part}"] for part in SPARSE), shape=(k, len(content["points"]) - k))
 
 
 def _record(content: Mapping[str, Any]) -> LoadRecord | None:

@@ -19,7 +19,8 @@ NO_GRIP = -1
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """edges (k, 2), the specimen on their left; owners (k,): their triangles; grip (k,): number of the loaded boundary, or -1; free (k,).
+    """edges (k, 2), the specimen on their left; owners (k,): their triangles; grip (k,): number of the loaded boundary, or -1; free (k,); given (k,): true edges that the
+    user gave, so that the specimen ends there.
 
     An edge is a grip's if both ends are its nodes, free if both ends are free or gripped and one is free. The rest is the rim:
     its traction is unknown.
@@ -29,6 +30,7 @@ class Outline:
     owners: Indices
     grip: Indices
     free: NDArray[np.bool_]
+    given: NDArray[np.bool_]
 
     @classmethod
     def of(cls, experiment: Experiment) -> Outline:
@@ -40,7 +42,8 @@ class Outline:
             grip[on.all(axis=1) & (grip == NO_GRIP)] = i
             gripped |= on
         free = np.isin(edges, experiment.free_nodes)
-        return cls(edges, owners, grip, (free | gripped).all(axis=1) & free.any(axis=1))
+        given = np.isin(edges, experiment.given_rims).all(axis=1)
+        return cls(edges, owners, grip, (free | gripped).all(axis=1) & free.any(axis=1), given)
 
     @property
     def rim(self) -> Indices:

@@ -10,11 +10,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import Delaunay, QhullError
 
 from calibrate import errors
 from calibrate.data.experiment import LoadedBoundary
 from calibrate.data.triangulation import boundary_nodes, signed_areas
+from meshes.mesh import within
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -113,8 +114,8 @@ def _triangulate(points: Array, triangles: Index, indices: Index) -> Index:
     new[area < 0] = new[area < 0][:, ::-1]
     centres = kept[new].mean(axis=1)
     corners = kept[new] + 0.1 * (centres[:, None] - kept[new])
-    inside = _within(points, triangles, centres) & (
-        _within(points, triangles, corners.reshape(-1, 2)).reshape(-1, 3).sum(axis=1) >= 2
+    inside = within(points, triangles, centres) & (
+        within(points, triangles, corners.reshape(-1, 2)).reshape(-1, 3).sum(axis=1) >= 2
     )
     longest = max(np.linalg.norm(kept[new] - np.roll(kept[new], 1, axis=1), axis=2).max(axis=1).max(), 1e-300)
     area = np.abs(area)
@@ -128,23 +129,3 @@ def _triangulate(points: Array, triangles: Index, indices: Index) -> Index:
             "too many fail at its edges"
         )
     return new
-
-
-def _within(points: Array, triangles: Index, where: Array) -> NDArray[np.bool_]:
-    """Whether positions (k, 2) lie in any of the triangles (small overshoot allowed)."""
-    corners = points[triangles]
-    centres = corners.mean(axis=1)
-    reach = float(np.linalg.norm(corners - centres[:, None], axis=2).max())
-    inside = np.zeros(len(where), bool)
-    near = cKDTree(centres).query_ball_point(where, reach)
-    size = np.fromiter((len(n) for n in near), np.int64, len(near))
-    if size.sum() == 0:
-        return inside
-    who = np.repeat(np.arange(len(where)), size)
-    which = np.concatenate([np.asarray(n, np.int64) for n in near])
-    a, b, c = (corners[which, i] for i in range(3))
-    edges = np.stack([b - a, c - a], axis=-1)
-    local = np.linalg.solve(edges, (where[who] - a)[..., None])[..., 0]
-    hit = (local.min(axis=1) > -1e-6) & (local.sum(axis=1) < 1 + 1e-6)
-    inside[who[hit]] = True
-    return inside

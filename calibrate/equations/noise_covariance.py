@@ -42,8 +42,14 @@ def default_noise(experiment: Experiment, spacing: float) -> Noise:
     return Noise(1e-4 * extent, spacing / 5, 1e-4)
 
 
-def noise_factor(points: Array, noise: Noise) -> sp.csr_array:
-    """B (n_nodes, n_sources), mm, with B B^T = std^2 C(r), see `Noise`; of a length below the distance of the points: std times identity."""
+def noise_factor(experiment: Experiment, noise: Noise) -> sp.csr_array:
+    """B (n_nodes, n_sources), mm, of the points of a test (`factor_of_points`); where points are continued, of those that they are continued from."""
+    factor = factor_of_points(experiment.points[: experiment.n_measured], noise)
+    return factor if experiment.continued is None else sp.csr_array(sp.vstack([factor, experiment.continued @ factor]))
+
+
+def factor_of_points(points: Array, noise: Noise) -> sp.csr_array:
+    """B (n, n_sources), mm, with B B^T = std^2 C(r), see `Noise`; of a length below the distance of the points: std times identity."""
     parts = [_factor(points, noise.displacement_std * share**0.5, length) for length, share in noise.lengths]
     return parts[0] if len(parts) == 1 else sp.csr_array(sp.hstack(parts))
 

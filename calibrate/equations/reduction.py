@@ -268,6 +268,6 @@ def assemble(system: Equilibrium, basis: Basis, progress: Progress | None = None
         matrices.append(system.matrix(basis, F))
         if progress:
             progress(i + 1, experiment.n_increments)
-    factor = noise_covariance.noise_factor(experiment.points, noise)
+    factor = noise_covariance.noise_factor(experiment, noise)
     between = noise_covariance.between_increments(experiment, noise)
     return Assembled(system, basis, noise, noise_is_known, matrices, factor, between)

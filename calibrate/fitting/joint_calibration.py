@@ -67,7 +67,7 @@ def weighted_test(system: Equilibrium) -> WeightedTest:
     if noise is None or not known:
         noise = noise_covariance.default_noise(experiment, system.fields.spacing)
     basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
-    factor = noise_covariance.noise_factor(experiment.points, noise)
+    factor = noise_covariance.noise_factor(experiment, noise)
     of_points = sp.csr_array(factor @ factor.T)
     variances = np.diag(noise_covariance.between_increments(experiment, noise))
     c = best_neo_hooke(system, basis)

@@ -148,7 +148,7 @@ class ExtendedModel:
         if noise is None or not noise.displacement_std > 0:
             noise = noise_covariance.default_noise(experiment, system.fields.spacing)
         variances = np.diag(noise_covariance.between_increments(experiment, noise))
-        factor = noise_covariance.noise_factor(experiment.points, noise)
+        factor = noise_covariance.noise_factor(experiment, noise)
         shift = chain.noise_shift(self.c, kinematics.gradient_axes(system.gradient, factor), variances)
         return Applied(self.only(additions), chain, shift)
 

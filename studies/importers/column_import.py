@@ -16,6 +16,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from calibrate import errors
 from calibrate.data.triangulation import boundary_edges, boundary_nodes, signed_areas
+from meshes.shapes import Segment
 from studies.importers.column_map import ColumnMap, read_map, tests_of
 from studies.importers.frame_tables import read_frames
 from studies.importers.load_cells import load_cells
@@ -29,6 +30,7 @@ from studies.importers.recording.static_frames import noise_floor, static_count
 from studies.importers.recording.synchronise import ForceRecord
 
 Array = NDArray[np.float64]
+RUN = 2.5  # distances of points of a side, from which it has two parts
 GAP = 1.6  # distances of points from a masked one, within which a node is on the rim of its gap
 THIN_RIM = 0.1  # area over the square of an edge on the outline: a quarter in a square grid, 0.43 of equal sides
 THIN = 0.02  # of the longest edge squared: such triangles are Delaunay's only along an outline of nearly straight rows
@@ -109,6 +111,8 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         masked=frames.points[mask.gone],
         tested=True,
         heights=None if frames.heights is None else frames.heights[:, mesh.kept],
+        rims=(*m.edges.rims, *_true_sides(m.edges, points, mesh.triangles)),
+        fits_holes="holes" in m.edges.free and m.edges.fit_holes,
     )
 
 
@@ -140,7 +144,7 @@ def _not_beside(free: Index, points: Array, gone: Array, edges: EdgesTable) -> I
     """Free nodes that are no rim of a gap which masked points left: nothing is known of the traction there."""
     if not len(gone) or not free.size or "holes" not in edges.free:
         return free
-    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    pitch = _pitch(points)
     sides = [sign * points[:, axis] for axis, sign in (SIDES[s] for s in edges.free if s in SIDES)]
     outer = (
         np.any([value >= value.max() - 0.4 * pitch for value in sides], axis=0)
@@ -158,7 +162,7 @@ def _triangles(points: Array, max_edge: float | None) -> Index:
     triangles[area < 0] = triangles[area < 0][:, ::-1]
     corners = points[triangles]
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    limit = max_edge or 2.2 * float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    limit = max_edge or 2.2 * _pitch(points)
     keep = (edge <= limit) & (np.abs(area) > THIN * edge**2)
     if not keep.any():
         raise errors.ConfigError(f"no triangle has edges below points.max_edge_mm = {limit:g} mm")
@@ -198,10 +202,30 @@ def _edges(
     return tuple(grips), np.setdiff1d(np.unique(np.concatenate([*free, []])), taken).astype(np.int64)
 
 
+def _true_sides(table: EdgesTable, points: Array, triangles: Index) -> list[Segment]:
+    """The edge beyond each side that has one: from end to end of every run of its points."""
+    nodes, pitch, found = _sides(table, points, triangles), _pitch(points), []
+    for side, distance in table.beyond_mm.items():
+        axis, sign = SIDES[side]
+        places = points[nodes[side]]
+        along = np.sort(places[:, 1 - axis])
+        at = sign * ((sign * places[:, axis]).max() + distance)
+        for run in np.split(along, np.flatnonzero(np.diff(along) > RUN * pitch) + 1):
+            ends = [(at, float(end)) if axis == 0 else (float(end), at) for end in (run[0], run[-1])]
+            forward = sign > 0 if axis == 0 else sign < 0  # the specimen is on the left
+            found.append(Segment(*(ends if forward else ends[::-1])))
+    return found
+
+
+def _pitch(points: Array) -> float:
+    """Median distance to the nearest point, mm."""
+    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+
+
 def _sides(table: EdgesTable, points: Array, triangles: Index) -> dict[str, Index]:
     """Nodes of every side of the outline."""
     rim = boundary_nodes(triangles)
-    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    pitch = _pitch(points)
     tolerance = table.tolerance_mm or 0.4 * pitch
     nodes = {}
     for side, (axis, sign) in SIDES.items():

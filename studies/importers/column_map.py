@@ -60,6 +60,12 @@ class ColumnMap(Table):
                 f"edges.loaded: {', '.join(edges.loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or "
                 "give each axis a [[force]] with its sides (docs/import.md)"
             )
+        if wrong := [side for side in edges.beyond_mm if side not in edges.free]:
+            raise ValueError(
+                f"edges.beyond_mm: side '{wrong[0]}' is not in edges.free; only a free edge is continued to"
+            )
+        if (edges.holes or edges.arcs) and not edges.free:
+            raise ValueError("edges.holes and edges.arcs are free of traction: name 'holes' in edges.free")
         if edges.rim and edges.free:
             raise ValueError("edges.rim: a window in a larger body has no free edge; leave out edges.free")
         if self.noise.correlation_length_mm is not None and self.noise.displacement_std_mm is None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from meshes.shapes import Arc, Ellipse
 from studies.importers.exports.frame_order import Rule
 from studies.importers.text_tables import Layout
 
@@ -153,12 +155,58 @@ class ForceTable(Table):
         return Layout(self.delimiter, self.header_line, self.units_row, self.comment, True, self.decimal)
 
 
+class HoleTable(Table):
+    """[[edges.holes]]: a circle or ellipse, mm of the imported frame (y up), free of traction. centre: [x, y]; diameter, or diameters of both axes, the first of which has
+    angle_deg to x."""
+
+    centre: Annotated[tuple[float, float], Field(strict=False)]
+    diameter: Positive | None = None
+    diameters: Annotated[tuple[Positive, Positive], Field(strict=False)] | None = None
+    angle_deg: float = 0.0
+
+    @model_validator(mode="after")
+    def _one_size(self) -> Self:
+        if (self.diameter is None) == (self.diameters is None):
+            raise ValueError("edges.holes: give diameter, or diameters of both axes")
+        return self
+
+    @property
+    def ellipse(self) -> Ellipse:
+        """Its rim."""
+        one, other = self.diameters or (self.diameter or 0.0,) * 2
+        turned = np.radians(self.angle_deg) + (np.pi / 2 if other > one else 0.0)
+        return Ellipse(*self.centre, max(one, other) / 2, min(one, other) / 2, float(turned))
+
+
+class ArcTable(Table):
+    """[[edges.arcs]]: a fillet or a notch at the outline, mm of the imported frame (y up), free of traction: the part of a circle from from_deg to to_deg, anticlockwise from x.
+    The specimen is outside of the circle."""
+
+    centre: Annotated[tuple[float, float], Field(strict=False)]
+    radius: Positive
+    from_deg: float
+    to_deg: float
+
+    @model_validator(mode="after")
+    def _runs_forward(self) -> Self:
+        if not 0 < self.to_deg - self.from_deg < 360:
+            raise ValueError("edges.arcs: to_deg must be larger than from_deg, by less than 360")
+        return self
+
+    @property
+    def ellipse(self) -> Arc:
+        """Its rim."""
+        ends = np.radians([self.from_deg, self.to_deg])
+        return Arc(*self.centre, self.radius, self.radius, 0.0, float(ends[0]), float(ends[1]))
+
+
 class EdgesTable(Table):
     """[edges]: loaded: sides ('left', 'right', 'bottom', 'top') that are gripped, each with the force of the record
     pulling outwards; free: sides and 'holes' that are truly traction-free. tolerance_mm: nodes this close to the
     extreme coordinate belong to the side (default: 0.4 of the spacing of the points). drop_mm, drop_points: by side, how far
     inwards, or how many rows of points, are left out before the sides are found. rim: the window lies in a larger body, so that
-    its section does not carry the force of the record: only ratios of stiffness are identified."""
+    its section does not carry the force of the record: only ratios of stiffness are identified. holes, arcs: round ones, and round parts of the outline, whose rims the points do not reach; beyond_mm: by free side, how far the true edge is beyond the outermost points; fit_holes: whether
+    other openings that are free and a staircase of points get the largest circle or ellipse between their points."""
 
     loaded: tuple[Side, ...] = Field(strict=False)
     free: tuple[Side | Literal["holes"], ...] = Field(default=(), strict=False)
@@ -166,6 +214,16 @@ class EdgesTable(Table):
     drop_mm: dict[Side, NotNegative] = {}
     drop_points: dict[Side, NotNegativeNumber] = {}
     rim: bool = False
+    holes: tuple[HoleTable, ...] = Field(default=(), strict=False)
+    arcs: tuple[ArcTable, ...] = Field(default=(), strict=False)
+    fit_holes: bool = True
+
+    beyond_mm: dict[Side, Positive] = {}
+
+    @property
+    def rims(self) -> tuple[Ellipse, ...]:
+        """Of holes and arcs."""
+        return (*(hole.ellipse for hole in self.holes), *(arc.ellipse for arc in self.arcs))
 
 
 class MaskTable(Table):

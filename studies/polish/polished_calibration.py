@@ -102,7 +102,7 @@ def _with_covariance(law: NetworkLaw, found: Equations, noise_is_known: bool) ->
 
 def _errors(test: ReplayedTest, found: Equations) -> ReplayErrors:
     n, measured = len(test.experiment.points), test.experiment.displacements
-    free = test.boundary.judged[:n]
+    free = test.boundary.judged
     field = (measured[-1] - found.point.displacements[-1, :n])[free]
     force = relative_force_error({"all": test.forces(found.point)}, {"all": test.measured_forces})
     return ReplayErrors(found.chi_square, found.weights.size, force, float(np.sqrt((field**2).mean())))

@@ -102,7 +102,7 @@ class ReplayedTest:
 
     @cached_property
     def _noise_factor(self) -> sp.csr_array:
-        return noise_covariance.noise_factor(self.experiment.points, self.noise)
+        return noise_covariance.noise_factor(self.experiment, self.noise)
 
     @cached_property
     def _between(self) -> Array:

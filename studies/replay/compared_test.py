@@ -65,7 +65,7 @@ class ComparedTest:
     def layout(self) -> Layout:
         kinds = (~self.held, self.held) if self.with_held else (~self.held,)
         some = [_spread(np.flatnonzero(which), self.each) for which in kinds]
-        judged = BoundaryValues.of(self.experiment).judged[: len(self.experiment.points)]
+        judged = BoundaryValues.of(self.experiment).judged
         return Layout.of(self.experiment, np.unique(np.concatenate(some)), judged)
 
     def replayed(self, model: ReplayedModel, linear: bool) -> tuple[SheetRows, LawChanges]:

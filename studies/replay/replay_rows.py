@@ -169,7 +169,7 @@ class _Linear:
     def covariance(self, spread: Array, measured: Array) -> Array:
         """(k rows, k rows) of what noise of displacements and load cells does; spread (k, rows, n, 2): W - (K v)_h."""
         e, first, noise = self.experiment, len(self.layout.sides), noise_of(self.experiment)
-        B = noise_covariance.noise_factor(e.points, noise)
+        B = noise_covariance.noise_factor(e, noise)
         k, rows = spread.shape[:2]
         sources = np.concatenate([(B.T @ spread[..., i].reshape(k * rows, -1).T).T for i in (0, 1)], axis=1)
         between = noise_covariance.between_increments(e, noise)

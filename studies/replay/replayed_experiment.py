@@ -61,7 +61,7 @@ class MeshEffect:
 class Replay:
     """experiment: without what the law takes out of it. displacements (t, n, 2), mm, at its points; forces: {boundary: (t, 2)} N, of the grips on the specimen.
 
-    judged (n,): points that were not prescribed; mesh_effect: None where it was not asked for; refined: how often the
+    judged (n,): points that are measured and were not prescribed; mesh_effect: None where it was not asked for; refined: how often the
     triangles were divided; record: forces between the pictures, None where the Experiment has no machine record; lost_record: that of the test is not
     compared, since its pictures, corrected, go beyond it.
     """
@@ -138,7 +138,7 @@ def replay(
         law,
         solution.displacements[:, :n],
         _forces(experiment, solution),
-        problem.judged[:n],
+        problem.judged,
         solution,
         effect,
         level,
@@ -157,7 +157,7 @@ def mesh_effect(experiment: Experiment, law: Law) -> MeshEffect:
         found.append(solve_history(problem.mesh, sheet, motion, [1.0], [1.0]))
     n = len(experiment.points)
     coarse, fine = found
-    inner = BoundaryValues.of(experiment).judged[:n]
+    inner = BoundaryValues.of(experiment).judged
     change = (coarse.displacements[-1, :n] - fine.displacements[-1, :n])[inner]
     forces = [np.concatenate([f[-1] for f in one.reactions.values()]) for one in found]
     return MeshEffect(
@@ -175,17 +175,14 @@ RIM = "rim"
 
 @dataclass(frozen=True, eq=False)
 class BoundaryValues:
-    """The test as a boundary value problem. carried (nodes, n): from the camera's points to the nodes; held (nodes, 2)."""
+    """The test as a boundary value problem. carried (nodes, n): from the camera's points to the nodes; held (nodes, 2); judged (n,): points that are measured, of which no
+    component is prescribed."""
 
     mesh: Mesh
     carried: sp.csr_array
     held: NDArray[np.bool_]
+    judged: NDArray[np.bool_]
     sides: tuple[str, ...]
-
-    @property
-    def judged(self) -> NDArray[np.bool_]:
-        """Nodes (nodes,) of which no component is prescribed."""
-        return ~self.held.any(axis=1)
 
     @classmethod
     def of(cls, experiment: Experiment, finer: int = 0, strip: float = 0.0) -> BoundaryValues:
@@ -198,7 +195,9 @@ class BoundaryValues:
         for boundary in experiment.loaded:
             held[np.unique(split_mesh.mesh.boundaries[boundary.name])] |= np.array(boundary.held)
         carried = sp.csr_array(split_mesh.interpolation @ seen.carried)
-        return cls(split_mesh.mesh, carried, held, tuple(b.name for b in experiment.loaded))
+        judged = ~held[: len(experiment.points)].any(axis=1)
+        judged[experiment.n_measured :] = False
+        return cls(split_mesh.mesh, carried, held, judged, tuple(b.name for b in experiment.loaded))
 
     def motion(self, displacements: Array) -> MeasuredMotion:
         """The held nodes as measured: displacements (t, n, 2), mm, of the camera's points."""
@@ -224,11 +223,13 @@ class Seen:
         free, owners = outline.edges[is_free], experiment.triangles[outline.owners[is_free]]
         points, triangles, edges = experiment.points, experiment.triangles, named_edges(experiment)
         carried = sp.eye_array(len(points), format="csr")
-        if strip > 0 and len(free):
-            others = outline.edges[~is_free]
-            grown = with_strip(points, triangles, free, others, strip)
-            points, triangles, free = grown.points, grown.triangles, grown.edges
-            owners = triangles[-2 * len(free) : -len(free)]
+        unseen = is_free & ~outline.given
+        if strip > 0 and unseen.any():
+            others, known = outline.edges[~unseen], outline.given[is_free]
+            grown = with_strip(points, triangles, outline.edges[unseen], others, strip)
+            points, triangles, k = grown.points, grown.triangles, len(grown.edges)
+            free = np.concatenate([grown.edges, free[known]])
+            owners = np.concatenate([triangles[-2 * k : -k], owners[known]])
             for name, some in edges.items():
                 on = [(others[i] == some).all(axis=1).any() for i in grown.beside]
                 edges[name] = np.concatenate([some, grown.ends[np.array(on, bool)]])

@@ -71,7 +71,7 @@ def field_of(found: Replay) -> FiniteElementField:
 def replayed_test(experiment: Experiment, found: Replay) -> Experiment:
     """The test with displacements and forces of its replay."""
     loaded = tuple(replace(b, force=found.forces[b.name]) for b in experiment.loaded)
-    return replace(experiment, displacements=found.displacements, loaded=loaded)
+    return replace(experiment, displacements=experiment.as_seen(found.displacements), loaded=loaded)
 
 
 def at_all_nodes(seen: Experiment, found: Replay) -> Experiment:
@@ -81,5 +81,5 @@ def at_all_nodes(seen: Experiment, found: Replay) -> Experiment:
     loaded = tuple(replace(b, nodes=np.unique(mesh.boundaries[b.name])) for b in seen.loaded)
     gripped = np.concatenate([np.unique(mesh.boundaries[name]) for name in (*(b.name for b in loaded), RIM)])
     free = np.setdiff1d(boundary_nodes(cells), gripped)
-    bare = replace(seen, heights=None, record=None, interpolated=None, noise=None)
+    bare = replace(seen, heights=None, record=None, interpolated=None, noise=None, continued=None)
     return replace(bare, points=mesh.points, triangles=cells, displacements=u, loaded=loaded, free_nodes=free)

@@ -227,7 +227,7 @@ def record(experiment: Experiment, camera: Camera, seed: int) -> Experiment:
     return replace(
         experiment,
         name=f"{experiment.name}, noise seed {seed}",
-        displacements=experiment.displacements + noise + common,
+        displacements=experiment.as_seen(experiment.displacements + noise + common),
         loaded=tuple(loaded),
         record=read,
         noise=camera.noise(float(noise.std()) if unit_maximum else None),

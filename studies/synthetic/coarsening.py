@@ -62,7 +62,7 @@ class Coarsening:
         """
         if self.identity:
             return noise
-        factor = noise_covariance.noise_factor(self.fine_points, noise)
+        factor = noise_covariance.factor_of_points(self.fine_points, noise)
         samples = self.project(factor @ stream(seed).standard_normal((factor.shape[1], SAMPLES)))
         std, length = covariance_fit(self.mesh.points, samples, noise.correlation_length)
         return replace(

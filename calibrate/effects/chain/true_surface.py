@@ -86,7 +86,7 @@ def _corrected_record(experiment: Experiment, found: Experiment, additions: Addi
 
 def _amplification(experiment: Experiment, noise: Noise, additions: Additions, found: Experiment) -> float:
     """Standard deviation of the corrected noise over that of the noise, by one draw of it."""
-    factor = noise_covariance.noise_factor(experiment.points, noise)
+    factor = noise_covariance.noise_factor(experiment, noise)
     draw = noise_covariance.sample(factor, np.random.default_rng(0), experiment.n_increments)
     noisy = _corrected(replace(experiment, displacements=experiment.displacements + draw), additions)
     return float(np.std(noisy.displacements - found.displacements) / np.std(draw))

@@ -32,7 +32,7 @@ class Data:
 
     points (n, 2), triangles (m, 3), stencil (m, k) and slopes (m, k, 2): gradient at the centroids = sum over the
     stencil of nodal values times slopes, 1/mm; areas (m,) mm^2, centroids (m, 2), u (t, n, 2) mm, time (t,) s or None,
-    thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges over area, 1/mm, edge_nodes (m, 2): of
+    thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges, but those of given rims, over area, 1/mm, edge_nodes (m, 2): of
     a free edge, beside (m,): number of a triangle among those beside a free edge, 0 of others, motion: see `calibrate.effects.support.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.support.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
     the stencil and slopes above, membrane: see `calibrate.effects.support.membrane`; plane: 'stress' or 'strain'.
     twin: see `calibrate.effects.support.twin_kinematics`; None: the test has none. doubt: 1 where effects are to be wrong by a standard deviation of
@@ -177,9 +177,10 @@ def padded(operator: sp.csr_array, least: int = 0) -> tuple[NDArray[np.int64], A
 
 
 def free_edges(experiment: Experiment) -> tuple[Array, NDArray[np.int64]]:
-    """Length (m,), mm, of the free edges of each triangle, and the nodes (m, 2) of one of them (0 where there is none)."""
+    """Length (m,), mm, of the free edges of each triangle that may be inside the specimen, and the nodes (m, 2) of one of them (0 where there is none)."""
     points, n_triangles, outline = experiment.points, len(experiment.triangles), Outline.of(experiment)
-    ends, owners = outline.edges[outline.free], outline.owners[outline.free]
+    inside = outline.free & ~outline.given
+    ends, owners = outline.edges[inside], outline.owners[inside]
     length = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
     nodes = np.zeros((n_triangles, 2), np.int64)
     nodes[owners] = ends

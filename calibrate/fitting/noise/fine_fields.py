@@ -114,7 +114,7 @@ class FineFields:
         return self._tangents[i]
 
     def _factor(self, unit: Noise) -> sp.csr_array:
-        return noise_covariance.noise_factor(self.system.experiment.points, unit)
+        return noise_covariance.noise_factor(self.system.experiment, unit)
 
 
 def robust_std(y: Array) -> float:

@@ -37,7 +37,7 @@ def correlated_unit(experiment: Experiment, basis: Basis, c: Array) -> Noise:
     """Noise of 1 mm; without correlation where too few points are there to tell. Of fewer than three increments the residual itself is looked at."""
     step = pitch(experiment)
     lengths = step * np.array(LENGTHS)
-    factors = [noise_factor(experiment.points, Noise(1.0, float(length))) for length in lengths]
+    factors = [noise_factor(experiment, Noise(1.0, float(length))) for length in lengths]
     seen = [_seen(experiment, distance, basis, c, factors) for distance in DISTANCES]
     used = [one for one in seen if one is not None]
     if len(used) < 2:

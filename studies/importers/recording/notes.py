@@ -47,7 +47,7 @@ def edge_notes(loaded: Sequence[str], free: Sequence[str], rim: bool) -> list[st
     if rim:
         return [WORDS.note_rim()]
     sides = ("left", "right") if set(loaded) & {"bottom", "top"} else ("bottom", "top")
-    open_sides = [side for side in sides if side not in free]
+    open_sides = [side for side in sides if side not in (*free, *loaded)]
     return [WORDS.note_open_sides(sides=open_sides)] if open_sides else []
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data import points
+from calibrate.data.continued_rims import with_continued_rims
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
 from studies.importers.recording.grip_motion import (
     clock_notes,
@@ -62,6 +63,8 @@ def to_experiment(
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
     if kept.lost.size:
         notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))
+    rims = with_continued_rims(kept, series.rims, series.fits_holes)
+    notes += [WORDS.note_rim_continued(found=found, told=found.to_dict()) for found in rims.rims]
     found, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
     record, thinned = whole_record(series, tare, broke)
     notes += thinned
@@ -76,23 +79,25 @@ def to_experiment(
         "zeroed": selection.tare is None,
         "clocks": None if compared is None else {**asdict(compared), "agree": compared.agree},
         "points_lost": int(kept.lost.size),
+        "rims": [found.to_dict() for found in rims.rims],
         "noise": report,
         "notes": [*series.provenance.get("notes", []), *notes],
     }
     experiment = Experiment(
         name=series.name,
-        points=kept.points,
-        triangles=kept.triangles,
-        displacements=kept.displacements,
-        loaded=kept.loaded,
-        free_nodes=kept.free_nodes,
+        points=rims.kept.points,
+        triangles=rims.kept.triangles,
+        displacements=rims.kept.displacements,
+        loaded=rims.kept.loaded,
+        free_nodes=rims.kept.free_nodes,
         thickness=series.thickness,
         time=series.time[frames] if series.has_clock else None,
         noise=found,
         provenance=provenance,
         plane=series.plane,
-        heights=None if series.heights is None else series.heights[np.concatenate([[0], frames])][:, kept.indices],
+        heights=None if series.heights is None else rims.with_continued(series.heights[np.concatenate([[0], frames])]),
         record=record,
+        continued=rims.continued,
     )
     signal = experiment.strain_signal
     more = {"strain_signal": signal.to_dict(), "notes": [*provenance["notes"], *strain_notes(experiment)]}

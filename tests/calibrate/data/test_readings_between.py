@@ -111,7 +111,7 @@ def test_without_a_record_or_noise_there_are_none():
 def test_samples_of_noise_are_the_same_sums_of_pictures():
     found = with_readings(sheet_pulled(), 3, 0)
     M = between_increments(found, found.noise)
-    fields = common_sample(noise_factor(found.points, Noise(1e-3)), np.random.default_rng(0), M)
+    fields = common_sample(noise_factor(found, Noise(1e-3)), np.random.default_rng(0), M)
     summed = np.einsum("tk,kni->tni", found.interpolated, fields[found.pictures])
     np.testing.assert_allclose(fields, summed, atol=1e-6 * np.abs(fields).max())
     assert fields.std() == pytest.approx(1e-3 * np.sqrt(np.trace(M) / len(M)), rel=0.4)

@@ -199,7 +199,7 @@ def test_mean_shift_is_that_of_many_draws():
     basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
     assert isinstance(basis, SingleBasis)
     chain, c = Chain(system, basis), neo_hooke(basis, 0.3)
-    factor = noise_covariance.noise_factor(e.points, replace(NOISE, displacement_std=0.05))
+    factor = noise_covariance.noise_factor(e, replace(NOISE, displacement_std=0.05))
     rng = np.random.default_rng(3)
     mean, draws = np.zeros_like(system.loads), 150
     base = chain.residual(c)

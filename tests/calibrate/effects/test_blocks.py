@@ -65,7 +65,7 @@ def test_noise_and_forces_pulled_back(both):
     whole, parts = both
     c = 0.1 + 0.05 * np.linspace(0, 1, whole.basis.n_functions) ** 2
     additions = added(whole, "viscoelasticity")
-    factor = noise_covariance.noise_factor(whole.system.experiment.points, Noise(1e-3, 2.0))
+    factor = noise_covariance.noise_factor(whole.system.experiment, Noise(1e-3, 2.0))
     axes = kinematics.gradient_axes(whole.system.gradient, factor)
     np.testing.assert_allclose(parts.noise_shift(c, axes), whole.noise_shift(c, axes), rtol=1e-9, atol=1e-15)
     forces = np.random.default_rng(0).standard_normal(whole.system.loads.shape)

@@ -62,7 +62,7 @@ def test_spread_of_noise_is_the_derivative_of_the_residual():
     system = equilibrium(noisy(0))
     basis = SingleBasis(0, 1.0, 8)
     chain, c = Chain(system, basis), neo_hooke(basis, 0.3)
-    factor = noise_covariance.noise_factor(system.experiment.points, NOISE)
+    factor = noise_covariance.noise_factor(system.experiment, NOISE)
     rng = np.random.default_rng(1)
     white = rng.standard_normal((factor.shape[1], 2))
     u = np.broadcast_to(1e-4 * (factor @ white), chain.data.u.shape)
@@ -93,7 +93,7 @@ def test_noise_that_an_effect_amplifies(name, plane):
     """K of an increment is the derivative by its own displacements, as much larger as those of others ask for: of a history, or of those between which a lag interpolates."""
     chain = made_up_chain(plane)
     c = neo_hooke(chain.basis, 0.3, *([2.0] if plane == "strain" else []))
-    factor = noise_covariance.noise_factor(chain.system.experiment.points, NOISE)
+    factor = noise_covariance.noise_factor(chain.system.experiment, NOISE)
     white = np.random.default_rng(2).standard_normal((factor.shape[1], 2))
     field = factor @ white
     additions = (AMPLIFYING[name], Addition(SecondInvariant(), (0.02,)))
@@ -131,7 +131,7 @@ def test_excess_is_what_noise_adds_to_a_signature():
     clean = chain.disturbed(smoothed().displacements - np.asarray(chain.data.u))
     exact = signature(problem, [clean], base.c, thick)
     exact = exact - base.columns @ (base.columns.T @ exact)
-    factor = noise_covariance.noise_factor(smoothed().points, NOISE)
+    factor = noise_covariance.noise_factor(smoothed(), NOISE)
     added, estimated = [], []
     for seed in range(40):
         noise = noise_covariance.sample(factor, np.random.default_rng(seed), smoothed().n_increments)

@@ -56,7 +56,7 @@ def test_rows_by_sources_are_the_product_with_either_kind_of_factor():
 def test_factor_reproduces_the_stated_covariance(length):
     points = np.random.default_rng(0).uniform(-15, 15, (250, 2))
     noise = Noise(0.03, length)
-    factor = noise_covariance.noise_factor(points, noise)
+    factor = noise_covariance.factor_of_points(points, noise)
     covariance = (factor @ factor.T).toarray()
     # sources 0.7 l apart, cut off at 3.2 l
     np.testing.assert_allclose(covariance, stated_covariance(points, noise), atol=3e-4 * noise.displacement_std**2)
@@ -65,13 +65,13 @@ def test_factor_reproduces_the_stated_covariance(length):
 
 def test_uncorrelated_noise_is_white():
     points = np.random.default_rng(0).uniform(-15, 15, (50, 2))
-    factor = noise_covariance.noise_factor(points, Noise(0.03, 0.0)).toarray()
+    factor = noise_covariance.factor_of_points(points, Noise(0.03, 0.0)).toarray()
     np.testing.assert_array_equal(factor, 0.03 * np.eye(50))
 
 
 def test_samples_have_the_stated_covariance():
     points = np.stack(np.meshgrid(np.arange(5.0), np.arange(3.0)), axis=-1).reshape(-1, 2)
-    factor = noise_covariance.noise_factor(points, NOISE)
+    factor = noise_covariance.factor_of_points(points, NOISE)
     n = 20000
     fields = noise_covariance.sample(factor, np.random.default_rng(1), n)
     assert fields.shape == (n, 15, 2)
@@ -91,7 +91,7 @@ def test_predicted_residual_covariance_is_the_empirical_one():
     system = equations.equilibrium(clean, SPACING)
     basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
     c = true_coefficients(basis)
-    factor = noise_covariance.noise_factor(clean.points, noise)
+    factor = noise_covariance.noise_factor(clean, noise)
     F = system.deformation_gradients[0]
     predicted = covariance_of(system, basis, c, F, factor, noise)
     residuals = []
@@ -273,7 +273,7 @@ def test_samples_of_a_drift_have_its_covariance():
     timed = replace(clean, time=np.array([1.0, 2.0, 4.0, 7.0, 8.0]))
     M = noise_covariance.between_increments(timed, noise)
     np.testing.assert_allclose(M, np.exp(-np.abs(np.subtract.outer(timed.time, timed.time)) / 3.0))
-    factor = noise_covariance.noise_factor(clean.points, noise)
+    factor = noise_covariance.noise_factor(clean, noise)
     fields = np.array([noise_covariance.common_sample(factor, np.random.default_rng(k), M) for k in range(400)])
     found = np.einsum("ktnc,kunc->tu", fields, fields) / fields[:, 0].size / 0.02**2
     np.testing.assert_allclose(found, M, atol=5 * np.sqrt(2 / 400 / 10))  # ten independent places on the plate at least

@@ -32,7 +32,7 @@ def tests():
 def test_the_covariance_is_that_of_independent_sources(tests):
     system = tests[0].system
     basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
-    factor = noise_covariance.noise_factor(system.experiment.points, NOISE)
+    factor = noise_covariance.noise_factor(system.experiment, NOISE)
     c = best_neo_hooke(system, basis)
     F, load = system.deformation_gradients[1], system.loads[1]
     spread = noise_covariance.spread(system, basis, c, F, factor)

@@ -111,7 +111,8 @@ def test_column_map_keeps_holes_and_finds_their_rims(tmp_path):
         centre = [200 + 7.5 * PITCH, 100 + 6.5 * PITCH]
         return (np.abs(p - centre) > 1.6 * PITCH).any(axis=1)
 
-    e = from_map(mapped(tmp_path, keep=outside))
+    text = MAP.replace("[noise]", "fit_holes = false\n[noise]")
+    e = from_map(mapped(tmp_path, text, keep=outside))
     assert len(e.points) == COLUMNS * ROWS - 16
     assert signed_areas(e.points, e.triangles).sum() == pytest.approx(15 * 13 - 25 + 4 * 0.5)  # corners are bridged
     assert e.free_nodes.size == 2 * (ROWS - 2) + 16
@@ -254,3 +255,50 @@ def test_documented_examples_are_valid(name):
     path = Path(__file__).parents[3] / "docs" / "import" / f"{name}.toml"
     assert column_map.read_map(path).name.startswith(name)
     assert "UNCHECKED" in path.read_text()
+
+
+def around(centre: tuple[float, float], radius: float):
+    """Pixels of the sheet outside of a circle of the imported frame, mm."""
+
+    def keep(pixels):
+        mm = np.column_stack([SCALE * pixels[:, 0], SCALE * (pixels[:, 1].max() - pixels[:, 1])])
+        return np.hypot(*(mm - mm.min(axis=0) - centre).T) > radius
+
+    return keep
+
+
+def test_true_edges_of_a_map_are_continued_to(tmp_path):
+    """A homogeneous field is continued exactly; area and free nodes are those of the specimen."""
+    path = mapped(tmp_path, MAP, keep=around((7.0, 6.0), 3.4))
+    bare = from_map(path)
+    x0, y0 = bare.points.min(axis=0)
+    given = f"beyond_mm = {{left = 0.6}}\n[[edges.holes]]\ncentre = [{x0 + 7.0}, {y0 + 6.0}]\ndiameter = 6.0\n"
+    path.write_text(MAP.replace("[noise]", given + "[noise]"))
+    e = from_map(path)
+    assert signed_areas(e.points, e.triangles).sum() == pytest.approx(15.6 * 13 - 9 * np.pi, rel=2e-3)
+    assert e.n_measured < len(e.points) and len(e.given_rims) == len(e.points) - e.n_measured
+    slope = np.polyfit(e.points[:, 1], e.displacements[-1, :, 1], 1)
+    np.testing.assert_allclose(np.polyval(slope, e.points[:, 1]), e.displacements[-1, :, 1], atol=1e-6)
+    assert all(len(b.nodes) == COLUMNS + 1 for b in e.loaded)
+    assert [("fitted" in rim, rim["fitted"]) for rim in e.provenance["rims"]] == [(True, False)] * 2
+    assert any("its rim, 6 mm in diameter" in note for note in e.provenance["notes"])
+    fitted = [note for note in bare.provenance["notes"] if "largest circle between them" in note]
+    assert len(fitted) == 1 and "[[edges.holes]] with centre = [" in fitted[0]
+    path.write_text(MAP.replace("[noise]", "fit_holes = false\n[noise]"))
+    assert from_map(path).continued is None
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("beyond_mm = {top = 0.5}", "edges.beyond_mm: side 'top' is not in edges.free"),
+        ("[[edges.holes]]\ncentre = [7.0, 6.0]", "edges.holes: give diameter, or diameters of both axes"),
+        ("[[edges.arcs]]\ncentre = [0, 0]\nradius = 2.0\nfrom_deg = 90.0\nto_deg = 0.0", "to_deg must be larger"),
+        ("[[edges.holes]]\ncentre = [1.0, 1.0]\ndiameter = 1.0", r"\[edges\] the hole at \(1, 1\) mm: no opening"),
+        ("[[edges.arcs]]\ncentre = [90.0, 90.0]\nradius = 2.0\nfrom_deg = 0.0\nto_deg = 90.0", "no edge of the measured region is beside it"),
+    ],
+)  # fmt: skip
+def test_edges_that_cannot_be_are_named(tmp_path, given, message):
+    path = mapped(tmp_path, MAP.replace("[noise]", given + "\n[noise]"), keep=around((7.0, 6.0), 3.4))
+    with pytest.raises(errors.ConfigError, match=message):
+        from_map(path)

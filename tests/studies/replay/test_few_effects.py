@@ -40,7 +40,7 @@ def strip_test(gradient: float) -> Experiment:
     sheet = effect_laws.sheet(NeoHooke(C10), 1.0, effects, extent, [])
     exact = camera.observe(solve_history(quads(STRIP), sheet, pull, times / 10, times), STRIP_MESH, name="strip")
     noise = Noise(3e-3, 2.0, 1e-3)
-    errors = sample(noise_factor(exact.points, noise), np.random.default_rng(1), exact.n_increments)
+    errors = sample(noise_factor(exact, noise), np.random.default_rng(1), exact.n_increments)
     return replace(exact, displacements=exact.displacements + errors, noise=noise)
 
 

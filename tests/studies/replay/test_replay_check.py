@@ -70,7 +70,7 @@ def exact(second: bool) -> Experiment:
 
 def noisy(clean: Experiment, seed: int, noise: Noise = NOISE) -> Experiment:
     rng = np.random.default_rng(seed)
-    u = noise_covariance.sample(noise_covariance.noise_factor(clean.points, noise), rng, clean.n_increments)
+    u = noise_covariance.sample(noise_covariance.noise_factor(clean, noise), rng, clean.n_increments)
     loaded = []
     for b in clean.loaded:
         deviation = noise.force_std_relative * np.abs(b.force) + noise.force_std
