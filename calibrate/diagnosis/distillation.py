@@ -18,7 +18,7 @@ from calibrate.effects.chain import Additions
 from calibrate.effects.fibres import fibre_angles
 from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.equations.reduction import Quadratic
-from calibrate.fitting.calibrated_range import calibrated_range, largest_fibre_stretch
+from calibrate.fitting.calibrated_range import calibrated_range, largest_fibre_stretch, mode_ranges
 from calibrate.fitting.least_squares import orthonormal
 from calibrate.fitting.network_fit import fit_network
 from calibrate.models.network_model import Model
@@ -82,9 +82,12 @@ def distil(
 
 
 def range_of(problem: Problem) -> dict[str, tuple[float, float]]:
-    """{"I1": (3, end)} that the fitted increments reach, as `calibrated_range` has it; of several tests that which reaches furthest."""
-    ends = [calibrated_range(part.system, part.train.rows.any(axis=1))["I1"][1] for part in problem.trained]
-    return {"I1": (3.0, max(ends))}
+    """Ends of I1 that the fitted increments reach, in all and near each mode, as `calibrated_range` and `mode_ranges` have them; of several tests that which reaches furthest."""
+    found = []
+    for part in problem.trained:
+        given = part.system, part.train.rows.any(axis=1)
+        found.append({"I1": calibrated_range(*given)["I1"], **mode_ranges(*given)})
+    return {name: (3.0, max(one[name][1] for one in found)) for name in found[0]}
 
 
 def fibre_ranges(problem: Problem, additions: Additions) -> dict[str, tuple[float, float]]:

@@ -1,4 +1,7 @@
-"""Which invariants the data of a calibration reach: equations in, ranges of I1 and I2 out."""
+"""Which invariants the data of a calibration reach, and in which modes: equations in, ranges of I1 and I2 out.
+
+Modes are told by the Lode angle of the Hencky strain (`calibrate.equations.inputs.hencky_to_lode`): a state is near the homogeneous test whose angle is nearest.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.equations.deformation_modes import MODES, TITLES
 from calibrate.equations.equilibrium import Equilibrium
+from calibrate.equations.inputs import hencky_to_lode
 from calibrate.equations.kinematics import INVARIANTS, invariants_and_derivatives
 
 Array = NDArray[np.float64]
 QUANTILE = 0.999
+ANGLES = {"uniaxial": -np.pi / 6, "pure_shear": 0.0, "equibiaxial": np.pi / 6}  # of Lode
 WEAK_SIGNAL, WEAK_QUANTILE = 3.0, 0.9  # signal to noise of the strain, below which the range ends earlier
 
 
@@ -24,6 +30,22 @@ def calibrated_range(
     F = system.isochoric_gradients if increments is None else system.isochoric_gradients[increments]
     values = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])
     return {name: (3.0, _largest(system, values[..., i], quantile)) for i, name in enumerate(INVARIANTS)}
+
+
+def mode_ranges(system: Equilibrium, increments: NDArray[np.bool_] | None = None) -> dict[str, tuple[float, float]]:
+    """Range of I1 near each mode of `MODES`, by the names of `near`: to where all but a thousandth of the whole area has the mode left behind; to 3 where no more than that is near it."""
+    F = system.isochoric_gradients if increments is None else system.isochoric_gradients[increments]
+    angles = hencky_to_lode(F.reshape(-1, 2, 2))[1].reshape(F.shape[:2])
+    nearest = np.abs(angles[..., None] - np.array([ANGLES[mode] for mode in MODES])).argmin(axis=-1)
+    I1 = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])[..., 0]
+    return {
+        near(mode): (3.0, _largest(system, np.where(nearest == i, I1, 3.0), QUANTILE)) for i, mode in enumerate(MODES)
+    }
+
+
+def near(mode: str) -> str:
+    """Name of the range of I1 near a mode, in a model file."""
+    return f"I1 near {TITLES[mode]}"
 
 
 def largest_fibre_stretch(

@@ -21,7 +21,7 @@ from calibrate.equations.basis import Basis, basis_for, energy_basis
 from calibrate.equations.equilibrium import Equilibrium, equilibrium
 from calibrate.equations.inputs import INPUT_SETS
 from calibrate.fitting import network_fit, paper_loss, uncertainty
-from calibrate.fitting.calibrated_range import calibrated_range
+from calibrate.fitting.calibrated_range import calibrated_range, mode_ranges
 from calibrate.models import pann
 from calibrate.models.network_model import Model
 
@@ -260,7 +260,7 @@ def _collect(
         architecture,
         parameters,
         experiment.stress_unit,
-        calibrated_range(system),
+        calibrated_range(system) | mode_ranges(system),
         {"loss": loss, "reason": reason, "options": asdict(options)},
         {"experiment": experiment.name, **experiment.provenance},
         confidence,

@@ -16,6 +16,7 @@ from calibrate.models.parameter_covariance import BAND
 from studies.output import style
 from studies.reports.calibration.fit_review import Review, initial_shear_modulus
 from studies.reports.force_record import COMPONENTS
+from studies.reports.prediction.predicted_curves import calibrated_stretch
 
 Array = NDArray[np.float64]
 COLOURS = {"x": style.COLOURS["blue"], "y": style.COLOURS["vermilion"]}
@@ -171,14 +172,14 @@ def curves(view: Review) -> Figure:
 
 
 def _curve_column(view: Review, mode: str, modulus: float, top: Axes, bottom: Axes) -> tuple[Array, Array]:
-    """Draw one mode; returns stress and reduced stress (k,) within the calibrated range."""
+    """Draw one mode; returns stress and reduced stress (k,) within the calibrated range of I1."""
     model, colour, exponent = view.model, style.MODES[mode]["color"], MODES[mode].neo_hooke_exponent
-    limit = max(model.largest_stretch(mode), 1.001)
-    end = 1 + 1.25 * (limit - 1)
+    furthest = max(model.largest_stretch(mode), 1.001)
+    limit, end = min(calibrated_stretch(model, mode), furthest), 1 + 1.25 * (furthest - 1)
     stretch = np.linspace(1.0, end, 501)[1:]
     stress = model.homogeneous(mode, stretch)
     reduced = stress / (stretch - stretch**exponent)
-    inside = stretch <= limit
+    inside, shown = stretch <= limit, stretch <= furthest
     deviation = model.homogeneous_deviation(mode, stretch)
     if deviation is not None:
         for ax, scale in ((top, 1.0), (bottom, 1 / (stretch - stretch**exponent))):
@@ -194,7 +195,7 @@ def _curve_column(view: Review, mode: str, modulus: float, top: Axes, bottom: Ax
         style.mark_range(ax, 1.0, limit)
     top.set(title=f"{MODES[mode].title}, calibrated to a stretch of {limit:.2f}", xlim=(1.0, end))
     bottom.set_xlabel("stretch")
-    return stress[inside], reduced[inside]
+    return stress[shown], reduced[shown]
 
 
 def coverage(view: Review) -> Figure:

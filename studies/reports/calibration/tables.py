@@ -17,6 +17,7 @@ from studies.reports.calibration.fit_review import (
     section_shares,
 )
 from studies.reports.force_record import COMPONENTS
+from studies.reports.prediction.predicted_curves import calibrated_stretch
 
 
 def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
@@ -47,7 +48,7 @@ def summary_table(view: Review) -> tuple[list[str], list[list[Any]]]:
     for i in INPUT_SETS[model.architecture.inputs]:
         name = INVARIANTS[i]
         rows.append([f"calibrated to {name}", model.calibrated_range[name][1], ""])
-    rows += [[f"calibrated to stretch, {title}", model.largest_stretch(mode), ""] for mode, title in TITLES.items()]
+    rows += [[f"calibrated to stretch, {title}", calibrated_stretch(model, mode), ""] for mode, title in TITLES.items()]
     return ["quantity", "value", "unit"], rows
 
 

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.selection.rounds import Verdict
-from calibrate.equations.deformation_modes import MODES, mode_invariants
+from calibrate.equations.deformation_modes import MODES, largest_stretch, mode_invariants
 from calibrate.equations.kinematics import invariants_and_derivatives
+from calibrate.fitting.calibrated_range import near
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.model_uncertainty import Kind
 from calibrate.models.network_model import Model
@@ -37,6 +38,7 @@ class Extent(Macro):
     NO_RANGE = "no_calibrated_range"
     WITHIN = "within_calibrated_range"
     EXTRAPOLATES = "leaves_calibrated_range"
+    OTHER_MODE = "leaves_calibrated_mode"
     BANDS = "bands"
     NO_BANDS = "no_bands"
     OF_DIAGNOSIS = "curves_of_diagnosis"
@@ -50,7 +52,8 @@ class Extent(Macro):
 class Curve:
     """A homogeneous test: stretch (k,), nominal stress (k,), invariants (k, 2), calibrated (k,), truth (k,) or None.
 
-    Stresses in MPa, or N/mm where the thickness was unknown. limit: largest stretch within the calibrated range.
+    Stresses in MPa, or N/mm where the thickness was unknown. limit: largest stretch within the calibrated range; by_mode: whether it ends there since the data have no states
+    near this mode beyond.
     deviation (k,): standard deviation of the stress, None where the model file holds no uncertainty. direction: axis of the pull, '' where all are alike.
     """
 
@@ -63,6 +66,7 @@ class Curve:
     truth: Array | None = None
     deviation: Array | None = None
     direction: str = ""
+    by_mode: bool = False
 
     @property
     def name(self) -> str:
@@ -90,7 +94,8 @@ class Curve:
         data["end"] = float(self.stretch[-1])
         if not self.extrapolates:
             return Finding("prediction", Extent.WITHIN, data)
-        return Finding("prediction", Extent.EXTRAPOLATES, {**data, "limit": self.limit})
+        macro = Extent.OTHER_MODE if self.by_mode else Extent.EXTRAPOLATES
+        return Finding("prediction", macro, {**data, "limit": self.limit})
 
     def stress_at(self, stretch: float) -> float | None:
         """Stress at a stretch, by interpolation; None beyond the curve."""
@@ -115,8 +120,8 @@ def predict(
     """
     curves = []
     for mode in MODES:
-        limit = calibrated_stretch(model, mode)
-        top = stretch or (1 + MARGIN * (limit - 1) if 1 < limit < LARGEST else NO_RANGE)
+        furthest, limit = min(model.largest_stretch(mode), LARGEST), calibrated_stretch(model, mode)
+        top = stretch or (1 + MARGIN * (furthest - 1) if 1 < furthest < LARGEST else NO_RANGE)
         x = np.linspace(1.0, top, max(points, 2))
         for axis in model.directions if isinstance(model, DiagnosedLaw) else ("",):
             known = None if truth is None else truth(mode, x, axis)
@@ -124,7 +129,8 @@ def predict(
                 curves.append(_of_diagnosis(model, mode, x, axis, limit, known))
             else:
                 stress, deviation = model.homogeneous(mode, x), model.homogeneous_deviation(mode, x)
-                curves.append(Curve(mode, x, stress, mode_invariants(mode, x), x <= limit, limit, known, deviation))
+                values, by_mode = mode_invariants(mode, x), limit < furthest
+                curves.append(Curve(mode, x, stress, values, x <= limit, limit, known, deviation, by_mode=by_mode))
     return curves
 
 
@@ -133,19 +139,37 @@ def _of_diagnosis(law: DiagnosedLaw, mode: str, x: Array, axis: str, limit: floa
     F, stress = law.homogeneous(mode, x, axis)
     invariants = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])
     beyond = law.beyond(invariants, F)
-    calibrated = np.logical_and.accumulate(beyond <= ROUND_OFF)
-    if axis or not np.allclose(invariants, mode_invariants(mode, x)):
-        limit = float(x[calibrated][-1])
+    reached = float(x[np.logical_and.accumulate(beyond <= ROUND_OFF)][-1])
+    if not axis and np.allclose(invariants, mode_invariants(mode, x)):
+        reached = min(law.largest_stretch(mode), LARGEST)
+    limit = min(limit, reached)
+    calibrated = x <= limit * (1 + ROUND_OFF)
+    beyond = np.maximum(beyond, _beyond_mode(law, mode, invariants))
     spread, deviation = law.model.uncertainty, None
     if spread is not None:
         parts = variances(law, spread, mode, x, axis, stress, np.maximum(beyond, 0.0))
         deviation = np.sqrt(np.sum(list(parts.values()), axis=0))
-    return Curve(mode, x, stress, invariants, calibrated, limit, known, deviation, axis)
+    return Curve(mode, x, stress, invariants, calibrated, limit, known, deviation, axis, limit < reached)
 
 
 def calibrated_stretch(model: Model | DiagnosedLaw, mode: str) -> float:
-    """Largest stretch of a mode within the calibrated range; `LARGEST` where the model states none."""
-    return min(model.largest_stretch(mode), LARGEST)
+    """Largest stretch of a mode within the calibrated range, in all and near the mode; `LARGEST` where the model states none."""
+    return min(model.largest_stretch(mode), largest_stretch(mode, _end_near(model, mode)), LARGEST)
+
+
+def _end_near(model: Model | DiagnosedLaw, mode: str) -> float:
+    """I1 to which the data have states near a mode; infinite where the file does not say."""
+    file = model.model if isinstance(model, DiagnosedLaw) else model
+    return file.calibrated_range.get(near(mode), (3.0, np.inf))[1]
+
+
+def _beyond_mode(law: DiagnosedLaw, mode: str, invariants: Array) -> Array:
+    """(k,): strain of (I1, I2) (k, 2) beyond the states near a mode, over that of all the data."""
+    end, whole = _end_near(law, mode), law.model.calibrated_range.get("I1", (3.0, np.inf))[1]
+    if not np.isfinite(end) or not np.isfinite(whole):
+        return np.zeros(len(invariants))
+    strain, reached = np.sqrt(np.maximum(invariants[:, 0] - 3.0, 0.0)), np.sqrt(end - 3.0)
+    return np.asarray((strain - reached) / np.sqrt(max(whole - 3.0, 1e-12)))
 
 
 def band_finding(model: Model | DiagnosedLaw) -> Finding:

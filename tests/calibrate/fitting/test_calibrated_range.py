@@ -12,8 +12,9 @@ from calibrate.diagnosis.distillation import fibre_ranges
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.effects.fibres import fibre_angles
+from calibrate.equations.deformation_modes import MODES, mode_invariants, stretches_to_gradient
 from calibrate.equations.equilibrium import equilibrium
-from calibrate.fitting.calibrated_range import calibrated_range, largest_fibre_stretch
+from calibrate.fitting.calibrated_range import calibrated_range, largest_fibre_stretch, mode_ranges, near
 
 
 def test_fibres_are_stretched_most_along_the_pull():
@@ -42,3 +43,23 @@ def test_every_family_of_a_model_has_a_range_of_its_own():
     assert {name: end for name, (_, end) in found.items()} == {
         name: max(1.0, largest_fibre_stretch(system, every, angle)) for name, angle in fibre_angles(additions).items()
     }
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_homogeneous_test_is_near_its_own_mode_alone(mode):
+    """Also where it is stretched along y."""
+    F = stretches_to_gradient(mode, np.array([1.2, 1.5]))[:, None] * np.ones((1, 3, 1, 1))
+    for turned in (F, F[..., ::-1, ::-1]):
+        system = SimpleNamespace(isochoric_gradients=turned, areas=np.ones(3), experiment=SimpleNamespace(strain_signal=SimpleNamespace(ratio=100.0)))  # fmt: skip
+        found = mode_ranges(system)
+        assert found.pop(near(mode)) == pytest.approx((3.0, mode_invariants(mode, np.array([1.5]))[0, 0]))
+        assert set(found.values()) == {(3.0, 3.0)}
+
+
+def test_the_ranges_near_modes_are_within_that_of_all():
+    """A plate under tension has hardly any equi-biaxial states."""
+    system = equilibrium(plate_experiment(MooneyRivlin(), n_increments=3))
+    whole, found = calibrated_range(system)["I1"][1], mode_ranges(system)
+    ends = {mode: found[near(mode)][1] for mode in MODES}
+    assert ends["uniaxial"] <= whole and max(ends.values()) >= 3 + 0.8 * (whole - 3)
+    assert ends["equibiaxial"] - 3 < 0.2 * (whole - 3)

@@ -17,8 +17,10 @@ from calibrate.effects.chain import Addition
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
+from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.fitness import Fitness, Use
+from calibrate.models.model_uncertainty import ModelUncertainty
 from calibrate.models.parameter_covariance import Uncertainty
 from studies import cli
 from studies.reports.prediction import predicted_curves as prediction
@@ -48,6 +50,34 @@ def test_the_calibrated_range_ends_where_the_invariant_does() -> None:
     curve = prediction.predict(neo_hooke())[2]
     assert curve.stretch[-1] == pytest.approx(1 + 1.25 * (limit - 1))
     assert 0 < curve.calibrated.mean() < 1
+
+
+def test_a_mode_that_the_data_do_not_hold_is_an_extrapolation() -> None:
+    """Up to the stretch that they hold it to; the curve goes on to the strains of the other modes, and its band is wider there."""
+    end = 2 * 1.2**2 + 1.2**-4
+    ranges = {"I1": (3.0, 6.0), "I1 near uniaxial": (3.0, 6.0), "I1 near equi-biaxial": (3.0, end), "I1 near pure shear": (3.0, 3.0)}  # fmt: skip
+    model = replace(neo_hooke(), calibrated_range=ranges)
+    found = {c.mode: c for c in prediction.predict(model)}
+    assert found["uniaxial"].limit == prediction.calibrated_stretch(neo_hooke(), "uniaxial")
+    assert found["equibiaxial"].limit == pytest.approx(1.2) and found["pure_shear"].limit == 1.0
+    assert [found[mode].by_mode for mode in ("uniaxial", "equibiaxial", "pure_shear")] == [False, True, True]
+    np.testing.assert_array_equal(found["equibiaxial"].calibrated, found["equibiaxial"].stretch <= 1.2 + 1e-12)
+    sentences = [c.finding.text for c in found.values()]
+    assert "no states near this mode beyond a stretch of 1.2" in sentences[1]
+    assert "the data have no states near this mode. From there" in sentences[2]
+    basis = SingleBasis(0, 6.0)
+    spread = ModelUncertainty(np.zeros((basis.n, 1)))
+    told = [
+        ExtendedModel(
+            basis, neo_hooke_coefficients(basis, MU), (), (), "MPa", calibrated_range=given, uncertainty=spread
+        )
+        for given in ({"I1": (3.0, 6.0)}, ranges)
+    ]
+    before, after = ({c.mode: c for c in prediction.predict(DiagnosedLaw(one))} for one in told)
+    assert not (after["equibiaxial"].deviation < before["equibiaxial"].deviation).any()
+    assert after["pure_shear"].deviation_at(1.5) > before["pure_shear"].deviation_at(1.5) == 0
+    np.testing.assert_allclose(after["uniaxial"].deviation, before["uniaxial"].deviation, rtol=1e-9)
+    assert after["equibiaxial"].limit == pytest.approx(1.2) and after["equibiaxial"].by_mode
 
 
 def test_a_model_without_range_is_drawn_to_stretch_two() -> None:

@@ -440,6 +440,9 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
     "prediction.no_calibrated_range": lambda: curves(neo_hooke(top=None)),
     "prediction.within_calibrated_range": lambda: curves(stretch=1.2),
     "prediction.leaves_calibrated_range": curves,
+    "prediction.leaves_calibrated_mode": lambda: curves(
+        replace(MODEL, calibrated_range=MODEL.calibrated_range | {"I1 near equi-biaxial": (3.0, 3.2)})
+    ),
     "prediction.bands": lambda: bands(True),
     "prediction.no_bands": curves,
     "prediction.infinitely_slow": of_diagnosis,
