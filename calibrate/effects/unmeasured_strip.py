@@ -25,7 +25,7 @@ class UnmeasuredStrip(Effect):
     reads_twin = True
     formula = "area + w (1 - w q / 2) edge length at free edges"
     amplitudes = (Parameter("w", "mm", lower=0.0, typical=0.5),)
-    decided_by = "a picture that shows the edge"
+    decided_by = "the true edges, given to the import"
 
     def missing(self, data):
         return lacks_plane_stress(data)

@@ -99,9 +99,16 @@ def to_experiment(
         record=record,
         continued=rims.continued,
     )
-    signal = experiment.strain_signal
-    more = {"strain_signal": signal.to_dict(), "notes": [*provenance["notes"], *strain_notes(experiment)]}
-    return replace(experiment, provenance={**provenance, **more})
+    return _with_strain_notes(experiment)
+
+
+def _with_strain_notes(experiment: Experiment) -> Experiment:
+    """With the size of the strain in its provenance, and what is to be said of it."""
+    found = experiment.provenance
+    notes = [*found["notes"], *strain_notes(experiment)]
+    return replace(
+        experiment, provenance={**found, "strain_signal": experiment.strain_signal.to_dict(), "notes": notes}
+    )
 
 
 def _frames(series: Series, selection: Selection, broke: float | None) -> tuple[Index, list[str]]:

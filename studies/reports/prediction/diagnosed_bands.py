@@ -6,7 +6,7 @@ In: a `DiagnosedLaw` whose file holds its uncertainty, a test. Out: variances by
 - *formula*: effects are wrong by 2 % of what they change;
 - *competitors*, averaged by evidence: sum_k p_k d_k^2 with d_k the change to another explanation. Among them are effects that the test does not show, as large as they may be: in
   deformation modes that it does not hold they open the band;
-- *extrapolation*: beyond the calibrated range by a share x of the strain, or of the time, wrong by x times what the model is wrong by where it was fitted, and at least by x times
+- *extrapolation*: beyond the calibrated range by a share x of the strain, in all or near a mode, or of the time, wrong by x times what the model is wrong by where it was fitted, and at least by x times
   the error of a formula, as in the replay.
 """
 
