@@ -12,6 +12,7 @@ from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.evidence.levels import neo_hookean_modulus
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.selection import Discovery
+from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import Use
 from forward.interpolation import in_triangles
@@ -47,6 +48,7 @@ class DiscoveryCode(Macro):
     ALTERNATIVES = "alternatives"
     REPLACED = "replaced"
     AT_A_HOLE = "inclusion_at_a_hole"
+    STRIP = "edges_not_reached"
     NO_EXPLANATION = "no_explanation"
     DOMINANT = "dominant_effect"
     TIE = "tie"
@@ -120,6 +122,7 @@ def _of_effects(view: View) -> Iterator[Finding]:
             yield _finding(DiscoveryCode.ROUND, number=i, remark=text)
     yield from _of_verdict(view.discovery)
     yield from _of_inclusions(view.discovery)
+    yield from _of_edges(view.discovery)
     if view.discovery.replaced is not None:
         by = view.discovery.rounds[1].fit.names
         yield _finding(DiscoveryCode.REPLACED, by=list(by), names=list(view.discovery.replaced))
@@ -138,6 +141,13 @@ def _of_inclusions(found: Discovery) -> Iterator[Finding]:
             sheet = Mesh(np.asarray(data.points), found.problem.trained[0].experiment.triangles, "triangle", {})
             if in_triangles(sheet, middle).excess[0] > 0:
                 yield _finding(DiscoveryCode.AT_A_HOLE, place=addition.effect.located(data, addition.shape))
+
+
+def _of_edges(found: Discovery) -> Iterator[Finding]:
+    """Of a strip that the points do not reach."""
+    for addition, errors in zip(found.final.additions, found.final.errors, strict=True):
+        if isinstance(addition.effect, UnmeasuredStrip):
+            yield _finding(DiscoveryCode.STRIP, width=addition.amplitudes[0], half=BAND * errors[0])
 
 
 def _of_own_effects(view: View) -> Iterator[Finding]:

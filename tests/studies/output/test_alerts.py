@@ -253,6 +253,14 @@ def of_inclusion(x: float, y: float) -> Findings:
     return of_explained(rounds=(*rounds, replace(last, fit=fit)), groups={}, named=("inclusion",))
 
 
+def of_strip() -> Findings:
+    """Of a strip of 0.5 mm."""
+    effect = next(one for one in CATALOGUE if one.name == "unmeasured strip")
+    *rounds, last = explained().rounds
+    fit = replace(last.fit, additions=(Addition(effect, (0.5,), ()),), errors=((0.1,),))
+    return of_explained(rounds=(*rounds, replace(last, fit=fit)), groups={}, named=("unmeasured strip",))
+
+
 def of_few(
     wrong: float | None = 0.0,
     names: tuple[str, ...] = ("second invariant",),
@@ -334,6 +342,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.dominant_effect": lambda: of_explained(
         named=(), closest=explained().named, dominant=DominantEffect("second invariant", 0.95, ("upturn",))
     ),
+    "discovery.edges_not_reached": of_strip,
     "discovery.inclusion_at_a_hole": lambda: of_inclusion(0.0, 0.0),
     "discovery.tie": lambda: of_explained(groups={"second invariant": ("second invariant", "upturn")}),
     "discovery.no_thickness": lambda: of_experiment(lambda e: replace(e, thickness=None)),
