@@ -130,8 +130,8 @@ def boundary_edges(cells: Indices, cell_type: str) -> tuple[Indices, Indices]:
     return edges[single], single % len(cells)
 
 
-def within(points: Array, triangles: Indices, where: Array) -> NDArray[np.bool_]:
-    """Whether positions (k, 2) lie in any of the triangles (small overshoot allowed)."""
+def within(points: Array, triangles: Indices, where: Array, overshoot: float = 1e-6) -> NDArray[np.bool_]:
+    """Whether positions (k, 2) lie in any of the triangles, or beside one by less than `overshoot` of its height."""
     corners = points[triangles]
     centres = corners.mean(axis=1)
     reach = float(np.linalg.norm(corners - centres[:, None], axis=2).max())
@@ -145,7 +145,7 @@ def within(points: Array, triangles: Indices, where: Array) -> NDArray[np.bool_]
     a, b, c = (corners[which, i] for i in range(3))
     edges = np.stack([b - a, c - a], axis=-1)
     local = np.linalg.solve(edges, (where[who] - a)[..., None])[..., 0]
-    hit = (local.min(axis=1) > -1e-6) & (local.sum(axis=1) < 1 + 1e-6)
+    hit = (local.min(axis=1) > -overshoot) & (local.sum(axis=1) < 1 + overshoot)
     inside[who[hit]] = True
     return inside
 

@@ -20,11 +20,11 @@ from calibrate.data.points import Kept
 from calibrate.data.triangulation import boundary_edges, boundary_nodes
 from calibrate.errors import ConfigError
 from meshes.errors import MeshDataError
+from meshes.measured.round_openings import fitted_hole, is_staircase
 from meshes.measured.unseen_rims import (
     Rims,
     distance_beyond,
-    fitted_hole,
-    is_staircase,
+    furthest,
     openings,
     places_around,
     spacing,
@@ -35,19 +35,23 @@ from meshes.shapes import Arc, Ellipse, Rim, Segment, signed_distance
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 SEEN = 0.1  # distances of the points, within which all beside a rim are on it: then the camera sees it
+FAR = 2.0  # of them, over which what is continued is uncertain
+OFF_CENTRE = 0.5  # of them, between the middle of a hole and that of the one that the points suggest
 ON_GRIP = 0.25  # of them, that an end of a rim is off the line of a grip's nodes
 
 
 @dataclass(frozen=True)
 class ContinuedRim:
     """rim: a true edge; fitted: to the points, and not given; points: how many it has; furthest: distance, mm, from it to the nearest point, at most; beyond: points that
-    were left out where nothing should be."""
+    were left out where nothing should be; is_far: over so many distances of the points that they are uncertain; elsewhere: the hole that the points suggest, where its middle is another."""
 
     rim: Rim
     fitted: bool
     points: int
     furthest: float
     beyond: int
+    is_far: bool = False
+    elsewhere: Ellipse | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """For a provenance, mm and degrees."""
@@ -62,11 +66,13 @@ class ContinuedRim:
 
 @dataclass(frozen=True, eq=False)
 class WithRims:
-    """kept: with points on the rims after those that are left; its indices are those of the latter. continued (r, k): see `Experiment.continued`; None: no rim was added."""
+    """kept: with points on the rims after those that are left; its indices are those of the latter. continued (r, k): see `Experiment.continued`; None: no rim was added.
+    left_open: see `_left_open`."""
 
     kept: Kept
     continued: sp.csr_array | None
     rims: tuple[ContinuedRim, ...]
+    left_open: tuple[tuple[float, float], ...] = ()
 
     def with_continued(self, values: Array) -> Array:
         """Values (..., n) at the points before to those with the rims (..., k + r)."""
@@ -89,13 +95,34 @@ def with_continued_rims(kept: Kept, given: Sequence[Rim], fit: bool) -> WithRims
         raise ConfigError(f"[edges] {error}") from error
     holes = _fitted_holes(kept, rims, pitch) if fit else []
     if not rims and not holes:
-        return WithRims(kept, None, ())
+        return WithRims(kept, None, (), _left_open(kept, kept.points, kept.triangles) if fit else ())
     found = _joined(kept, [*rims, *holes]) if holes or found is None else found
-    tree, told = cKDTree(kept.points), []
+    told = []
     for rim, size in zip([*rims, *holes], found.sizes, strict=True):
-        beyond, furthest = distance_beyond(rim, kept.points), float(tree.query(rim.rim())[0].max())
-        told.append(ContinuedRim(rim, rim in holes, size, furthest, int((beyond < -SEEN * pitch).sum())))
-    return WithRims(_grown(kept, found, ON_GRIP * pitch), found.continued, tuple(told))
+        beyond, far = distance_beyond(rim, kept.points), furthest(rim, kept.points)
+        is_far = far > FAR * pitch
+        told.append(
+            ContinuedRim(
+                rim, rim in holes, size, far, int((beyond < -SEEN * pitch).sum()), is_far, _elsewhere(kept, rim, pitch)
+            )
+        )
+    left = _left_open(kept, found.points, found.triangles) if fit else ()
+    return WithRims(_grown(kept, found, ON_GRIP * pitch), found.continued, tuple(told), left)
+
+
+def _left_open(kept: Kept, points: Array, triangles: Indices) -> tuple[tuple[float, float], ...]:
+    """Middles (x, y), mm, of openings among points (n, 2) that are free, end in a staircase and were neither given nor fitted."""
+    free = kept.points[kept.free_nodes]
+    places = [points[opening] for opening in openings(points, triangles)]
+    staircases = [p for p in places if len(free) and is_staircase(p) and cKDTree(free).query(p)[0].max() == 0]
+    return tuple((float(x), float(y)) for x, y in (p.mean(axis=0) for p in staircases))
+
+
+def _elsewhere(kept: Kept, rim: Rim, pitch: float) -> Ellipse | None:
+    """The hole that the points suggest, where its middle is another than that of one that was given."""
+    places = places_around(kept.points, kept.triangles, rim) if rim.closed else np.zeros((0, 2))
+    hole = fitted_hole(places, pitch) if len(places) and is_staircase(places) else None
+    return hole if hole is not None and np.hypot(hole.x - rim.x, hole.y - rim.y) > OFF_CENTRE * pitch else None
 
 
 def _is_seen(kept: Kept, rim: Rim, pitch: float) -> bool:

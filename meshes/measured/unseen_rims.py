@@ -1,7 +1,7 @@
-"""Rims of round holes beyond the points that a camera sees: a triangulation that ends in a staircase of points in, one that ends on the rim out.
+"""Edges beyond the points that a camera sees: a triangulation that ends in a staircase of points in, one that ends on the true edges out.
 
-A correlation of pictures has no points nearer to a hole than half its subset, and on a grid the outermost of them make a staircase, whose polygon is neither
-free of traction nor evenly far from the rim. New points on the rim close the gap. Values are continued to them by quadratics, fitted to the nearest points with
+A correlation of pictures has no points nearer to an edge than half its subset, and on a grid the outermost of them make a staircase, whose polygon is neither
+free of traction nor evenly far from a round edge. New points on the edge close the gap. Values are continued to them by quadratics, fitted to the nearest points with
 weights that fall with the distance (moving least squares; Lancaster, Salkauskas 1981, Math. Comp. 37).
 """
 
@@ -14,32 +14,28 @@ from itertools import pairwise
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.spatial import Delaunay, cKDTree
 
 from meshes.errors import MeshDataError
 from meshes.mesh import boundary_edges, within
-from meshes.shapes import Ellipse, Rim, polygon_area, signed_distance
+from meshes.shapes import Rim, polygon_area, signed_distance
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-ALONG = 0.55  # distances of the measured points, between points on a rim
-NEAR = 0.3  # of them, within which a point gives way to the rim: more than half of `ALONG`, so that every edge of the rim is one of a Delaunay triangle
-INSIDE = 1.0  # of them, that a point may be inside a hole
-CLOSE, FURTHEST = (
-    0.8,
-    1.5,
-)  # of them, that nine of ten points around an opening, and all, are beyond an ellipse fitted to it
-RAGGED = 0.5  # of the mean turn of a polygon, that a turn differs from those beside it in a staircase
+# in distances of the measured points:
+ALONG = 0.55  # between points on a rim
+NEAR = 0.3  # within which a point gives way to the rim: more than half of `ALONG`, so that every edge of the rim is one of a Delaunay triangle
+INSIDE = 1.0  # that a point may be beyond an edge
+FURTHEST = 3.0  # over which values are continued
+REACH = 1.5  # behind the nearest point, from which values come, and as much more as that is further than one
+JOINED = 1.6  # longest edge of a triangle beside an open rim, beyond the distance of rim and points
+# others:
 FINE = 720  # places on a rim, to which distances are measured
-NEAREST = 12  # points of a quadratic, at least
-REACH = 1.5  # distances of the points behind the nearest one, from which they come
-AROUND = 60  # points that are looked at
+NEAREST, AROUND = 12, 80  # points of a quadratic, at least; points that are looked at
 FALL = 2.0  # exponent of the weight at the furthest point
-WIDEST, THIN = (
-    2.6,
-    0.05,
-)  # of them, the longest edge of a triangle beside an open rim; its least area, over that edge squared
+THIN = 0.03  # least area of a triangle beside an open rim, over its longest edge squared
+SHOWN = 12  # openings that an error lists
+FLAT = 1e-9  # of the same, where points are in a line
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +60,16 @@ def with_rims(points: Array, triangles: Indices, rims: Sequence[Rim], fixed: Ind
     for rim in rims:
         beyond = distance_beyond(rim, points)
         _refuse_inside(rim, points, beyond, pitch)
+        _refuse_far(rim, points, pitch)
         going |= beyond < NEAR * pitch
     going[fixed] = False
     kept = np.flatnonzero(~going)
-    all_places = [_away(on_rim(rim, ALONG * pitch), points[fixed], NEAR * pitch) for rim in rims]
+    taken, all_places = points[fixed], []
+    for rim in rims:
+        all_places.append(_away(on_rim(rim, ALONG * pitch), taken, NEAR * pitch))
+        if not len(all_places[-1]):
+            raise MeshDataError(f"the edge at ({rim.x:.4g}, {rim.y:.4g}) mm is given twice, or lies on a grip")
+        taken = np.concatenate([taken, all_places[-1]])
     grown = np.concatenate([points[kept], *all_places])
     continued = sp.vstack(
         [_continued(points[kept], places, rim, pitch) for places, rim in zip(all_places, rims, strict=True)]
@@ -84,7 +86,7 @@ def with_rims(points: Array, triangles: Indices, rims: Sequence[Rim], fixed: Ind
 
 
 def _away(places: Array, fixed: Array, least: float) -> Array:
-    """Points of a rim (r, 2) that are not at fixed ones (f, 2)."""
+    """Points of a rim (r, 2) that are not at others (f, 2)."""
     return places if not len(fixed) else places[cKDTree(fixed).query(places)[0] > least]
 
 
@@ -98,7 +100,8 @@ def _is_joined(triangles: Indices, places: Indices, is_open: bool) -> bool:
 def _not_joined(*rims: Rim) -> MeshDataError:
     places = ", ".join(f"({rim.x:.4g}, {rim.y:.4g})" for rim in rims)
     return MeshDataError(
-        f"the rim around {places} mm cannot be joined to the measured points: points are missing beside it, or it is another one"
+        f"the rim around {places} mm cannot be joined to the measured points. Either points are missing beside it, or another rim or a grip is nearer than two distances of the points, "
+        "or the end of an arc is beside a grip: let it end before"
     )
 
 
@@ -112,6 +115,26 @@ def _refuse_inside(rim: Rim, points: Array, beyond: Array, pitch: float) -> None
         )
 
 
+def _refuse_far(rim: Rim, points: Array, pitch: float) -> None:
+    """Values are not continued as far as one likes."""
+    far = furthest(rim, points)
+    if far > FURTHEST * pitch:
+        slip = (
+            "Is the diameter meant, and not the radius?"
+            if rim.closed
+            else "Give only the part beside which there are points."
+        )
+        raise MeshDataError(
+            f"the {'hole' if rim.closed else 'edge'} at ({rim.x:.4g}, {rim.y:.4g}) mm is up to {far:.3g} mm from the nearest point, {far / pitch:.2g} distances of the points; fields are continued "
+            f"over {FURTHEST:g} at most. {slip} Otherwise correlate nearer to the edge"
+        )
+
+
+def furthest(rim: Rim, points: Array) -> float:
+    """Largest distance, mm, from a rim to the nearest of points (n, 2)."""
+    return float(cKDTree(points).query(rim.rim())[0].max())
+
+
 def _triangulated(
     grown: Array, old: tuple[Array, Indices], rims: Sequence[Rim], all_places: Sequence[Indices]
 ) -> Indices:
@@ -123,16 +146,17 @@ def _triangulated(
     new[twice < 0] = new[twice < 0][:, ::-1]
     centres, pitch = grown[new].mean(axis=1), spacing(points)
     longest = np.max([np.linalg.norm(one - other, axis=1) for one, other in ((a, b), (b, c), (c, a))], axis=0)
-    is_compact = (longest < WIDEST * pitch) & (np.abs(twice) > 2 * THIN * longest**2)
-    inside = within(points, triangles, centres)
+    shape = np.abs(twice) / (2 * longest**2)
+    inside = within(points, triangles, centres, FLAT)
     for rim, places in zip(rims, all_places, strict=True):
-        if not rim.closed:
-            inside |= np.isin(new, places).any(axis=1) & is_compact
-        else:
+        if rim.closed:
             inside |= signed_distance(centres, points[_opening_at(points, triangles, rim)]) > 0
+        else:
+            widest = furthest(rim, points) + JOINED * pitch
+            inside |= np.isin(new, places).any(axis=1) & (shape > THIN) & (longest < widest)
     for rim in rims:
         inside &= ~rim.cuts(centres)
-    return np.asarray(new[inside & (np.abs(twice) > 1e-9 * pitch**2)])
+    return np.asarray(new[inside & (shape > 10 * FLAT)])
 
 
 def _continued(points: Array, places: Array, rim: Rim, pitch: float) -> sp.csr_array:
@@ -142,7 +166,8 @@ def _continued(points: Array, places: Array, rim: Rim, pitch: float) -> sp.csr_a
     for k, place in enumerate(places):
         on_this_side = ~rim.cuts(0.5001 * points[nearest[k]] + 0.4999 * place)
         distance, near = distances[k][on_this_side], nearest[k][on_this_side]
-        size = max(distance[0] + REACH * pitch, distance[min(NEAREST, len(near)) - 1])
+        size = distance[0] + REACH * pitch + max(0.0, distance[0] - pitch)
+        size = max(size, distance[min(NEAREST, len(near)) - 1])
         near, distance = near[distance <= size], distance[distance <= size]
         x, y = ((points[near] - place) / size).T
         weights = np.exp(-FALL * (distance / size) ** 2)
@@ -152,47 +177,6 @@ def _continued(points: Array, places: Array, rim: Rim, pitch: float) -> sp.csr_a
         columns.append(near)
     where = np.concatenate(rows), np.concatenate(columns)
     return sp.csr_array((np.concatenate(values), where), shape=(len(places), len(points)))
-
-
-def is_staircase(polygon: Array) -> bool:
-    """Whether a closed polygon (k, 2) turns here and there, as the points of a grid around a round hole do, and not everywhere alike, as points on its rim do."""
-    along = np.roll(polygon, -1, axis=0) - polygon
-    after = np.roll(along, -1, axis=0)
-    turns = np.arctan2(along[:, 0] * after[:, 1] - along[:, 1] * after[:, 0], (along * after).sum(axis=1))
-    beside = (np.roll(turns, 1) + np.roll(turns, -1)) / 2
-    return float(np.abs(turns - beside).mean()) > RAGGED * 2 * np.pi / len(turns)
-
-
-def fitted_hole(opening: Array, pitch: float) -> Ellipse | None:
-    """The largest circle between the points (k, 2), mm, around an opening that a grid of distance `pitch` left of a round hole, or the largest ellipse; None where neither
-    comes near enough to all of them."""
-    middle = opening.mean(axis=0)
-    radius = float(np.linalg.norm(opening - middle, axis=1).mean())
-    circle = minimize(lambda c: -np.linalg.norm(opening - c, axis=1).min(), middle, method="Nelder-Mead").x
-    found = Ellipse(*circle.tolist(), *2 * [float(np.linalg.norm(opening - circle, axis=1).min())])
-    if _is_close(found, opening, pitch):
-        return found
-    for angle in np.arange(4) * np.pi / 4:
-        start = np.array([*middle, np.log(radius), 0.3, angle])
-        best = minimize(lambda p: -_largest(p, opening).area, start, method="Nelder-Mead", options={"maxiter": 4000})
-        found = _largest(best.x, opening)
-        if _is_close(found, opening, pitch):
-            return found
-    return None
-
-
-def _largest(shape: Array, opening: Array) -> Ellipse:
-    """The ellipse of a shape (x, y, logarithm of the size, logarithm of the ratio, angle) between the points."""
-    x, y, size, ratio, angle = shape.tolist()
-    a, b, angle = np.exp(size + abs(ratio) / 2), np.exp(size - abs(ratio) / 2), angle + (ratio < 0) * np.pi / 2
-    level = float(Ellipse(x, y, a, b, angle).level(opening).min())
-    return Ellipse(x, y, float(a * level), float(b * level), (angle + np.pi / 2) % np.pi - np.pi / 2)
-
-
-def _is_close(hole: Ellipse, opening: Array, pitch: float) -> bool:
-    beyond = distance_beyond(hole, opening)
-    near = float(np.quantile(beyond, 0.9)) < CLOSE * pitch and float(beyond.max()) < FURTHEST * pitch
-    return near and hole.b > pitch
 
 
 def on_rim(rim: Rim, step: float) -> Array:
@@ -216,10 +200,10 @@ def places_around(points: Array, triangles: Indices, rim: Rim) -> Array:
         return np.asarray(points[_opening_at(points, triangles, rim)])
     outline = points[np.unique(boundary_edges(triangles, "triangle")[0])]
     distance, nearest = cKDTree(outline).query(rim.rim(FINE))
-    if distance.min() > WIDEST * spacing(points):
+    if distance.min() > FURTHEST * spacing(points):
         raise MeshDataError(
-            f"the edge around ({rim.x:.4g}, {rim.y:.4g}) mm: no edge of the measured region is beside it; its place is in mm of the imported frame, y up, angles are "
-            "anticlockwise from x"
+            f"the edge around ({rim.x:.4g}, {rim.y:.4g}) mm: no edge of the measured region is within {FURTHEST:g} distances of the points, its nearest {distance.min():.3g} mm away; "
+            f"{_frame(points)}; angles are anticlockwise from x"
         )
     return np.asarray(outline[np.unique(nearest)])
 
@@ -248,9 +232,20 @@ def _opening_at(points: Array, triangles: Indices, rim: Rim) -> Indices:
     for opening in openings(points, triangles):
         if signed_distance(middle, points[opening])[0] > 0:
             return opening
+    places = [points[opening] for opening in openings(points, triangles)]
+    found = [
+        f"({x:.4g}, {y:.4g}), {w:.3g} x {h:.3g} mm"
+        for x, y, w, h in ((*p.mean(axis=0), *np.ptp(p, axis=0)) for p in places)
+    ]
+    listed = "openings are at " + "; ".join(found[:SHOWN]) if found else "there is none"
     raise MeshDataError(
-        f"the hole at ({rim.x:.4g}, {rim.y:.4g}) mm: no opening in the measured region is around it; its centre is in mm of the imported frame, y up"
+        f"the hole at ({rim.x:.4g}, {rim.y:.4g}) mm: no opening in the measured region is around it; {listed}; {_frame(points)}. One that is joined to the outline is an arc"
     )
+
+
+def _frame(points: Array) -> str:
+    (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+    return f"the measured region is from ({x0:.4g}, {y0:.4g}) to ({x1:.4g}, {y1:.4g}) mm, y up"
 
 
 def spacing(points: Array) -> float:

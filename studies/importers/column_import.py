@@ -111,7 +111,7 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         masked=frames.points[mask.gone],
         tested=True,
         heights=None if frames.heights is None else frames.heights[:, mesh.kept],
-        rims=(*m.edges.rims, *_true_sides(m.edges, points, mesh.triangles)),
+        rims=(*m.edges.rims, *_lines(m.edges, points), *_true_sides(m.edges, points, mesh.triangles)),
         fits_holes="holes" in m.edges.free and m.edges.fit_holes,
     )
 
@@ -200,6 +200,17 @@ def _edges(
     if "holes" in table.free:
         free.append(np.setdiff1d(rim, np.concatenate(list(nodes.values()))))
     return tuple(grips), np.setdiff1d(np.unique(np.concatenate([*free, []])), taken).astype(np.int64)
+
+
+def _lines(table: EdgesTable, points: Array) -> list[Segment]:
+    """Straight edges with the nearest points on their left."""
+    found = []
+    for line in table.lines:
+        segment = Segment(line.start, line.end)
+        nearest = cKDTree(points).query(segment.rim())[1]
+        beside = segment.cuts(points[nearest])
+        found.append(Segment(line.end, line.start) if beside.mean() > 0.5 else segment)
+    return found
 
 
 def _true_sides(table: EdgesTable, points: Array, triangles: Index) -> list[Segment]:

@@ -64,8 +64,10 @@ class ColumnMap(Table):
             raise ValueError(
                 f"edges.beyond_mm: side '{wrong[0]}' is not in edges.free; only a free edge is continued to"
             )
-        if (edges.holes or edges.arcs) and not edges.free:
-            raise ValueError("edges.holes and edges.arcs are free of traction: name 'holes' in edges.free")
+        if (edges.holes or edges.arcs or edges.lines) and not edges.free:
+            raise ValueError(
+                "edges.holes, edges.arcs and edges.lines are free of traction: name 'holes', and sides that are free, in edges.free"
+            )
         if edges.rim and edges.free:
             raise ValueError("edges.rim: a window in a larger body has no free edge; leave out edges.free")
         if self.noise.correlation_length_mm is not None and self.noise.displacement_std_mm is None:

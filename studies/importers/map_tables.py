@@ -190,7 +190,9 @@ class ArcTable(Table):
     @model_validator(mode="after")
     def _runs_forward(self) -> Self:
         if not 0 < self.to_deg - self.from_deg < 360:
-            raise ValueError("edges.arcs: to_deg must be larger than from_deg, by less than 360")
+            raise ValueError(
+                "edges.arcs: to_deg must be larger than from_deg, by less than 360 (from 350 to 370, not to 10)"
+            )
         return self
 
     @property
@@ -200,12 +202,25 @@ class ArcTable(Table):
         return Arc(*self.centre, self.radius, self.radius, 0.0, float(ends[0]), float(ends[1]))
 
 
+class LineTable(Table):
+    """[[edges.lines]]: a straight edge from start to end, mm of the imported frame (y up), free of traction."""
+
+    start: Annotated[tuple[float, float], Field(strict=False)]
+    end: Annotated[tuple[float, float], Field(strict=False)]
+
+    @model_validator(mode="after")
+    def _has_length(self) -> Self:
+        if self.start == self.end:
+            raise ValueError("edges.lines: start and end are the same")
+        return self
+
+
 class EdgesTable(Table):
     """[edges]: loaded: sides ('left', 'right', 'bottom', 'top') that are gripped, each with the force of the record
     pulling outwards; free: sides and 'holes' that are truly traction-free. tolerance_mm: nodes this close to the
     extreme coordinate belong to the side (default: 0.4 of the spacing of the points). drop_mm, drop_points: by side, how far
     inwards, or how many rows of points, are left out before the sides are found. rim: the window lies in a larger body, so that
-    its section does not carry the force of the record: only ratios of stiffness are identified. holes, arcs: round ones, and round parts of the outline, whose rims the points do not reach; beyond_mm: by free side, how far the true edge is beyond the outermost points; fit_holes: whether
+    its section does not carry the force of the record: only ratios of stiffness are identified. holes, arcs, lines: round ones, and round and straight parts of the outline, whose rims the points do not reach; beyond_mm: by free side, how far the true edge is beyond the outermost points; fit_holes: whether
     other openings that are free and a staircase of points get the largest circle or ellipse between their points."""
 
     loaded: tuple[Side, ...] = Field(strict=False)
@@ -216,6 +231,7 @@ class EdgesTable(Table):
     rim: bool = False
     holes: tuple[HoleTable, ...] = Field(default=(), strict=False)
     arcs: tuple[ArcTable, ...] = Field(default=(), strict=False)
+    lines: tuple[LineTable, ...] = Field(default=(), strict=False)
     fit_holes: bool = True
 
     beyond_mm: dict[Side, Positive] = {}

@@ -8,17 +8,16 @@ from scipy.spatial import Delaunay
 
 from meshes import Cross, triangles
 from meshes.errors import MeshDataError
+from meshes.measured.round_openings import fitted_hole, is_staircase
 from meshes.measured.unseen_rims import (
     distance_beyond,
-    fitted_hole,
-    is_staircase,
     on_rim,
     openings,
     spacing,
     with_rims,
 )
 from meshes.mesh import boundary_edges
-from meshes.shapes import Ellipse, polygon_area
+from meshes.shapes import Arc, Ellipse, Segment, polygon_area
 
 ROUND, OBLONG = Ellipse(0.3, -0.2, 6.0, 6.0), Ellipse(-0.4, 0.3, 7.0, 4.5, 0.5)
 NONE = np.zeros(0, np.int64)
@@ -117,6 +116,66 @@ def test_an_opening_that_is_not_round_is_not_fitted():
         + [(-6.0, p) for p in x[20:9:-1]]
     )
     assert fitted_hole(square, 1.0) is None
+
+
+@pytest.mark.parametrize("degrees", [0.003, 0.1, 0.5])
+def test_a_grid_that_is_not_quite_parallel_has_no_flat_triangles(degrees):
+    """Rows that rounding has bent by a millionth of their distance."""
+    points, cells = grid(ROUND)
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turned = np.round(points @ [[c, s], [-s, c]], 6)
+    found = with_rims(turned, cells, [Ellipse(*np.array([0.3, -0.2]) @ [[c, s], [-s, c]], 6.0, 6.0)], NONE)
+    a, b, d = (found.points[found.triangles[:, k]] for k in range(3))
+    areas = ((b - a)[:, 0] * (d - a)[:, 1] - (b - a)[:, 1] * (d - a)[:, 0]) / 2
+    assert areas.min() > 0.01 and areas.sum() == pytest.approx(30.0**2 - ROUND.area, rel=1e-3)
+
+
+def test_gaps_between_scattered_points_are_no_holes():
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        turns = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 8))))
+        gap = (
+            rng.uniform(0.5, 1.2)
+            * np.column_stack([np.cos(turns), np.sin(turns)])
+            * rng.uniform(0.6, 1.4, (len(turns), 1))
+        )
+        assert fitted_hole(gap, 1.0) is None
+
+
+def test_a_gauge_and_its_fillets_share_their_ends():
+    """Half of a dog-bone: area of the specimen, whatever the order."""
+    x, y = np.meshgrid(np.arange(-20, 20.1), np.arange(0, 12.1))
+    points = np.column_stack([x.ravel(), y.ravel()])
+    arcs = [Arc(10.0, 15.0, 10.0, 10.0, 0.0, np.radians(270), np.radians(330)), Arc(-10.0, 15.0, 10.0, 10.0, 0.0, np.radians(210), np.radians(270))]  # fmt: skip
+    gauge = Segment((10.0, 5.0), (-10.0, 5.0))
+    stays = ~((np.abs(points[:, 0]) < 10) & (points[:, 1] > 4.4))
+    for arc in arcs:
+        stays &= np.hypot(*(points - [arc.x, arc.y]).T) > 10.6
+    stays &= points[:, 1] < 10.1
+    points = points[stays & ~((np.abs(points[:, 0]) > 18.5) & (points[:, 1] > 9.9))]
+    cells = Delaunay(points).simplices.astype(np.int64)
+    sides = np.linalg.norm(points[cells] - np.roll(points[cells], 1, axis=1), axis=2).max(axis=1)
+    a, b, c = (points[cells[:, k]] for k in range(3))
+    twice = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    cells[twice < 0] = cells[twice < 0][:, ::-1]
+    cells = cells[(sides < 2.2) & (np.abs(twice) > 1e-9)]
+    before = with_rims(points, cells, [*arcs], NONE)
+    found, other = (with_rims(points, cells, rims, NONE) for rims in ([*arcs, gauge], [gauge, *arcs]))
+    total = [
+        np.abs(np.linalg.det(np.diff(one.points[one.triangles], axis=1))).sum() / 2 for one in (before, found, other)
+    ]
+    assert total[1] == pytest.approx(total[2], rel=1e-4)
+    assert total[1] - total[0] == pytest.approx(20 * 1.0, rel=0.1)
+
+
+def test_a_rim_too_far_from_the_points_is_refused():
+    points, cells = grid(ROUND)
+    with pytest.raises(
+        MeshDataError, match=r"up to 4.* distances of the points; .* over 3 at most. Is the diameter meant"
+    ):
+        with_rims(points, cells, [Ellipse(0.3, -0.2, 3.0, 3.0)], NONE)
+    with pytest.raises(MeshDataError, match="is given twice"):
+        with_rims(points, cells, [ROUND, ROUND], NONE)
 
 
 def test_holes_that_are_not_there_are_refused():

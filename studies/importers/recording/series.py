@@ -65,6 +65,7 @@ def to_experiment(
         notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))
     rims = with_continued_rims(kept, series.rims, series.fits_holes)
     notes += [WORDS.note_rim_continued(found=found, told=found.to_dict()) for found in rims.rims]
+    notes += [WORDS.note_left_open(places=rims.left_open)] if rims.left_open else []
     found, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
     record, thinned = whole_record(series, tare, broke)
     notes += thinned

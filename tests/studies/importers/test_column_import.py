@@ -282,8 +282,8 @@ def test_true_edges_of_a_map_are_continued_to(tmp_path):
     assert all(len(b.nodes) == COLUMNS + 1 for b in e.loaded)
     assert [("fitted" in rim, rim["fitted"]) for rim in e.provenance["rims"]] == [(True, False)] * 2
     assert any("its rim, 6 mm in diameter" in note for note in e.provenance["notes"])
-    fitted = [note for note in bare.provenance["notes"] if "largest circle between them" in note]
-    assert len(fitted) == 1 and "[[edges.holes]] with centre = [" in fitted[0]
+    fitted = [note for note in bare.provenance["notes"] if "largest circle that fits between them" in note]
+    assert len(fitted) == 1 and "[[edges.holes]] in a column map, with centre = [" in fitted[0]
     path.write_text(MAP.replace("[noise]", "fit_holes = false\n[noise]"))
     assert from_map(path).continued is None
 
@@ -294,8 +294,9 @@ def test_true_edges_of_a_map_are_continued_to(tmp_path):
         ("beyond_mm = {top = 0.5}", "edges.beyond_mm: side 'top' is not in edges.free"),
         ("[[edges.holes]]\ncentre = [7.0, 6.0]", "edges.holes: give diameter, or diameters of both axes"),
         ("[[edges.arcs]]\ncentre = [0, 0]\nradius = 2.0\nfrom_deg = 90.0\nto_deg = 0.0", "to_deg must be larger"),
+        ("[[edges.lines]]\nstart = [1.0, 1.0]\nend = [1.0, 1.0]", "edges.lines: start and end are the same"),
         ("[[edges.holes]]\ncentre = [1.0, 1.0]\ndiameter = 1.0", r"\[edges\] the hole at \(1, 1\) mm: no opening"),
-        ("[[edges.arcs]]\ncentre = [90.0, 90.0]\nradius = 2.0\nfrom_deg = 0.0\nto_deg = 90.0", "no edge of the measured region is beside it"),
+        ("[[edges.arcs]]\ncentre = [90.0, 90.0]\nradius = 2.0\nfrom_deg = 0.0\nto_deg = 90.0", "no edge of the measured region is within 3 distances"),
     ],
 )  # fmt: skip
 def test_edges_that_cannot_be_are_named(tmp_path, given, message):
