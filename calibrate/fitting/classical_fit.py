@@ -19,6 +19,7 @@ from scipy.optimize import least_squares
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.reduction import assemble
 from calibrate.equations.weights import Weights, weights_of
+from calibrate.errors import FitError
 from calibrate.fitting.calibration import Calibration
 from calibrate.fitting.stopping import Stop
 from calibrate.models.classical_laws import CLASSICAL_LAWS, Law
@@ -166,7 +167,10 @@ def internal_forces(law: StressLaw, system: Equilibrium, parameters: Array) -> A
 def least_squares_fit(
     evaluate: Callable[[Array], tuple[Array, Array]], size: int, start: Array, lower: Array | float = -np.inf
 ) -> LeastSquares:
-    """evaluate: residual (size,) and its derivatives (size, q) at parameters (q,); above `lower` (q,), from `start` (q,)."""
+    """evaluate: residual (size,) and its derivatives (size, q) at parameters (q,); above `lower` (q,), from `start` (q,).
+
+    Raises `FitError` where the residual at the start is not finite.
+    """
     last: list[tuple[Array, Array, Array]] = []
 
     def evaluated(p: Array) -> tuple[Array, Array, Array]:
@@ -174,6 +178,11 @@ def least_squares_fit(
             last[:] = [(p.copy(), *evaluate(p))]
         return last[0]
 
+    if not np.isfinite(evaluated(start)[1]).all():
+        raise FitError(
+            "a classical law has no finite stress at the largest strains of this test: they cannot be right. Look at its picture; leave wrong points out ([mask] of a "
+            "column map), and check the edges that were given ([edges])"
+        )
     found = least_squares(
         lambda p: evaluated(p)[1], start, lambda p: evaluated(p)[2], bounds=(lower, np.inf), x_scale="jac",
         xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=EVALUATIONS,

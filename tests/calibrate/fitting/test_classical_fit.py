@@ -8,6 +8,7 @@ from synthetic import ArrudaBoyce, plate_experiment, with_noise
 
 from calibrate.data.experiment import Noise
 from calibrate.equations.kinematics import nominal_stress
+from calibrate.errors import FitError
 from calibrate.fitting import classical_fit
 from calibrate.fitting.calibration import Options, calibrate
 from calibrate.fitting.classical_fit import Verdict, compare, fit_law, weights_at
@@ -126,3 +127,8 @@ def test_parameters_of_which_the_data_see_a_sum_alone_have_no_deviation():
     full = np.stack([x, x**3, x**2], axis=1)
     found = classical_fit.least_squares_fit(lambda p: (full @ p - 3 * x, full), len(x), np.ones(3))
     np.testing.assert_allclose(found.covariance, np.linalg.inv(full.T @ full), rtol=1e-8)
+
+
+def test_stresses_that_are_not_finite_are_named():
+    with pytest.raises(FitError, match="no finite stress at the largest strains"):
+        classical_fit.least_squares_fit(lambda p: (np.full(3, np.inf), np.ones((3, 1))), 3, np.ones(1))
