@@ -147,7 +147,7 @@ def test_other_versions_and_missing_arrays_are_refused(tmp_path):
     assert json.loads(str(content["provenance"])) == {"source": "test"}
     without = {key: {k: v for k, v in content.items() if k != key} for key in ("version", "displacements")}
     for wrong, key in (
-        ({**content, "version": 7}, "version 7"),
+        ({**content, "version": 8}, "version 8"),
         ({**content, "version": "new"}, "version new"),
         ({**content, "provenance": "{"}, "garbled"),
         ({**content, "noise": ["a", "b"]}, "garbled"),
