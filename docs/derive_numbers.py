@@ -215,7 +215,7 @@ def trials(one: TrialSet) -> dict[str, Any]:
 
 def foreign_trials() -> dict[str, Any]:
     """`foreign_trials.json`: of the largest set. Told apart are forms that are foreign, those that are nearly the catalogue's, and those that are foreign in base and noise alone."""
-    today = next(one for one in FOREIGN_SETS if one.file == "foreign_77000.json")  # the largest
+    today = max(FOREIGN_SETS, key=lambda one: len(one.judged))
     n = numbers(today.judged)
     single = [one for one in today.judged if one.strong and len(one.hidden) == 1]
     kinds = {

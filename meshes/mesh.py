@@ -130,6 +130,17 @@ def boundary_edges(cells: Indices, cell_type: str) -> tuple[Indices, Indices]:
     return edges[single], single % len(cells)
 
 
+def signed_areas(points: Array, triangles: Indices) -> Array:
+    """Signed areas (n_triangles,) of `points` (n, 2), `triangles` (m, 3); positive counter-clockwise, mm^2."""
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
+
+
+def spacing_of(points: Array) -> float:
+    """Median distance of points (n, 2) to the nearest other one, mm."""
+    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+
+
 def within(points: Array, triangles: Indices, where: Array, overshoot: float = 1e-6) -> NDArray[np.bool_]:
     """Whether positions (k, 2) lie in any of the triangles, or beside one by less than `overshoot` of its height."""
     corners = points[triangles]

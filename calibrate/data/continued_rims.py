@@ -27,9 +27,9 @@ from meshes.measured.unseen_rims import (
     furthest,
     openings,
     places_around,
-    spacing,
     with_rims,
 )
+from meshes.mesh import spacing_of
 from meshes.shapes import Arc, Ellipse, Rim, Segment, signed_distance
 
 Array = NDArray[np.float64]
@@ -50,8 +50,8 @@ class ContinuedRim:
     points: int
     furthest: float
     beyond: int
-    is_far: bool = False
-    elsewhere: Ellipse | None = None
+    is_far: bool
+    elsewhere: Ellipse | None
 
     def to_dict(self) -> dict[str, Any]:
         """For a provenance, mm and degrees."""
@@ -87,7 +87,7 @@ def with_continued_rims(kept: Kept, given: Sequence[Rim], fit: bool) -> WithRims
     """
     if not given and not fit:
         return WithRims(kept, None, ())
-    pitch = spacing(kept.points)
+    pitch = spacing_of(kept.points)
     try:
         rims = [rim for rim in given if not _is_seen(kept, rim, pitch)]
         found = _joined(kept, rims) if rims else None

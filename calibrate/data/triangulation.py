@@ -9,15 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes import mesh
+from meshes.mesh import signed_areas
 
-Array = NDArray[np.float64]
+__all__ = ["boundary_edges", "boundary_nodes", "half_edges", "signed_areas", "unique_edges"]
 Indices = NDArray[np.int64]
-
-
-def signed_areas(points: Array, triangles: Indices) -> Array:
-    """Signed areas (n_triangles,) of `points` (n, 2), `triangles` (m, 3); positive counter-clockwise, mm^2."""
-    a, b, c = (points[triangles[:, i]] for i in range(3))
-    return 0.5 * ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]))
 
 
 def half_edges(triangles: Indices) -> Indices:

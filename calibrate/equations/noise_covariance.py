@@ -27,6 +27,7 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.errors import FitError
+from meshes.mesh import spacing_of
 
 Array = NDArray[np.float64]
 ONE_CELL = 1e-7  # sum of two forces over their size, below which one load cell read both
@@ -56,7 +57,7 @@ def factor_of_points(points: Array, noise: Noise) -> sp.csr_array:
 
 def _factor(points: Array, std: float, length: float) -> sp.csr_array:
     """Of one correlation length, mm."""
-    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    pitch = spacing_of(points)
     if length < 0.3 * pitch:
         return sp.csr_array(std * sp.eye_array(len(points)))
     step, reach = 0.7 * length, 3.2 * length

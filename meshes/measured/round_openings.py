@@ -13,15 +13,12 @@ from meshes.shapes import Ellipse
 
 Array = NDArray[np.float64]
 RAGGED = 0.5  # of the mean turn of a polygon, that a turn differs from those beside it in a staircase
-CLOSE, CLOSE_ALL = (
-    1.0,
-    1.6,
-)  # distances of the points, that nine of ten around an opening, and all, are beyond an ellipse fitted to it
+# in distances of the points: half an axis of a hole that is fitted, at least; how far nine of ten points around an opening are beyond it, and all
+SMALLEST, CLOSE, CLOSE_ALL = 1.5, 1.0, 1.6
 OFF_CENTRE = (
-    0.5  # of the mean distance of the points around an opening from their middle, that of the hole may be off it
+    0.5  # of the mean distance of the points around an opening from their middle, by which that of the hole may differ
 )
 WIDEST = 1.6  # logarithm of the ratio of axes
-SMALLEST = 1.5  # of them, half an axis of a hole that is fitted
 
 
 def is_staircase(polygon: Array) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes.errors import MeshDataError
+from meshes.mesh import signed_areas
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -57,22 +58,16 @@ def with_strip(points: Array, triangles: Indices, free: Indices, others: Indices
     added = np.concatenate([np.column_stack([c, d, b]), np.column_stack([c, b, a])])
     grown = np.concatenate([points, points[parents] + steps])
     for _ in range(SHORTER):
-        narrow = np.isin(number[parents], added[_folded(grown, added)])
+        narrow = np.isin(number[parents], added[signed_areas(grown, added) <= 0])
         steps[narrow] *= NARROWER
         grown[n:] = points[parents] + steps
-    folded = _folded(grown, added)
+    folded = signed_areas(grown, added) <= 0
     if folded.any():
         x, y = grown[added[folded][0]].mean(axis=0)
         raise MeshDataError(f"a strip of {width:.3g} mm beside the measured region folds at ({x:.4g}, {y:.4g}) mm")
     corners = parents[~inner]
     ends = np.column_stack([corners, number[corners]])
     return Strip(grown, np.concatenate([triangles, added]), parents, np.column_stack([c, d]), ends, beside)
-
-
-def _folded(points: Array, triangles: Indices) -> NDArray[np.bool_]:
-    """Which triangles (m, 3) are turned inside out."""
-    one, other = (points[triangles[:, k]] - points[triangles[:, 0]] for k in (1, 2))
-    return np.asarray(one[:, 0] * other[:, 1] <= one[:, 1] * other[:, 0])
 
 
 def _beside(node: int, others: Indices) -> int:

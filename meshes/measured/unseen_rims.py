@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from meshes.errors import MeshDataError
-from meshes.mesh import boundary_edges, within
+from meshes.mesh import boundary_edges, signed_areas, spacing_of, within
 from meshes.shapes import Rim, polygon_area, signed_distance
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ def with_rims(points: Array, triangles: Indices, rims: Sequence[Rim], fixed: Ind
 
     Raises `MeshDataError` for a hole without an opening around its middle, an open rim without points beside it, points far inside, and a rim that cannot be joined to the points.
     """
-    pitch = spacing(points)
+    pitch = spacing_of(points)
     going = np.zeros(len(points), bool)
     for rim in rims:
         beyond = distance_beyond(rim, points)
@@ -141,12 +141,12 @@ def _triangulated(
     """Delaunay triangles of the grown points inside the old ones, between an opening and its hole, or beside an open rim."""
     points, triangles = old
     new = Delaunay(grown).simplices.astype(np.int64)
-    a, b, c = (grown[new[:, k]] for k in range(3))
-    twice = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    new[twice < 0] = new[twice < 0][:, ::-1]
-    centres, pitch = grown[new].mean(axis=1), spacing(points)
-    longest = np.max([np.linalg.norm(one - other, axis=1) for one, other in ((a, b), (b, c), (c, a))], axis=0)
-    shape = np.abs(twice) / (2 * longest**2)
+    areas = signed_areas(grown, new)
+    new[areas < 0] = new[areas < 0][:, ::-1]
+    corners = grown[new]
+    centres, pitch = corners.mean(axis=1), spacing_of(points)
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    shape = np.abs(areas) / longest**2
     inside = within(points, triangles, centres, FLAT)
     for rim, places in zip(rims, all_places, strict=True):
         if rim.closed:
@@ -200,7 +200,7 @@ def places_around(points: Array, triangles: Indices, rim: Rim) -> Array:
         return np.asarray(points[_opening_at(points, triangles, rim)])
     outline = points[np.unique(boundary_edges(triangles, "triangle")[0])]
     distance, nearest = cKDTree(outline).query(rim.rim(FINE))
-    if distance.min() > FURTHEST * spacing(points):
+    if distance.min() > FURTHEST * spacing_of(points):
         raise MeshDataError(
             f"the edge around ({rim.x:.4g}, {rim.y:.4g}) mm: no edge of the measured region is within {FURTHEST:g} distances of the points, its nearest {distance.min():.3g} mm away; "
             f"{_frame(points)}; angles are anticlockwise from x"
@@ -246,8 +246,3 @@ def _opening_at(points: Array, triangles: Indices, rim: Rim) -> Indices:
 def _frame(points: Array) -> str:
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
     return f"the measured region is from ({x0:.4g}, {y0:.4g}) to ({x1:.4g}, {y1:.4g}) mm, y up"
-
-
-def spacing(points: Array) -> float:
-    """Median distance of points (n, 2) to the nearest other one, mm."""
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))

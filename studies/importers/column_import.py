@@ -16,6 +16,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from calibrate import errors
 from calibrate.data.triangulation import boundary_edges, boundary_nodes, signed_areas
+from meshes.mesh import spacing_of
 from meshes.shapes import Segment
 from studies.importers.column_map import ColumnMap, read_map, tests_of
 from studies.importers.frame_tables import read_frames
@@ -144,7 +145,7 @@ def _not_beside(free: Index, points: Array, gone: Array, edges: EdgesTable) -> I
     """Free nodes that are no rim of a gap which masked points left: nothing is known of the traction there."""
     if not len(gone) or not free.size or "holes" not in edges.free:
         return free
-    pitch = _pitch(points)
+    pitch = spacing_of(points)
     sides = [sign * points[:, axis] for axis, sign in (SIDES[s] for s in edges.free if s in SIDES)]
     outer = (
         np.any([value >= value.max() - 0.4 * pitch for value in sides], axis=0)
@@ -162,7 +163,7 @@ def _triangles(points: Array, max_edge: float | None) -> Index:
     triangles[area < 0] = triangles[area < 0][:, ::-1]
     corners = points[triangles]
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    limit = max_edge or 2.2 * _pitch(points)
+    limit = max_edge or 2.2 * spacing_of(points)
     keep = (edge <= limit) & (np.abs(area) > THIN * edge**2)
     if not keep.any():
         raise errors.ConfigError(f"no triangle has edges below points.max_edge_mm = {limit:g} mm")
@@ -215,7 +216,7 @@ def _lines(table: EdgesTable, points: Array) -> list[Segment]:
 
 def _true_sides(table: EdgesTable, points: Array, triangles: Index) -> list[Segment]:
     """The edge beyond each side that has one: from end to end of every run of its points."""
-    nodes, pitch, found = _sides(table, points, triangles), _pitch(points), []
+    nodes, pitch, found = _sides(table, points, triangles), spacing_of(points), []
     for side, distance in table.beyond_mm.items():
         axis, sign = SIDES[side]
         places = points[nodes[side]]
@@ -228,15 +229,10 @@ def _true_sides(table: EdgesTable, points: Array, triangles: Index) -> list[Segm
     return found
 
 
-def _pitch(points: Array) -> float:
-    """Median distance to the nearest point, mm."""
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
-
-
 def _sides(table: EdgesTable, points: Array, triangles: Index) -> dict[str, Index]:
     """Nodes of every side of the outline."""
     rim = boundary_nodes(triangles)
-    pitch = _pitch(points)
+    pitch = spacing_of(points)
     tolerance = table.tolerance_mm or 0.4 * pitch
     nodes = {}
     for side, (axis, sign) in SIDES.items():

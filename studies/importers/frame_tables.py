@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibrate import errors
+from meshes.mesh import spacing_of
 from studies.importers.exports.frame_order import Order, frame_order
 from studies.importers.exports.hdf5_file import read_columns
 from studies.importers.exports.ncorr_file import read_ncorr
@@ -181,7 +182,7 @@ def _matrices(p: PointsTable, path: Path) -> tuple[Array, Array]:
 
 def _matched(points: Array, frame: Frame) -> Array:
     """Displacements (n, 2 or 3) at `points` of a frame listed in any order; NaN where it has no such point."""
-    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    pitch = spacing_of(points)
     known = np.isfinite(frame.position).all(axis=1) & np.isfinite(frame.moved).all(axis=1)
     result = np.full(points.shape, np.nan)
     if not known.any():

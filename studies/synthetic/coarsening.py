@@ -27,6 +27,7 @@ from calibrate.data.triangulation import boundary_edges, signed_areas
 from calibrate.equations import noise_covariance
 from calibrate.errors import MeshMismatchError
 from meshes import Mesh
+from meshes.mesh import spacing_of
 from studies.synthetic.camera import boundaries, stream
 
 Array = NDArray[np.float64]
@@ -160,7 +161,7 @@ def covariance_fit(points: Array, samples: Array, guess: float) -> tuple[float, 
     spacings). 0 when neighbours are uncorrelated.
     """
     std = float(np.sqrt(np.mean(samples**2)))
-    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    pitch = spacing_of(points)
     reach = max(2.5 * guess, 3 * pitch)
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     if len(pairs) > 200_000:

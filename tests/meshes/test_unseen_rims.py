@@ -13,10 +13,9 @@ from meshes.measured.unseen_rims import (
     distance_beyond,
     on_rim,
     openings,
-    spacing,
     with_rims,
 )
-from meshes.mesh import boundary_edges
+from meshes.mesh import boundary_edges, spacing_of
 from meshes.shapes import Arc, Ellipse, Segment, polygon_area
 
 ROUND, OBLONG = Ellipse(0.3, -0.2, 6.0, 6.0), Ellipse(-0.4, 0.3, 7.0, 4.5, 0.5)
@@ -90,7 +89,7 @@ def test_the_largest_circle_between_points_is_that_of_the_hole_and_the_margin():
     for _ in range(20):
         hole = Ellipse(*rng.uniform(-1, 1, 2), *2 * [rng.uniform(4, 9)])
         points, cells = grid(hole)
-        found = fitted_hole(points[openings(points, cells)[0]], spacing(points))
+        found = fitted_hole(points[openings(points, cells)[0]], spacing_of(points))
         assert found is not None
         assert np.hypot(found.x - hole.x, found.y - hole.y) < 0.35
         assert -0.01 < found.a - (hole.a + 0.5) < 0.35

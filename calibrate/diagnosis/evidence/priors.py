@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
 from calibrate.effects import BESIDE, CATALOGUE, Effect
+from meshes.mesh import spacing_of
 
 Array = NDArray[np.float64]
 FILE = Path(__file__).with_name("priors.toml")
@@ -47,7 +47,7 @@ class Scales:
     @classmethod
     def of_test(cls, experiment: Experiment, modulus: float) -> Scales:
         """modulus: shear modulus of the base, MPa."""
-        spacing = float(np.median(cKDTree(experiment.points).query(experiment.points, k=2)[0][:, 1]))
+        spacing = spacing_of(experiment.points)
         forces = np.concatenate([np.abs(boundary.force).ravel() for boundary in experiment.loaded])
         force = float(np.nanmax(forces)) if np.isfinite(forces).any() else np.nan
         duration = np.nan if experiment.time is None else float(experiment.time[-1])

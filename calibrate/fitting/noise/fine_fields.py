@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations import discretisation_error, noise_covariance
@@ -25,6 +24,7 @@ from calibrate.equations.equilibrium import Equilibrium, nominal_stress
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 from calibrate.errors import ConfigError
 from calibrate.fitting.noise.common_noise import NORMAL, CommonRatios, common_ratios
+from meshes.mesh import spacing_of
 
 Array = NDArray[np.float64]
 FINE = 1.4  # distance of virtual fields over that of the points
@@ -150,4 +150,4 @@ def evenly(experiment: Experiment, most: int) -> NDArray[np.int64]:
 
 def pitch(experiment: Experiment) -> float:
     """Median distance of a point from the nearest, mm."""
-    return float(np.median(cKDTree(experiment.points).query(experiment.points, k=2)[0][:, 1]))
+    return spacing_of(experiment.points)

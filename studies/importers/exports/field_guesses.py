@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from meshes.mesh import spacing_of
 from studies.importers.exports.guesses import Guesses
 from studies.importers.frame_tables import Frames, frame_files, frames_as_written
 from studies.importers.map_tables import PointsTable
@@ -34,7 +35,7 @@ def has_rest(frames: Frames) -> bool:
 
 def pitch(points: Array) -> float:
     """Median distance of neighbours, mm."""
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    return spacing_of(points)
 
 
 def say_coordinates(p: PointsTable, found: Guesses) -> None:

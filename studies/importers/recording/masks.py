@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from calibrate import errors
+from meshes.mesh import spacing_of
 from studies.importers.recording.outliers import outliers
 
 Array = NDArray[np.float64]
@@ -75,7 +76,7 @@ def masked(points: Array, displacements: Array, mask: Mask, flagged: Flags | Non
         inwards = _inwards(points, side)
         named |= inwards < depth
     for side, count in mask.drop_points.items():
-        named |= _rows(_inwards(points, side), _pitch(points)) < count
+        named |= _rows(_inwards(points, side), spacing_of(points)) < count
     if (~named).sum() < 4:
         raise errors.ConfigError(
             f"[mask] and [edges] leave {int((~named).sum())} of {len(points)} points; make them smaller"
@@ -88,7 +89,7 @@ def masked(points: Array, displacements: Array, mask: Mask, flagged: Flags | Non
 def _at_places(points: Array, places: Sequence[tuple[float, float]]) -> Flags:
     """Points nearest to places. Raises `ConfigError` where none is near."""
     found = np.zeros(len(points), bool)
-    reach = NEAR * _pitch(points)
+    reach = NEAR * spacing_of(points)
     for place in places:
         distance, index = cKDTree(points).query(place)
         if distance > reach:
@@ -114,7 +115,3 @@ def _rows(inwards: Array, pitch: float) -> NDArray[np.int64]:
     result = np.empty(len(inwards), np.int64)
     result[order] = steps
     return result
-
-
-def _pitch(points: Array) -> float:
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))

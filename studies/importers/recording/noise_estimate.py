@@ -30,6 +30,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from calibrate import errors
+from meshes.mesh import spacing_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -116,7 +117,7 @@ def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> tupl
 
     Raises `ExperimentError` where less than 30 are.
     """
-    pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    pitch = spacing_of(points)
     _, index = cKDTree(points).query(points, k=neighbours)
     offset = (points[index] - points[:, None]) / (2 * pitch)
     inner = np.flatnonzero(np.linalg.norm(offset.mean(axis=1), axis=1) < 0.1)
@@ -140,7 +141,7 @@ class _Filtered:
 
     def __init__(self, points: Array, apply: Callable[[Array], Array], places: Index, reach: float):
         self.apply, self.reach = apply, reach
-        self.pitch = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+        self.pitch = spacing_of(points)
         self.distances = cdist(points, points)
         distance = self.distances[np.ix_(places, places)] / self.pitch
         self.near = np.nonzero(distance < reach)

@@ -24,6 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from meshes.mesh import spacing_of
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
@@ -120,7 +122,7 @@ def _clusters(points: Array, frames: Array, trusted: Flags) -> Array:
 
 
 def _pitch(points: Array) -> float:
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+    return spacing_of(points)
 
 
 def _neighbours(points: Array, trusted: Flags, count: int) -> Index:
