@@ -10,7 +10,7 @@ from jax.scipy.special import erf
 from calibrate.effects.effect import Effect, Parameter
 from calibrate.effects.support.largest_deformation import excess, lacks_unloading
 
-SHARPEST = 1e-3  # beta, as good as none, which Ogden and Roxburgh have
+SHARPEST = 0.01  # beta, nearly none, which Ogden and Roxburgh have; without m and beta a step, on which no finite-element solution converges
 LINEAR = (0.0, 100.0)  # m and beta of a softening that is linear in x / x_max, within 2e-5 of r
 
 

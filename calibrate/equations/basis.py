@@ -16,11 +16,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.equations import isochoric as plane_strain
+from calibrate.equations import kinematics
 from calibrate.equations.inputs import INPUT_SETS, REFERENCE, hencky_to_lode, lode_to_hencky, polyconvex
 from calibrate.equations.splines import DEGREE, Spline
 
@@ -212,3 +214,38 @@ def basis_for(inputs: str, F: Array, n: int = 32, plane: str = "stress") -> Basi
         return TensorBasis(1.02 * float(hencky_to_lode(F)[0].max()), input_tops=(float(tops[0]), float(tops[1])))
     k = INPUT_SETS[inputs][0]
     return SingleBasis(k, 1.05 * float(polyconvex(F)[0][:, k].max()), n)
+
+
+def nominal_stress(basis: Basis, F: Array, c: Array) -> Array:
+    """P (m, 2, 2) of coefficients c (n_functions,) at F (m, 2, 2), MPa."""
+    P, columns = basis.local(F)
+    return np.einsum("mqij,mq->mij", P, c[columns])
+
+
+def tangent_modulus(basis: Basis, F: Array, c: Array) -> Array:
+    """dP/dF (m, 2, 2, 2, 2) of coefficients c at F (m, 2, 2), MPa."""
+    if isinstance(basis, PlaneStrainBasis):
+        f, energy = np.asarray(plane_strain.isochoric(F)), basis.energy
+        stress = nominal_stress(energy, f, c)
+        return np.asarray(_plane_strain_modulus(F, stress, tangent_modulus(energy, f, c[:-1]), c[-1]))
+    psi, second = basis.second(F, c)
+    values, first = map(np.asarray, kinematics.invariants_and_derivatives(F))
+    hessians = np.asarray(kinematics.invariant_hessians(F)).reshape(-1, 2, 16)
+    # J2 = I2^(3/2): chain rule from I2
+    inner = np.stack([np.ones(len(F)), 1.5 * np.sqrt(values[:, 1])], axis=1)
+    curvatures = second * inner[:, :, None] * inner[:, None]
+    curvatures[:, 1, 1] += psi[:, 1] * 0.75 / np.sqrt(values[:, 1])
+    slopes = first.reshape(-1, 2, 4)
+    tensor = ((psi * inner)[:, None] @ hessians).reshape(-1, 4, 4) + slopes.swapaxes(1, 2) @ (curvatures @ slopes)
+    return tensor.reshape(-1, 2, 2, 2, 2)
+
+
+@jax.jit
+def _plane_strain_modulus(F, stress, modulus, bulk_modulus):
+    """dP/dF (m, 2, 2, 2, 2) of F (m, 2, 2), P0 (m, 2, 2) and dP0/df (m, 2, 2, 2, 2) of the isochoric part."""
+
+    def one(f, p, a):
+        along = lambda g: a.reshape(4, 4) @ (plane_strain.isochoric(g) - plane_strain.isochoric(f)).ravel()  # noqa: E731
+        return jax.jacfwd(lambda g: plane_strain.stress(g, p + along(g).reshape(2, 2), bulk_modulus))(f)
+
+    return jax.vmap(one)(F, stress, modulus)

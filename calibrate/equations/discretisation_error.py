@@ -25,8 +25,8 @@ from scipy.linalg import lapack
 from calibrate.data.load_path import turning_points
 from calibrate.data.triangulation import unique_edges
 from calibrate.equations import kinematics, recovery
-from calibrate.equations.basis import Basis
-from calibrate.equations.equilibrium import Equilibrium, nominal_stress, tangent_modulus
+from calibrate.equations.basis import Basis, nominal_stress, tangent_modulus
+from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.weights import Sources
 
 Array = NDArray[np.float64]

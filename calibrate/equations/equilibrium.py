@@ -18,7 +18,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import jax
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -28,7 +27,7 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment
 from calibrate.equations import isochoric as plane_strain
 from calibrate.equations import kinematics, recovery
-from calibrate.equations.basis import Basis, PlaneStrainBasis, SingleBasis, energy_basis
+from calibrate.equations.basis import Basis, PlaneStrainBasis, SingleBasis, energy_basis, tangent_modulus
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 
 Array = NDArray[np.float64]
@@ -148,19 +147,30 @@ class Equilibrium:
 
     def stiffness(self, tensor: Array) -> list[list[sp.csr_array]]:
         """The same of dP/dF (m, 2, 2, 2, 2), MPa."""
-        work, gradient = self._virtual_blocks, self.gradient
-        blocks: list[list[sp.csr_array]] = [[], []]
-        for i in (0, 1):
-            for k in (0, 1):
-                values = np.einsum("zJ,zJL->zL", work.data[:, 0], tensor[work.indices, i, :, k])
-                stress = sp.bsr_array((values[:, None], work.indices, work.indptr), shape=work.shape)
-                blocks[i].append(sp.csr_array(stress) @ gradient)
-        return blocks
+        whole = self.interleaved_stiffness(tensor)
+        shape = (self.fields.n_fields, whole.shape[1])
+        blocks = [
+            sp.csr_array((whole.data[:, ik, 0], whole.indices, whole.indptr), shape=shape, copy=True) for ik in range(4)
+        ]
+        return [blocks[:2], blocks[2:]]
+
+    def interleaved_stiffness(self, tensor: Array) -> sp.bsr_array:
+        """The same, the four blocks of a field and a node one below the other: (4 n_fields, n_nodes), rows (field, i, k)."""
+        work = self._virtual_blocks
+        by_direction = np.ascontiguousarray(tensor.transpose(0, 2, 1, 3, 4)).reshape(-1, 2, 8)
+        values = (work.data @ by_direction[work.indices]).reshape(-1, 4, 2)
+        shape = (4 * work.shape[0], work.shape[1])
+        return sp.bsr_array((values, work.indices, work.indptr), shape=shape) @ self._gradient_blocks
 
     @cached_property
     def _virtual_blocks(self) -> sp.bsr_array:
         """`virtual_gradients` with both directions of a triangle side by side."""
         return sp.bsr_array(self.virtual_gradients, blocksize=(1, 2))
+
+    @cached_property
+    def _gradient_blocks(self) -> sp.bsr_array:
+        """`gradient` with both directions of a triangle one below the other."""
+        return sp.bsr_array(self.gradient, blocksize=(2, 1))
 
     def internal_forces(self, P: Array) -> Array:
         """Internal virtual work (..., 2 n_fields), N, of first Piola-Kirchhoff stresses (..., m, 2, 2), MPa."""
@@ -180,41 +190,6 @@ def equilibrium(experiment: Experiment, spacing: float | None = None) -> Equilib
     system = Equilibrium(experiment, virtual_fields(experiment, spacing))
     check_force_sign(system)
     return system
-
-
-def nominal_stress(basis: Basis, F: Array, c: Array) -> Array:
-    """P (m, 2, 2) of coefficients c (n_functions,) at F (m, 2, 2), MPa."""
-    P, columns = basis.local(F)
-    return np.einsum("mqij,mq->mij", P, c[columns])
-
-
-def tangent_modulus(basis: Basis, F: Array, c: Array) -> Array:
-    """dP/dF (m, 2, 2, 2, 2) of coefficients c at F (m, 2, 2), MPa."""
-    if isinstance(basis, PlaneStrainBasis):
-        f, energy = np.asarray(plane_strain.isochoric(F)), basis.energy
-        stress = nominal_stress(energy, f, c)
-        return np.asarray(_plane_strain_modulus(F, stress, tangent_modulus(energy, f, c[:-1]), c[-1]))
-    psi, second = basis.second(F, c)
-    values, first = map(np.asarray, kinematics.invariants_and_derivatives(F))
-    hessians = np.asarray(kinematics.invariant_hessians(F))
-    # J2 = I2^(3/2): chain rule from I2
-    dJ = first * np.stack([np.ones(len(F)), 1.5 * np.sqrt(values[:, 1])], axis=1)[:, :, None, None]
-    slope = psi * np.stack([np.ones(len(F)), 1.5 * np.sqrt(values[:, 1])], axis=1)
-    curvature = psi[:, 1] * 0.75 / np.sqrt(values[:, 1])
-    tensor = np.einsum("mk,mkiajb->miajb", slope, hessians)
-    tensor += np.einsum("m,mia,mjb->miajb", curvature, first[:, 1], first[:, 1])
-    return tensor + np.einsum("mkl,mkia,mljb->miajb", second, dJ, dJ)
-
-
-@jax.jit
-def _plane_strain_modulus(F, stress, modulus, bulk_modulus):
-    """dP/dF (m, 2, 2, 2, 2) of F (m, 2, 2), P0 (m, 2, 2) and dP0/df (m, 2, 2, 2, 2) of the isochoric part."""
-
-    def one(f, p, a):
-        along = lambda g: a.reshape(4, 4) @ (plane_strain.isochoric(g) - plane_strain.isochoric(f)).ravel()  # noqa: E731
-        return jax.jacfwd(lambda g: plane_strain.stress(g, p + along(g).reshape(2, 2), bulk_modulus))(f)
-
-    return jax.vmap(one)(F, stress, modulus)
 
 
 def neo_hooke(basis: Basis, shear_modulus: float = 1.0, bulk_modulus: float = 0.0) -> Array:

@@ -24,7 +24,7 @@ from scipy.linalg.blas import dtrmm
 from scipy.spatial import cKDTree
 
 from calibrate.data.experiment import Experiment, Noise
-from calibrate.equations.basis import Basis
+from calibrate.equations.basis import Basis, tangent_modulus
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.errors import FitError
 from meshes.mesh import spacing_of
@@ -91,10 +91,11 @@ def root(between: Array) -> Array:
 
 def spread(system: Equilibrium, basis: Basis, c: Array, F: Array, factor: sp.csr_array | Array) -> Array:
     """K B (rows, s), N: what independent normal numbers do to the residuals of one increment. factor: see `by_sources`."""
-    blocks = system.tangent(basis, F, c)
-    if sp.issparse(factor):
-        return np.block([[(block @ factor).toarray() for block in row] for row in blocks])
-    return by_sources([np.concatenate([row[k].toarray() for row in blocks]) for k in range(2)], factor)
+    if not sp.issparse(factor):
+        blocks = system.tangent(basis, F, c)
+        return by_sources([np.concatenate([row[k].toarray() for row in blocks]) for k in range(2)], factor)
+    whole = system.interleaved_stiffness(tangent_modulus(basis, F, c)) @ sp.bsr_array(factor, blocksize=(1, 1))
+    return whole.toarray().reshape(-1, 2, 2 * factor.shape[1]).swapaxes(0, 1).reshape(-1, 2 * factor.shape[1])
 
 
 def by_sources(rows: Sequence[Array], factor: sp.csr_array | Array) -> Array:

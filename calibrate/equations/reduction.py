@@ -108,16 +108,26 @@ class Quadratic:
 class Assembled:
     """What does not depend on the weights: assembled once, weighted many times.
 
-    matrices[i] (rows, n_functions): G of increment i. noise_factor, between: see `noise_covariance.noise_factor` and `between_increments`.
+    noise_factor, between: see `noise_covariance.noise_factor` and `between_increments`. progress: called with (done, total) while `matrices` are made.
     """
 
     system: Equilibrium
     basis: Basis
     noise: Noise
     noise_is_known: bool
-    matrices: list[Array]
     noise_factor: sp.csr_array = field(repr=False)
     between: Array = field(repr=False)
+    progress: Progress | None = field(default=None, repr=False)
+
+    @cached_property
+    def matrices(self) -> list[Array]:
+        """G (rows, n_functions) of every increment."""
+        found = []
+        for i, F in enumerate(self.system.deformation_gradients):
+            found.append(self.system.matrix(self.basis, F))
+            if self.progress:
+                self.progress(i + 1, self.system.experiment.n_increments)
+        return found
 
     @property
     def variances(self) -> Array:
@@ -254,7 +264,7 @@ def coefficients_of_weights(basis: Basis, c: Array, neo_hooke: Array, dispersion
 
 
 def assemble(system: Equilibrium, basis: Basis, progress: Progress | None = None) -> Assembled:
-    """Assemble G of every increment. progress: called with (done, total) after each increment.
+    """The equations of a basis and their noise. progress: see `Assembled`.
 
     Where the noise is unknown, `noise_covariance.default_noise` weights the equations and the loss is no chi-square.
     """
@@ -263,11 +273,6 @@ def assemble(system: Equilibrium, basis: Basis, progress: Progress | None = None
     noise_is_known = noise is not None and noise.displacement_std > 0
     if noise is None or not noise_is_known:
         noise = noise_covariance.default_noise(experiment, system.fields.spacing)
-    matrices = []
-    for i, F in enumerate(system.deformation_gradients):
-        matrices.append(system.matrix(basis, F))
-        if progress:
-            progress(i + 1, experiment.n_increments)
     factor = noise_covariance.noise_factor(experiment, noise)
     between = noise_covariance.between_increments(experiment, noise)
-    return Assembled(system, basis, noise, noise_is_known, matrices, factor, between)
+    return Assembled(system, basis, noise, noise_is_known, factor, between, progress)

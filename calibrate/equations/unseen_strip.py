@@ -28,8 +28,8 @@ from scipy.spatial import cKDTree
 from calibrate.data.experiment import Experiment
 from calibrate.data.outline import Outline
 from calibrate.equations import kinematics
-from calibrate.equations.basis import Basis
-from calibrate.equations.equilibrium import Equilibrium, check_force_sign, nominal_stress
+from calibrate.equations.basis import Basis, nominal_stress
+from calibrate.equations.equilibrium import Equilibrium, check_force_sign
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 from calibrate.errors import ConfigError
 

@@ -38,8 +38,8 @@ from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
 from calibrate.effects.support.twin_kinematics import TwinKinematics
 from calibrate.equations import kinematics
-from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
-from calibrate.equations.equilibrium import Equilibrium, tangent_modulus
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis, tangent_modulus
+from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.noise_covariance import by_sources
 
 Array = NDArray[np.float64]

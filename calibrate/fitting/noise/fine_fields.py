@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations import discretisation_error, noise_covariance
-from calibrate.equations.basis import Basis
-from calibrate.equations.equilibrium import Equilibrium, nominal_stress
+from calibrate.equations.basis import Basis, nominal_stress
+from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 from calibrate.errors import ConfigError
 from calibrate.fitting.noise.common_noise import NORMAL, CommonRatios, common_ratios

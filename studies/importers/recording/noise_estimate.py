@@ -10,10 +10,12 @@ removes is accounted for. Two numbers follow:
 
 - total: from the frames themselves; includes errors that persist from frame to frame (a speckle pattern is
   matched with the same error while it deforms slowly) and fine structure of the specimen that no smooth model
-  describes. This is what an equilibrium equation sees, and the default.
-- temporal: from what a frame is off the line between its neighbours, ((1 - a) u_(k-1) - u_k + a u_(k+1)) / sqrt(1 + a^2 + (1 - a)^2), with a where on
-  the line it is nearest: frames need not be evenly spaced; only what changes from one frame to the next. The smooth field taken away is one cubic over all points, so that long correlation lengths
-  stay visible; it is reported as jitter (vibration, frame timing).
+  describes. This is what an equilibrium equation sees, and the default. Places at edges, as beside a hole, where the residual stands out of the others are left out.
+- temporal: only what changes from one frame to the next. What frames have in common, the loading and whatever bends with it, are the few leading
+  principal components of all frames, which stand out of the even rest that noise leaves (as in denoising of images; Veraart, Fieremans and Novikov 2016); the rest, scaled to the full
+  number of frames, is the noise. With fewer than eight frames it is what a frame is off the line between its neighbours,
+  ((1 - a) u_(k-1) - u_k + a u_(k+1)) / sqrt(1 + a^2 + (1 - a)^2), with a where on the line it is nearest. The smooth field taken away is one cubic over all points, so that
+  long correlation lengths stay visible; what it is of the latter is reported as jitter (vibration, frame timing).
 """
 
 from __future__ import annotations
@@ -37,6 +39,18 @@ Index = NDArray[np.int64]
 NEIGHBOURS, LARGEST_PATCH = 25, 1500
 # reach of the covariances of local and overall filter, and length below which noise counts as white, in spacings
 NEAR, FAR, WHITE = 6.0, 15.0, 0.3
+NORMAL = 0.6745  # median size of normal numbers
+STANDS_OUT, BESIDE = (
+    5.0,
+    2.5,
+)  # mean square of a residual over the usual one, which less than 1 % of noise in common to all frames reaches; spacings
+ONE_SIDED, AT_EDGE = 0.6, 3.0  # spacings: the mean of the neighbours from a point at an edge; from such a point
+FEWEST_PLACES = 30
+UNCLEAR = (
+    0.25  # misfit from which the correlation length of the total is no noise's; that of the temporal noise is taken
+)
+FEWEST_FRAMES = 8  # of which principal components tell noise
+LEADING, GAP = 2.5, 2.0  # variance of a component over the median of all; over the next one
 
 
 @dataclass(frozen=True)
@@ -81,6 +95,7 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
             f"{len(points)} points are too few to estimate noise from (100 needed); state the noise instead"
         )
     patch = _patch(points)
+    at_edge = _at_edge(points)[patch]
     points, frames = points[patch], displacements[:, patch]
     moving = frames[np.abs(frames).max(axis=(1, 2)) > 0]
     if not len(moving):
@@ -88,15 +103,20 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
             "nothing moves in any frame, so that no noise can be estimated; check which columns hold the displacements"
         )
     local, inner = local_residual_operator(points)
+    quiet = _quiet(points[inner], np.stack([local @ moving[..., i].T for i in (0, 1)], axis=-1), at_edge[inner])
+    local, inner = local[quiet], inner[quiet]
     detail = _Filtered(points, lambda values: local @ values, inner, NEAR)
     total = detail.fit(moving)
     if len(moving) < 5:
         return DisplacementNoise(total, None, float("nan"), detail.scale(moving, total.correlation_length))
     second = off_line(moving)
+    new = new_in_each(moving) if len(moving) >= FEWEST_FRAMES else second
     smooth = _cubic(points)
     overall = _Filtered(points, lambda values: values - smooth @ (smooth.T @ values), np.arange(len(points)), FAR)
-    temporal = overall.fit(second)
+    temporal = overall.fit(new)
     jitter = float(np.sqrt(np.mean(np.einsum("np,kni->kpi", smooth, second) ** 2) * smooth.shape[1] / len(points)))
+    if total.misfit > UNCLEAR:
+        total = detail.fit_at(moving, temporal.correlation_length)
     if temporal.std > total.std:  # its correlation is too long for the local filter
         total = temporal
     return DisplacementNoise(total, temporal, jitter, detail.scale(moving, total.correlation_length))
@@ -111,6 +131,35 @@ def off_line(frames: Array) -> Array:
     return np.asarray((a * line - moved) / np.sqrt(1 + a**2 + (1 - a) ** 2))
 
 
+def new_in_each(frames: Array) -> Array:
+    """(k, n, 2), mm: frames (k, n, 2) without their leading principal components, at most half of all, scaled to the variance of noise that is new in each."""
+    left, sizes, right = np.linalg.svd(frames.reshape(len(frames), -1), full_matrices=False)
+    variances, first = np.maximum(sizes**2, 1e-300), np.arange(len(frames) // 2)
+    leading = (variances[first] > LEADING * np.median(variances)) | (variances[first] > GAP * variances[first + 1])
+    n = int(np.flatnonzero(leading).max(initial=-1)) + 1
+    rest = (left[:, n:] * sizes[n:]) @ right[n:]
+    return np.asarray(np.sqrt(len(frames) / (len(frames) - n)) * rest).reshape(frames.shape)
+
+
+def _at_edge(points: Array) -> NDArray[np.bool_]:
+    """Which of points (n, 2) are at most `AT_EDGE` spacings from one whose neighbours do not surround it."""
+    offset = points[cKDTree(points).query(points, k=NEIGHBOURS)[1]].mean(axis=1) - points
+    pitch = spacing_of(points)
+    edge = points[np.linalg.norm(offset, axis=1) > ONE_SIDED * pitch]
+    return np.asarray(cKDTree(edge).query(points)[0] <= AT_EDGE * pitch)
+
+
+def _quiet(places: Array, residuals: Array, at_edge: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which of places (m, 2) have residuals (m, k, 2) as usual, or are not at an edge (m,), and so have those beside them; all where that leaves too few."""
+    usual = np.median(np.abs(residuals), axis=(0, 2)) / NORMAL
+    loud = ((residuals / np.maximum(usual, 1e-300)[:, None]) ** 2).mean(axis=(1, 2)) > STANDS_OUT
+    loud &= at_edge
+    quiet = ~loud
+    if loud.any():
+        quiet = cKDTree(places[loud]).query(places)[0] > BESIDE * spacing_of(places)
+    return quiet if quiet.sum() >= FEWEST_PLACES else np.ones(len(places), bool)
+
+
 def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> tuple[sp.csr_array, Index]:
     """R (n_inner, n): value minus local cubic fit, at those of points (n, 2) whose neighbours surround them; and
     which these are (n_inner,).
@@ -121,7 +170,7 @@ def local_residual_operator(points: Array, neighbours: int = NEIGHBOURS) -> tupl
     _, index = cKDTree(points).query(points, k=neighbours)
     offset = (points[index] - points[:, None]) / (2 * pitch)
     inner = np.flatnonzero(np.linalg.norm(offset.mean(axis=1), axis=1) < 0.1)
-    if inner.size < 30:
+    if inner.size < FEWEST_PLACES:
         raise errors.ExperimentError("the points are too scattered to estimate noise from; state the noise instead")
     x, y = offset[inner, :, 0], offset[inner, :, 1]
     powers = [x**i * y**j for i in range(4) for j in range(4 - i)]
@@ -162,21 +211,26 @@ class _Filtered:
         return self._binned(self.apply(self.apply(covariance).T))
 
     def fit(self, frames: Array) -> FieldNoise:
-        measured, weight = self.empirical(frames), np.sqrt(self.counts)
+        """At the correlation length of least misfit."""
+        measured = self.empirical(frames)
+        bounds = (0.0, 0.5 * self.reach * self.pitch)
+        tried = minimize_scalar(
+            lambda length: self._at(length, measured).misfit, bounds=bounds, method="bounded",
+            options={"xatol": 0.02 * self.pitch},
+        )  # fmt: skip
+        return self._at(float(tried.x) if tried.x > WHITE * self.pitch else 0.0, measured)
 
-        def misfit(length: float) -> float:
-            model = self.expected(length)
-            scale = (weight * model) @ (weight * measured) / ((weight * model) @ (weight * model))
-            return float(np.linalg.norm(weight * (measured - scale * model)) / np.linalg.norm(weight * measured))
+    def fit_at(self, frames: Array, length: float) -> FieldNoise:
+        """At a correlation length, mm."""
+        return self._at(length, self.empirical(frames))
 
+    def _at(self, length: float, measured: Array) -> FieldNoise:
         if not measured[0] > 0:
             return FieldNoise(0.0, 0.0, 0.0)
-        bounds = (0.0, 0.5 * self.reach * self.pitch)
-        found = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 0.02 * self.pitch})
-        length = float(found.x) if found.x > WHITE * self.pitch else 0.0
-        model = self.expected(length)
-        variance = float((weight**2 * model) @ measured / ((weight**2 * model) @ model))
-        return FieldNoise(float(np.sqrt(max(variance, 0.0))), length, misfit(length))
+        weight, model = np.sqrt(self.counts), self.expected(length)
+        variance = float((weight**2 * model) @ measured / ((weight * model) @ (weight * model)))
+        misfit = np.linalg.norm(weight * (measured - variance * model)) / np.linalg.norm(weight * measured)
+        return FieldNoise(float(np.sqrt(max(variance, 0.0))), length, float(misfit))
 
     def scale(self, frames: Array, length: float) -> Array:
         """Std of each frame (n_frames,), mm, at a given correlation length."""

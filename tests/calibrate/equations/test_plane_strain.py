@@ -18,8 +18,8 @@ from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.effects import KNOWN
 from calibrate.effects.chain import Addition
 from calibrate.equations import isochoric as plane_strain
-from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, basis_for
-from calibrate.equations.equilibrium import best_neo_hooke, equilibrium, neo_hooke, tangent_modulus
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, basis_for, tangent_modulus
+from calibrate.equations.equilibrium import best_neo_hooke, equilibrium, neo_hooke
 from calibrate.errors import ConfigError, FitError, ModelFileError
 from calibrate.fitting.calibration import Options, calibrate
 from calibrate.models.extended_model import ExtendedModel

@@ -70,6 +70,21 @@ def test_vibration_and_frame_timing_are_jitter_not_noise():
     assert found.jitter > 5 * STD
 
 
+@pytest.mark.parametrize("length", [0.0, 0.7])
+def test_a_hole_and_a_load_that_turns_do_not_become_noise(length):
+    """Steep at the hole, by a hundred times the noise, and not in proportion to the load."""
+    p = points()
+    p = p[np.linalg.norm(p - [9, 8], axis=1) > 2.0]
+    r = p - [9, 8]
+    t = np.concatenate([np.linspace(0.1, 1, 10), np.linspace(0.8, 0.1, 8)])[:, None, None]
+    steep = 0.5 * (r / np.linalg.norm(r, axis=1)[:, None]) * (2.0 / np.linalg.norm(r, axis=1)[:, None]) ** (2 + 4 * t)
+    pulled = t * np.stack([0.5 * p[:, 0], -0.2 * p[:, 1]], axis=-1) + 0.1 * t**2 * np.sin(p / 5)
+    found = noise_estimate.displacement_noise(p, pulled + t * steep + correlated(p, 18, length, 7))
+    for estimate, tolerance in ((found.total, 0.25), (found.temporal, 0.06)):
+        assert estimate.std == pytest.approx(STD, rel=tolerance)
+        assert estimate.correlation_length == pytest.approx(length, abs=0.4)
+
+
 def test_few_frames_give_the_total_alone():
     p = points()
     found = noise_estimate.displacement_noise(p, smooth_field(p, 4) + correlated(p, 4, 0.0, 6))
