@@ -94,7 +94,7 @@ CASES = (
     Case("cross", Cross(), 900, 1.6, 5e-4),
     Case("cross, second invariant", Cross(), 900, 1.6, 5e-4, Sheet(ArrudaBoyce(), 1.0, (laws.MooneyPart(0.06),)),
          (Addition(BY_NAME["second invariant"], (0.06,)),)),
-    Case("cross, relaxation", Cross(), 900, 1.6, 5e-4, Sheet(ArrudaBoyce(), 1.0, prony=Prony(0.5, 2.0)),
+    Case("cross, relaxation", Cross(), 900, 1.6, 5e-4, Sheet(ArrudaBoyce(), 1.0, prony=(Prony(0.5, 2.0),)),
          (Addition(BY_NAME["viscoelasticity"], (0.5,), (2.0,)),)),
     Case("plate of the trials", SPECIMENS["plate"], 1400, 1.4, 1e-4, size_factor=0.5),
     Case("wide plate of the trials", SPECIMENS["wide plate"], 1400, 1.4, 1e-4, size_factor=0.5),

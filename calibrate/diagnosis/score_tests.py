@@ -99,6 +99,8 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
     hidden = hidden_noise(problem, state.chains, state.c, state.additions) if problem.noise_is_known else []
 
     def examined(effect: Effect) -> tuple[Score, Array | None]:
+        if effect.beside is not None and effect.beside.name not in present:
+            return Score(effect, Status.NOT_TESTABLE, (f"{effect.beside.name} in the model",)), None
         refused = untestable(problem, effect)
         return (refused, None) if refused is not None else examine(problem, state, effect, U, r, hidden)
 

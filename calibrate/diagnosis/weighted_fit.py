@@ -67,4 +67,11 @@ def without_superfluous(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     kept = tuple(a for a, d in zip(fit.additions, fit.errors, strict=True) if not not_distinct_from_null(a, d))
     if len(kept) == len(fit.additions):
         return problem, fit
-    return fit_with_weights(problem, fit.c, kept)
+    return fit_with_weights(problem, fit.c, tuple(_as_first(a, kept) for a in kept))
+
+
+def _as_first(one: Addition, kept: Additions) -> Addition:
+    """What continues an effect that is gone takes its place, as the one relaxation time that is left."""
+    first = one.effect.beside
+    gone = first is not None and all(a.effect.name != first.name for a in kept)
+    return replace(one, effect=first) if first is not None and gone else one

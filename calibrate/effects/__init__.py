@@ -1,4 +1,4 @@
-"""The catalogue: one effect a module; `CATALOGUE` lists all that are tested, `KNOWN` also those that a model file may hold.
+"""The catalogue: one effect a module; `CATALOGUE` lists all that are tested, and that a model file may hold.
 
 Adding an effect: write a subclass of `Effect` in a module of its own in this folder. It is the last of the catalogue from
 then on; named here, it has a place. `chain` applies the effects; `support` holds what several of them need.
@@ -43,6 +43,7 @@ LISTED: tuple[Effect, ...] = (
     StiffnessField(),
     Inclusion(),
     Viscosity(),
+    SecondViscosity(),
     Mullins(),
     Payne(),
     PermanentSet(),
@@ -60,13 +61,12 @@ LISTED: tuple[Effect, ...] = (
     InitialWarp(),
 )
 
-BESIDE = (SecondViscosity(),)  # in models, but not candidates of their own
 FORMS = (SecondInvariantLogarithm(),)  # other forms of effects, in the uncertainty of models alone
 
 
 def _further() -> tuple[Effect, ...]:
     """Effects in the modules of this folder that are not named here."""
-    named = {type(effect) for effect in (*LISTED, *BESIDE, *FORMS)}
+    named = {type(effect) for effect in (*LISTED, *FORMS)}
     found = []
     modules = (one for one in pkgutil.iter_modules(__path__) if not one.ispkg)
     for one in modules:
@@ -77,8 +77,6 @@ def _further() -> tuple[Effect, ...]:
     return tuple(sorted(found, key=lambda effect: effect.name))
 
 
-_EVERY = distinct((*LISTED, *_further(), *BESIDE, *FORMS))
-KNOWN: tuple[Effect, ...] = _EVERY[: -len(FORMS)]
-CATALOGUE: tuple[Effect, ...] = KNOWN[: -len(BESIDE)]
+CATALOGUE: tuple[Effect, ...] = distinct((*LISTED, *_further(), *FORMS))[: -len(FORMS)]
 
-__all__ = ["CATALOGUE", "FORMS", "KNOWN", "Data", "Effect", "Parameter", "SecondViscosity", "Viscosity"]
+__all__ = ["CATALOGUE", "FORMS", "Data", "Effect", "Parameter", "SecondViscosity", "Viscosity"]

@@ -77,7 +77,8 @@ class Effect:
 
     name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report; source: of the formula;
     amplitudes; shapes; former_shape: values of the last shapes in model files that were written without them, or without some of them; shapes_vary: False where they only choose a
-    derivative at the null value and mean nothing once the amplitude is known; nested_in: the effect that has it as a special case, or nearly; confounded_with: what it can never be told
+    derivative at the null value and mean nothing once the amplitude is known; nested_in: the effect that has it as a special case, or nearly; beside: the effect
+    that it is more of, as a second relaxation time, and beside which alone it is a candidate; confounded_with: what it can never be told
     from, or nothing; decided_by: the experiment that tells it from its likes; measured_by: why it is no candidate where it is `excluded`; of_material: holds for
     every specimen of a material, not of one test alone; of_rig: of a camera and grips that several tests share; rough: adds second derivatives of the displacements to them, whose
     noise the weights of a model with it must know (`adjoint`); reads_twin: takes from `Data.twin`, where there is one, what triangles of the camera cannot
@@ -96,6 +97,7 @@ class Effect:
     former_shape: ClassVar[tuple[float, ...]] = ()
     shapes_vary: ClassVar[bool] = True
     nested_in: ClassVar[str] = ""
+    beside: ClassVar[Effect | None] = None
     confounded_with: ClassVar[str] = ""
     decided_by: ClassVar[str] = ""
     measured_by: ClassVar[str] = "two cameras measured it"

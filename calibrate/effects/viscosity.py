@@ -56,7 +56,8 @@ def convolved(values: Any, time: Any, tau: Any) -> Any:
 
 @dataclass(frozen=True)
 class SecondViscosity(Viscosity):
-    """A second branch, for a material that relaxes over more than a decade of time; tested beside the first only."""
+    """A second branch beside the first, for a material that relaxes over more than a decade of time."""
 
     name = "second relaxation time"
-    source = "Simo 1987"
+    beside = Viscosity()
+    decided_by = "a pause in the loading, or rates that differ by decades"

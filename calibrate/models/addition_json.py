@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from calibrate.effects import FORMS, KNOWN, Parameter
+from calibrate.effects import CATALOGUE, FORMS, Parameter
 from calibrate.effects.chain import Addition
 
 
@@ -37,9 +37,11 @@ def addition_to_dict(addition: Addition, deviations: tuple[float, ...], stress_u
 
 def addition_from_dict(content: dict[str, Any]) -> tuple[Addition, tuple[float, ...]]:
     """Of a model file: an effect with its values, and their standard deviations. Raises KeyError, TypeError, ValueError."""
-    known = {effect.name: effect for effect in (*KNOWN, *FORMS)}
+    known = {effect.name: effect for effect in (*CATALOGUE, *FORMS)}
     if content["effect"] not in known:
-        raise ValueError(f"effect '{content['effect']}' unknown; this version knows {', '.join(e.name for e in KNOWN)}")
+        raise ValueError(
+            f"effect '{content['effect']}' unknown; this version knows {', '.join(e.name for e in CATALOGUE)}"
+        )
     effect = known[content["effect"]]
     written = effect.shapes[: len(content["shape"])]
     later = len(effect.shapes) - len(written)  # than the file

@@ -65,6 +65,8 @@ class InelasticProblem(PlaneStressProblem):
     ) -> None:
         self.sheet, self.symmetric = sheet, _has_symmetric_tangent(sheet)
         self._variables: dict[str, Any] = {}
+        self._decays: list[Any] = []
+        self._gains: list[Any] = []
         super().__init__(mesh, sheet, sheet.thickness, held, values, tolerance, max_iterations, comm)
         self._cells = np.asarray(self.domain.topology.original_cell_index)
         if sheet.bulk_modulus is not None or sheet.branches:
@@ -90,10 +92,10 @@ class InelasticProblem(PlaneStressProblem):
 
     def step(self, load_factor: float, duration: float) -> Outcome:
         """Equilibrium after `duration`, s, from the committed state."""
-        if self.sheet.prony is not None:
-            z = duration / self.sheet.prony.tau
-            self._decay.value = np.exp(-z)
-            self._gain.value = self.sheet.prony.g * -np.expm1(-z) / z
+        for one, decay, gain in zip(self.sheet.prony, self._decays, self._gains, strict=True):
+            z = duration / one.tau
+            decay.value = np.exp(-z)
+            gain.value = one.g * -np.expm1(-z) / z
         if self._overstress is not None:
             self._overstress.duration = duration
         return self.solve(load_factor)
@@ -107,11 +109,13 @@ class InelasticProblem(PlaneStressProblem):
                 self._commit_permanent_set(self.sheet.permanent_set.a, before)
         if self.sheet.softens_by_energy:
             self._set("largest_energy", np.maximum(self._get("largest_energy"), self._at_points(self._W)))
-        if self.sheet.prony is not None:
+        if self.sheet.prony:
             for overstress, stress, now in (("Q", "S", self._S), ("Q33", "S33", self._S33)):
                 S = self._at_points(now).reshape(self._get(stress).shape)
-                change = float(self._gain.value) * (S - self._get(stress))
-                self._set(overstress, float(self._decay.value) * self._get(overstress) + change)
+                change = S - self._get(stress)
+                for k, (decay, gain) in enumerate(zip(self._decays, self._gains, strict=True)):
+                    name = f"{overstress}_{k}"
+                    self._set(name, float(decay.value) * self._get(name) + float(gain.value) * change)
                 self._set(stress, S)
         if self._overstress is not None:
             self._overstress.commit()
@@ -182,7 +186,7 @@ class InelasticProblem(PlaneStressProblem):
         if sheet.softens_by_energy:
             elastic *= self._damage(sheet, point, additions)
         P = elastic
-        if sheet.prony is not None:
+        if sheet.prony:
             P = self._viscous(elastic, point)
         if sheet.permanent_set is not None:
             whole = ufl.exp(-self._constant(sheet.permanent_set.a) * largest)
@@ -200,15 +204,18 @@ class InelasticProblem(PlaneStressProblem):
         return sheet.factor_of_energy(W, ufl.max_value(self._variable("largest_energy", ()), W), additions)
 
     def _viscous(self, elastic: Any, point: _Point) -> Any:
-        """F times in-plane S + Q - C33 Q33 C^-1 at the end of the step."""
-        self._decay, self._gain = self._constant(0.0), self._constant(0.0)
+        """F times in-plane S + Q - C33 Q33 C^-1 at the end of the step, Q that of all branches."""
+        self._decays, self._gains = ([self._constant(0.0) for _ in self.sheet.prony] for _ in range(2))
         S, inverse_C, C33 = ufl.inv(point.F) * elastic, ufl.inv(point.C), point.F33**2
         trace = ufl.inner(S, point.C) / 3
         self._S = quadrature_expression(S - trace * inverse_C, self.domain)
         self._S33 = quadrature_expression(-trace / C33, self.domain)
-        K = self._decay * self._variable("Q", (2, 2)) - self._gain * self._variable("S", (2, 2))
-        K33 = self._decay * self._variable("Q33", ()) - self._gain * self._variable("S33", ())
-        return (1 + self._gain) * elastic + point.F * (K - C33 * K33 * inverse_C)
+        gain = sum(self._gains)
+        K, K33 = -gain * self._variable("S", (2, 2)), -gain * self._variable("S33", ())
+        for k, decay in enumerate(self._decays):
+            K += decay * self._variable(f"Q_{k}", (2, 2))
+            K33 += decay * self._variable(f"Q33_{k}", ())
+        return (1 + gain) * elastic + point.F * (K - C33 * K33 * inverse_C)
 
     def _stress_of_new_chains(self, sheet: Sheet, point: _Point) -> Any:
         A, A33 = self._variable("A", (2, 2)), self._variable("A33", ())
@@ -264,6 +271,4 @@ class InelasticProblem(PlaneStressProblem):
 def _has_symmetric_tangent(sheet: Sheet) -> bool:
     """Not with damage, whose factor multiplies a stress; nor with overstress in a compressible sheet, as C33 in S + Q - C33 Q33 C^-1 then is no function of
     the C in the plane, so that this has no potential."""
-    return not (
-        sheet.softens or sheet.softens_by_energy or (sheet.bulk_modulus is not None and sheet.prony is not None)
-    )
+    return not (sheet.softens or sheet.softens_by_energy or (sheet.bulk_modulus is not None and bool(sheet.prony)))

@@ -32,7 +32,7 @@ class PermanentSet:
 
 @dataclass(frozen=True)
 class Prony:
-    """Overstress Q of the isochoric second Piola-Kirchhoff stress in three dimensions: Q' + Q / tau = g S_iso' (Simo 1987). tau in s.
+    """A branch: overstress Q of the isochoric second Piola-Kirchhoff stress in three dimensions: Q' + Q / tau = g S_iso' (Simo 1987). tau in s.
 
     Raises `MaterialError`."""
 
@@ -46,7 +46,7 @@ class Prony:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A thin sheet: base material, thickness (mm), additions, viscosity, permanent set, bulk modulus (MPa) or
+    """A thin sheet: base material, thickness (mm), additions, branches of viscosity (a Prony series), permanent set, bulk modulus (MPa) or
     incompressible, branches of finite viscoelasticity with a multiplicative split (beside the stress, not softened by it).
 
     Compressible: psi of the invariants of the volume-preserving part of F, and kappa / 2 (J - 1)^2. Raises
@@ -56,7 +56,7 @@ class Sheet:
     material: Material
     thickness: float = 1.0
     additions: tuple[Addition, ...] = ()
-    prony: Prony | None = None
+    prony: tuple[Prony, ...] = ()
     permanent_set: PermanentSet | None = None
     bulk_modulus: float | None = None
     branches: tuple[Branch, ...] = ()
@@ -89,7 +89,7 @@ class Sheet:
             for a in self.additions
         )
         additions = tuple(a for a, one in zip(self.additions, remembering, strict=True) if not one)
-        return replace(self, additions=additions, prony=None, permanent_set=None, bulk_modulus=None, branches=())
+        return replace(self, additions=additions, prony=(), permanent_set=None, bulk_modulus=None, branches=())
 
     def energy(self, I1: Any, I2: Any, C: Any, X: Any, material: Any, additions: Sequence[Any]) -> Any:
         """Energy, MPa, without that of the volume; C (2, 2), X (2,), mm; material and additions: the values as
@@ -122,7 +122,7 @@ class Sheet:
             "material": self.material.to_dict(),
             "thickness": self.thickness,
             "additions": [a.to_dict() for a in self.additions],
-            "prony": None if self.prony is None else asdict(self.prony),
+            "prony": [asdict(one) for one in self.prony],
             "permanent_set": None if self.permanent_set is None else asdict(self.permanent_set),
             "bulk_modulus": self.bulk_modulus,
             **({"branches": [asdict(branch) for branch in self.branches]} if self.branches else {}),

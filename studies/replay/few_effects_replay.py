@@ -66,6 +66,7 @@ def _candidates(problem: Problem, effects: Sequence[Effect], priors: Priors) -> 
         )
         for effect in effects
         if untestable(problem, effect, alike=True) is None
+        and effect.beside is None
         and effect.name != STRIP
         and (is_solved(effect.name) or is_expressed(effect))
     ]

@@ -44,10 +44,10 @@ ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {
 }
 CHANGES: Mapping[str, Callable[[Values, Values], dict[str, Any]]] = {
     "compressibility": lambda a, s: {"bulk_modulus": 1 / a["beta"]} if a["beta"] else {},
-    "viscoelasticity": lambda a, s: {"prony": Prony(a["g"], s["tau"])},
     "permanent set": lambda a, s: {"permanent_set": PermanentSet(a["a"])},
 }
-SOLVED = frozenset({*ADDITIONS, *CHANGES})
+RELAXING = frozenset({"viscoelasticity", "second relaxation time"})
+SOLVED = frozenset({*ADDITIONS, *CHANGES, *RELAXING})
 
 
 def sheet(
@@ -58,10 +58,13 @@ def sheet(
     Raises KeyError for an effect that is not in `SOLVED`, `MaterialError` for values that cannot be.
     """
     additions = list(more)
+    branches: list[Prony] = []
     changes: dict[str, Any] = {}
     for name, amplitudes, shape in effects:
         if name in ADDITIONS:
             additions.append(ADDITIONS[name](amplitudes, shape, extent))
+        elif name in RELAXING:
+            branches.append(Prony(amplitudes["g"], shape["tau"]))
         else:
             changes |= CHANGES[name](amplitudes, shape)
-    return Sheet(material, thickness, tuple(additions), **changes)
+    return Sheet(material, thickness, tuple(additions), tuple(branches), **changes)

@@ -71,7 +71,7 @@ class History(BaseModel):
             material,
             thickness,
             tuple(_addition(table) for table in self.addition),
-            None if self.viscosity is None else _made("[viscosity]", Prony, self.viscosity),
+            () if self.viscosity is None else (_made("[viscosity]", Prony, self.viscosity),),
             None if self.permanent_set is None else _made("[permanent_set]", PermanentSet, self.permanent_set),
             self.bulk_modulus,
             tuple(_made("[[branch]]", Branch, table) for table in self.branch),

@@ -15,7 +15,10 @@ import numpy as np
 from calibrate.effects.mullins import LINEAR
 from studies.errors import OptionError
 
-ALSO = {"stiffness field": ("inclusion",)}  # a patch of another stiffness is both: either name is right
+ALSO = {  # either name is right: a patch of another stiffness is both; a second branch is more of the first
+    "stiffness field": ("inclusion",),
+    "viscoelasticity": ("second relaxation time",),
+}
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,8 @@ def _blocks(matrix: Array, index: NDArray[np.int64]) -> Array:
 class Signature:
     """Signature (N, p) of an effect with one shape, outside what the base adjusts, for amplitudes of one prior standard deviation.
 
-    prior: share of the prior probability of the effect that this shape has. one_sided (p,): amplitudes that cannot be below null.
+    prior: share of the prior probability of the effect that this shape has. one_sided (p,): amplitudes that cannot be below null. beside: the effect without
+    which it is none.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Signature:
     columns: Array = field(repr=False)
     prior: float
     one_sided: NDArray[np.bool_] = field(repr=False)
+    beside: str = ""
 
 
 @dataclass(frozen=True)
@@ -184,7 +186,7 @@ class Evidence:
         for one in beam:
             names = {self.signatures[i].name for i in one.members}
             for k, s in enumerate(self.signatures):
-                if s.name not in names:
+                if s.name not in names and s.beside in ("", *names):
                     yield tuple(sorted((*one.members, k)))
 
     def names(self, one: Subset) -> frozenset[str]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
-from calibrate.effects import BESIDE, CATALOGUE, Effect
+from calibrate.effects import CATALOGUE, Effect
 from meshes.mesh import spacing_of
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def _table(path: Path) -> dict[str, Prior]:
 
 
 def _prior(path: Path, name: str, entry: object) -> Prior:
-    known = {effect.name for effect in (*CATALOGUE, *BESIDE)}
+    known = {effect.name for effect in CATALOGUE}
     if name not in known:
         raise errors.ConfigError(f"{path}: no effect is named '{name}'; choose from {', '.join(sorted(known))}")
     if not isinstance(entry, dict) or set(entry) - KEYS:

@@ -93,9 +93,10 @@ def _of_effect(
     shapes = [*grid, refined[effect.name]] if effect.name in refined else grid
     null = tuple(p.null for p in effect.amplitudes)
     one_sided = np.array([p.lower == p.null for p in effect.amplitudes])
+    beside = "" if effect.beside is None else effect.beside.name
     found = []
     for shape in shapes:
         S = equations.signature(problem, chains, c, (Addition(effect, null, shape),)) * deviation
         if np.isfinite(S).all():
-            found.append(Signature(effect.name, shape, S - U @ (U.T @ S), 1 / len(grid), one_sided))
+            found.append(Signature(effect.name, shape, S - U @ (U.T @ S), 1 / len(grid), one_sided, beside))
     return found

@@ -132,7 +132,7 @@ def _groups(linear: Evidence, best: Subset) -> dict[str, tuple[str, ...]]:
         spans: dict[str, Array] = {}
         shares: dict[str, float] = {}
         for s in linear.signatures:
-            share = 0.0 if s.name == own.name else _share(y, s.columns)
+            share = 0.0 if own.name in (s.name, s.beside) else _share(y, s.columns)
             if share > shares.get(s.name, 0.0):
                 spans[s.name], shares[s.name] = s.columns, share
         alone = [name for name in spans if shares[name] > SPANNED]

@@ -17,7 +17,7 @@ from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Exchange, Review, Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects import Effect
-from calibrate.effects.chain import Addition
+from calibrate.effects.chain import Addition, Additions
 
 GAIN = 1.0  # of the penalised misfit, that an exchange must bring
 
@@ -39,7 +39,7 @@ def review(
     gains: dict[str, float] = {}
     groups: dict[str, tuple[str, ...]] = {}
     most = GAIN
-    for one in state.additions:
+    for one in not_continued(state.additions):
         name = one.effect.name
         say(f"without {name}")
         place = _place(model, now, one, effects, thresholds, seed)
@@ -55,6 +55,12 @@ def review(
     if exchange is None:
         return now, Review(gains, groups), None
     return replace(now, added=exchange.added, group=(exchange.added,), exchange=exchange), Review(gains, groups), best
+
+
+def not_continued(additions: Additions) -> Additions:
+    """Those that no other is more of, without which these would be none."""
+    continued = {a.effect.beside.name for a in additions if a.effect.beside is not None}
+    return tuple(a for a in additions if a.effect.name not in continued)
 
 
 def is_sound(candidate: Candidate) -> bool:

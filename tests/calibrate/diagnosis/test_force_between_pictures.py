@@ -31,7 +31,7 @@ def recorded(seed: int) -> Experiment:
     """A ramp and a hold, a picture every 2 s, the load cell read ten times as often."""
     pictures = np.arange(INTERVAL, END + 1e-9, INTERVAL)
     others = [t for t in np.arange(0.2, END, 0.2) if np.abs(pictures - t).min() > 1e-6]
-    sheet, pull = Sheet(NeoHooke(0.4), 1.0, (), Prony(G, TAU)), Loading.clamped(PLATE.loaded, 25.0)
+    sheet, pull = Sheet(NeoHooke(0.4), 1.0, (), (Prony(G, TAU),)), Loading.clamped(PLATE.loaded, 25.0)
     true = solve_history(
         quads(PLATE, size_factor=3.0), sheet, pull, np.minimum(pictures / RAMP, 1), pictures,
         readings=[(float(t), float(min(t / RAMP, 1))) for t in others],

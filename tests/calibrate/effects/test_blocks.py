@@ -10,14 +10,14 @@ import pytest
 from made_up import made_up_chain
 
 from calibrate.data.experiment import Noise
-from calibrate.effects import KNOWN
+from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, linearisation
 from calibrate.effects.chain.blocks import OF_ONE_SIZE, blocks
 from calibrate.effects.chain.links_of_motion import DeformationGradients
 from calibrate.effects.chain.links_of_stress import BaseStress
 from calibrate.equations import kinematics, noise_covariance
 
-EFFECTS = {effect.name: effect for effect in KNOWN}
+EFFECTS = {effect.name: effect for effect in CATALOGUE}
 CASES = {
     "of triangles": ("viscoelasticity", "lens distortion"),
     "of increments": ("3D effect of thickness", "second invariant"),

@@ -11,7 +11,7 @@ import pytest
 from made_up import made_up_chain
 from rebuilt_experiment import World, signature_by_rebuilding
 
-from calibrate.effects import KNOWN
+from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 
 TOLERANCE = 1e-3
@@ -36,7 +36,7 @@ SHAPES = {
     "lag between force and image": (0.0,),
     "lens distortion": (0.12, -0.07),
 }
-EFFECTS = {effect.name: effect for effect in KNOWN}
+EFFECTS = {effect.name: effect for effect in CATALOGUE}
 THICK, WARP, LENS, STRIP = "3D effect of thickness", "initial warp", "lens distortion", "unmeasured strip"
 TILT = "camera tilt"
 COARSE = {

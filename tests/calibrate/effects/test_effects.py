@@ -17,7 +17,7 @@ from viscous_states import LATERAL, nominal_stress
 from calibrate import errors
 from calibrate.data.experiment import Experiment, LoadedBoundary
 from calibrate.diagnosis.score_tests import Status, untestable
-from calibrate.effects import CATALOGUE, KNOWN, Data
+from calibrate.effects import CATALOGUE, Data
 from calibrate.effects.camera_tilt import CameraTilt
 from calibrate.effects.chain import Addition
 from calibrate.effects.chain.stages import SWEEPS
@@ -37,7 +37,7 @@ from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import Viscosity, convolved
 from calibrate.effects.warp import FLAT, InitialWarp, regained_strain
 
-EVERY = KNOWN
+EVERY = CATALOGUE
 NAMES = [effect.name for effect in EVERY]
 
 

@@ -15,7 +15,7 @@ from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.distillation import bulk_modulus
-from calibrate.effects import KNOWN
+from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.equations import isochoric as plane_strain
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, basis_for, tangent_modulus
@@ -36,7 +36,7 @@ from studies.synthetic.camera import Camera, GaussianField, observe
 
 KAPPA = 2.0
 BOTH = MooneyRivlin(0.1, 0.05)
-TESTABLE = [e for e in KNOWN if e.missing(made_up_chain("strain").data) != "plane stress"]
+TESTABLE = [e for e in CATALOGUE if e.missing(made_up_chain("strain").data) != "plane stress"]
 
 
 def full_energy(F, c10, c01, kappa):
@@ -111,7 +111,7 @@ def test_the_chain_is_the_linear_system(chain, c):
 @pytest.mark.parametrize("effect", TESTABLE, ids=lambda e: e.name)
 def test_signature_is_the_derivative(chain, c, effect):
     """Beside a second invariant that is in the model already; null changes nothing."""
-    others = (Addition(KNOWN[0], (0.02,)),)
+    others = (Addition(CATALOGUE[0], (0.02,)),)
     shape, null = effect.shape_values(chain.data)[-1], np.array([p.null for p in effect.amplitudes])
     at = lambda a: chain.residual(c, (*others, Addition(effect, tuple(a), shape)))  # noqa: E731
     base = chain.residual(c, others)
@@ -134,7 +134,7 @@ def test_the_transposed_tangent(chain, c):
 
 
 def test_sheet_effects_are_not_testable(chain):
-    missing = {e.name for e in KNOWN} - {e.name for e in TESTABLE}
+    missing = {e.name for e in CATALOGUE} - {e.name for e in TESTABLE}
     assert missing == {"compressibility", "3D effect of thickness", "camera tilt", "lens distortion", "unmeasured strip",
                        "initial warp"}  # fmt: skip
 

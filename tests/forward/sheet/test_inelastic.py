@@ -193,7 +193,7 @@ def second_piola(a):
 def test_viscous_ramp_and_relaxation(strip):
     """A ramp of 2 s to stretch 1.5, then rest: second order in the step on the ramp, exact at rest."""
     g, tau, rate = 0.4, 1.3, 0.25
-    sheet = Sheet(NEO, H, prony=Prony(g, tau))
+    sheet = Sheet(NEO, H, prony=(Prony(g, tau),))
     times, factors = [1.0, 2.0, 2.7, 5.0], [0.25, 0.5, 0.5, 0.5]
     expected = [nominal_stress("uniaxial", 0.4, g, tau, rate, t)[0] for t in (1.0, 2.0)]
     error = []
@@ -215,17 +215,27 @@ def test_viscous_ramp_with_a_stress_across(mode):
     stretches = np.stack([a, a ** LATERAL[mode]], axis=1)
     motion = MeasuredMotion(("right", "top"), np.ones_like(mesh.points, bool), (stretches[:, None] - 1) * mesh.points)
     found = solve_history(
-        mesh, Sheet(NEO, H, prony=Prony(g, tau)), motion, np.arange(1, 41) / 40, end * np.arange(1, 41) / 40
+        mesh, Sheet(NEO, H, prony=(Prony(g, tau),)), motion, np.arange(1, 41) / 40, end * np.arange(1, 41) / 40
     )
     stress = np.array([found.reactions["right"][-1, 0], found.reactions["top"][-1, 1]]) / (10.0 * H)
     np.testing.assert_allclose(stress, nominal_stress(mode, 0.4, g, tau, rate, end), rtol=3e-4)
+
+
+def test_branches_of_a_series_add_up(strip):
+    """In uniaxial tension, where the deformation is that of one branch: overstresses, on a ramp and at rest."""
+    times, factors, branches = [1.0, 2.0, 2.7, 5.0], [0.25, 0.5, 0.5, 0.5], (Prony(0.4, 1.3), Prony(0.25, 0.2))
+    base, first, second, both = (
+        force(solve_history(strip, Sheet(NEO, H, prony=some), PULL, factors, times, 4))
+        for some in ((), branches[:1], branches[1:], branches)
+    )
+    np.testing.assert_allclose(both - base, (first - base) + (second - base), rtol=1e-7)
 
 
 def test_viscosity_fast_and_slow(strip):
     """Q = g S where loading is fast against tau, none where it is slow."""
     base = force(solve_history(strip, Sheet(NEO, H), PULL, [0.5], [1.0]))
     fast, slow = (
-        force(solve_history(strip, Sheet(NEO, H, prony=Prony(0.3, tau)), PULL, [0.5, 0.5], [1.0, 2.0])) / base
+        force(solve_history(strip, Sheet(NEO, H, prony=(Prony(0.3, tau),)), PULL, [0.5, 0.5], [1.0, 2.0])) / base
         for tau in (1e6, 1e-3)
     )
     assert fast[0] == pytest.approx(1.3, rel=1e-5)
@@ -297,7 +307,7 @@ def test_permanent_set(strip):
 
 def test_additions_add_up(strip):
     """A gradient side by side, softened, with viscosity so slow that it multiplies the stress."""
-    sheet = Sheet(NEO, H, (Gradient(0.0, 0.5, 2 * L), Mullins(0.3)), prony=Prony(0.2, 1e7))
+    sheet = Sheet(NEO, H, (Gradient(0.0, 0.5, 2 * L), Mullins(0.3)), prony=(Prony(0.2, 1e7),))
     found = solve_history(strip, sheet, PULL, [0.5, 0.2], [1, 2])
     (_, stress), (largest, x) = np.transpose([uniaxial(NEO, a) for a in (1.5, 1.2)])
     expected = 1.2 * (1 + 0.5 * (W / 2) / (2 * L)) * stress * (1 - 0.3 * (1 - x / largest)) * 2 * W * H

@@ -19,8 +19,8 @@ from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 from meshes import PlateWithHole, quads
 
 SHEETS = {
-    "softening": Sheet(NeoHooke(0.4), 1.2, (Mullins(0.3),), Prony(0.3, 2.0), PermanentSet(0.05)),
-    "compressible": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), Prony(0.2, 1.0), bulk_modulus=10.0),
+    "softening": Sheet(NeoHooke(0.4), 1.2, (Mullins(0.3),), (Prony(0.3, 2.0),), PermanentSet(0.05)),
+    "compressible": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), (Prony(0.2, 1.0),), bulk_modulus=10.0),
 }
 LOADING = Loading.clamped(PlateWithHole.loaded, 20.0)
 FACTORS, TIMES = [0.5, 1.0, 1.0, 0.2], [1.0, 2.0, 4.0, 5.0]
@@ -52,9 +52,9 @@ def check_same(found, expected):
 
 ALL_KINDS = {
     **SHEETS,
-    "viscous": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), Prony(0.9, 2.0)),
+    "viscous": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), (Prony(0.9, 2.0),)),
     "compressible and elastic": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), bulk_modulus=2.0),
-    "compressible and viscous": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), Prony(0.9, 2.0), bulk_modulus=2.0),
+    "compressible and viscous": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), (Prony(0.9, 2.0),), bulk_modulus=2.0),
 }
 
 

@@ -13,7 +13,7 @@ from forward.sheet.thin_sheet import Prony, Sheet
 from meshes import PlateWithHole, quads
 
 LOADING = Loading.clamped(PlateWithHole.loaded, 20.0)
-SHEET = Sheet(NeoHooke(0.4), 1.2, (), Prony(0.5, 0.7))
+SHEET = Sheet(NeoHooke(0.4), 1.2, (), (Prony(0.5, 0.7),))
 FACTORS, TIMES = [0.5, 1.0, 1.0], [1.0, 2.0, 4.0]
 READINGS = ((0.4, 0.3), (1.5, 0.9), (2.2, 1.0), (3.0, 1.0))  # a corner at 0.4 s, and one at 1.5 s
 

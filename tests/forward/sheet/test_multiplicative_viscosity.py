@@ -148,7 +148,7 @@ def test_small_strain_is_the_finite_linear_law():
     """Simo's law with g = mu of the branch / mu of the base: the overstresses differ by the square of the strain in pure shear, whose stress is odd in it."""
     times = np.arange(1, 41) * 0.1
     mesh = quads(SquareSheet(SIDE, SIDE, far_size=2 * SIDE), quarter=True)
-    split, linear = Sheet(NEO, H, branches=(Branch(0.3, 1.3),)), Sheet(NEO, H, prony=Prony(0.75, 1.3))
+    split, linear = Sheet(NEO, H, branches=(Branch(0.3, 1.3),)), Sheet(NEO, H, prony=(Prony(0.75, 1.3),))
 
     def difference(size):
         loading = Loading({"right": (size * SIDE, None), "top": (None, 0.0)})

@@ -59,7 +59,7 @@ def test_a_strip_is_that_of_the_closed_form() -> None:
 def test_a_sheet_with_history_agrees_with_quads() -> None:
     """Relaxation and softening keep state variables in the cells: both meshes of a plate with a hole agree within their errors."""
     mesh = quads(PlateWithHole(), quarter=True, size_factor=1.5)
-    sheet = Sheet(NeoHooke(0.4), 1.0, additions=(Mullins(0.3),), prony=Prony(0.8, 0.5))
+    sheet = Sheet(NeoHooke(0.4), 1.0, additions=(Mullins(0.3),), prony=(Prony(0.8, 0.5),))
     loading = Loading({"right": (12.0, 0.0)})
     forces = [
         solve_history(one, sheet, loading, [0.5, 1.0, 0.6], [0.5, 1.0, 1.4], substeps=2).reactions["right"][:, 0]

@@ -35,7 +35,7 @@ FITTED = 6.0  # s
 def ramp() -> Experiment:
     """Relaxation that is fast beside the ramp, as of a printed elastomer."""
     pull, times = Loading.clamped(STRIP.loaded, 15.0), np.arange(1.0, 11.0)
-    true = solve_history(quads(STRIP), Sheet(NeoHooke(C10), 1.0, (), Prony(G, TAU)), pull, times / 10, times)
+    true = solve_history(quads(STRIP), Sheet(NeoHooke(C10), 1.0, (), (Prony(G, TAU),)), pull, times / 10, times)
     exact = camera.observe(true, triangles(STRIP, n_nodes=250), name="strip")
     return replace(exact, noise=Noise(1e-3, 2.0, 1e-3))
 

@@ -22,7 +22,7 @@ from studies.replay.report import write_report
 from studies.synthetic import camera
 
 STRIP = SPECIMENS["strip"]()
-TRUE = Sheet(NeoHooke(0.2), 1.0, (), Prony(0.8, 0.4))
+TRUE = Sheet(NeoHooke(0.2), 1.0, (), (Prony(0.8, 0.4),))
 PICTURES = [2, 4, 6]  # s
 READINGS = [
     (t, min(t / 2.5, 1.0)) for t in np.arange(0.25, 6, 0.25) if t not in PICTURES
@@ -53,7 +53,7 @@ def test_a_relaxation_faster_than_the_pictures_is_seen_between_them():
     assert len(record.solved) >= 24
     name, force = next(iter(found.forces.items()))
     np.testing.assert_allclose(record.forces[name][np.isin(record.solved, test.time)], force, rtol=1e-12)
-    slow = replace(TRUE, prony=Prony(0.8, 0.04))
+    slow = replace(TRUE, prony=(Prony(0.8, 0.04),))
     assert record_error(slow, test) > 10 * record.error
 
 

@@ -53,7 +53,7 @@ def test_every_part_of_a_sheet_is_read(tmp_path: Path) -> None:
     history = read_history(path)
     assert (history.times, history.factors, history.substeps) == ((4, 9, 12), (1.0, 1.0, 0.5), 3)
     additions = (OgdenRoxburgh(2.0, 0.05), DispersedFibres(0.05, 0.5, 0.1, (0.6, -0.6)))
-    expected = Sheet(NeoHooke(), 1.5, additions, Prony(0.3, 5.0), PermanentSet(0.02), None, (Branch(0.2, 2.0),))
+    expected = Sheet(NeoHooke(), 1.5, additions, (Prony(0.3, 5.0),), PermanentSet(0.02), None, (Branch(0.2, 2.0),))
     assert sheet_of(path, history, NeoHooke(), 1.5) == expected
 
 

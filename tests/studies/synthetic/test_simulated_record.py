@@ -24,7 +24,7 @@ HISTORY = History(times=(2.0, 10.0), factors=(1.0, 1.0), substeps=4)
 
 @cache
 def solution():
-    sheet, pull = Sheet(NeoHooke(0.2), 1.0, (), Prony(0.8, 0.5)), Loading.clamped(STRIP.loaded, 10.0)
+    sheet, pull = Sheet(NeoHooke(0.2), 1.0, (), (Prony(0.8, 0.5),)), Loading.clamped(STRIP.loaded, 10.0)
     mesh = quads(STRIP, size_factor=3.0)
     return solve_history(mesh, sheet, pull, HISTORY.factors, HISTORY.times, 4, readings=HISTORY.readings)
 

@@ -179,7 +179,7 @@ def test_sheets_take_the_drawn_numbers():
     trial = plate("permanent set")
     assert sheet(trial).permanent_set == PermanentSet(trial.effects[0].amplitudes["a"])
     trial = plate("viscoelasticity")
-    assert sheet(trial).prony == Prony(trial.effects[0].amplitudes["g"], trial.effects[0].shape["tau"])
+    assert sheet(trial).prony == (Prony(trial.effects[0].amplitudes["g"], trial.effects[0].shape["tau"]),)
 
 
 def test_two_effects(coarse):
