@@ -9,6 +9,10 @@ class ExperimentError(EquigapError, ValueError):
     """The Experiment as a whole does not make sense."""
 
 
+class ImpossibleCorrectionError(ExperimentError):
+    """Effects so large that what was measured, corrected for them, is no test."""
+
+
 class MeshMismatchError(ExperimentError):
     """Arrays of an Experiment do not belong to the same mesh, increments or boundaries."""
 

@@ -14,6 +14,7 @@ from calibrate.diagnosis.replayed.parameter_spread import Directions
 from calibrate.diagnosis.replayed.updating import ReplayedRows
 from calibrate.effects.chain import Additions
 from calibrate.effects.support.effect_data import Data
+from calibrate.errors import ImpossibleCorrectionError
 from forward.errors import ForwardError
 from studies.replay.compared_test import ComparedTest, ReplayedModel
 from studies.replay.flat_rows import observations
@@ -44,11 +45,11 @@ class Replays:
     failure: str = field(default="", init=False)
 
     def __call__(self, c: Array, additions: Additions) -> ReplayedRows | None:
-        """A law that cannot be solved has no rows."""
+        """A law that cannot be solved has no rows, nor has a correction that leaves no test, as a lag that puts a picture before the start."""
         model = ReplayedModel(c, tuple(a for a in additions if not a.is_null))
         try:
             pairs = [test.replayed(model, True) for test in self.tests]
-        except ForwardError as error:
+        except (ForwardError, ImpossibleCorrectionError) as error:
             self.failure = str(error)
             return None
         rows = observations(self.tests, [rows for rows, _ in pairs])

@@ -21,7 +21,7 @@ from calibrate.effects.chain.stages import load_stages, motion_stages
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
 from calibrate.equations import noise_covariance
-from calibrate.errors import ExperimentError
+from calibrate.errors import ExperimentError, ImpossibleCorrectionError
 
 Array = NDArray[np.float64]
 HOOKS = ("places", "displacements", "time", "loads")
@@ -36,7 +36,7 @@ def true_surface(experiment: Experiment, additions: Additions) -> Experiment:
     """The test without effects that are expressed so; others among the additions change nothing.
 
     Where a correction amplifies noise, the noise of the displacements is as much larger. The machine record is on the clock of the forces; where that
-    of the pictures, corrected, goes beyond it, it is left out. Raises `ExperimentError` where no test is left, as of triangles that are turned inside out.
+    of the pictures, corrected, goes beyond it, it is left out. Raises `ImpossibleCorrectionError` where no test is left, as of triangles that are turned inside out.
     """
     acting = tuple(a for a in additions if is_expressed(a.effect) and not a.is_null)
     if not acting:
@@ -68,7 +68,7 @@ def _corrected(experiment: Experiment, additions: Additions) -> Experiment:
         )
     except ExperimentError as error:  # its remedies are for what was measured
         names = " and ".join(a.effect.name for a in additions)
-        raise ExperimentError(
+        raise ImpossibleCorrectionError(
             f"{experiment.name}, corrected for {names}, is no test that could be: an effect so large is not in it"
         ) from error
 

@@ -64,6 +64,15 @@ def test_relaxation_that_is_faster_than_the_equations_have_it_is_found():
     assert visco.shape[0] == pytest.approx(TAU, rel=0.1)
 
 
+def test_a_lag_that_puts_a_picture_before_the_start_has_no_rows():
+    problem, base = base_fit.prepare([ramp()], [HoldOut.parse("every:3", 0).training], base="neo-Hooke")
+    replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
+    lag = next(effect for effect in CATALOGUE if effect.name == "lag between force and image")
+    assert replays(base.c, (Addition(lag, (-1.5,), (-1.0,)),)) is None
+    assert "is no test that could be" in replays.failure
+    assert replays(base.c, (Addition(lag, (-0.1,), (-1.0,)),)) is not None
+
+
 def test_nothing_that_is_held_out_is_used():
     own, other = update_of(), update_of(1.3)
     np.testing.assert_allclose(own.c, other.c, rtol=1e-9)
