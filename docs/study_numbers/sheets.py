@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from wording import share
 
-from calibrate.effects import KNOWN
+from calibrate.effects import CATALOGUE
 
 SHORT = {"Soft_Homo": "soft", "Stiff2_Homo": "stiff", "Stiff2_Hetero": "hetero"}
 MODELS = {
@@ -20,7 +20,7 @@ MODELS = {
     "base": "base",
     "base and effects found": "found",
 }
-EFFECTS = {effect.name: effect for effect in KNOWN}
+EFFECTS = {effect.name: effect for effect in CATALOGUE}
 UNTIL = 15.0  # s
 
 

@@ -164,10 +164,10 @@ def _intervals(
         ax.errorbar(tested[0], places - 0.25, xerr=BAND * np.array(tested[1]), fmt="s", ms=4, mfc="white", capsize=3,
                     color=style.COLOURS["vermilion"], linestyle="none", label="score test, 95 %")  # fmt: skip
     ax.axvline(0, color="0.4", lw=0.8, ls="--")
-    if np.isfinite(parameters[0].lower):
-        low, high = ax.get_xlim()
-        ax.axvspan(min(low, parameters[0].lower), parameters[0].lower, color="0.88", lw=0, label="not admissible")
-        ax.set_xlim(min(low, parameters[0].lower - 0.05 * (high - low)), high)
+    low, high = ax.get_xlim()
+    if low < parameters[0].lower:
+        ax.axvspan(low, parameters[0].lower, color="0.88", lw=0, label="not admissible")
+    ax.set_xlim(low, high)
     ax.set_yticks(places, [p.name for p in parameters])
     ax.set_ylim(-0.8, len(places) - 0.4)
     ax.set_title(addition.effect.name)

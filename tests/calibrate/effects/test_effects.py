@@ -157,6 +157,7 @@ def test_what_the_data_lack_is_named(chain):
     timeless = Data.of(dataclasses.replace(experiment, time=None))
     assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
         "viscoelasticity",
+        "second relaxation time",
         "lag between force and image",
     }
 

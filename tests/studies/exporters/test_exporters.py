@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from calibrate.effects import KNOWN
+from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.equations.basis import SingleBasis
 from calibrate.models import pann
@@ -23,7 +23,7 @@ from studies.exporters.python_function import namespace
 from studies.exporters.target import volume_of
 from studies.exporters.umat import differences, history_size, material_point, sheet_stress, solid
 
-EFFECTS = {effect.name: effect for effect in KNOWN}
+EFFECTS = {effect.name: effect for effect in CATALOGUE}
 needs_gfortran = pytest.mark.skipif(compiler() is None, reason="gfortran is not installed")
 
 

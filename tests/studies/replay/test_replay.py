@@ -11,7 +11,7 @@ import pytest
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
-from calibrate.effects import KNOWN
+from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
@@ -33,7 +33,7 @@ from studies.replay.replayed_experiment import mesh_effect, named_edges, replay
 from studies.synthetic import camera, effect_laws
 
 PLATE = SPECIMENS["plate_with_hole"]()
-BY_NAME = {effect.name: effect for effect in KNOWN}
+BY_NAME = {effect.name: effect for effect in CATALOGUE}
 PULL = Loading.clamped(PLATE.loaded, 20.0)
 
 

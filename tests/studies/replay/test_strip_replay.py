@@ -12,7 +12,7 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.triangulation import boundary_edges, signed_areas
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.effects import KNOWN
+from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import neo_hooke as neo_hooke_coefficients
@@ -31,7 +31,7 @@ from studies.synthetic import camera
 from studies.synthetic.correlation_disturbances import UnmeasuredStrip
 
 PLATE = SPECIMENS["plate_with_hole"]()
-STRIP = next(effect for effect in KNOWN if effect.name == "unmeasured strip")
+STRIP = next(effect for effect in CATALOGUE if effect.name == "unmeasured strip")
 
 
 @cache

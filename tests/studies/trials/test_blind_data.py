@@ -40,7 +40,7 @@ def plate(effect, second=None, **conditions):
 
 
 ABSORBED = ("upturn",)  # by the splines of the base, so that there is nothing to find
-HIDEABLE = [effect for effect in CATALOGUE if effect.name not in ABSORBED]
+HIDEABLE = [effect for effect in CATALOGUE if effect.name not in ABSORBED and effect.beside is None]
 
 
 def test_every_effect_of_the_catalogue_can_be_hidden():
