@@ -91,7 +91,7 @@ class Score:
 
 
 def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, seed: int = 0) -> list[Score]:
-    """Test every effect that is not in the model yet; best first, those that could not be tested last."""
+    """Test every effect that is not in the model yet, one that is more of another only beside that; best first, those that could not be tested last."""
     present = {a.effect.name for a in state.additions}
     state = state.remembering()
     U, r = state.columns, state.residual
@@ -99,12 +99,11 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
     hidden = hidden_noise(problem, state.chains, state.c, state.additions) if problem.noise_is_known else []
 
     def examined(effect: Effect) -> tuple[Score, Array | None]:
-        if effect.beside is not None and effect.beside.name not in present:
-            return Score(effect, Status.NOT_TESTABLE, (f"{effect.beside.name} in the model",)), None
         refused = untestable(problem, effect)
         return (refused, None) if refused is not None else examine(problem, state, effect, U, r, hidden)
 
-    every = side_by_side(examined, (effect for effect in effects if effect.name not in present))
+    candidates = (e for e in effects if e.name not in present and (e.beside is None or e.beside.name in present))
+    every = side_by_side(examined, candidates)
     found = [(one, Q) for one, Q in every if Q is not None and one.is_tested]
     skipped = [one for one, _ in every if not one.is_tested]
     if not found:
