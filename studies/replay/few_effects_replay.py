@@ -26,6 +26,7 @@ from studies.replay.model_law import STRIP, is_solved
 
 Array = NDArray[np.float64]
 PICTURES = 4  # of a test that was fitted: more tell little, as what a model misses persists over the load
+WORSE = 1.05  # times the field error, which forces may cost
 FEW = 2  # amplitudes, at most: more are a series that describes any smooth field
 
 
@@ -42,7 +43,8 @@ def few_by_fields(
 
 
 def with_forces(problem: Problem, found: FewEffects, effects: Sequence[Effect], priors: Priors) -> Updated:
-    """The best of them, updated by forces. Raises `FitError` where no force is known, `OptionError` without an equilibrium."""
+    """The best of them, updated by forces, with effects with a memory where these do not take the fields further from what was measured than they were, or than neo-Hooke has them.
+    Raises `FitError` where no force is known, `OptionError` without an equilibrium."""
     remembered = [one for one in _candidates(problem, effects, priors) if one.effect.remembers]
     best = () if found.best is None else found.best.additions
     additions = (*best, *(one.at_null(one.shapes[0]) for one in remembered))
@@ -50,6 +52,8 @@ def with_forces(problem: Problem, found: FewEffects, effects: Sequence[Effect], 
     known |= {one.effect.name: (np.array([p.null for p in one.effect.amplitudes]), one.deviations) for one in remembered}  # fmt: skip
     replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
     new = update(replays, found.c, additions, known, other_times(additions, problem.trained[0].chain.data))
+    if new is not None and remembered and new.after.field > WORSE * max(new.before.field, found.base.field):
+        new = update(replays, found.c, best, known)
     if new is None:
         raise OptionError(f"the few effects have no equilibrium to start from: {replays.failure}")
     return new

@@ -58,7 +58,7 @@ class Candidate:
 @dataclass(frozen=True, eq=False)
 class FittedSet:
     """A set after its fit to replays: log_odds against none; errors: of pictures that were fitted; discrepancy: tau, mm, of a smooth mode; priors: mean and standard deviation
-    of every amplitude by the fields."""
+    of every amplitude and shape by the fields."""
 
     additions: Additions
     log_odds: float

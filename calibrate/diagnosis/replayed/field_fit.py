@@ -99,12 +99,12 @@ class FieldFit:
         return float(self.residual @ self.residual) / tau**2 + float(self.shifts @ self.shifts)
 
     def posterior(self, tau: float) -> dict[str, tuple[Array, Array]]:
-        """Mean and standard deviation of every amplitude, to first order."""
+        """Mean and standard deviation of every amplitude, then of every shape, to first order."""
         widths, sizes = self.widths(self.start), Variables(self.start).sizes
         information = np.eye(len(widths)) + self.S.T @ self.S / tau**2
         deviations = np.split(np.sqrt(np.diag(np.linalg.inv(information))) * widths, np.cumsum(sizes)[:-1])
         return {
-            a.effect.name: (np.array(a.amplitudes), own[: len(a.amplitudes)])
+            a.effect.name: (np.array([*a.amplitudes, *a.shape]), own)
             for a, own in zip(self.additions, deviations, strict=True)
         }
 

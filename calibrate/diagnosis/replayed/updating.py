@@ -6,7 +6,7 @@ camera, of the load cell as stated, and of one of class 0.5 (ISO 7500-1),
 
 .. math:: e^T V^{-1} e + \sum_k (a_k - m_k)^2 / \lambda_k^2
 
-is minimised over a factor on the base, amplitudes a and shapes. Amplitudes have m and lambda of the fit to the fields; those of effects with a memory their prior.
+is minimised over a factor on the base, amplitudes a and shapes. Both have m and lambda of the fit to the fields; amplitudes of effects with a memory their prior.
 Nothing that is held out is used.
 
 Between two replays the forces follow the law through the virtual fields of the last one, at its displacements: that is exact there, and not linear in the law.
@@ -38,7 +38,9 @@ from calibrate.fitting.least_squares import bounded
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Priors = Mapping[str, tuple[Array, Array]]  # {effect: mean and standard deviation of every amplitude (p,), in its unit}
+Priors = Mapping[
+    str, tuple[Array, Array]
+]  # {effect: mean and standard deviation of every amplitude, in its unit, (p,); or of shapes behind them, too (p + s,)}
 REPLAYS, STEPS = 6, 30  # at most; of the fit between two replays
 SMALL = 1.0  # change by one more fit, in standard deviations, at which the last replay is that of the model
 TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances
@@ -147,7 +149,7 @@ class _Objective:
         pulls = []
         for a in additions:
             mean, deviation = self.priors[a.effect.name]
-            pulls.append((np.array(a.amplitudes) - mean) / deviation)
+            pulls.append((np.array([*a.amplitudes, *a.shape])[: len(mean)] - mean) / deviation)
         return _Point(factor, additions, np.concatenate([self._white(e), *pulls]))
 
     def slopes(self, point: _Point) -> Array:
@@ -155,9 +157,14 @@ class _Objective:
         directions = Directions.of(point.factor * self.c, point.additions, self.c[:, None], point.factor)
         used = _of_memory(point.additions) if self.of_memory else np.ones(len(directions.sizes), bool)
         own = self._white(self.replayed.slopes(directions, used))
-        pulls = [np.concatenate([1 / self.priors[a.effect.name][1], np.zeros(len(a.shape))]) for a in point.additions]
-        pull = np.diag(np.concatenate([np.zeros(1), *pulls]))[1:]
-        return np.concatenate([own, pull[~Variables(point.additions).is_shape]]) * used
+        known = [1 / self.priors[a.effect.name][1] for a in point.additions]
+        sizes = Variables(point.additions).sizes
+        first = 1 + np.cumsum([0, *sizes])
+        pull = np.zeros((sum(map(len, known)), 1 + sum(sizes)))
+        places = [np.arange(len(one)) + start for one, start in zip(known, first[:-1], strict=True)]
+        if len(pull):
+            pull[np.arange(len(pull)), np.concatenate(places)] = np.concatenate(known)
+        return np.concatenate([own, pull]) * used
 
     def _white(self, rows: Array) -> Array:
         """Forces (m, ...) of unit variance, of all rows (N, ...)."""

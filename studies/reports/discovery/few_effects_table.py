@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
 from calibrate.diagnosis.replayed.few_effects import FewEffects, FittedSet
 from calibrate.diagnosis.replayed.updating import Updated
+from calibrate.effects.chain import Addition
 from calibrate.models.addition_json import amplitude_unit
 from studies.output.words import plus_minus, with_unit
 from studies.reports.discovery.view import BAND
 
+Array = NDArray[np.float64]
 Table = tuple[list[str], list[list[Any]]]
 SAID = 0.05  # probability of an effect, from which it is told
 
@@ -32,10 +37,16 @@ def _of_set(one: FittedSet | None, unit: str) -> list[Any]:
         return [None, None]
     said = []
     for a in one.additions:
-        for p, mean, deviation in zip(a.effect.amplitudes, *one.priors[a.effect.name], strict=True):
+        for p, mean, deviation in zip(a.effect.amplitudes, *_of_amplitudes(one, a), strict=True):
             said.append(with_unit(f"{p.name} = {plus_minus(mean, BAND * deviation)}", amplitude_unit(p, unit)))
         said += [with_unit(f"{p.name} = {v:.2g}", p.unit) for p, v in zip(a.effect.shapes, a.shape, strict=True)]
     return [", ".join(said), f"{one.errors.field:.2g}"]
+
+
+def _of_amplitudes(one: FittedSet, a: Addition) -> tuple[Array, Array]:
+    """Means and standard deviations (p,)."""
+    mean, deviation = one.priors[a.effect.name]
+    return mean[: len(a.amplitudes)], deviation[: len(a.amplitudes)]
 
 
 def few_data(found: FewEffects) -> dict[str, Any]:
@@ -58,7 +69,7 @@ def few_record(found: FewEffects | NoReplayCheck | None) -> dict[str, Any] | Non
     fitted = [
         {
             "effects": [{"effect": a.effect.name, "amplitudes": list(a.amplitudes), "shape": list(a.shape),
-                         "standard_deviations": one.priors[a.effect.name][1].tolist()} for a in one.additions],
+                         "standard_deviations": _of_amplitudes(one, a)[1].tolist()} for a in one.additions],
             "log_odds": one.log_odds, "fitted": one.errors.to_dict(), "discrepancy_mm": one.discrepancy,
         }
         for one in found.fitted

@@ -61,4 +61,6 @@ def noise_found(name: str, check: NoiseCheck, clock_unit: str = "s") -> Finding:
         "common_found": check.common_found,
         "far": stated is None or not 1 / FAR <= check.factor <= FAR,
     }
-    return Finding("experiment", ExperimentCode.NOISE_FOUND, {"name": name, **data, "clock_unit": clock_unit}, data["far"])
+    return Finding(
+        "experiment", ExperimentCode.NOISE_FOUND, {"name": name, **data, "clock_unit": clock_unit}, data["far"]
+    )
