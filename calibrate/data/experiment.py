@@ -114,6 +114,11 @@ class Experiment:
         """How much of the largest deformation each increment has (n_increments,), see `calibrate.data.deformation_shares`."""
         return deformation_shares(self.points, self.triangles, self.displacements)
 
+    @property
+    def most_deformed(self) -> int:
+        """The increment of the largest deformation: the last of a ramp, a turning point of a cycle."""
+        return int(np.argmax(self.deformation_shares))
+
     @cached_property
     def pictures(self) -> NDArray[np.int64]:
         """Which increments (k,) are pictures: of those with its displacements the last, when it was taken."""

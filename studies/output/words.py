@@ -22,6 +22,7 @@ def _environment() -> Any:
         extensions=["jinja2.ext.do"],
     )  # fmt: skip
     environment.filters.update(percent=percent, probability=probability_text, digits=digits, plus_minus=plus_minus)
+    environment.filters["capital"] = lambda text: text[:1].upper() + text[1:]
     return environment
 
 

@@ -12,13 +12,14 @@ from studies.reports import force_record
 
 
 def residual_maps(found: Replay) -> Figure:
-    """Measured minus replayed displacement of the last increment, mm, and in standard deviations where the noise is known."""
+    """Measured minus replayed displacement at the largest deformation, mm, and in standard deviations where the noise is known."""
     experiment = found.experiment
     mesh = Triangulation(*experiment.points.T, experiment.triangles)
     width, height = np.ptp(experiment.points, axis=0)
-    rows = [(found.residual[-1], "mm")]
+    residual = found.residual[experiment.most_deformed]
+    rows = [(residual, "mm")]
     if found.noise is not None:
-        rows.append((found.residual[-1] / found.noise, "standard deviations"))
+        rows.append((residual / found.noise, "standard deviations"))
     panel = 3.4 * min(1.5, max(0.4, height / width))
     with style.figure(7.6, len(rows) * (panel + 0.5)) as figure:
         axes = figure.subplots(len(rows), 2, squeeze=False, sharex=True, sharey=True)

@@ -36,10 +36,19 @@ class Remark(Macro):
 
 def findings(found: Replay) -> list[Finding]:
     """Errors first, then what they rest on."""
-    largest = float(np.linalg.norm(found.experiment.displacements[-1], axis=1).max())
+    peak = found.experiment.most_deformed
+    largest = float(np.linalg.norm(found.experiment.displacements[peak], axis=1).max())
     told: list[tuple[Remark, dict[str, Any]]] = [
         (Remark.FORCE, {"error": found.force_error}),
-        (Remark.FIELD, {"last": float(found.field_error[-1]), "noise": found.noise, "largest": largest}),
+        (
+            Remark.FIELD,
+            {
+                "peak": float(found.field_error[peak]),
+                "most": float(found.field_error.max()),
+                "noise": found.noise,
+                "largest": largest,
+            },
+        ),
     ]
     record = found.record
     if record is not None:

@@ -7,6 +7,8 @@ In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that bot
 2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
    that take its place in explanations of more than 5 %, and those in whose span alone it lies.
 
+3. Where no effect was added and the residual is no more than noise, a candidate that is significant is no alarm if none is needed with a probability above 95 %.
+
 That something in no catalogue is more probable changes no verdict: it is told beside it. Disturbances that are smooth over place and load are
 also what is left of a strong effect by the errors of its formula and of the mesh, which the tests of the residual allow for.
 """
@@ -24,6 +26,7 @@ from calibrate.diagnosis.misfit import is_larger
 from calibrate.diagnosis.selection.candidate_fit import Model, has_soft_base
 from calibrate.diagnosis.selection.loop import close_loop
 from calibrate.diagnosis.selection.rounds import Confirmation, Discovery, Doubt, Verdict
+from calibrate.diagnosis.selection.verdict import is_noise
 from calibrate.effects import Effect
 from calibrate.errors import FitError
 from calibrate.fitting.resumable import SILENT, Resumable
@@ -105,7 +108,9 @@ def _probability(alternatives: Alternatives, names: Sequence[str]) -> float:
 def _judged(found: Discovery, weighing: Weighing) -> Discovery:
     """Names, groups and verdict by the probabilities."""
     if not found.final.names:
-        return found
+        quiet = is_noise(found.problem, found.rounds[-1], found.thresholds)
+        quiet &= _probability(weighing.alternatives, ()) > CERTAIN
+        return replace(found, verdict=Verdict.NOTHING_SIGNIFICANT) if quiet else found
     groups = {name: _group(name, found.final.names, weighing) for name in found.final.names}
     if found.verdict is not Verdict.EXPLAINED:
         return replace(found, groups=groups)

@@ -59,8 +59,7 @@ def noise_found(name: str, check: NoiseCheck, clock_unit: str = "s") -> Finding:
         "factor": check.factor,
         "used": used,
         "common_found": check.common_found,
-        "far": stated is None or not 1 / FAR <= check.factor <= FAR,
+        "clock_unit": clock_unit,
     }
-    return Finding(
-        "experiment", ExperimentCode.NOISE_FOUND, {"name": name, **data, "clock_unit": clock_unit}, data["far"]
-    )
+    far = stated is None or not 1 / FAR <= check.factor <= FAR
+    return Finding("experiment", ExperimentCode.NOISE_FOUND, {"name": name, **data, "far": far}, far)

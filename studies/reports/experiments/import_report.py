@@ -62,11 +62,11 @@ def report_lines(experiment: Experiment, target: Path) -> Iterator[str]:
 
 
 def picture(experiment: Experiment, series: Series, path: Path) -> None:
-    """Deformed mesh of the last increment over the reference, and the force record with the chosen frames."""
+    """Deformed mesh at the largest deformation over the reference, and the force record with the chosen frames."""
     with style.figure(9.5, 4.5) as figure:
         left, right = figure.subplots(1, 2)
-        moved = experiment.points + experiment.displacements[-1]
-        size = np.linalg.norm(experiment.displacements[-1], axis=1)
+        largest = experiment.displacements[experiment.most_deformed]
+        moved, size = experiment.points + largest, np.linalg.norm(largest, axis=1)
         left.triplot(*experiment.points.T, experiment.triangles, color="0.8", linewidth=0.3, linestyle="-")
         mapped = left.tripcolor(*moved.T, experiment.triangles, size, shading="gouraud", cmap=style.SEQUENTIAL)
         for b in experiment.loaded:

@@ -401,7 +401,7 @@ def replayed() -> Findings:
     lens = SimpleNamespace(effect=SimpleNamespace(name="lens distortion"))
     named = SimpleNamespace(remarks=(), left_out=("force offset",), taken_out=(lens,))
     found: Any = SimpleNamespace(
-        experiment=sheet(), force_error=0.02, field_error=np.array([0.1]), noise=0.01, mesh_effect=effect, refined=0,
+        experiment=sheet(), force_error=0.02, field_error=np.full(sheet().n_increments, 0.1), noise=0.01, mesh_effect=effect, refined=0,
         law=named, lost_record=True, judged=np.array([True, False]), record=SimpleNamespace(error=0.03, time=np.arange(9.0), largest=(0.1, 4.0)),
     )  # fmt: skip
     return replay_report.findings(found)

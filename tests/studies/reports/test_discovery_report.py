@@ -353,7 +353,7 @@ def test_the_model_to_predict_with_is_said_first():
     assert recommendation(worse).startswith("To predict with: model_neo_hooke.json.")
     assert "It is one modulus" in recommendation(worse)
     neither = replace(open_one, replay_check=good, few=few_effects(bad.final, bad.final))
-    assert recommendation(neither).startswith("Nothing to predict with beyond doubt")
+    assert recommendation(neither).startswith("Nothing to predict another test with beyond doubt")
     assert recommendation(replace(open_one, few=None)).startswith(
         "Nothing to predict another test with: nothing explains"
     )
