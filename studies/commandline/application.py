@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, ArgumentCollection, CycloptsError, Parameter
+from cyclopts import App, ArgumentCollection, CycloptsError, Parameter, UnusedCliTokensError
 from cyclopts.config import Toml
 
 from studies.commandline.option_types import nearest
@@ -90,4 +90,6 @@ def _mendable(command: str) -> Iterator[None]:
         yield
     except CycloptsError as error:
         message = " ".join(str(error).split()).rstrip(".")
+        if isinstance(error, UnusedCliTokensError):
+            message += ". Values of one option are joined by commas (left,right); a path with spaces is in quotes"
         raise OptionError(f"{message}; see `equigap {command} --help`") from error

@@ -109,6 +109,7 @@ def test_without_words_the_help_is_shown(capsys: pytest.CaptureFixture[str]) -> 
         (["try", "m", "--seed", "3"], "Did you mean --seeds?"),
         (["try"], "MODEL"),
         (["try", "m", "n"], "'n'"),
+        (["try", "m", "n"], "joined by commas (left,right)"),
         (["try", "m", "--seeds", "many"], "'many' must be a whole number"),
         (["try", "m", "--seeds", "1.5"], "whole number"),
         (["try", "m", "--seeds", "0"], "at least 1"),
