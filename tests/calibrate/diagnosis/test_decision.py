@@ -6,8 +6,9 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 import synthetic
-from discoveries import explained
+from discoveries import explained, nothing
 
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis.discovery import discover
@@ -67,6 +68,18 @@ def test_an_effect_that_is_not_needed_is_not_named():
     result = after(((HIDDEN,), False, 0.8), ((), False, 0.2))
     assert result.verdict is Verdict.NOT_EXPLAINED and result.named == () and result.closest == (HIDDEN,)
     assert Doubt.NOT_NEEDED in result.confirmation.doubts
+
+
+@pytest.mark.parametrize(("none", "verdict"), [(0.97, Verdict.NOTHING_SIGNIFICANT), (0.9, Verdict.NOT_EXPLAINED)])
+def test_a_refused_candidate_that_no_evidence_needs_is_no_alarm(none, verdict):
+    """Where the residual is noise; a residual that is more than noise stays unexplained whatever is said to be needed."""
+    known = [Explanation((), float(np.log(none))), Explanation((OTHER,), float(np.log(1 - none)))]
+    weighing = Weighing(Alternatives.of(known), {}, (), True)
+    quiet = replace(nothing(), verdict=Verdict.NOT_EXPLAINED)
+    assert decided(quiet, weighing, read_priors(), FEW).verdict is verdict
+    loud = explained()
+    loud = replace(loud, rounds=loud.rounds[:1], verdict=Verdict.NOT_EXPLAINED, named=(), closest=())
+    assert decided(loud, weighing, read_priors(), FEW).verdict is Verdict.NOT_EXPLAINED
 
 
 def test_something_unknown_beside_it_takes_no_name_away():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -53,6 +55,16 @@ def test_the_charge_of_a_subset_is_its_evidence_without_its_gain():
     )  # linearly; the smaller one may have gained as much by its fit
     assert difference(larger, smaller) < 0
     assert difference(larger, smaller) == pytest.approx(larger.charge - smaller.charge)
+
+
+def test_what_is_more_of_another_effect_is_in_no_subset_without_it():
+    """However well it does alone: it would be the other one under another name."""
+    S, T = np.random.default_rng(5).standard_normal((2, N, 1))
+    branches = (signature("first", S), replace(signature("second", T), beside="first"), signature("other", S + T))
+    found = Evidence(branches, -5 * T[:, 0], EMPTY, -1.5)
+    names = [found.names(one) for one in found.best()]
+    assert {"first", "second"} in names and {"first"} in names
+    assert all("first" in one for one in names if "second" in one)
 
 
 def test_a_smooth_disturbance_that_is_in_no_signature_is_none_of_these():

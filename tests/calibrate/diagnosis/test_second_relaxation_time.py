@@ -1,0 +1,59 @@
+"""A material that relaxes over two decades of time: both branches are found, and one branch alone needs no other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibrate.diagnosis import score_tests, weighted_fit
+from calibrate.diagnosis.base_fit import prepare
+from calibrate.diagnosis.discovery import discover
+from calibrate.diagnosis.effect_fit import refit
+from calibrate.diagnosis.problem import all_rows
+from calibrate.diagnosis.selection import Verdict
+from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
+from forward.loading import Loading
+from forward.materials import NeoHooke
+from forward.sheet.inelastic import solve_history
+from forward.sheet.multiplicative_viscosity import Branch
+from forward.sheet.thin_sheet import Sheet
+from meshes import quads, triangles
+from meshes.known_specimens import SPECIMENS
+from studies.synthetic import camera
+
+PLATE = SPECIMENS["plate_with_hole"]()
+TIMES = np.array([1, 2, 3, 4, 5, 6, 8, 12, 20, 35, 60, 90, 91, 92, 93, 94.0])
+FACTORS = np.array([0.25, 0.5, 0.75, 1, 1, 1, 1, 1, 1, 1, 1, 1, 0.85, 0.7, 0.55, 0.4])
+MU, SLOW, FAST = 0.4, (0.2, 40.0), (0.25, 2.0)  # MPa; g and tau, s
+FIRST, SECOND = (next(e for e in CATALOGUE if e.name == name) for name in ("viscoelasticity", "second relaxation time"))
+
+
+def held(*branches: tuple[float, float]):
+    """A ramp, a pause and the way back, by 8 % of strain; branches with a multiplicative split, which is not the form of the catalogue."""
+    sheet = Sheet(NeoHooke(MU), 1.0, branches=tuple(Branch(g * MU, tau) for g, tau in branches))
+    pull = Loading.clamped(PLATE.loaded, 10.0)
+    true = solve_history(quads(PLATE, size_factor=3.0), sheet, pull, FACTORS, TIMES, substeps=8)
+    return camera.observe(true, triangles(PLATE, n_nodes=500), camera.Camera(relative_noise=4e-5, force_noise=2e-4), 3)
+
+
+@pytest.mark.slow
+def test_both_times_are_found():
+    found = discover([held(SLOW, FAST)])
+    assert found.verdict is Verdict.EXPLAINED and found.named == (FIRST.name, SECOND.name)
+    values = sorted((a.amplitudes[0], a.shape[0]) for a in found.final.additions)
+    for (g, tau), (true_g, true_tau) in zip(values, sorted((SLOW, FAST)), strict=True):
+        assert g == pytest.approx(true_g, rel=0.05) and tau == pytest.approx(true_tau, rel=0.2)
+
+
+def test_a_second_time_is_a_candidate_beside_the_first_alone_and_takes_its_place():
+    problem, base = prepare([held(FAST)], [all_rows])
+    assert SECOND.name not in {one.effect.name for one in score_tests.score(problem, base, (FIRST, SECOND))}
+    one = refit(problem, base.c, (Addition(FIRST, (0.25,), (2.0,)),))
+    assert [s.effect.name for s in score_tests.score(problem, one, (FIRST, SECOND))] == [SECOND.name]
+    additions = (Addition(FIRST, (0.0,), (30.0,)), Addition(SECOND, (0.25,), (2.0,)))
+    _, left = weighted_fit.without_superfluous(problem, replace(one, additions=additions, errors=((0.01,), (0.01,))))
+    assert [a.effect for a in left.additions] == [FIRST]
+    assert left.additions[0].shape[0] == pytest.approx(2.0, rel=0.2)
