@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Priors = Mapping[
     str, tuple[Array, Array]
-]  # {effect: mean and standard deviation of every amplitude, in its unit, (p,); or of shapes behind them, too (p + s,)}
+]  # {effect: mean and standard deviation of its amplitudes (p,), or of these and its shapes (p + s,)}
 REPLAYS, STEPS = 6, 30  # at most; of the fit between two replays
 SMALL = 1.0  # change by one more fit, in standard deviations, at which the last replay is that of the model
 TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances
@@ -156,15 +156,12 @@ class _Objective:
         """Derivatives of `_Point.r` (m + a, 1 + k)."""
         directions = Directions.of(point.factor * self.c, point.additions, self.c[:, None], point.factor)
         used = _of_memory(point.additions) if self.of_memory else np.ones(len(directions.sizes), bool)
-        own = self._white(self.replayed.slopes(directions, used))
-        known = [1 / self.priors[a.effect.name][1] for a in point.additions]
+        rows = self._white(self.replayed.slopes(directions, used))
+        known = [self.priors[a.effect.name][1] for a in point.additions]
         sizes = Variables(point.additions).sizes
-        first = 1 + np.cumsum([0, *sizes])
-        pull = np.zeros((sum(map(len, known)), 1 + sum(sizes)))
-        places = [np.arange(len(one)) + start for one, start in zip(known, first[:-1], strict=True)]
-        if len(pull):
-            pull[np.arange(len(pull)), np.concatenate(places)] = np.concatenate(known)
-        return np.concatenate([own, pull]) * used
+        each = [np.eye(len(own), size) / own[:, None] for own, size in zip(known, sizes, strict=True)]
+        pull = scipy.linalg.block_diag(np.zeros((0, 1)), *each)
+        return np.concatenate([rows, pull]) * used
 
     def _white(self, rows: Array) -> Array:
         """Forces (m, ...) of unit variance, of all rows (N, ...)."""
