@@ -38,9 +38,7 @@ from calibrate.fitting.least_squares import bounded
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Priors = Mapping[
-    str, tuple[Array, Array]
-]  # {effect: mean and deviation of amplitudes (p,), or of shapes, too (p + s,)}
+Priors = Mapping[str, tuple[Array, Array]]  # mean and deviation of amplitudes (p,), or of shapes too (p + s,)
 REPLAYS, STEPS = 6, 30  # at most; of the fit between two replays
 SMALL = 1.0  # change by one more fit, in standard deviations, at which the last replay is that of the model
 TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances
