@@ -11,7 +11,7 @@ import numpy as np
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.evidence.levels import neo_hookean_modulus
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
-from calibrate.diagnosis.selection import Discovery
+from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import Use
@@ -128,7 +128,10 @@ def _of_effects(view: View) -> Iterator[Finding]:
         yield _finding(DiscoveryCode.REPLACED, by=list(by), names=list(view.discovery.replaced))
     if view.weighing is not None:
         alternatives = alternatives_data(view.weighing)
-        yield _finding(DiscoveryCode.ALTERNATIVES, alternatives["unknown"] is not None, **alternatives)
+        found = view.discovery
+        confirmed = found.verdict is Verdict.EXPLAINED and isinstance(found.replay_check, ReplayCheck)
+        alarming = alternatives["unknown"] is not None and not confirmed
+        yield _finding(DiscoveryCode.ALTERNATIVES, alarming, **alternatives, confirmed=confirmed)
         yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))
 
 
