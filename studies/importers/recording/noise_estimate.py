@@ -40,15 +40,12 @@ NEIGHBOURS, LARGEST_PATCH = 25, 1500
 # reach of the covariances of local and overall filter, and length below which noise counts as white, in spacings
 NEAR, FAR, WHITE = 6.0, 15.0, 0.3
 NORMAL = 0.6745  # median size of normal numbers
-STANDS_OUT, BESIDE = (
-    5.0,
-    2.5,
-)  # mean square of a residual over the usual one, which less than 1 % of noise in common to all frames reaches; spacings
+# mean square of a residual over the usual one, which less than 1 % of noise in common to all frames reaches; spacings
+STANDS_OUT, BESIDE = 5.0, 2.5
 ONE_SIDED, AT_EDGE = 0.6, 3.0  # spacings: the mean of the neighbours from a point at an edge; from such a point
 FEWEST_PLACES = 30
-UNCLEAR = (
-    0.25  # misfit from which the correlation length of the total is no noise's; that of the temporal noise is taken
-)
+# misfit from which the correlation length of the total is no noise's; that of the temporal noise is taken
+UNCLEAR = 0.25
 FEWEST_FRAMES = 8  # of which principal components tell noise
 LEADING, GAP = 2.5, 2.0  # variance of a component over the median of all; over the next one
 
