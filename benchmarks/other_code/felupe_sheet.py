@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+jax.config.update("jax_enable_x64", True)
 WIDTH, HEIGHT = 100.0, 50.0  # mm
 SIZE, NEAR_HOLES = 1.8, 0.8  # of the elements, mm
 TOLERANCE, ITERATIONS = 1e-9, 15
