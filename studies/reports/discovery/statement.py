@@ -58,12 +58,13 @@ class Residual:
 
 @dataclass(frozen=True)
 class BestCandidate:
-    """The candidate of the last round with the smallest adjusted p."""
+    """The candidate of the last round with the smallest adjusted p. limit: below which it is significant."""
 
     name: str
     p_value: float
     significant: bool
     outcome: str
+    limit: float
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,11 @@ def _best(view: View) -> BestCandidate | None:
         return None
     best = min(tested, key=lambda c: c.score.adjusted)
     return BestCandidate(
-        best.name, best.score.adjusted, best.is_significant(thresholds), outcome_words(best, now, thresholds)
+        best.name,
+        best.score.adjusted,
+        best.is_significant(thresholds),
+        outcome_words(best, now, thresholds),
+        thresholds.significance,
     )
 
 
