@@ -27,7 +27,7 @@ Forces = Callable[[np.ndarray, np.ndarray], np.ndarray]
 @dataclass(frozen=True)
 class Case:
     """path (t,), mm, at times (t,), s (None: `INTERVAL` apart). right: effects whose name is right, none where nothing of the catalogue is. noise: mm of a point, its length, mm, and what stays with the
-    pattern, mm. spacing, mm, of the points. stated: options of the import."""
+    pattern, mm. spacing, mm, of the points. stated: options of the import. substeps: of the solution between pictures."""
 
     truth: str
     law: Law
@@ -36,6 +36,7 @@ class Case:
     null: bool = False
     holes: tuple[Hole, ...] = ONE
     times: np.ndarray | None = None
+    substeps: int = 1
     noise: tuple[float, float, float] = (0.004, 0.0, 0.0)
     spacing: float = POINTS
     slit: tuple[float, float] | None = None
@@ -79,7 +80,7 @@ CASES = {
     "Ogden": Case("Ogden's law, three terms", laws.elastic(laws.ogden), ramp(40, 5, pictures=(11, 9)), ("second invariant", "upturn"), holes=THREE),
     "damage": Case("damage by the energy, two cycles", laws.damaged(), ramp(20, 2, 50, 8, pictures=(6, 5, 9, 6)), ("Mullins softening",)),
     "relaxation": Case(
-        "two Maxwell branches, 3 and 60 s; ramp, pause, way back", laws.relaxing(), HELD, ("viscoelasticity", "second relaxation time"), times=HELD_TIMES
+        "two Maxwell branches, 3 and 60 s; ramp, pause, way back", laws.relaxing(), HELD, ("viscoelasticity", "second relaxation time"), times=HELD_TIMES, substeps=8
     ),
     "fibres": Case("fibres in tension alone, 30 degrees", laws.elastic(laws.reinforced), ramp(30, 3, pictures=(10, 7)), ("one fibre family",), holes=THREE),
     "step": Case("15 % thicker right of an inclined line", laws.elastic(laws.gent, laws.step), ramp(30, pictures=(14,)), ("stiffness field", "inclusion", "stiffness gradient")),
@@ -99,7 +100,10 @@ def write(case: Case, folder: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     times = np.arange(len(case.path)) * INTERVAL if case.times is None else case.times
     x, cells = mesh(case.holes, SIZE, NEAR_HOLES, 2, case.slit)
-    u, force = solve(x, cells, case.path, times, case.law)
+    fine = np.arange((len(times) - 1) * case.substeps + 1) / case.substeps
+    whole = np.arange(len(times))
+    u, force = solve(x, cells, np.interp(fine, whole, case.path), np.interp(fine, whole, times), case.law)
+    u, force = u[:: case.substeps], force[:: case.substeps]
     points, _ = mesh(case.holes, case.spacing, ARRANGED * case.spacing, 1)
     seen = case.seen(points, at_points(x, cells, u, points), times)
     std, length, pattern = case.noise

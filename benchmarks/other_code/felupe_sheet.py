@@ -86,7 +86,7 @@ def solve(x: np.ndarray, cells: np.ndarray, path: np.ndarray, times: np.ndarray,
     found, force = [now], [0.0]
     for k in range(1, len(path)):
         step, last = path[k] - path[k - 1], path[k - 1] - path[k - 2] if k > 1 else 0.0
-        trial = now + (now - before) * (step / last) if abs(last) > 1e-9 and abs(step) > 1e-9 else now.copy()
+        trial = now + (now - before) * (step / last) if abs(last) > 1e-9 else now * (path[k] / max(path[k - 1], 1e-9))
         if k == 1:
             trial[:, 0] = (x[:, 0] / WIDTH + 0.5) * path[1]
         trial[left], trial[right] = 0.0, (path[k], 0.0)
