@@ -74,9 +74,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     rows, right, nulls, wrong = [], 0, 0, 0
-    for k, name in enumerate(args.only):
+    for name in args.only:
         case = CASES[name]
-        path = made(name, case, args.seed + k, args.folder)
+        path = made(name, case, args.seed + list(CASES).index(name), args.folder)
         rows.append(row(case, path))
         content = json.loads(path.read_text())
         explained = content["verdict"] == "explained"
