@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.triangulation import half_edges, signed_areas
+from calibrate.robust_deviation import TO_DEVIATION
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-TO_DEVIATION = 1.4826  # standard deviation of normal numbers over the median of their sizes
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from calibrate.robust_deviation import robust_std
+
 Array = NDArray[np.float64]
-NORMAL = 0.6745  # median of |y| of normal numbers
 FAR = 3.5  # standard deviations
 SURE, SURE_OF_DRIFT = 9.2, 6.6  # of twice the logarithm of the likelihood: chi-square of two numbers, of one, 1 %
 MOST = 1e4  # of a ratio
@@ -56,7 +57,7 @@ def common_ratios(
     """
     if len(shares) < 2:
         return CommonRatios()
-    size = np.median(np.abs(y), axis=0) / NORMAL
+    size = robust_std(y, axis=0)
     near = (np.abs(y) < FAR * size).all(axis=1)
     clocks = (
         [None] if clock is None or len(shares) < 3 else [None, clock]

@@ -23,7 +23,8 @@ from calibrate.equations.basis import Basis, nominal_stress
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 from calibrate.errors import ConfigError
-from calibrate.fitting.noise.common_noise import NORMAL, CommonRatios, common_ratios
+from calibrate.fitting.noise.common_noise import CommonRatios, common_ratios
+from calibrate.robust_deviation import robust_std
 from meshes.mesh import spacing_of
 
 Array = NDArray[np.float64]
@@ -115,11 +116,6 @@ class FineFields:
 
     def _factor(self, unit: Noise) -> sp.csr_array:
         return noise_covariance.noise_factor(self.system.experiment, unit)
-
-
-def robust_std(y: Array) -> float:
-    """Standard deviation of normal numbers, from their median size."""
-    return float(np.median(np.abs(y))) / NORMAL
 
 
 def _some(fields: VirtualFields) -> VirtualFields:

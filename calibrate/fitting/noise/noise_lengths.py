@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.basis import Basis
 from calibrate.equations.noise_covariance import noise_factor
-from calibrate.fitting.noise.fine_fields import FINE, FineFields, evenly, pitch, robust_std
+from calibrate.fitting.noise.fine_fields import FINE, FineFields, evenly, pitch
+from calibrate.robust_deviation import robust_std
 
 Array = NDArray[np.float64]
 DISTANCES = (FINE, 2.0, 2.8, 4.0, 5.6)  # of virtual fields over that of the points

@@ -16,11 +16,12 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.robust_deviation import robust_std
+
 Array = NDArray[np.float64]
 ORDERS = (2, 3, 4)
 WINDOWS = 3  # fewest differences that an estimate is made of
 FALLS = 1.5  # factor between the estimates of two orders, from which the lower one holds curvature
-TO_DEVIATION = 1.4826
 
 
 class Origin(StrEnum):
@@ -74,4 +75,4 @@ def differences(time: Array, force: Array, order: int) -> Array:
 
 def _deviation(values: Array) -> float:
     """Standard deviation from the median of absolute values, so that a few jumps do not count."""
-    return float(TO_DEVIATION * np.median(np.abs(values)))
+    return float(robust_std(values))

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.robust_deviation import robust_std
 from studies.importers.recording.series import Series
 from studies.output.words import Words
 
@@ -65,7 +66,7 @@ def missing_frames(time: Array, displacements: Array) -> dict[int, int]:
         if size == 0.0:
             continue
         lengths = steps[near] @ mean / size
-        spread = 1.4826 * float(np.median(np.abs(lengths - np.median(lengths))))
+        spread = robust_std(lengths - np.median(lengths))
         ratio = float(steps[k] @ mean / size)
         cosine = ratio * np.sqrt(size) / max(float(np.linalg.norm(steps[k])), 1e-300)
         count = round(ratio) - 1

@@ -32,6 +32,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from calibrate import errors
+from calibrate.robust_deviation import robust_std
 from meshes.mesh import spacing_of
 
 Array = NDArray[np.float64]
@@ -39,7 +40,6 @@ Index = NDArray[np.int64]
 NEIGHBOURS, LARGEST_PATCH = 25, 1500
 # reach of the covariances of local and overall filter, and length below which noise counts as white, in spacings
 NEAR, FAR, WHITE = 6.0, 15.0, 0.3
-NORMAL = 0.6745  # median size of normal numbers
 # mean square of a residual over the usual one, which less than 1 % of noise in common to all frames reaches; spacings
 STANDS_OUT, BESIDE = 5.0, 2.5
 ONE_SIDED, AT_EDGE = 0.6, 3.0  # spacings: the mean of the neighbours from a point at an edge; from such a point
@@ -148,7 +148,7 @@ def _at_edge(points: Array) -> NDArray[np.bool_]:
 
 def _quiet(places: Array, residuals: Array, at_edge: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which of places (m, 2) have residuals (m, k, 2) as usual, or are not at an edge (m,), and so have those beside them; all where that leaves too few."""
-    usual = np.median(np.abs(residuals), axis=(0, 2)) / NORMAL
+    usual = robust_std(residuals, axis=(0, 2))
     loud = ((residuals / np.maximum(usual, 1e-300)[:, None]) ** 2).mean(axis=(1, 2)) > STANDS_OUT
     loud &= at_edge
     quiet = ~loud

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from calibrate.robust_deviation import TO_DEVIATION
 from meshes.mesh import spacing_of
 
 Array = NDArray[np.float64]
@@ -44,7 +45,6 @@ WORK, FEW_FRAMES = (
     10_000,
     (6, 20),
 )  # points times frames that are looked at with many neighbours; frames, at least and at most
-TO_DEVIATION = 1.4826
 CHUNK = 400  # points fitted at once
 
 

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.deformation_modes import MODES, stretches_to_gradient
+from calibrate.robust_deviation import robust_std
 from studies.importers import homogeneous_curves, measured_data
 from studies.importers.text_tables import Layout, read_table
 from studies.sheets.homogeneous import homogeneous_sheet
@@ -55,7 +56,7 @@ SPLITS = ("all", "training", "held-out")
 def scatter(x: Array, y: Array) -> float:
     """Standard deviation of y (n,) about a smooth curve of x (n,), in its unit. Raises `ConfigError` for too few
     points."""
-    return homogeneous_sheet.robust_std(homogeneous_sheet.local_residuals(x, y, WINDOW, DEGREE))
+    return robust_std(homogeneous_sheet.local_residuals(x, y, WINDOW, DEGREE))
 
 
 def noise(stress_std: float, stretch_std: float, relative: float = 0.0) -> Noise:
@@ -112,7 +113,7 @@ def transcription(mode: str) -> tuple[float, float]:
     (xa, ya), (xb, yb) = (homogeneous_curves.load(f"treloar-{s}")[mode] for s in "ab")
     n = min(np.count_nonzero(ya), np.count_nonzero(yb))
     differences = xb[-n:] - xa[-n:], yb[-n:] / ya[-n:] - 1
-    stretch, stress = (homogeneous_sheet.robust_std(d) / np.sqrt(2) for d in differences)
+    stretch, stress = (robust_std(d) / np.sqrt(2) for d in differences)
     return stretch, stress
 
 
@@ -175,7 +176,7 @@ def _table_scatter(table: Array) -> float:
         if len(s) > 5
         for k in (2, 3)
     ]
-    return homogeneous_sheet.robust_std(np.concatenate(residuals))
+    return robust_std(np.concatenate(residuals))
 
 
 def calendered(direction: str) -> Experiment:
@@ -208,7 +209,7 @@ def hnbr50(test: str = "slow", increments: int = 120) -> Experiment:
     raw_time, which = np.unique(table["5"], return_inverse=True)
     stretch, stress = (np.bincount(which, v) / np.bincount(which) for v in (1 + table["3"] / 100, table["1"]))
     moving = np.abs(np.diff(stretch, prepend=1.0)) > 1e-4
-    std = homogeneous_sheet.robust_std(homogeneous_sheet.local_residuals(raw_time, stress, WINDOW, DEGREE)[moving])
+    std = robust_std(homogeneous_sheet.local_residuals(raw_time, stress, WINDOW, DEGREE)[moving])
     keep = homogeneous_sheet.evenly(raw_time, stretch, stress, increments)
     return curve(
         f"HNBR50 {test}", "uniaxial", stretch[keep], stress[keep],

@@ -130,11 +130,6 @@ def local_residuals(x: Array, y: Array, window: int = 7, degree: int = 2) -> Arr
     return residuals
 
 
-def robust_std(residuals: Array) -> float:
-    """1.4826 times the median size: the standard deviation, unmoved by outliers."""
-    return float(1.4826 * np.median(np.abs(residuals)))
-
-
 def evenly(time: Array, stretch: Array, stress: Array, count: int) -> NDArray[np.int64]:
     """Indices of at most `count` points of a record (n,), even in the path of (stretch, stress) plus elapsed time.
 

@@ -80,9 +80,11 @@ def test_a_hole_and_a_load_that_turns_do_not_become_noise(length):
     steep = 0.5 * (r / np.linalg.norm(r, axis=1)[:, None]) * (2.0 / np.linalg.norm(r, axis=1)[:, None]) ** (2 + 4 * t)
     pulled = t * np.stack([0.5 * p[:, 0], -0.2 * p[:, 1]], axis=-1) + 0.1 * t**2 * np.sin(p / 5)
     found = noise_estimate.displacement_noise(p, pulled + t * steep + correlated(p, 18, length, 7))
-    for estimate, tolerance in ((found.total, 0.25), (found.temporal, 0.06)):
-        assert estimate.std == pytest.approx(STD, rel=tolerance)
-        assert estimate.correlation_length == pytest.approx(length, abs=0.4)
+    for estimate in (found.total, found.temporal):
+        assert estimate.std == pytest.approx(STD, rel=0.05)
+        assert estimate.correlation_length == pytest.approx(
+            length, abs=0.05 if length else 0.2
+        )  # white numbers are white over less than half a distance
 
 
 def test_few_frames_give_the_total_alone():
