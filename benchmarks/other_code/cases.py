@@ -88,7 +88,7 @@ CASES = {
     "crack": Case("a crack of 6 mm at the lower edge", laws.elastic(laws.gent), ramp(25, pictures=(14,)), holes=((20.0, 5.0, 7.0),), slit=(-20.0, 6.0), spacing=2.0),
     "camera moved": Case("magnification in proportion to time", laws.elastic(laws.gent), CYCLE, seen=moved_away),
     "load cell drifted": Case(
-        "3 % of gain and 3 % of the largest force of drift", laws.elastic(laws.gent), CYCLE, holes=THREE, read=lambda f, t: 1.03 * f + 0.03 * f.max() * t / t[-1]
+        "3 % of gain and 3 % of the largest force of drift", laws.elastic(laws.gent), CYCLE, ("force drift",), holes=THREE, read=lambda f, t: 1.03 * f + 0.03 * f.max() * t / t[-1]
     ),
     "warmed": Case("10 % softer with time", laws.elastic(laws.gent, laws.warming), CYCLE, holes=THREE),
     "picture lost": Case("a picture lost, later ones one interval too early", laws.elastic(laws.gent), CYCLE, holes=THREE, seen=with_a_lost_picture),

@@ -13,6 +13,7 @@ from calibrate.effects.dic_scale import Scale
 from calibrate.effects.effect import Effect, Parameter, distinct
 from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
 from calibrate.effects.finite_thickness import Thickness
+from calibrate.effects.force_drift import ForceDrift
 from calibrate.effects.force_gain import ForceGain
 from calibrate.effects.force_offset import ForceOffset
 from calibrate.effects.image_rotation import Rotation
@@ -49,6 +50,7 @@ LISTED: tuple[Effect, ...] = (
     PermanentSet(),
     Thickness(),
     ForceOffset(),
+    ForceDrift(),
     ForceGain(),
     Lag(),
     Rotation(),

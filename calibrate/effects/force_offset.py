@@ -28,7 +28,11 @@ class ForceOffset(Effect):
         return None if len(data.u) > 2 else "more increments"  # with one it could be the whole force
 
     def loads(self, data, loads, a, shape):
-        size = jnp.sqrt(jnp.sum(loads * loads, axis=1))
-        largest = jnp.take_along_axis(loads, jnp.argmax(size, axis=0)[None, None, :], axis=0)[0]
-        direction = largest / jnp.where(size.max(axis=0) > 0, size.max(axis=0), 1.0)
-        return loads - a[0] * direction
+        return loads - a[0] * largest_direction(loads)
+
+
+def largest_direction(loads):
+    """Direction (2, b) of the largest of the forces (t, 2, b), N, on each of b boundaries."""
+    size = jnp.sqrt(jnp.sum(loads * loads, axis=1))
+    largest = jnp.take_along_axis(loads, jnp.argmax(size, axis=0)[None, None, :], axis=0)[0]
+    return largest / jnp.where(size.max(axis=0) > 0, size.max(axis=0), 1.0)

@@ -57,8 +57,8 @@ class Disturbance:
         """
         return x
 
-    def forces(self, force: Array) -> Array:
-        """What a load cell reads, (t, 2), N, of the forces (t, 2), N."""
+    def forces(self, force: Array, time: Array) -> Array:
+        """What a load cell reads, (t, 2), N, of the forces (t, 2), N, at times (t,), s."""
         return force
 
     def label(self) -> dict[str, Any]:
@@ -94,7 +94,7 @@ def observe(
     forces = dict(solution.reactions)
     for d in disturbances:
         before, after = d.see(before, 0.0, size), d.see(after, share, size)
-        forces = {side: d.forces(force) for side, force in forces.items()}
+        forces = {side: d.forces(force, solution.time) for side, force in forces.items()}
     loaded, free = boundaries(mesh, forces)
     return Experiment(
         name=name,

@@ -1,4 +1,4 @@
-"""What a load cell gets wrong: its zero, its gain and its time.
+"""What a load cell gets wrong: its zero, the drift of it, its gain and its time.
 
 In: an exact solution and a mesh of the camera. Out: small classes with their amplitudes, see `studies.synthetic.disturbances`.
 """
@@ -26,9 +26,19 @@ class ForceOffset(Disturbance):
     f0: float
     name: ClassVar[str] = "force offset"
 
-    def forces(self, force):
-        sizes = np.linalg.norm(force, axis=1)
-        return force + self.f0 * force[sizes.argmax()] / sizes.max()
+    def forces(self, force, time):
+        return force + self.f0 * _largest_direction(force)
+
+
+@dataclass(frozen=True)
+class ForceDrift(Disturbance):
+    """Every load cell reads d, N/s, times the time too much in the direction of its largest force."""
+
+    d: float
+    name: ClassVar[str] = "force drift"
+
+    def forces(self, force, time):
+        return force + self.d * time[:, None] * _largest_direction(force)
 
 
 @dataclass(frozen=True)
@@ -38,7 +48,7 @@ class ForceGain(Disturbance):
     g: float
     name: ClassVar[str] = "force gain"
 
-    def forces(self, force):
+    def forces(self, force, time):
         return force / (1 + self.g)
 
 
@@ -75,3 +85,9 @@ class Lag(Disturbance):
             energy=solution.energy[pictures],
             iterations=solution.iterations[pictures],
         )
+
+
+def _largest_direction(force: Array) -> Array:
+    """Direction (2,) of the largest of the forces (t, 2), N."""
+    sizes = np.linalg.norm(force, axis=1)
+    return np.asarray(force[sizes.argmax()] / sizes.max())

@@ -113,6 +113,10 @@ def _force_offset(rng, s):
     return {"f0": s.force * _signed(rng, 0.001, 0.05)}, {}, {}
 
 
+def _force_drift(rng, s):
+    return {"d": s.force / s.duration * _signed(rng, 0.003, 0.05)}, {}, {}
+
+
 def _force_gain(rng, s):
     return {"g": _signed(rng, 0.003, 0.05)}, {}, {}
 
@@ -175,6 +179,7 @@ MATERIAL: dict[str, Draw] = {
 }
 RECORDING: dict[str, Draw] = {
     "force offset": _force_offset,
+    "force drift": _force_drift,
     "force gain": _force_gain,
     "lag between force and image": _lag,
     "image rotation": _rotation,
@@ -192,11 +197,17 @@ LATER = (
     "permanent set",
     "inclusion",
     "camera tilt",
+    "force drift",
 )  # their seeds come after all others, so that runs from before them keep their trials
 FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
 UNLOADING = ("Mullins softening", "Payne softening", "permanent set")
 SOLID = "3D effect of thickness"
-UNPAIRED = (SOLID, "inclusion", "camera tilt")  # in random pairs, as the seeds of pairs are older than the last two
+UNPAIRED = (
+    SOLID,
+    "inclusion",
+    "camera tilt",
+    "force drift",
+)  # in random pairs, as the seeds of pairs are older than the last three
 
 
 def check(names: list[str]) -> None:

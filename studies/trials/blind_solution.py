@@ -26,7 +26,7 @@ from studies.synthetic import effect_laws
 from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation, Scale, Tilt
 from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
 from studies.synthetic.disturbances import Disturbance, observe
-from studies.synthetic.load_cell_disturbances import ForceGain, ForceOffset, Lag
+from studies.synthetic.load_cell_disturbances import ForceDrift, ForceGain, ForceOffset, Lag
 from studies.trials import foreign
 from studies.trials.blind_effects import SOLID
 from studies.trials.blind_trial import SPECIMENS, Trial
@@ -130,7 +130,18 @@ def disturbances(trial: Trial) -> list[Disturbance]:
     """The effects that are in the recording."""
     kinds: dict[str, type[Disturbance]] = {
         kind.name: kind
-        for kind in (ForceOffset, ForceGain, Lag, Rotation, Scale, Tilt, LensDistortion, OutOfPlane, UnmeasuredStrip)
+        for kind in (
+            ForceOffset,
+            ForceDrift,
+            ForceGain,
+            Lag,
+            Rotation,
+            Scale,
+            Tilt,
+            LensDistortion,
+            OutOfPlane,
+            UnmeasuredStrip,
+        )
     }
     found: list[Disturbance] = []
     for hidden in trial.effects:

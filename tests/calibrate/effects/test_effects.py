@@ -158,6 +158,7 @@ def test_what_the_data_lack_is_named(chain):
     assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
         "viscoelasticity",
         "second relaxation time",
+        "force drift",
         "lag between force and image",
     }
 
