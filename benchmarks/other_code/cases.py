@@ -86,7 +86,7 @@ CASES = {
     "step": Case("15 % thicker right of an inclined line", laws.elastic(laws.gent, laws.step), ramp(30, pictures=(14,)), ("stiffness field", "inclusion", "stiffness gradient")),
     "ellipse": Case("a softer ellipse in Ogden's law", laws.elastic(laws.ogden, laws.ellipse), ramp(35, pictures=(14,)), ("inclusion", "stiffness field"), holes=((-10.0, 2.0, 8.0),)),
     "crack": Case("a crack of 6 mm at the lower edge", laws.elastic(laws.gent), ramp(25, pictures=(14,)), holes=((20.0, 5.0, 7.0),), slit=(-20.0, 6.0), spacing=2.0),
-    "camera moved": Case("magnification in proportion to time", laws.elastic(laws.gent), CYCLE, seen=moved_away),
+    "camera moved": Case("magnification in proportion to time", laws.elastic(laws.gent), CYCLE, ("magnification drift",), seen=moved_away),
     "load cell drifted": Case(
         "3 % of gain and 3 % of the largest force of drift", laws.elastic(laws.gent), CYCLE, ("force drift",), holes=THREE, read=lambda f, t: 1.03 * f + 0.03 * f.max() * t / t[-1]
     ),

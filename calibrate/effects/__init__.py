@@ -20,6 +20,7 @@ from calibrate.effects.image_rotation import Rotation
 from calibrate.effects.inclusion import Inclusion
 from calibrate.effects.lag import Lag
 from calibrate.effects.lens_distortion import LensDistortion
+from calibrate.effects.magnification_drift import MagnificationDrift
 from calibrate.effects.mullins import Mullins
 from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.payne import Payne
@@ -58,6 +59,7 @@ LISTED: tuple[Effect, ...] = (
     CameraTilt(),
     LensDistortion(),
     OutOfPlane(),
+    MagnificationDrift(),
     SubsetSmoothing(),
     UnmeasuredStrip(),
     InitialWarp(),

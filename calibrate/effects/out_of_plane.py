@@ -25,7 +25,16 @@ class OutOfPlane(Effect):
         return data.reference_height is not None  # two cameras measure it
 
     def displacements(self, data, u, a, shape):
-        size = jnp.sqrt((data.u**2).mean(axis=(1, 2)))
-        share = (size / size.max())[:, None, None]
-        X = data.points - data.centre
-        return u - a[0] * share / (1.0 + a[0] * share) * (X + u)
+        return brought_back(data, u, a[0] * share_of_loading(data.u))
+
+
+def share_of_loading(u):
+    """Share (t,) of the largest, by the root mean square of displacements (t, n, 2)."""
+    size = jnp.sqrt((u**2).mean(axis=(1, 2)))
+    return size / size.max()
+
+
+def brought_back(data, u, growth):
+    """True displacements (t, n, 2), mm, of those seen in pictures that are magnified by 1 + growth (t,) about the middle of the specimen."""
+    growth = growth[:, None, None]
+    return u - growth / (1.0 + growth) * (data.points - data.centre + u)

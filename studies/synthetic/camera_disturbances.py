@@ -51,7 +51,18 @@ class OutOfPlane(Disturbance):
     name: ClassVar[str] = "out-of-plane motion"
 
     def see(self, x, share, size):
-        return x * (1 + self.m * share)
+        return x * (1 + self.m * share.loading)
+
+
+@dataclass(frozen=True)
+class MagnificationDrift(Disturbance):
+    """The picture grows in proportion to time, by m at the end."""
+
+    m: float
+    name: ClassVar[str] = "magnification drift"
+
+    def see(self, x, share, size):
+        return x * (1 + self.m * share.time)
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,14 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Share:
+    """How much of the loading and of the time has passed, each 0 to 1, as (t, 1, 1)."""
+
+    loading: Any = 0.0
+    time: Any = 0.0
+
+
+@dataclass(frozen=True)
 class Disturbance:
     """Base: an exact camera and load cell. Raises `OptionError` for amplitudes that are no finite numbers."""
 
@@ -50,11 +58,8 @@ class Disturbance:
         """Where points x (n, 2), mm, from the middle of the specimen, are seen, (n, 2), mm, before it is loaded."""
         return x
 
-    def see(self, x: Array, share: Any, size: float) -> Array:
-        """Where points x (..., 2), mm, from the middle of the picture, are seen, (..., 2), mm.
-
-        share: of the loading, 0 to 1; size: largest extent of the specimen, mm.
-        """
+    def see(self, x: Array, share: Share, size: float) -> Array:
+        """Where points x (..., 2), mm, from the middle of the picture, are seen, (..., 2), mm. size: largest extent of the specimen, mm."""
         return x
 
     def forces(self, force: Array, time: Array) -> Array:
@@ -81,7 +86,7 @@ def observe(
     if shares is None:
         factors = np.asarray(solution.description.get("load_factors", solution.time))
         shares = factors / np.abs(factors).max()
-    share = np.asarray(shares)[:, None, None]
+    share = Share(*(np.asarray(s)[:, None, None] for s in (shares, solution.time / solution.time[-1])))
     X = mesh.points
     for d in disturbances:
         X = X + d.points(mesh) - mesh.points
@@ -93,7 +98,7 @@ def observe(
         before = d.before(before)
     forces = dict(solution.reactions)
     for d in disturbances:
-        before, after = d.see(before, 0.0, size), d.see(after, share, size)
+        before, after = d.see(before, Share(), size), d.see(after, share, size)
         forces = {side: d.forces(force, solution.time) for side, force in forces.items()}
     loaded, free = boundaries(mesh, forces)
     return Experiment(

@@ -186,6 +186,7 @@ RECORDING: dict[str, Draw] = {
     "DIC scale": _scale,
     "lens distortion": _lens,
     "out-of-plane motion": _out_of_plane,
+    "magnification drift": _out_of_plane,
     "subset smoothing": _subset,
     "unmeasured strip": _strip,
     "initial warp": _warp,
@@ -198,16 +199,12 @@ LATER = (
     "inclusion",
     "camera tilt",
     "force drift",
+    "magnification drift",
 )  # their seeds come after all others, so that runs from before them keep their trials
 FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
-UNLOADING = ("Mullins softening", "Payne softening", "permanent set")
+UNLOADING = ("Mullins softening", "Payne softening", "permanent set", "magnification drift")
 SOLID = "3D effect of thickness"
-UNPAIRED = (
-    SOLID,
-    "inclusion",
-    "camera tilt",
-    "force drift",
-)  # in random pairs, as the seeds of pairs are older than the last three
+UNPAIRED = (SOLID, *LATER[1:])  # in random pairs, whose seeds are older
 
 
 def check(names: list[str]) -> None:

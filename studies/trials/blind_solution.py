@@ -23,7 +23,7 @@ from forward.solution import SurfaceSolution
 from meshes import Mesh, quads, specimen_from_dict, triangles
 from meshes.extrusion import extrude
 from studies.synthetic import effect_laws
-from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation, Scale, Tilt
+from studies.synthetic.camera_disturbances import LensDistortion, MagnificationDrift, OutOfPlane, Rotation, Scale, Tilt
 from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
 from studies.synthetic.disturbances import Disturbance, observe
 from studies.synthetic.load_cell_disturbances import ForceDrift, ForceGain, ForceOffset, Lag
@@ -140,6 +140,7 @@ def disturbances(trial: Trial) -> list[Disturbance]:
             Tilt,
             LensDistortion,
             OutOfPlane,
+            MagnificationDrift,
             UnmeasuredStrip,
         )
     }

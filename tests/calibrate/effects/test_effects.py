@@ -27,6 +27,7 @@ from calibrate.effects.finite_thickness import Thickness
 from calibrate.effects.force_offset import ForceOffset
 from calibrate.effects.lag import Lag
 from calibrate.effects.lens_distortion import LensDistortion, undistorted
+from calibrate.effects.magnification_drift import MagnificationDrift
 from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.permanent_set import PermanentSet
 from calibrate.effects.support.borders import nearest_lines, subset_moments
@@ -151,14 +152,16 @@ def test_what_the_data_lack_is_named(chain):
     experiment = chain.system.experiment
     ramp = Data.of(experiment.select([0, 1, 2]))
     lacking = {effect.name: effect.missing(ramp) for effect in CATALOGUE}
-    assert {name: what for name, what in lacking.items() if what} == dict.fromkeys(
-        ("Mullins softening", "Payne softening", "permanent set"), "unloading"
-    )
+    assert {name: what for name, what in lacking.items() if what} == {
+        **dict.fromkeys(("Mullins softening", "Payne softening", "permanent set"), "unloading"),
+        "magnification drift": "a pause or a way back",
+    }
     timeless = Data.of(dataclasses.replace(experiment, time=None))
     assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
         "viscoelasticity",
         "second relaxation time",
         "force drift",
+        "magnification drift",
         "lag between force and image",
     }
 
@@ -477,6 +480,20 @@ def test_out_of_plane_motion_is_undone(chain):
     seen = replace(data, u=(X + data.u) * (1 + m * share) - X)
     true = OutOfPlane().displacements(seen, seen.u, jnp.array([m]), ())
     np.testing.assert_allclose(true, data.u, atol=0.02 * m * float(jnp.abs(X).max()))
+
+
+def test_magnification_drift_is_undone(chain):
+    """Exactly; on a ramp at constant speed it is no candidate beside an out-of-plane motion."""
+    data, m = chain.data, 0.01
+    X = data.points - data.centre
+    growth = (m * data.time / data.time[-1])[:, None, None]
+    seen = (X + data.u) * (1 + growth) - X
+    found = MagnificationDrift().displacements(data, seen, jnp.array([m]), ())
+    np.testing.assert_allclose(found, data.u, atol=1e-12)
+    share = jnp.linspace(0.25, 1.0, len(data.time))
+    ramp = dataclasses.replace(data, u=share[:, None, None] * data.u[-1], time=60 * share)
+    assert MagnificationDrift().missing(ramp) == "a pause or a way back"
+    assert MagnificationDrift().missing(dataclasses.replace(ramp, time=60 * share**3)) is None
 
 
 def test_subset_moments(chain):

@@ -8,7 +8,7 @@ import pytest
 from forward.solution import SurfaceSolution
 from meshes import Mesh, PlateWithHole, SquareSheet, quads, triangles
 from studies.errors import OptionError
-from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation, Scale, Tilt
+from studies.synthetic.camera_disturbances import LensDistortion, MagnificationDrift, OutOfPlane, Rotation, Scale, Tilt
 from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
 from studies.synthetic.disturbances import observe
 from studies.synthetic.load_cell_disturbances import ForceDrift, ForceGain, ForceOffset, Lag
@@ -68,7 +68,7 @@ def test_a_solution_in_plane_strain_stays_one(exact, mesh):
     assert observe(strained, SHEET, mesh).plane == "strain"
 
 
-@pytest.mark.parametrize("disturbance", [LensDistortion(0.0), OutOfPlane(0.0), Rotation(0.0), Scale(0.0), Tilt(0.0, 0.0),
+@pytest.mark.parametrize("disturbance", [LensDistortion(0.0), OutOfPlane(0.0), MagnificationDrift(0.0), Rotation(0.0), Scale(0.0), Tilt(0.0, 0.0),
                                          ForceOffset(0.0), ForceDrift(0.0), ForceGain(0.0), UnmeasuredStrip(0.0),
                                          Warp(0, 0.0, 1.0, 5.0)])  # fmt: skip
 def test_no_amplitude_no_change(exact, mesh, clean, disturbance):
@@ -115,6 +115,15 @@ def test_out_of_plane_motion_follows_the_load(exact, mesh, clean):
     after = seen.points + seen.displacements
     for share, x, y in zip([0.4, 1.0, 0.7], before, after, strict=True):
         np.testing.assert_allclose(y, x * (1 + 0.01 * share), atol=1e-12)
+
+
+def test_magnification_drifts_with_time(exact, mesh, clean):
+    """In proportion to it, to 1 + m in the last picture."""
+    seen = observe(exact, SHEET, mesh, [MagnificationDrift(0.01)])
+    growth = (0.01 * exact.time / exact.time[-1])[:, None, None]
+    np.testing.assert_allclose(seen.points, clean.points, atol=1e-12)
+    after = (1 + growth) * (clean.points + clean.displacements)
+    np.testing.assert_allclose(seen.points + seen.displacements, after, atol=1e-12)
 
 
 def test_rotation_turns_the_picture_against_the_loads(exact, mesh, clean):
