@@ -39,10 +39,12 @@ CASES = (
     Case("Mullins softening", "r", (0.03, 0.1, 0.4), (("m", 0.02), ("beta", 0.3))),
     Case("Payne softening", "r", (0.05, 0.2, 0.5), (("x0", 0.1),)),
     Case("force offset", "f0", (0.02, 0.1, 0.4)),
+    Case("force drift", "d", (0.01, 0.1, 0.2)),
     Case("lag between force and image", "dt", (0.02, -0.1, 0.4)),
     Case("image rotation", "phi", (0.002, 0.01, 0.04)),
     Case("lens distortion", "k", (0.0005, -0.003, 0.01)),
     Case("out-of-plane motion", "m", (0.0005, -0.002, 0.008)),
+    Case("magnification drift", "m", (0.0005, -0.002, 0.008)),
     Case("subset smoothing", "s2", (0.05, 0.2, 0.5)),
     Case("unmeasured strip", "w", (0.08, 0.2, 0.5)),
 )
