@@ -50,7 +50,7 @@ def replay_findings(found: Discovery) -> Iterator[Finding]:
     if check.judgement.worse:
         yield _finding(ReplayCode.WORSE, names=names)
     if check.judgement.outside:
-        data = {"p": check.judgement.p_value, "held": check.held_out}
+        data = {"p": check.judgement.p_value, "held": check.held_out, "tests": _outside(check)}
         yield _finding(ReplayCode.OUTSIDE, bool(names), names=names, **data)
     if check.stand_ins[1]:
         yield _finding(ReplayCode.STAND_IN)
@@ -59,6 +59,21 @@ def replay_findings(found: Discovery) -> Iterator[Finding]:
         yield _finding(ReplayCode.LEVELS, percent=abs(factor - 1), deviation=deviation, stiffer=factor > 1)
     if check.is_beyond:
         yield _finding(ReplayCode.BEYOND, held=check.held_out)
+
+
+def _outside(check: ReplayCheck) -> list[dict[str, Any]]:
+    """Of forces and fields, each where it leaves the band by itself: its chi-square, and its largest error in standard deviations of the band, and where that is."""
+    rows, found = check.final.rows, []
+    sizes = np.abs(rows.residual) / np.sqrt(np.diag(check.band.covariance))
+    pairs = [("forces", check.judgement.force, rows.is_force), ("fields", check.judgement.field, ~rows.is_force)]
+    tests = [(name, test, kind) for name, test, kind in pairs if test is not None]
+    for name, test, kind in tests:
+        if len(tests) * test.p_value < LEVEL:
+            own = rows.judged & kind
+            most = int(np.flatnonzero(own)[sizes[own].argmax()])
+            where = {"size": float(sizes[most]), "increment": int(rows.increment[most]) + 1}
+            found.append({"name": name, "chi_square": test.value, "rows": test.degrees, **where})
+    return found
 
 
 def errors_data(check: ReplayCheck) -> dict[str, Any]:
