@@ -100,7 +100,7 @@ class _Check:
             )
         final = self.found.final
         pairs = self._with_equilibrium(self.found.problem, final, self._linearised)
-        raw = observations(self.tests, [rows for rows, _ in pairs])
+        raw = self._rows([rows for rows, _ in pairs])
         base = self._base(raw)
         alternatives, without = self._alternatives(raw)
         found = self._judged(pairs, spread_of(self.found.problem, final), base, alternatives)
@@ -121,17 +121,20 @@ class _Check:
         alternatives: Sequence[Alternative] = (),
     ) -> ReplayCheck:
         """A model at its own level, with its band. base: to be compared with, None where it is the model itself."""
-        raw = observations(self.tests, [rows for rows, _ in pairs])
+        raw = self._rows([rows for rows, _ in pairs])
         level = level_of(raw)
         rows = raw.scaled(level.factor)
         base_rows = rows if base is None else base.rows
         changes = self._changes(spread, [one for _, one in pairs], level.factor)
         band = band_of(rows, base_rows, level, changes, alternatives, self._beyond(rows))
         own = Replayed(level, level_deviation(level, rows, base_rows, changes), rows)
-        judgement = replay_rule.judge(
-            base_rows, rows, band.covariance, self.found.problem.noise_is_known, self._judges(rows)
-        )
+        judgement = replay_rule.judge(base_rows, rows, band.covariance, self.found.problem.noise_is_known)
         return ReplayCheck(base or own, own, band, judgement, tuple(one.names for one in alternatives))
+
+    def _rows(self, found: Sequence[SheetRows]) -> Observations:
+        """Of all tests, with those that may judge."""
+        rows = observations(self.tests, found)
+        return replace(rows, judges=self._judges(rows))
 
     def _judges(self, rows: Observations) -> NDArray[np.bool_]:
         """Rows (N,) without what a test has for itself, or with all others, beside a joint model, whose replay lacks it: of a level the forces alone. What stands in for something
@@ -147,7 +150,7 @@ class _Check:
 
     def at_own_level(self, model: ReplayedModel) -> Replayed:
         """Raises what the replay raises."""
-        rows = observations(self.tests, [rows for rows, _ in self._linearised(model)])
+        rows = self._rows([rows for rows, _ in self._linearised(model)])
         level = level_of(rows)
         return Replayed(level, level.deviation, rows.scaled(level.factor))
 
@@ -174,9 +177,7 @@ class _Check:
 
     def _at(self, model: ReplayedModel, like: Observations) -> Observations:
         """Rows of another model, with the noise of the final one."""
-        return replace(
-            observations(self.tests, [test.replayed(model, False)[0] for test in self.tests]), noise=like.noise
-        )
+        return replace(self._rows([test.replayed(model, False)[0] for test in self.tests]), noise=like.noise)
 
     def _alternatives(self, raw: Observations) -> tuple[tuple[Alternative, ...], tuple[str, ...]]:
         """The most probable other explanations at their own levels, and why others are not among them."""

@@ -28,12 +28,12 @@ class Replayed:
     @property
     def fitted(self) -> ReplayErrors | None:
         """Errors of the increments that were fitted; None where there are none."""
-        where = ~self.rows.held
+        where = self.rows.may_judge(~self.rows.held)
         return ReplayErrors.of(self.rows, where) if where.any() else None
 
     @property
     def judged(self) -> ReplayErrors:
-        """Errors of those held out; of all where nothing is."""
+        """Errors of those held out; of all where nothing is; of tests that may judge."""
         return ReplayErrors.of(self.rows, self.rows.judged)
 
     @property

@@ -25,7 +25,8 @@ class Observations:
     measured, replayed (N,): a component of the force of a grip, N, or a mean of displacements with weights of unit norm, mm. noise (N, N): covariance
     of both differences by noise of the camera (of the motion that the replay prescribes, too) and of the load cells.
     labels: of every row, 'right x'. squares (tests, increments): mean square of measured minus replayed displacement over the points that are not
-    prescribed, mm^2, NaN where not replayed; points (tests,): how many.
+    prescribed, mm^2, NaN where not replayed; points (tests,): how many. judges (N,): rows that may judge the model and set its level, None for all: a test that has
+    something for itself does not judge a replay that lacks it.
     """
 
     test: NDArray[np.int64]
@@ -38,6 +39,12 @@ class Observations:
     labels: tuple[str, ...]
     squares: Array
     points: NDArray[np.int64]
+    judges: Mask | None = None
+
+    @property
+    def judging(self) -> Mask:
+        """Rows (N,) that may judge the model."""
+        return np.ones(len(self.held), bool) if self.judges is None else self.judges
 
     @property
     def residual(self) -> Array:
@@ -50,8 +57,13 @@ class Observations:
 
     @cached_property
     def judged(self) -> Mask:
-        """Rows (N,) that judge the model: those held out; all where nothing is."""
-        return self.held if self.held.any() else np.ones(len(self.held), bool)
+        """Rows (N,) that judge the model, of those that may: those held out; all where nothing is. Where none may, those that would."""
+        return self.may_judge(self.held if self.held.any() else np.ones(len(self.held), bool))
+
+    def may_judge(self, where: Mask) -> Mask:
+        """Of rows (N,) those that may judge the model; all of them where none may."""
+        own = where & self.judging
+        return own if own.any() else where
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +82,11 @@ class Level:
 
 
 def level_of(rows: Observations) -> Level:
-    """Weighted least squares of the forces of the increments that were fitted, on the replayed ones (Aitken 1935); of unit factor where there are none.
+    """Weighted least squares of the forces that may judge, of the increments that were fitted, on the replayed ones (Aitken 1935); of unit factor where there are none.
 
     Nothing that is held out is used. Raises `FitError` for a covariance that is none. Forces are proportional to the stiffness where all that is prescribed are displacements.
     """
-    used = rows.is_force & ~rows.held
+    used = rows.may_judge(rows.is_force & ~rows.held)
     none = np.zeros(len(used))
     if not used.any():
         return Level(1.0, 0.0, none)

@@ -64,12 +64,10 @@ def judge(
     final: Observations,
     covariance: Array,
     noise_is_known: bool = True,
-    judges: Mask | None = None,
 ) -> Judgement:
     """covariance (N, N): of the residuals of the final model, see `band`. Where the noise is not known, nothing is outside of a band, and worse is what
-    has a larger force error than the base, above that of a load cell. judges (N,): rows that may judge, None for all: a test that has something
-    for itself does not judge a replay that lacks it."""
-    where = final.judged if judges is None else final.judged & judges
+    has a larger force error than the base, above that of a load cell."""
+    where = final.judged & final.judging
     if not where.any():
         return Judgement(None, None, False)
     if not noise_is_known:

@@ -46,7 +46,7 @@ def replay_findings(found: Discovery) -> Iterator[Finding]:
     if not isinstance(check, ReplayCheck):
         return
     names = list(found.final.names)
-    yield _finding(ReplayCode.REPLAYED, **errors_data(check), alone=not names)
+    yield _finding(ReplayCode.REPLAYED, **errors_data(check), alone=not names, without=_left_out(found, check))
     if check.judgement.worse:
         yield _finding(ReplayCode.WORSE, names=names)
     if check.judgement.outside:
@@ -59,6 +59,13 @@ def replay_findings(found: Discovery) -> Iterator[Finding]:
         yield _finding(ReplayCode.LEVELS, percent=abs(factor - 1), deviation=deviation, stiffer=factor > 1)
     if check.is_beyond:
         yield _finding(ReplayCode.BEYOND, held=check.held_out)
+
+
+def _left_out(found: Discovery, check: ReplayCheck) -> list[str]:
+    """Names of the tests that do not judge the replay, as it lacks what they have for themselves; none where no test judges."""
+    rows = check.final.rows
+    judging = set(rows.test[rows.judging].tolist())
+    return [p.experiment.name for k, p in enumerate(found.problem.parts) if judging and k not in judging]
 
 
 def _outside(check: ReplayCheck) -> list[dict[str, Any]]:

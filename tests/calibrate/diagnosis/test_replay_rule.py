@@ -11,7 +11,7 @@ from made_up_replay import FORCE_STD, INCREMENTS, check, observations, only_held
 
 from calibrate.diagnosis.replayed.band import BEYOND, FORMULA, NOISE, Alternative, band_of
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, replay_record
-from calibrate.diagnosis.replayed.observations import level_of
+from calibrate.diagnosis.replayed.observations import ReplayErrors, level_of
 from calibrate.diagnosis.replayed.replay_rule import LEVEL, is_worse, judge
 
 
@@ -104,9 +104,29 @@ def test_a_test_that_has_something_for_itself_judges_no_model_of_all():
     both = check(observations()).final.rows
     covariance = check(observations()).band.covariance
     assert judge(both, second, covariance).speaks_against
-    assert not judge(both, second, covariance, judges=second.test != 1).speaks_against
-    assert judge(both, second, covariance, judges=second.test != 0).speaks_against
-    assert judge(both, second, covariance, judges=second.test > 1).p_value == 1.0
+    assert not judge(both, replace(second, judges=second.test != 1), covariance).speaks_against
+    assert judge(both, replace(second, judges=second.test != 0), covariance).speaks_against
+    assert judge(both, replace(second, judges=second.test > 1), covariance).p_value == 1.0
+
+
+def test_a_test_that_has_something_for_itself_sets_no_level():
+    """The second of two tests is softer by 20 %, as one with a soft half: the level is that of the first, whose errors are told."""
+    first, second = observations(), observations(stiffness=1.2)
+    rows = replace(
+        first,
+        test=np.concatenate([first.test, second.test + 1]),
+        **{key: np.concatenate([getattr(first, key), getattr(second, key)]) for key in ("increment", "held", "is_force", "measured", "replayed")},
+        noise=np.diag(np.tile(np.diag(first.noise), 2)),
+        labels=2 * first.labels,
+        squares=np.tile(first.squares, (2, 1)),
+        points=np.tile(first.points, 2),
+    )  # fmt: skip
+    own = replace(rows, judges=rows.test == 0)
+    assert level_of(rows).factor < 0.95
+    assert level_of(own).factor == level_of(first).factor
+    assert ReplayErrors.of(rows, rows.judged).force > 0.05
+    assert ReplayErrors.of(own, own.judged).force == 0.0
+    assert own.judged.sum() == first.judged.sum()
 
 
 def test_without_a_known_noise_there_is_no_band_to_leave():
