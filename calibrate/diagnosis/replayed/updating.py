@@ -217,10 +217,15 @@ class _Linearised:
 
 
 def update(
-    replays: Replays, c: Array, additions: Additions, priors: Priors, others: Sequence[Additions] = ()
+    replays: Replays,
+    c: Array,
+    additions: Additions,
+    priors: Priors,
+    others: Sequence[Additions] = (),
+    of_memory: bool = False,
 ) -> Updated | None:
     """From coefficients c (n,), which are changed by a factor, as those of neo-Hooke are, and effects. others: the same with other values, from which the first fit starts, too: of a time that the
-    material remembers the misfit has several minima. None where the start has no equilibrium. Raises `FitError` where no force is known."""
+    material remembers the misfit has several minima. of_memory: whether effects without a memory stay as they are. None where the start has no equilibrium. Raises `FitError` where no force is known."""
     replayed = replays(c, additions)
     if replayed is None:
         return None
@@ -228,7 +233,7 @@ def update(
         raise FitError("no force of an increment that was fitted is known, so that no model can be updated by forces")
     lower, before, factor, made = cholesky_factor(covariance(replayed.rows)), _errors(replayed), 1.0, 1
     while True:
-        objective = _Objective(replayed, c, priors, lower)
+        objective = _Objective(replayed, c, priors, lower, of_memory)
         start = objective.of(factor, additions, replayed.rows.residual)
         best = _best_time(objective, start, others) if made == 1 and others else start
         end = _fitted(objective, best)
@@ -239,7 +244,7 @@ def update(
         factor, additions, replayed, trials = moved
         made += trials
     directions = Directions.of(factor * c, additions, c[:, None], factor)
-    J = np.concatenate([objective.slopes(start), _reach(additions)])
+    J = np.concatenate([replace(objective, of_memory=False).slopes(start), _reach(additions)])
     spread = Spread(directions, covariance_root(J.T @ J))
     return Updated(spread, before, _errors(replayed), converged, int(_used(replayed.rows).sum()))
 

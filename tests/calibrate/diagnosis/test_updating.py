@@ -156,3 +156,13 @@ def test_other_times_change_nothing_that_has_one_minimum():
     assert several.additions[0].shape[0] == pytest.approx(alone.additions[0].shape[0], rel=0.02)
     assert several.additions[0].amplitudes[0] == pytest.approx(alone.additions[0].amplitudes[0], rel=0.02)
     assert several.additions[1].amplitudes[0] == pytest.approx(PRIORS["second invariant"][0][0], rel=1e-6)
+
+
+def test_effects_without_a_memory_may_stay_as_the_fields_have_them():
+    """Relaxation follows the forces, and the second invariant neither them nor its prior; it is as uncertain as before."""
+    priors = PRIORS | {"second invariant": (np.full(1, 0.01), np.full(1, 0.001))}
+    found = update(Replays(), np.array([1.5]), start(0.5, 3.0), priors, of_memory=True)
+    assert found.additions[1].amplitudes[0] == pytest.approx(0.04, rel=1e-12)
+    assert found.deviations[1][0] == pytest.approx(0.001, rel=1e-6)
+    visco = found.additions[0]
+    assert visco.amplitudes[0] * visco.shape[0] == pytest.approx(G * TAU, rel=0.1)

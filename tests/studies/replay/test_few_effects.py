@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.replayed.few_effects import FewEffects
+from calibrate.diagnosis.replayed.observations import ReplayErrors
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.effects import CATALOGUE
 from calibrate.equations.noise_covariance import noise_factor, sample
@@ -21,6 +23,7 @@ from forward.materials import NeoHooke
 from forward.sheet.inelastic import solve_history
 from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
+from studies.replay import few_effects_replay
 from studies.replay.few_effects_replay import few_by_fields, with_forces
 from studies.reports.discovery.few_effects_table import few_record, few_table
 from studies.synthetic import camera, effect_laws
@@ -90,3 +93,22 @@ def test_table_and_record_have_what_was_found():
     record = few_record(replace(few, updated=updated))
     assert record["sets"][0]["effects"] == ["stiffness gradient"] and record["updated"]["converged"]
     assert few_record(None) is None
+
+
+@pytest.mark.parametrize(
+    ("fields", "tried"), [((0.1,), 1), ((0.5, 0.1), 2), ((0.5, 0.5, 0.1), 3), ((0.5, 0.5, 0.5, 0.1), 4)]
+)
+def test_forces_do_not_take_the_fields_further_off(monkeypatch, fields, tried):
+    """Of what may follow the forces the first is taken that leaves the fields as they were: all, without a memory, a memory alone, the factor alone."""
+    problem, _ = base_fit.prepare([strip_test(GX)], [HoldOut.parse(f"after:{FITTED:g}", 0).training], base="neo-Hooke")
+    few, _ = found(GX)
+    asked = []
+
+    def update(replays, c, additions, priors, others, of_memory):
+        asked.append((of_memory, any(a.effect.remembers for a in additions), bool(others)))
+        return SimpleNamespace(before=ReplayErrors(0.1, 0.1), after=ReplayErrors(0.0, fields[len(asked) - 1]))
+
+    monkeypatch.setattr(few_effects_replay, "update", update)
+    monkeypatch.setattr(few_effects_replay, "ComparedTest", lambda part, pictures, base: SimpleNamespace(part=part))
+    assert with_forces(problem, few, EFFECTS, read_priors()).after.field == 0.1
+    assert asked == [(False, True, True), (False, False, False), (True, True, True), (True, False, False)][:tried]
