@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.levels import StiffnessLevel
+from calibrate.diagnosis.evidence.own_effects import apart
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed import replay_rule
@@ -60,15 +61,18 @@ class FiniteElementCheck:
     def few_effects(
         self, found: Discovery, c: Array, effects: Sequence[Effect], priors: Priors, say: Resumable = SILENT
     ) -> FewEffects | NoReplayCheck:
-        """Beside neo-Hooke, those that leave least of the fields, with the forces of their replays."""
+        """Beside neo-Hooke, those that leave least of the fields, with the forces of their replays; of tests that have nothing for themselves, if there are."""
+        others = tuple(part for part in found.problem.parts if part.experiment.name not in apart(found.own))
+        alike = replace(found.problem, parts=others)
+        problem = alike if alike.trained else found.problem
         try:
-            few = few_effects_replay.few_by_fields(found.problem, c, effects, priors, say)
+            few = few_effects_replay.few_by_fields(problem, c, effects, priors, say)
         except FAILURES as error:
             return NoReplayCheck(str(error))
         few = replace(few, neo_hooke=self._at_own_level(found, few.c))
         say("few effects updated by the forces of their replays")
         try:
-            new = few_effects_replay.with_forces(found.problem, few, effects, priors)
+            new = few_effects_replay.with_forces(problem, few, effects, priors)
             return replace(few, updated=replace(new, check=_Check(found).of_updated(new)))
         except FAILURES as error:
             return replace(few, updated=NoReplayCheck(str(error)))
@@ -137,16 +141,12 @@ class _Check:
         return replace(rows, judges=self._judges(rows))
 
     def _judges(self, rows: Observations) -> NDArray[np.bool_]:
-        """Rows (N,) without what a test has for itself, or with all others, beside a joint model, whose replay lacks it: of a level the forces alone. What stands in for something
-        excuses no test."""
-        found = np.ones(len(rows.test), bool)
-        for one in self.found.own:
-            if not (one.is_there and one.is_plausible):
-                continue
-            names = one.tests if one.is_common else one.seen_in
-            has = np.array([test.part.experiment.name in names for test in self.tests])[rows.test]
-            found &= ~(has & rows.is_force) if isinstance(one.effect, StiffnessLevel) else ~has
-        return found
+        """Rows (N,) of tests that have nothing beside a joint model that its replay lacks: of a level the forces alone."""
+        own = self.found.own
+        levels = [name for one in own if isinstance(one.effect, StiffnessLevel) for name in one.lacking]
+        names = [test.part.experiment.name for test in self.tests]
+        alone, of_level = (np.isin(names, list(some))[rows.test] for some in (apart(own), levels))
+        return np.asarray(~alone & ~(of_level & rows.is_force))
 
     def at_own_level(self, model: ReplayedModel) -> Replayed:
         """Raises what the replay raises."""

@@ -114,6 +114,13 @@ class OwnEffect:
         )
 
     @property
+    def lacking(self) -> tuple[str, ...]:
+        """Tests that have it for themselves, or with all others, so that a joint model lacks it; none where it stands in for something, which excuses no test."""
+        if not (self.is_there and self.is_plausible):
+            return ()
+        return self.tests if self.is_common else self.seen_in
+
+    @property
     def is_plausible(self) -> bool:
         """Whether no amplitude is beyond what a specimen could have; else it stands in for something that nothing in the joint model has."""
         return bool(np.all(np.abs(self.values) <= FAR * np.array(self.prior)))
@@ -130,6 +137,11 @@ def own_effects(problem: Problem, fit: Fit, priors: Priors) -> tuple[OwnEffect, 
     plain = model_weights.without_own_effects(problem)
     found = OwnSignatures.of(problem, plain, fit, priors)
     return found.told(equations.residual(plain, fit.c, fit.additions))
+
+
+def apart(own: Sequence[OwnEffect]) -> frozenset[str]:
+    """Tests that have something beside a joint model that a replay lacks, but for a level."""
+    return frozenset(name for one in own if not isinstance(one.effect, StiffnessLevel) for name in one.lacking)
 
 
 def refined_levels(levels: Sequence[Level], own: Sequence[OwnEffect]) -> tuple[Level, ...]:

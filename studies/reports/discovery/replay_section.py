@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibrate.diagnosis.evidence.own_effects import apart
 from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.replayed.observations import ReplayErrors
@@ -164,7 +165,7 @@ def few_findings(found: Discovery) -> Iterator[Finding]:
     yield _finding(
         ReplayCode.FEW,
         **few_data(few),
-        alike=len(found.problem.trained) > 1,
+        alike=len({part.experiment.name for part in found.problem.trained} - apart(found.own)) > 1,
         missed=missed,
         held=held,
         band=_band(new),
