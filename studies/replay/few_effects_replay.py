@@ -6,7 +6,6 @@ In: the `Problem` of a diagnosis, a neo-Hookean base, effects and priors. Out: `
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +44,7 @@ def few_by_fields(
 
 def with_forces(problem: Problem, found: FewEffects, effects: Sequence[Effect], priors: Priors) -> Updated:
     """The best of them, updated by forces: the first of these that does not take the fields further from what was measured than they were, or than neo-Hooke has them. All, with effects
-    with a memory beside them; without these; those with a memory alone, as the rest stays; the factor alone. Raises `FitError` where no force is known, `OptionError` without an equilibrium."""
+    with a memory beside them; those with a memory alone, as the rest stays; the factor alone. Raises `FitError` where no force is known, `OptionError` without an equilibrium."""
     remembered = [one for one in _candidates(problem, effects, priors) if one.effect.remembers]
     best = () if found.best is None else found.best.additions
     additions = (*best, *(one.at_null(one.shapes[0]) for one in remembered))
@@ -53,7 +52,7 @@ def with_forces(problem: Problem, found: FewEffects, effects: Sequence[Effect], 
     known |= {one.effect.name: (np.array([p.null for p in one.effect.amplitudes]), one.deviations) for one in remembered}  # fmt: skip
     replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
     times = other_times(additions, problem.trained[0].chain.data)
-    for of_memory, some in product((False, True), (additions, best) if remembered else (best,)):
+    for some, of_memory in ((additions, False), *([(additions, True)] if remembered else []), (best, True)):
         new = update(replays, found.c, some, known, times if some is additions else (), of_memory)
         if new is None:
             raise OptionError(f"the few effects have no equilibrium to start from: {replays.failure}")
