@@ -53,6 +53,7 @@ class Parameter:
         return self.typical if self.may_be_zero else max(abs(value), 1e-12)
 
 
+APART = 0.05  # of the whole: load and time that never are further apart go together
 LATE = 10.0  # durations of the record: what begins so late has the time of a clock
 
 
@@ -69,6 +70,20 @@ def lacks_rate(data: Data) -> str | None:
         return "more increments"
     late = float(data.time[0]) > LATE * float(data.time[-1] - data.time[0])
     return "time counted from the start of loading" if late else None
+
+
+def lacks_turn(data: Data) -> str | None:
+    """What is missing for an effect that goes on with time while the load does not: on a ramp at constant speed it is another one, of the load."""
+    if (lacking := lacks_rate(data)) is not None:
+        return lacking
+    apart = jnp.abs(share_of_loading(data.u) - data.time / data.time[-1]).max()
+    return "a pause or a way back" if float(apart) < APART else None
+
+
+def share_of_loading(u: Any) -> Any:
+    """Share (t,) of the largest, by the root mean square of displacements (t, n, 2)."""
+    size = jnp.sqrt((u**2).mean(axis=(1, 2)))
+    return size / size.max()
 
 
 @dataclass(frozen=True)

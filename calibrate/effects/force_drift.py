@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calibrate.effects.effect import Effect, Parameter, lacks_rate
+from calibrate.effects.effect import Effect, Parameter, lacks_turn
 from calibrate.effects.force_offset import largest_direction
 
 
@@ -23,7 +23,7 @@ class ForceDrift(Effect):
     decided_by = "a record that goes on for the same time without a load"
 
     def missing(self, data):
-        return lacks_rate(data)
+        return lacks_turn(data)
 
     def loads(self, data, loads, a, shape):
         return loads - a[0] * data.time[:, None, None] * largest_direction(loads)

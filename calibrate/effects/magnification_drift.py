@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
-
-from calibrate.effects.effect import Effect, Parameter, lacks_rate
-from calibrate.effects.out_of_plane import brought_back, share_of_loading
-
-APART = 0.05  # of the whole: with load and time closer together than this it is an out-of-plane motion
+from calibrate.effects.effect import Effect, Parameter, lacks_turn
+from calibrate.effects.out_of_plane import brought_back
 
 
 @dataclass(frozen=True)
@@ -28,14 +24,7 @@ class MagnificationDrift(Effect):
         return data.reference_height is not None  # two cameras measure it
 
     def missing(self, data):
-        lacking = lacks_rate(data)
-        if lacking is None and float(jnp.abs(share_of_loading(data.u) - _share_of_time(data)).max()) < APART:
-            return "a pause or a way back"
-        return lacking
+        return lacks_turn(data)
 
     def displacements(self, data, u, a, shape):
-        return brought_back(data, u, a[0] * _share_of_time(data))
-
-
-def _share_of_time(data):
-    return data.time / data.time[-1]
+        return brought_back(data, u, a[0] * data.time / data.time[-1])

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
-
-from calibrate.effects.effect import Effect, Parameter
+from calibrate.effects.effect import Effect, Parameter, share_of_loading
 
 
 @dataclass(frozen=True)
@@ -26,12 +24,6 @@ class OutOfPlane(Effect):
 
     def displacements(self, data, u, a, shape):
         return brought_back(data, u, a[0] * share_of_loading(data.u))
-
-
-def share_of_loading(u):
-    """Share (t,) of the largest, by the root mean square of displacements (t, n, 2)."""
-    size = jnp.sqrt((u**2).mean(axis=(1, 2)))
-    return size / size.max()
 
 
 def brought_back(data, u, growth):

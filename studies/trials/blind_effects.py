@@ -202,7 +202,7 @@ LATER = (
     "magnification drift",
 )  # their seeds come after all others, so that runs from before them keep their trials
 FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
-UNLOADING = ("Mullins softening", "Payne softening", "permanent set", "magnification drift")
+UNLOADING = ("Mullins softening", "Payne softening", "permanent set", "force drift", "magnification drift")
 SOLID = "3D effect of thickness"
 UNPAIRED = (SOLID, *LATER[1:])  # in random pairs, whose seeds are older
 

@@ -24,6 +24,7 @@ from calibrate.effects.chain.stages import SWEEPS
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.fibres import first_stiffening, reinforcement
 from calibrate.effects.finite_thickness import Thickness
+from calibrate.effects.force_drift import ForceDrift
 from calibrate.effects.force_offset import ForceOffset
 from calibrate.effects.lag import Lag
 from calibrate.effects.lens_distortion import LensDistortion, undistorted
@@ -154,7 +155,7 @@ def test_what_the_data_lack_is_named(chain):
     lacking = {effect.name: effect.missing(ramp) for effect in CATALOGUE}
     assert {name: what for name, what in lacking.items() if what} == {
         **dict.fromkeys(("Mullins softening", "Payne softening", "permanent set"), "unloading"),
-        "magnification drift": "a pause or a way back",
+        **dict.fromkeys(("force drift", "magnification drift"), "a pause or a way back"),
     }
     timeless = Data.of(dataclasses.replace(experiment, time=None))
     assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
@@ -483,7 +484,7 @@ def test_out_of_plane_motion_is_undone(chain):
 
 
 def test_magnification_drift_is_undone(chain):
-    """Exactly; on a ramp at constant speed it is no candidate beside an out-of-plane motion."""
+    """Exactly; on a ramp at constant speed it is an out-of-plane motion, as a drift of the force is a gain, and no candidate."""
     data, m = chain.data, 0.01
     X = data.points - data.centre
     growth = (m * data.time / data.time[-1])[:, None, None]
@@ -492,8 +493,9 @@ def test_magnification_drift_is_undone(chain):
     np.testing.assert_allclose(found, data.u, atol=1e-12)
     share = jnp.linspace(0.25, 1.0, len(data.time))
     ramp = dataclasses.replace(data, u=share[:, None, None] * data.u[-1], time=60 * share)
-    assert MagnificationDrift().missing(ramp) == "a pause or a way back"
-    assert MagnificationDrift().missing(dataclasses.replace(ramp, time=60 * share**3)) is None
+    for drift in (MagnificationDrift(), ForceDrift()):
+        assert drift.missing(ramp) == "a pause or a way back"
+        assert drift.missing(dataclasses.replace(ramp, time=60 * share**3)) is None
 
 
 def test_subset_moments(chain):
