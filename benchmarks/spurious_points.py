@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from calibrate.data.measurement import Noise
 from calibrate.equations.noise_covariance import factor_of_points, sample
-from studies.importers.recording.outliers import outliers
+from studies.importers.masking.outliers import outliers
 from studies.output import Manifest, write_json
 from studies.trials.blind_data import draw, make
 

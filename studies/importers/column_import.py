@@ -6,6 +6,7 @@ to mm, y up, triangulated (Delaunay, holes left open), grips and free edges foun
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,18 +20,20 @@ from calibrate.data.triangulation import boundary_edges, boundary_nodes, signed_
 from meshes.mesh import spacing_of
 from meshes.shapes import Segment
 from studies.importers.column_map import ColumnMap, read_map, tests_of
-from studies.importers.frame_tables import read_frames
+from studies.importers.frame_tables import Frames, read_frames
 from studies.importers.load_cells import load_cells
 from studies.importers.map_tables import EdgesTable
+from studies.importers.masking.masks import SIDES, masked
+from studies.importers.masking.single_readings import bridged
 from studies.importers.recording.importer import Importer, Part, Processing, Recording, SheetOptions
-from studies.importers.recording.masks import SIDES, masked
 from studies.importers.recording.missing_frames import with_missing_frames
-from studies.importers.recording.notes import edge_notes, mask_notes
+from studies.importers.recording.notes import bridged_notes, edge_notes, mask_notes
 from studies.importers.recording.series import Grip, Series
 from studies.importers.recording.static_frames import noise_floor, static_count
 from studies.importers.recording.synchronise import ForceRecord
 
 Array = NDArray[np.float64]
+ON_SIDE = 0.4  # of the distance of the points, within which a point is on a side
 RUN = 2.5  # distances of points of a side, from which it has two parts
 GAP = 1.6  # distances of points from a masked one, within which a node is on the rim of its gap
 THIN_RIM = 0.1  # area over the square of an edge on the outline: a quarter in a square grid, 0.43 of equal sides
@@ -74,23 +77,29 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
     folder = Path(folder)
     frames = read_frames(m.points, folder, m.mask.column)
     seen = np.isfinite(frames.displacements).any(axis=(1, 2))  # frames that did not fail as a whole
-    mask = masked(frames.points, frames.displacements[seen], m.masks, frames.flagged)
-    mesh = _mesh(frames.points, ~mask.gone, m.points.max_edge_mm)
+    whole = bridged(frames.points, _measured(frames), m.masks.outliers)
+    displacements = whole.values[..., :2]
+    mask = masked(frames.points, displacements[seen], m.masks, frames.flagged)
+    lone = mask.lone(frames.points) & ~_at_sides(frames.points, m.edges.loaded, m.edges.tolerance_mm)
+    displacements = np.where(
+        lone[:, None], np.nan, displacements
+    )  # as failed ones: what is around them is triangulated
+    mesh = _mesh(frames.points, ~mask.gone | lone, m.points.max_edge_mm)
     points = frames.points[mesh.kept]
     records, time = load_cells(m, folder, len(frames.displacements))
     cells: dict[str, ForceRecord] = {
         side: record for cell, record in zip(m.force, records, strict=True) for side in cell.sides if len(m.force) > 1
     }
     grips, free = _edges(m.edges, cells, points, mesh.triangles)
-    free = _not_beside(free, points, frames.points[mask.gone], m.edges)
-    notes = mask_notes(frames.points, mask, frames.points[mesh.alone])
+    free = _not_beside(free, points, frames.points[mask.gone & ~lone], m.edges)
+    notes = bridged_notes(whole) + mask_notes(frames.points, mask, frames.points[mesh.alone])
     notes += edge_notes(m.edges.loaded, m.edges.free, m.edges.rim)
     rate, clock = m.frames.rate_hz, any(not cell.per_frame for cell in m.force)
     return Series(
         name=m.name,
         points=points,
         triangles=mesh.triangles,
-        displacements=frames.displacements[:, mesh.kept],
+        displacements=displacements[:, mesh.kept],
         time=time,
         record=records[0],
         grips=grips,
@@ -102,19 +111,26 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         provenance={
             "reader": "column map",
             "points_without_triangle": len(mesh.alone),
+            "bridged": whole.to_dict(),
             "masked": mask.to_dict(frames.points),
             "rim": m.edges.rim,
             "notes": notes,
             "recording": m.recording.model_dump(exclude_none=True),
-            **_static(m, points, mesh.triangles, frames.displacements[:, mesh.kept]),
+            **_static(m, points, mesh.triangles, displacements[:, mesh.kept]),
             **({} if frames.plane is None else {"specimen_plane": frames.plane.to_dict()}),
         },
         masked=frames.points[mask.gone],
         tested=True,
-        heights=None if frames.heights is None else frames.heights[:, mesh.kept],
+        heights=None if frames.heights is None else whole.values[:, mesh.kept, 2],
         rims=(*m.edges.rims, *_lines(m.edges, points), *_true_sides(m.edges, points, mesh.triangles)),
         fits_holes="holes" in m.edges.free and m.edges.fit_holes,
     )
+
+
+def _measured(frames: Frames) -> Array:
+    """Displacements, and of stereo data the heights after them (n_frames, n, 2 or 3), mm."""
+    heights = [] if frames.heights is None else [frames.heights[..., None]]
+    return np.concatenate([frames.displacements, *heights], axis=2)
 
 
 def _static(m: ColumnMap, points: Array, triangles: Index, displacements: Array) -> dict[str, Any]:
@@ -146,14 +162,16 @@ def _not_beside(free: Index, points: Array, gone: Array, edges: EdgesTable) -> I
     if not len(gone) or not free.size or "holes" not in edges.free:
         return free
     pitch = spacing_of(points)
-    sides = [sign * points[:, axis] for axis, sign in (SIDES[s] for s in edges.free if s in SIDES)]
-    outer = (
-        np.any([value >= value.max() - 0.4 * pitch for value in sides], axis=0)
-        if sides
-        else np.zeros(len(points), bool)
-    )
+    outer = _at_sides(points, edges.free)
     near = cKDTree(gone).query(points[free])[0] < GAP * pitch
     return free[~near | outer[free]]
+
+
+def _at_sides(points: Array, sides: Sequence[str], tolerance: float | None = None) -> NDArray[np.bool_]:
+    """Points (n,) that are as far out as the outermost one on any of these sides, within a tolerance, mm."""
+    value = [sign * points[:, axis] for axis, sign in (SIDES[side] for side in sides if side in SIDES)]
+    within = tolerance or ON_SIDE * spacing_of(points)
+    return np.any([v >= v.max() - within for v in value], axis=0) if value else np.zeros(len(points), bool)
 
 
 def _triangles(points: Array, max_edge: float | None) -> Index:
@@ -233,7 +251,7 @@ def _sides(table: EdgesTable, points: Array, triangles: Index) -> dict[str, Inde
     """Nodes of every side of the outline."""
     rim = boundary_nodes(triangles)
     pitch = spacing_of(points)
-    tolerance = table.tolerance_mm or 0.4 * pitch
+    tolerance = table.tolerance_mm or ON_SIDE * pitch
     nodes = {}
     for side, (axis, sign) in SIDES.items():
         value = sign * points[:, axis]

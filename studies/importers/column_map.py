@@ -24,7 +24,7 @@ from studies.importers.map_tables import (
     RecordingTable,
     Table,
 )
-from studies.importers.recording.masks import Mask
+from studies.importers.masking.masks import Mask
 from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import Selection
 

@@ -217,13 +217,8 @@ class _Linearised:
 
 
 def update(
-    replays: Replays,
-    c: Array,
-    additions: Additions,
-    priors: Priors,
-    others: Sequence[Additions] = (),
-    of_memory: bool = False,
-) -> Updated | None:
+    replays: Replays, c: Array, additions: Additions, priors: Priors, others: Sequence[Additions] = (), of_memory: bool = False
+) -> Updated | None:  # fmt: skip
     """From coefficients c (n,), which are changed by a factor, as those of neo-Hooke are, and effects. others: the same with other values, from which the first fit starts, too: of a time that the
     material remembers the misfit has several minima. of_memory: whether effects without a memory stay as they are. None where the start has no equilibrium. Raises `FitError` where no force is known."""
     replayed = replays(c, additions)

@@ -16,7 +16,7 @@ from meshes.mesh import spacing_of
 from studies.importers.exports.guesses import Guesses
 from studies.importers.frame_tables import Frames, frame_files, frames_as_written
 from studies.importers.map_tables import PointsTable
-from studies.importers.recording.masks import SIDES
+from studies.importers.masking.masks import SIDES
 
 Array = NDArray[np.float64]
 STILL = 1e-9  # of the distance of the points: a displacement that is zero but for rounding

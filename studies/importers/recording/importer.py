@@ -18,7 +18,7 @@ from studies.commandline.option_types import Names
 from studies.importers.exports.frame_order import Rule
 from studies.importers.exports.guesses import Guesses
 from studies.importers.map_tables import ForceUnit, LengthUnit, TimeUnit
-from studies.importers.recording.masks import SIDES
+from studies.importers.masking.masks import SIDES
 from studies.importers.recording.series import Series, to_experiment
 from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import DEFAULT_SELECTION, Selection

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment
 from calibrate.models.fitness import SOFT
 from studies.importers.exports.field_guesses import mean_strains
+from studies.importers.masking.masks import Masked
+from studies.importers.masking.single_readings import Bridged
 from studies.importers.recording.load_cell_noise import Origin
-from studies.importers.recording.masks import Masked
 from studies.importers.recording.synchronise import ForceRecord
 from studies.output.words import Words
 
@@ -25,6 +26,12 @@ AUXETIC = 0.1  # of the strain along the pull: strain across of the same sign, f
 ONE_AXIS = 0.2  # of the largest force: forces across, up to which a sheet is pulled along one axis
 OPPOSED = 0.05  # of their ranges: steps of elongation and force in opposite directions
 LARGEST = 1500.0  # mm, of what fits into a test stand
+
+
+def bridged_notes(whole: Bridged) -> list[str]:
+    """Of readings that were replaced."""
+    found = whole.to_dict()
+    return [WORDS.note_bridged(**found, of=whole.replaced.size)] if found["readings"] else []
 
 
 def mask_notes(points: Array, mask: Masked, alone: Array) -> list[str]:

@@ -17,6 +17,8 @@ from calibrate import errors
 from calibrate.data import points
 from calibrate.data.continued_rims import with_continued_rims
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
+from studies.importers.masking.masks import Masked
+from studies.importers.masking.outliers import outliers
 from studies.importers.recording.grip_motion import (
     clock_notes,
     clocks,
@@ -26,9 +28,7 @@ from studies.importers.recording.grip_motion import (
     moves_across,
     unseen_peak,
 )
-from studies.importers.recording.masks import Masked
 from studies.importers.recording.notes import mask_notes, noise_notes, numbers, record_notes, strain_notes
-from studies.importers.recording.outliers import outliers
 from studies.importers.recording.recorded_series import Grip, Series
 from studies.importers.recording.series_noise import noise_of
 from studies.importers.recording.stated_noise import StatedNoise

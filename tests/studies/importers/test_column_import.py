@@ -118,17 +118,24 @@ def test_column_map_keeps_holes_and_finds_their_rims(tmp_path):
     assert e.free_nodes.size == 2 * (ROWS - 2) + 16
 
 
-def test_column_map_drops_invalid_points(tmp_path):
+@pytest.mark.parametrize("to_the_end", [True, False])
+def test_column_map_drops_points_that_fail_to_the_end(tmp_path, to_the_end):
+    """One that fails in a single frame moves in it as its neighbours do."""
     path = mapped(tmp_path)
-    frame = tmp_path / "frames" / "f_8.csv"
-    lines = frame.read_text().splitlines()
-    inner = next(k for k, line in enumerate(lines) if line.startswith(f"{6 * COLUMNS + 7},"))
-    lines[inner] = lines[inner].rsplit(",", 1)[0] + ",-1"
-    write(frame, "\n".join(lines))
-    text = MAP.replace("count = 4", "list = [3, 8]")
-    e = from_map(write(path, text))
-    assert e.provenance["points_lost"] == 1
+    whole = from_map(write(path, MAP.replace("count = 4", "list = [3, 8]")))
+    frames = sorted((tmp_path / "frames").glob("f_*.csv"), key=lambda one: int(one.stem[2:]))
+    for frame in frames[8 : None if to_the_end else 9]:
+        lines = frame.read_text().splitlines()
+        inner = next(k for k, line in enumerate(lines) if line.startswith(f"{6 * COLUMNS + 7},"))
+        lines[inner] = lines[inner].rsplit(",", 1)[0] + ",-1"
+        write(frame, "\n".join(lines))
+    e = from_map(path)
+    assert e.provenance["points_lost"] == int(to_the_end)
+    assert e.provenance["bridged"]["readings"] == int(not to_the_end)
     assert e.provenance["frames"] == [3, 8]
+    if not to_the_end:
+        assert any("1 of" in note and "neighbours move" in note for note in e.provenance["notes"])
+        np.testing.assert_allclose(e.displacements, whole.displacements, atol=0.02 * np.abs(whole.displacements).max())
 
 
 def test_exchanged_displacements_are_told(tmp_path):

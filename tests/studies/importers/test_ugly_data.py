@@ -13,14 +13,15 @@ from sheets import COLUMNS, MAP, PITCH, ROWS, SCALE, mapped, motion, pixels, wri
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
+from calibrate.data.triangulation import signed_areas
 from studies import cli
 from studies.importers import column_import, column_map, importer_of
 from studies.importers.column_map import MaskTable
+from studies.importers.masking.outliers import outliers
 from studies.importers.pad_tracks import PadTest, write_tables
 from studies.importers.recording import noise_estimate
 from studies.importers.recording.importer import SheetOptions
 from studies.importers.recording.notes import noise_notes
-from studies.importers.recording.outliers import outliers
 from studies.importers.recording.series import to_experiment
 
 SKIN = Path(os.environ.get("EQUIGAP_DATA", "nowhere")) / "sutula_skin_dic" / "monolithic.npz"
@@ -105,6 +106,20 @@ def test_spurious_points_are_masked_with_their_places_and_kept_on_request(tmp_pa
     kept = from_map(write(path, MAP + '[mask]\noutliers = "keep"\n'))
     assert len(kept.points) == EVERYTHING
     assert "kept" in said(kept)
+
+
+@pytest.mark.parametrize(("spoilt", "closed"), [([(5, 5)], True), ([(5, 0)], True), ([(5, 5), (6, 5), (6, 6)], False)])
+def test_a_lone_spurious_point_leaves_no_gap(tmp_path, spoilt, closed):
+    """Inside or on a loaded side; where several go together there may be no material."""
+    path = mapped(tmp_path)
+    good = from_map(path)
+    spoil(tmp_path, spoilt)
+    found = from_map(path)
+    area, whole = (signed_areas(e.points, e.triangles).sum() for e in (found, good))
+    assert len(found.points) == EVERYTHING - len(spoilt)
+    assert bool(area == pytest.approx(whole)) is closed
+    assert len(found.free_nodes) == len(good.free_nodes)
+    assert not np.isnan(found.displacements).any()
 
 
 # --- masks and inner edges --------------------------------------------------------------------------------------

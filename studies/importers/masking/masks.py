@@ -16,11 +16,12 @@ from scipy.spatial import cKDTree
 
 from calibrate import errors
 from meshes.mesh import spacing_of
-from studies.importers.recording.outliers import outliers
+from studies.importers.masking.outliers import outliers
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 SIDES: dict[str, tuple[int, int]] = {"left": (0, -1), "right": (0, 1), "bottom": (1, -1), "top": (1, 1)}
+ROUND = 8  # neighbours of a point
 NEAR = 0.6  # of the distance of the points, within which a named place is a point
 
 
@@ -50,6 +51,14 @@ class Masked:
     def gone(self) -> Flags:
         """All that are left out (n,)."""
         return self.named | self.spurious if self.removed else self.named
+
+    def lone(self, points: Array) -> Flags:
+        """Spurious points (n,) that go, all of whose neighbours among points (n, 2) stay: material goes on there, as it may not where many go, in a hole."""
+        going = np.flatnonzero(self.spurious if self.removed else np.zeros_like(self.named))
+        found = np.zeros(len(points), bool)
+        near = cKDTree(points).query(points[going], k=min(ROUND + 1, len(points)))[1]
+        found[going] = self.gone[near].sum(axis=1) == 1
+        return found & ~self.named
 
     def to_dict(self, points: Array) -> dict[str, Any]:
         """For a provenance: how many, and where the spurious ones are, mm."""

@@ -92,15 +92,21 @@ def _scores(points: Array, frames: Array, trusted: Flags) -> Array:
 
 def _near(points: Array, frames: Array, trusted: Flags) -> Array:
     """(n,): distance from a plane through the nearest trusted points, over the limit; of the worst of frames (t, n, 2)."""
-    pitch = _pitch(points)
-    near, distance = _neighbours(points, trusted, NEAREST), np.empty((len(points), len(frames)))
+    near = _neighbours(points, trusted, NEAREST)
+    distance = from_planes(points, frames, near)
+    usual = TO_DEVIATION * _usual(distance, near, trusted, FLOOR * _pitch(points))
+    return np.asarray((distance / usual).max(axis=1) / LIMIT)
+
+
+def from_planes(points: Array, frames: Array, near: Index) -> Array:
+    """Distance (n, t), mm, of each value of frames (t, n, 2) from a robust plane through those of its neighbours (n, k), over the reach of that."""
+    pitch, distance = _pitch(points), np.empty((len(points), len(frames)))
     for part in _chunks(len(points)):
         design = _plane((points[near[part]] - points[part, None]) / pitch)
         values = _of_neighbours(frames, near[part], part)
         surface = _surface(design, values, np.ones(values.shape[:3]), FLOOR * pitch)
         distance[part] = _length(surface) / _reach(design)
-    usual = TO_DEVIATION * _usual(distance, near, trusted, FLOOR * pitch)
-    return np.asarray((distance / usual).max(axis=1) / LIMIT)
+    return distance
 
 
 def _clusters(points: Array, frames: Array, trusted: Flags) -> Array:
