@@ -90,7 +90,7 @@ class Clocks:
 def clocks(series: Series) -> Clocks | None:
     """The time of the pictures beside that of the machine, from when the grips start to move and when the crosshead does.
 
-    The elongation of the first frames is a polynomial of the crosshead's motion, because the load train gives way. The standard deviation is that of
+    The elongation of the first frames, or of all where these are few, is a polynomial of the crosshead's motion, because the load train gives way. The standard deviation is that of
     the profile likelihood. None where the machine recorded no crosshead, or one that is already moving, and where the frames cannot tell to within
     one of them.
     """
@@ -99,7 +99,8 @@ def clocks(series: Series) -> Clocks | None:
         return None
     length = elongation(series)
     begun = np.flatnonzero(np.abs(length) > ONSET * np.nanmax(np.abs(length)))
-    frames = np.flatnonzero(np.isfinite(length[: begun[0]])) if begun.size else begun
+    early = np.flatnonzero(np.isfinite(length[: begun[0]])) if begun.size else begun
+    frames = early if len(early) >= EARLY else np.flatnonzero(np.isfinite(length))
     if len(frames) < EARLY:
         return None
     time, seen = series.time[frames], length[frames]

@@ -65,6 +65,22 @@ def test_nothing_is_said_of_clocks_that_cannot_be_compared():
     assert clocks(replace(one, record=still)) is None
 
 
+@pytest.mark.parametrize("late", [-2.5, 0.0, 3.7])
+def test_few_pictures_with_a_way_back_are_compared_as_a_whole(late):
+    """Fifteen of them, two before a quarter of the elongation; the turn tells the time."""
+    one = series()
+    time = np.linspace(0.0, 28.0, 15)
+    path = np.interp(time, [0.0, 2.0, 18.0, 28.0], [0.0, 0.0, 6.4, 2.4])
+    stretch = 1 + path * (0.8 + 0.02 * path) / 13
+    u = (stretch - 1)[:, None, None] * (one.points - one.points.min(axis=0)) * [0.0, 1.0]
+    machine = np.arange(-5.0, 36.0, 0.1)
+    pulled = np.interp(machine - late, [0.0, 2.0, 18.0, 28.0], [0.0, 0.0, 6.4, 2.4])
+    record = ForceRecord(machine, 2 * pulled, crosshead=pulled)
+    found = clocks(replace(one, time=time, displacements=u, record=record))
+    assert found is not None and found.offset == pytest.approx(late, abs=0.1)
+    assert found.agree == (late == 0.0)
+
+
 def test_noise_does_not_count_as_agreement():
     found = clocks(series(noise=1.0))
     assert found is None or not found.agree
