@@ -7,7 +7,8 @@ In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that bot
 2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
    that take its place in explanations of more than 5 %, and those in whose span alone it lies.
 
-3. Where no effect was added and the residual is no more than noise, a candidate that is significant is no alarm if none is needed with a probability above 95 %.
+3. Where that none is needed is three times as probable as all else together (positive evidence; Kass and Raftery 1995), and the residual of the base is no more than noise, or than noise that is somewhat larger than described, there is nothing: neither a candidate that is
+   significant nor what the rounds have added without an explanation is an alarm.
 
 That something in no catalogue is more probable changes no verdict: it is told beside it. Disturbances that are smooth over place and load are
 also what is left of a strong effect by the errors of its formula and of the mesh, which the tests of the residual allow for.
@@ -26,11 +27,12 @@ from calibrate.diagnosis.misfit import is_larger
 from calibrate.diagnosis.selection.candidate_fit import Model, has_soft_base
 from calibrate.diagnosis.selection.loop import close_loop
 from calibrate.diagnosis.selection.rounds import Confirmation, Discovery, Doubt, Verdict
-from calibrate.diagnosis.selection.verdict import is_noise
+from calibrate.diagnosis.selection.verdict import is_larger_noise, is_noise
 from calibrate.effects import Effect
 from calibrate.errors import FitError
 from calibrate.fitting.resumable import SILENT, Resumable
 
+NONE = 0.75  # probability of no effect, from which it takes more than noise to say that there is something
 ODDS = 20.0  # to one, from which an explanation is far more probable
 
 
@@ -51,7 +53,10 @@ def decided(
             shown = powers(other.problem, other.rounds[-1], found.thresholds.significance, priors)
             weighing = replace(weighing, powers=shown)
             found = replace(other, replaced=found.final.names)
-        found = _judged(found, weighing)
+        added, found = found.final.names, _judged(found, weighing)
+        if found.final.names != added:
+            shown = powers(found.problem, found.rounds[-1], found.thresholds.significance, priors)
+            weighing = replace(weighing, powers=shown)
     else:
         found = replace(found, groups=_without_excluded(found.groups, weighing))
     return replace(found, weighing=weighing)
@@ -107,10 +112,10 @@ def _probability(alternatives: Alternatives, names: Sequence[str]) -> float:
 
 def _judged(found: Discovery, weighing: Weighing) -> Discovery:
     """Names, groups and verdict by the probabilities."""
+    if found.verdict is not Verdict.EXPLAINED and _is_nothing(found, weighing):
+        return _of_base(found)
     if not found.final.names:
-        quiet = is_noise(found.problem, found.rounds[-1], found.thresholds)
-        quiet &= _probability(weighing.alternatives, ()) > CERTAIN
-        return replace(found, verdict=Verdict.NOTHING_SIGNIFICANT) if quiet else found
+        return found
     groups = {name: _group(name, found.final.names, weighing) for name in found.final.names}
     if found.verdict is not Verdict.EXPLAINED:
         return replace(found, groups=groups)
@@ -122,6 +127,23 @@ def _judged(found: Discovery, weighing: Weighing) -> Discovery:
     return replace(
         found, verdict=Verdict.NOT_EXPLAINED, named=(), closest=found.final.names, groups=groups,
         confirmation=_with_doubt(found.confirmation, Doubt.NOT_NEEDED),
+    )  # fmt: skip
+
+
+def _is_nothing(found: Discovery, weighing: Weighing) -> bool:
+    """Whether no effect is needed beside a base whose residual is noise, if larger than described."""
+    first, limits = found.rounds[0], found.thresholds
+    quiet = is_noise(found.problem, first, limits) or is_larger_noise(first, limits)
+    return quiet and _probability(weighing.alternatives, ()) > NONE
+
+
+def _of_base(found: Discovery) -> Discovery:
+    """Nothing significant: without what the rounds have added."""
+    assert found.start is not None
+    first, names = replace(found.rounds[0], added=None, group=(), exchange=None), found.final.names
+    return replace(
+        found, problem=found.start if names else found.problem, rounds=(first,), verdict=Verdict.NOTHING_SIGNIFICANT,
+        named=(), closest=(), groups={}, confirmation=None, dominant=None, replaced=names or None,
     )  # fmt: skip
 
 

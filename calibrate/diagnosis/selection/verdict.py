@@ -17,6 +17,8 @@ from calibrate.diagnosis.selection.rounds import Confirmation, Discovery, Review
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects.chain import Additions
 
+LARGER = 2.0  # variance of noise over what is described, up to which a residual may be noise of another kind
+
 
 def conclude(
     problem: Problem,
@@ -53,6 +55,16 @@ def is_noise(problem: Problem, now: Round, thresholds: Thresholds) -> bool:
     return not problem.noise_is_known or (
         now.misfits.p_value > thresholds.misfit_p and now.predicted_p > thresholds.misfit_p
     )
+
+
+def is_larger_noise(now: Round, thresholds: Thresholds) -> bool:
+    """Whether residual and prediction would be no more than noise if its variance were larger than described, by no more than `LARGER`: nothing in them is smooth over place and load, and what was held out is missed no
+    more than what was fitted."""
+    share = now.misfits.everything.value / max(now.misfits.everything.degrees, 1)
+    if not share <= LARGER:
+        return False
+    tests = [now.misfits.smooth, *([] if now.predicted is None else [now.predicted])]
+    return all(ChiSquare(one.value / max(share, 1.0), one.degrees).p_value > thresholds.misfit_p for one in tests)
 
 
 def worth_a_name(additions: Additions, gains: Mapping[str, float], thresholds: Thresholds = DEFAULT) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ LISTED = 30  # places or readings that a note names
 WEAK = 3.0  # signal to noise of the strain, below which little can be identified
 FILTERED = 10.0  # total over temporal noise, from which the latter says nothing of the errors of a frame
 AUXETIC = 0.1  # of the strain along the pull: strain across of the same sign, from which no soft material has it
+PRELOAD = 0.03  # of the largest force: what a load cell that was not zeroed hardly reads
 ONE_AXIS = 0.2  # of the largest force: forces across, up to which a sheet is pulled along one axis
 OPPOSED = 0.05  # of their ranges: steps of elongation and force in opposite directions
 LARGEST = 1500.0  # mm, of what fits into a test stand
@@ -61,6 +62,14 @@ def edge_notes(loaded: Sequence[str], free: Sequence[str], rim: bool) -> list[st
 def record_notes(record: ForceRecord) -> list[str]:
     """Of readings without a force."""
     return [WORDS.note_blank_forces(readings=numbers(record.blank), source=record.source)] if record.blank else []
+
+
+def preload_notes(tare: float, force: Array) -> list[str]:
+    """Where the force at the reference picture, N, which is taken as zero, is more than an offset of a load cell beside the forces (t,), N, that are left."""
+    largest = float(np.nanmax(np.abs(force), initial=0.0))
+    if not abs(tare) > PRELOAD * (largest + abs(tare)):
+        return []
+    return [WORDS.note_preload(force=tare, share=abs(tare) / (largest + abs(tare)))]
 
 
 def noise_notes(report: dict[str, Any]) -> list[str]:

@@ -28,7 +28,14 @@ from studies.importers.recording.grip_motion import (
     moves_across,
     unseen_peak,
 )
-from studies.importers.recording.notes import mask_notes, noise_notes, numbers, record_notes, strain_notes
+from studies.importers.recording.notes import (
+    mask_notes,
+    noise_notes,
+    numbers,
+    preload_notes,
+    record_notes,
+    strain_notes,
+)
 from studies.importers.recording.recorded_series import Grip, Series
 from studies.importers.recording.series_noise import noise_of
 from studies.importers.recording.stated_noise import StatedNoise
@@ -72,6 +79,7 @@ def to_experiment(
     compared = clocks(series)
     notes += clock_notes(compared)
     notes += record_notes(series.record) + noise_notes(report) + _spurious_notes(series, kept)
+    notes += preload_notes(tare, force) if selection.tare is None else []
     provenance = {
         **series.provenance,
         "frames": frames.tolist(),

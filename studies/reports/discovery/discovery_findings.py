@@ -124,7 +124,7 @@ def _of_effects(view: View) -> Iterator[Finding]:
     yield from _of_inclusions(view.discovery)
     yield from _of_edges(view.discovery)
     if view.discovery.replaced is not None:
-        by = view.discovery.rounds[1].fit.names
+        by = view.discovery.rounds[1].fit.names if len(view.discovery.rounds) > 1 else ()
         yield _finding(DiscoveryCode.REPLACED, by=list(by), names=list(view.discovery.replaced))
     if view.weighing is not None:
         alternatives = alternatives_data(view.weighing)

@@ -18,6 +18,7 @@ from calibrate.diagnosis.evidence.explanations import UNKNOWN, Alternatives, Exp
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.residual_tests import ChiSquare, Misfits
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Doubt
 from calibrate.effects import CATALOGUE
@@ -70,7 +71,7 @@ def test_an_effect_that_is_not_needed_is_not_named():
     assert Doubt.NOT_NEEDED in result.confirmation.doubts
 
 
-@pytest.mark.parametrize(("none", "verdict"), [(0.97, Verdict.NOTHING_SIGNIFICANT), (0.9, Verdict.NOT_EXPLAINED)])
+@pytest.mark.parametrize(("none", "verdict"), [(0.8, Verdict.NOTHING_SIGNIFICANT), (0.7, Verdict.NOT_EXPLAINED)])
 def test_a_refused_candidate_that_no_evidence_needs_is_no_alarm(none, verdict):
     """Where the residual is noise; a residual that is more than noise stays unexplained whatever is said to be needed."""
     known = [Explanation((), float(np.log(none))), Explanation((OTHER,), float(np.log(1 - none)))]
@@ -80,6 +81,34 @@ def test_a_refused_candidate_that_no_evidence_needs_is_no_alarm(none, verdict):
     loud = explained()
     loud = replace(loud, rounds=loud.rounds[:1], verdict=Verdict.NOT_EXPLAINED, named=(), closest=())
     assert decided(loud, weighing, read_priors(), FEW).verdict is Verdict.NOT_EXPLAINED
+
+
+@pytest.mark.parametrize(
+    ("noise", "smooth", "none", "verdict"),
+    [
+        (1.0, 1.0, 0.80, Verdict.NOTHING_SIGNIFICANT),
+        (1.6, 1.6, 0.80, Verdict.NOTHING_SIGNIFICANT),
+        (1.6, 1.6, 0.70, Verdict.NOT_EXPLAINED),  # something may be needed
+        (1.6, 4.0, 0.97, Verdict.NOT_EXPLAINED),  # smooth over place and load
+        (3.0, 3.0, 0.97, Verdict.NOT_EXPLAINED),  # far more than what noise of another kind is taken for
+    ],
+)
+def test_what_rounds_add_and_no_evidence_needs_is_taken_out(noise, smooth, none, verdict):
+    """noise, smooth: mean squares of the residual of the base, of all and of its smooth part, over those of noise."""
+    first, last = explained().rounds
+    tests = nothing().rounds[0].misfits
+    sizes = (noise, noise, smooth)
+    changed = Misfits(*(ChiSquare(size * test.degrees, test.degrees) for size, test in zip(sizes, tests, strict=True)))
+    predicted = ChiSquare(noise * first.predicted.degrees, first.predicted.degrees)
+    base = replace(first, misfits=changed, predicted=predicted)
+    ended = replace(explained(), rounds=(base, last), verdict=Verdict.NOT_EXPLAINED, named=(), closest=(HIDDEN,))
+    known = [Explanation((), float(np.log(none))), Explanation((OTHER,), float(np.log(1 - none)))]
+    result = decided(ended, Weighing(Alternatives.of(known), {}, (), True), read_priors(), FEW)
+    assert result.verdict is verdict
+    quiet = verdict is Verdict.NOTHING_SIGNIFICANT
+    assert result.final.names == (() if quiet else (HIDDEN,))
+    assert result.replaced == ((HIDDEN,) if quiet else None)
+    assert not quiet or (result.closest == () and result.problem is result.start and result.weighing.powers)
 
 
 def test_something_unknown_beside_it_takes_no_name_away():
