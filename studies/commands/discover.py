@@ -131,7 +131,8 @@ def discover(
     }
     settings["priors"] = "(default)" if diagnosis.priors is None else str(diagnosis.priors)
     manifest = Manifest(diagnosis.seed, settings, [*experiments, *files, *filter(None, [diagnosis.priors])], started)
-    key = {"command": "discover", **settings, "experiments": manifest.to_dict()["inputs"]}
+    inputs = [f"{Path(name).name} {digest}" for name, digest in manifest.to_dict()["inputs"].items()]
+    key = {"command": "discover", **settings, "experiments": inputs}
     folder = open_output_folder(output or default_folder("discover", quick), overwrite, key)
     if (answer := earlier_answer(folder)) is not None:
         (folder / CHECKPOINT).unlink(missing_ok=True)
@@ -198,7 +199,7 @@ def read(
             "import them with a thickness each, or without"
         )
     remarks: list[Finding] = []
-    experiments = [chosen(experiment, pictures) for _, experiment in loaded]
+    experiments = [chosen(experiment, pictures) for experiment in _named_apart(loaded)]
     timeless = [str(path) for path, experiment in loaded if experiment.time is None]
     if 0 < len(timeless) < len(loaded):
         if rule is not None and rule.kind == "after":
@@ -206,6 +207,14 @@ def read(
         experiments = [experiment.without_time() for experiment in experiments]
         remarks.append(no_time(timeless[0]))
     return experiments[: len(paths)], experiments[len(paths) :], tuple(remarks)
+
+
+def _named_apart(loaded: Sequence[tuple[Path, Experiment]]) -> list[Experiment]:
+    """Tests of one name, as of two folders with the same, get that of the folder of their file as well, or a number where that is the same, too."""
+    names = [experiment.name for _, experiment in loaded]
+    longer = [f"{name} ({path.resolve().parent.name})" if names.count(name) > 1 else name for name, (path, _) in zip(names, loaded, strict=True)]  # fmt: skip
+    apart = [f"{name} {longer[: i + 1].count(name)}" if longer.count(name) > 1 else name for i, name in enumerate(longer)]  # fmt: skip
+    return [replace(experiment, name=name) for name, (_, experiment) in zip(apart, loaded, strict=True)]
 
 
 def held_out_words(rule: HoldOut | None, trained: Sequence[Experiment], held: Sequence[Experiment]) -> str:

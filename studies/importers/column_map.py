@@ -53,8 +53,12 @@ class ColumnMap(Table):
         p, edges = self.points, self.edges
         if ("px" in p.units) != (p.scale_mm_per_px is not None):
             raise ValueError("points.scale_mm_per_px belongs to a unit 'px', and only to it")
-        if not edges.loaded or set(edges.loaded) & set(edges.free):
-            raise ValueError("edges.loaded must name a side, and a loaded side is not free")
+        if not edges.loaded:
+            raise ValueError("edges.loaded (--loaded) names no side; name those that are gripped")
+        if both := sorted(set(edges.loaded) & set(edges.free)):
+            raise ValueError(
+                f"'{both[0]}' is in edges.loaded and edges.free (--loaded, --free); a loaded side is not free"
+            )
         if len(self.force) == 1 and len({side in ("left", "right") for side in edges.loaded}) > 1:
             raise ValueError(
                 f"edges.loaded: {', '.join(edges.loaded)} are pulled along x and y, and [force] names one force; name opposite sides, or "

@@ -23,6 +23,7 @@ LISTED = 30  # places or readings that a note names
 WEAK = 3.0  # signal to noise of the strain, below which little can be identified
 FILTERED = 10.0  # total over temporal noise, from which the latter says nothing of the errors of a frame
 AUXETIC = 0.1  # of the strain along the pull: strain across of the same sign, from which no soft material has it
+CLOCK = 3.0  # times the noise of the load cell
 PRELOAD = 0.03  # of the largest force: what a load cell that was not zeroed hardly reads
 ONE_AXIS = 0.2  # of the largest force: forces across, up to which a sheet is pulled along one axis
 OPPOSED = 0.05  # of their ranges: steps of elongation and force in opposite directions
@@ -73,7 +74,7 @@ def preload_notes(tare: float, force: Array) -> list[str]:
 
 
 def noise_notes(report: dict[str, Any]) -> list[str]:
-    """Where the noise of the force is no more than a bound, or temporal noise was chosen and is far smaller than what a frame shows."""
+    """Where the noise of the force is no more than a bound, or is that of the clocks, or temporal noise was chosen and is far smaller than what a frame shows."""
     notes = []
     match report["force"]:
         case Origin.UPPER_BOUND:
@@ -82,6 +83,10 @@ def noise_notes(report: dict[str, Any]) -> list[str]:
             ]
         case Origin.UNKNOWN:
             notes += [WORDS.note_force_noise_unknown(readings=report["load_cell_readings"])]
+    clock = report.get("synchronisation_std_s", 0.0) * report.get("force_rate_N_per_s", 0.0)
+    if clock > CLOCK * report.get("load_cell_std_N", np.inf):
+        std, cell = report["synchronisation_std_s"], report["load_cell_std_N"]
+        notes.append(WORDS.note_synchronisation(std=std, force=clock, cell=cell))
     temporal, total = report.get("temporal"), report.get("total")
     chosen = report["displacement"] == "temporal"
     if chosen and temporal and total and total["std"] > FILTERED * temporal["std"]:

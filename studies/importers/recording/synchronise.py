@@ -117,6 +117,9 @@ def choose_frames(
         if selection.until > end + 1e-9:
             notes.append(WORDS.note_until(until=selection.until, end=end))
         end = min(end, selection.until)
+    beyond = np.flatnonzero((time < record.time[0]) | (time > record.time[-1] + 1e-9))
+    if beyond.size:
+        notes.append(WORDS.note_beyond_record(frames=beyond.tolist(), start=record.time[0], end=record.time[-1]))
     force = forces_at(record, np.clip(time, record.time[0], record.time[-1]))
     usable = np.flatnonzero((time >= record.time[0]) & (time <= end + 1e-9) & (np.arange(len(time)) > 0))
     skipped = np.intersect1d(usable, failed)
