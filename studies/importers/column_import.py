@@ -23,6 +23,7 @@ from studies.importers.column_map import ColumnMap, read_map, tests_of
 from studies.importers.frame_tables import Frames, read_frames
 from studies.importers.load_cells import load_cells
 from studies.importers.map_tables import EdgesTable
+from studies.importers.masking.grip_points import along_grips
 from studies.importers.masking.masks import SIDES, masked
 from studies.importers.masking.single_readings import bridged
 from studies.importers.recording.importer import Importer, Part, Processing, Recording, SheetOptions
@@ -92,14 +93,17 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
     }
     grips, free = _edges(m.edges, cells, points, mesh.triangles)
     free = _not_beside(free, points, frames.points[mask.gone & ~lone], m.edges)
-    notes = bridged_notes(whole) + mask_notes(frames.points, mask, frames.points[mesh.alone])
+    displacements = displacements[:, mesh.kept]
+    held = [(grip.nodes, 1 if grip.direction[0] else 0) for grip in grips]
+    displacements, of_grips = along_grips(points, displacements, held)
+    notes = bridged_notes(whole, of_grips) + mask_notes(frames.points, mask, frames.points[mesh.alone])
     notes += edge_notes(m.edges.loaded, m.edges.free, m.edges.rim)
     rate, clock = m.frames.rate_hz, any(not cell.per_frame for cell in m.force)
     return Series(
         name=m.name,
         points=points,
         triangles=mesh.triangles,
-        displacements=displacements[:, mesh.kept],
+        displacements=displacements,
         time=time,
         record=records[0],
         grips=grips,
@@ -111,12 +115,12 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         provenance={
             "reader": "column map",
             "points_without_triangle": len(mesh.alone),
-            "bridged": whole.to_dict(),
+            "bridged": {**whole.to_dict(), "on_grips": of_grips},
             "masked": mask.to_dict(frames.points),
             "rim": m.edges.rim,
             "notes": notes,
             "recording": m.recording.model_dump(exclude_none=True),
-            **_static(m, points, mesh.triangles, displacements[:, mesh.kept]),
+            **_static(m, points, mesh.triangles, displacements),
             **({} if frames.plane is None else {"specimen_plane": frames.plane.to_dict()}),
         },
         masked=frames.points[mask.gone],

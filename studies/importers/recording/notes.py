@@ -30,10 +30,11 @@ OPPOSED = 0.05  # of their ranges: steps of elongation and force in opposite dir
 LARGEST = 1500.0  # mm, of what fits into a test stand
 
 
-def bridged_notes(whole: Bridged) -> list[str]:
-    """Of readings that were replaced."""
+def bridged_notes(whole: Bridged, of_grips: int) -> list[str]:
+    """Of readings that were replaced; of_grips: of points of grips that failed beside these."""
     found = whole.to_dict()
-    return [WORDS.note_bridged(**found, of=whole.replaced.size)] if found["readings"] else []
+    notes = [WORDS.note_bridged(**found, of=whole.replaced.size)] if found["readings"] else []
+    return notes + ([WORDS.note_grip_points(count=of_grips)] if of_grips else [])
 
 
 def mask_notes(points: Array, mask: Masked, alone: Array) -> list[str]:

@@ -105,6 +105,28 @@ def test_same_command_is_taken_up_again_another_is_refused(run):
     assert "--overwrite" in said
 
 
+def test_a_run_is_known_by_what_it_reads_wherever_it_is_called_from(run, asked, tmp_path, monkeypatch):
+    assert run()[0] == 0
+    monkeypatch.chdir(tmp_path)
+    assert main(["discover", "plate.npz", "-o", "out"]) == 0
+    assert len(asked) == 1
+
+
+def test_tests_of_one_name_are_told_apart(tmp_path):
+    """By their folders, or by numbers."""
+    paths = [
+        tmp_path / "a" / "experiment.npz",
+        tmp_path / "b" / "experiment.npz",
+        tmp_path / "b" / "again.npz",
+        tmp_path / "c.npz",
+    ]
+    for seed, path in enumerate(paths):
+        path.parent.mkdir(exist_ok=True)
+        replace(sheet(seed=seed), name="export" if seed < 3 else "other").save(path)
+    trained, held, _ = discovery.read(paths[:2], paths[2:], None)
+    assert [e.name for e in (*trained, *held)] == ["export (a)", "export (b) 1", "export (b) 2", "other"]
+
+
 @pytest.mark.slow
 def test_command_comes_nearest_with_the_second_invariant(tmp_path, capsys):
     """The plate was solved on the camera's own triangles: its replay on finer ones leaves more than the noise, so that nothing explains it."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from sheets import (
     COLUMNS,
+    NOISE,
     ROWS,
     SCALE,
     force,
@@ -62,6 +64,40 @@ def test_forces_of_both_grips(folder):
     untared = sheet(folder, Selection(frames=(2, 10), tare=0.0))
     np.testing.assert_allclose(untared.loaded[1].force[:, 1], [2.1, 10.1], atol=1e-9)
     assert not untared.is_zeroed  # a force that is stated as zero says nothing of the load cell
+
+
+def test_a_force_at_the_reference_picture_is_told(folder):
+    """From 3 % of the largest force on: more than a load cell that was not zeroed reads."""
+
+    def said(selection, forces):
+        frames = printed_sheets.read_frames(folder)
+        record = printed_sheets.read_record(folder / "force_disp.txt")
+        options = printed_sheets.SheetOptions(scale=SCALE, frame_rate=2.0)
+        e = to_experiment(
+            printed_sheets.sheet_series(frames, replace(record, force=record.force + forces), options), selection, NOISE
+        )
+        return [note for note in e.provenance["notes"] if "at the reference picture" in note]
+
+    assert said(Selection(frames=(2, 10)), 0.0) == []
+    (note,) = said(Selection(frames=(2, 10)), 2.4)
+    assert "2.5 N at the reference picture, 20 % of the largest force" in note and "earlier picture" in note
+    assert said(Selection(frames=(2, 10), tare=0.1), 2.4) == []
+
+
+def test_frames_without_a_force_are_told(folder):
+    """The record ends at 10 s, before the last of them at half the rate."""
+    frames = printed_sheets.read_frames(folder)
+    record = printed_sheets.read_record(folder / "force_disp.txt")
+    slow, whole = (
+        to_experiment(
+            printed_sheets.sheet_series(frames, record, printed_sheets.SheetOptions(scale=SCALE, frame_rate=rate)),
+            noise=NOISE,
+        )
+        for rate in (1.0, 4.0)
+    )
+    assert not any("without a force" in note for note in whole.provenance["notes"])
+    (note,) = (note for note in slow.provenance["notes"] if "without a force" in note)
+    assert f"{len(frames.displacements) - 11} frame" in note and "--frame-rate" in note
 
 
 def test_synchronisation_by_rate_and_offset(folder):

@@ -168,10 +168,22 @@ def test_the_rim_of_a_masked_gap_is_no_free_hole(tmp_path):
     assert e.free_nodes.size == 2 * (ROWS - 2)  # the sides alone
 
 
-def test_a_point_that_failed_on_a_loaded_edge_and_the_remedy(tmp_path):
+def test_a_point_that_failed_on_a_grip_moves_as_those_beside_it(tmp_path):
     path = mapped(tmp_path)
-    spoil(tmp_path, [(4, 0)], by="nan")
-    with pytest.raises(errors.LostPointsError, match=r"at \(14, -5\) mm.*edges\.drop_points.*frames\.list"):
+    whole = from_map(path)
+    spoil(tmp_path, [(4, 0), (5, 0)], by="nan")
+    e = from_map(path)
+    assert len(e.points) == EVERYTHING and "move as those beside them on the grip" in said(e)
+    np.testing.assert_allclose(e.displacements, whole.displacements, atol=1e-5)
+
+
+def test_points_that_failed_on_most_of_a_loaded_edge_and_the_remedy(tmp_path):
+    path = mapped(tmp_path)
+    spoil(tmp_path, [(at, 0) for at in range(2, 13)], by="nan")
+    with pytest.raises(
+        errors.LostPointsError,
+        match=r"11 failed points lie on the loaded edge 'top', the first at \(.*\) mm.*edges\.drop_points.*frames\.list",
+    ):
         from_map(path)
     inner = from_map(write(path, MAP.replace('"holes"]', '"holes"]\ndrop_points = {top = 1}')))
     assert len(inner.points) == EVERYTHING - COLUMNS
@@ -252,6 +264,15 @@ def test_temporal_noise_of_filtered_data_is_told():
     found = noise_estimate.displacement_noise(points, frames).to_dict()
     assert noise_notes({"displacement": "temporal", "force": "stated", **found}) != []
     assert noise_notes({"displacement": "total", "force": "stated", **found}) == []
+
+
+@pytest.mark.parametrize(("clock", "told"), [(0.5, True), (0.01, False), (0.0, False)])
+def test_a_force_that_the_clocks_leave_uncertain_is_told(clock, told):
+    """Half a second at 0.7 N/s, beside a load cell that reads to 0.01 N."""
+    report = {"displacement": "total", "force": "stated", "load_cell_std_N": 0.01, "synchronisation_std_s": clock, "force_rate_N_per_s": 0.7}  # fmt: skip
+    notes = noise_notes(report)
+    assert bool(notes) is told
+    assert not told or ("0.35 N" in notes[0] and "per_frame" in notes[0])
 
 
 def test_one_grip_lengthens_against_the_other_end(tmp_path):
