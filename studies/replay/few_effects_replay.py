@@ -6,6 +6,7 @@ In: the `Problem` of a diagnosis, a neo-Hookean base, effects and priors. Out: `
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,9 @@ from numpy.typing import NDArray
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import prior_deviations
 from calibrate.diagnosis.problem import Problem
+from calibrate.diagnosis.replayed.checked_replay import INTERVAL
 from calibrate.diagnosis.replayed.few_effects import Candidate, FewEffects, few_effects
+from calibrate.diagnosis.replayed.updating import Priors as UpdatePriors
 from calibrate.diagnosis.replayed.updating import Updated, update
 from calibrate.diagnosis.score_tests import untestable
 from calibrate.effects import Effect
@@ -56,10 +59,21 @@ def with_forces(problem: Problem, found: FewEffects, effects: Sequence[Effect], 
         new = update(replays, found.c, some, known, times if some is additions else (), of_memory)
         if new is None:
             raise OptionError(f"the few effects have no equilibrium to start from: {replays.failure}")
+        new = _without_weak(replays, new, known, of_memory)
         if new.after.field <= WORSE * max(new.before.field, found.base.field):
             break
     assert new is not None  # the factor alone is always left
     return new
+
+
+def _without_weak(replays: Replays, found: Updated, known: UpdatePriors, of_memory: bool) -> Updated:
+    """Fitted again without effects with a memory that the forces do not tell from none."""
+    pairs = list(zip(found.additions, found.deviations, strict=True))
+    strong = tuple(a for a, d in pairs if not a.effect.remembers or abs(a.amplitudes[0]) > INTERVAL * d[0])
+    if len(strong) == len(pairs):
+        return found
+    again = update(replays, found.c, strong, known, (), of_memory)
+    return found if again is None else replace(again, before=found.before)
 
 
 def _candidates(problem: Problem, effects: Sequence[Effect], priors: Priors) -> list[Candidate]:

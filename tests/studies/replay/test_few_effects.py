@@ -15,8 +15,10 @@ from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.replayed.observations import ReplayErrors
+from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
 from calibrate.equations.noise_covariance import noise_factor, sample
 from forward.loading import Loading
 from forward.materials import NeoHooke
@@ -104,9 +106,34 @@ def test_forces_do_not_take_the_fields_further_off(monkeypatch, fields, tried):
 
     def update(replays, c, additions, priors, others, of_memory):
         asked.append((of_memory, any(a.effect.remembers for a in additions), bool(others)))
-        return SimpleNamespace(before=ReplayErrors(0.1, 0.1), after=ReplayErrors(0.0, fields[len(asked) - 1]))
+        errors = {"before": ReplayErrors(0.1, 0.1), "after": ReplayErrors(0.0, fields[len(asked) - 1])}
+        return SimpleNamespace(additions=(), deviations=(), **errors)
 
     monkeypatch.setattr(few_effects_replay, "update", update)
     monkeypatch.setattr(few_effects_replay, "ComparedTest", lambda part, pictures, base: SimpleNamespace(part=part))
     assert with_forces(problem, few, EFFECTS, read_priors()).after.field == 0.1
     assert asked == [(False, True, True), (True, True, True), (True, False, False)][:tried]
+
+
+def test_what_the_forces_do_not_tell_from_none_is_taken_out(monkeypatch):
+    """Of a relaxation that is 1.5 standard deviations from none, and one that is three; a gradient is of the fields."""
+    known = {effect.name: effect for effect in EFFECTS}
+    gradient = Addition(known["stiffness gradient"], (0.001, 0.0), ())
+    weak, strong = (Addition(known["viscoelasticity"], (g,), (2.0,)) for g in (0.15, 0.3))
+
+    def update(replays, c, additions, priors, others, of_memory):
+        return Updated(
+            Spread(Directions.of(np.ones(2), additions, np.ones((2, 1)), 1.0), np.zeros((0, 0))),
+            ReplayErrors(0.5, 0.5),
+            ReplayErrors(0.0, 0.1),
+            True,
+            9,
+        )
+
+    monkeypatch.setattr(few_effects_replay, "update", update)
+    for one, left in ((weak, (gradient,)), (strong, (gradient, strong))):
+        first = SimpleNamespace(
+            additions=(gradient, one), deviations=((0.1, 0.1), (0.1,)), c=np.ones(2), before=ReplayErrors(0.2, 0.2)
+        )
+        new = few_effects_replay._without_weak(None, first, {}, False)
+        assert new.additions == left and new.before == ReplayErrors(0.2, 0.2)
