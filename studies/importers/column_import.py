@@ -24,7 +24,7 @@ from studies.importers.frame_tables import Frames, read_frames
 from studies.importers.load_cells import load_cells
 from studies.importers.map_tables import EdgesTable
 from studies.importers.masking.grip_points import along_grips
-from studies.importers.masking.masks import SIDES, masked
+from studies.importers.masking.masks import SIDES, Masked, masked
 from studies.importers.masking.single_readings import bridged
 from studies.importers.recording.importer import Importer, Part, Processing, Recording, SheetOptions
 from studies.importers.recording.missing_frames import with_missing_frames
@@ -77,14 +77,8 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
     """Read the files of a column map; `folder` is where its relative paths start."""
     folder = Path(folder)
     frames = read_frames(m.points, folder, m.mask.column)
-    seen = np.isfinite(frames.displacements).any(axis=(1, 2))  # frames that did not fail as a whole
     whole = bridged(frames.points, _measured(frames), m.masks.outliers)
-    displacements = whole.values[..., :2]
-    mask = masked(frames.points, displacements[seen], m.masks, frames.flagged)
-    lone = mask.lone(frames.points) & ~_at_sides(frames.points, m.edges.loaded, m.edges.tolerance_mm)
-    displacements = np.where(
-        lone[:, None], np.nan, displacements
-    )  # as failed ones: what is around them is triangulated
+    mask, lone = _left_out(m, frames, whole.values[..., :2])
     mesh = _mesh(frames.points, ~mask.gone | lone, m.points.max_edge_mm)
     points = frames.points[mesh.kept]
     records, time = load_cells(m, folder, len(frames.displacements))
@@ -93,7 +87,7 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
     }
     grips, free = _edges(m.edges, cells, points, mesh.triangles)
     free = _not_beside(free, points, frames.points[mask.gone & ~lone], m.edges)
-    displacements = displacements[:, mesh.kept]
+    displacements = np.where(lone[:, None], np.nan, whole.values[..., :2])[:, mesh.kept]
     held = [(grip.nodes, 1 if grip.direction[0] else 0) for grip in grips]
     displacements, of_grips = along_grips(points, displacements, held)
     notes = bridged_notes(whole, of_grips) + mask_notes(frames.points, mask, frames.points[mesh.alone])
@@ -129,6 +123,13 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         rims=(*m.edges.rims, *_lines(m.edges, points), *_true_sides(m.edges, points, mesh.triangles)),
         fits_holes="holes" in m.edges.free and m.edges.fit_holes,
     )
+
+
+def _left_out(m: ColumnMap, frames: Frames, displacements: Array) -> tuple[Masked, NDArray[np.bool_]]:
+    """Points that go, of displacements (n_frames, n, 2), mm; and those of them (n,) that go as failed ones do, as what is around them is triangulated."""
+    seen = np.isfinite(frames.displacements).any(axis=(1, 2))  # frames that did not fail as a whole
+    mask = masked(frames.points, displacements[seen], m.masks, frames.flagged)
+    return mask, mask.lone(frames.points) & ~_at_sides(frames.points, m.edges.loaded, m.edges.tolerance_mm)
 
 
 def _measured(frames: Frames) -> Array:

@@ -7,7 +7,6 @@ In: a folder, and answers to what no file states. Out: a `Recording` with the co
 from __future__ import annotations
 
 import fnmatch
-import re
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +21,12 @@ from studies.importers.exports.field_guesses import has_rest, say_coordinates, s
 from studies.importers.exports.frame_order import Order, Rule, frame_order
 from studies.importers.exports.guesses import Guesses, Undecided
 from studies.importers.exports.hdf5_file import hdf5_file
+from studies.importers.exports.incomplete_frames import (
+    refuse_empty,
+    refuse_headers_alone,
+    refuse_other_columns,
+    unnumbered,
+)
 from studies.importers.exports.machine_record import RecordAnswers, say_channels, say_record
 from studies.importers.exports.ncorr_file import ncorr_file
 from studies.importers.exports.text_files import TextFile, text_file
@@ -124,28 +129,6 @@ class VendorFolder(Importer):
             found.facts.append("no time of the frames is stated: effects of time are then not tested (--frame-rate)")
 
 
-def _refuse_empty(folder: Path, pattern: str | None, suffixes: set[str]) -> None:
-    """Raises `FileFormatError`: a frame that is left out would shift the times and forces of all after it."""
-    for path in sorted(folder.iterdir()):
-        like_frame = path.suffix in suffixes and (pattern is None or fnmatch.fnmatch(path.name, pattern))
-        if path.is_file() and like_frame and not path.stat().st_size:
-            raise errors.FileFormatError(f"{path}: the file is empty; export it again, or take it out of the folder")
-
-
-def _refuse_headers_alone(folder: Path, tables: set[Path], names: set[str]) -> None:
-    """Raises `FileFormatError` for a file that has the name of a frame and no row of numbers. tables: files that have some."""
-    for path in sorted(folder.iterdir()):
-        if path.is_file() and path not in tables and _unnumbered(path) in names:
-            raise errors.FileFormatError(
-                f"{path}: no row of numbers, though it has the name of a frame; export it again, or take it out of the folder"
-            )
-
-
-def _unnumbered(path: Path) -> str:
-    """Name of a file with * for its numbers."""
-    return re.sub(r"\d+", "*", path.name)
-
-
 def exported(folder: Path, pattern: str | None) -> Export:
     """What a folder holds. pattern: glob of the frames. Raises `DataNotFoundError` for a pattern without a frame, `FileFormatError` for a frame
     without content."""
@@ -158,8 +141,10 @@ def exported(folder: Path, pattern: str | None) -> Export:
     name = count.most_common(1)[0][0]
     vendor = next(v for v, _ in chosen if v.name == name)
     frames = [f for v, f in chosen if v.name == name]
-    _refuse_empty(folder, pattern, {f.path.suffix for f in frames})
-    _refuse_headers_alone(folder, {f.path for f in files}, {_unnumbered(f.path) for f in frames})
+    refuse_empty(folder, pattern, {f.path.suffix for f in frames})
+    names = {unnumbered(f.path) for f in frames}
+    refuse_headers_alone(folder, {f.path for f in files}, names)
+    refuse_other_columns([f for v, f in claims if v is None and (pattern is None or fnmatch.fnmatch(f.path.name, pattern))], names)  # fmt: skip
     others = [f for v, f in claims if v is None and not any(one.belongs(f) for one in vendors())]
     return Export(vendor, frames, others, dict(count))
 
@@ -179,7 +164,7 @@ def _file(path: Path) -> TextFile | None:
 
 def _alike(frames: list[TextFile]) -> str:
     """A pattern of the files of one export: * where numbers differ, ? for brackets, which mean something in patterns."""
-    names = {_unnumbered(frame.path) if len(frames) > 1 else frame.path.name for frame in frames}
+    names = {unnumbered(frame.path) if len(frames) > 1 else frame.path.name for frame in frames}
     return min(names).translate(str.maketrans("[]", "??"))
 
 

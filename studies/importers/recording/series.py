@@ -78,8 +78,7 @@ def to_experiment(
     notes += thinned
     compared = clocks(series)
     notes += clock_notes(compared)
-    notes += record_notes(series.record) + noise_notes(report) + _spurious_notes(series, kept)
-    notes += preload_notes(tare, force) if selection.tare is None else []
+    notes += _force_notes(series, selection, tare, force) + noise_notes(report) + _spurious_notes(series, kept)
     provenance = {
         **series.provenance,
         "frames": frames.tolist(),
@@ -127,6 +126,11 @@ def _frames(series: Series, selection: Selection, broke: float | None) -> tuple[
         return frames, notes
     frames, left_out = bridged_frames(series, frames)
     return frames, notes + left_out
+
+
+def _force_notes(series: Series, selection: Selection, tare: float, force: Array) -> list[str]:
+    """Of readings without a force, and of the one at the reference picture, where that is taken as zero."""
+    return record_notes(series.record) + (preload_notes(tare, force) if selection.tare is None else [])
 
 
 def _motion_notes(series: Series, frames: Index, force: Array) -> list[str]:

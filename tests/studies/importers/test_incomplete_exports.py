@@ -15,7 +15,8 @@ from calibrate import errors
 from studies.importers import printed_sheets, vendor_folder
 from studies.importers.exports.field_guesses import pull_axis
 from studies.importers.frame_tables import Frames
-from studies.importers.recording.notes import pull_notes, strain_notes
+from studies.importers.recording.notes import pull_notes, strain_notes, twin_notes
+from studies.importers.vendor_folder import exported
 
 
 def test_numbers_of_frames_that_are_not_there_count_as_time(tmp_path: Path) -> None:
@@ -95,3 +96,26 @@ def test_a_specimen_of_metres_is_asked_about(factor: float, said: bool) -> None:
         loaded=[SimpleNamespace(force=np.array([[0.0, 10.0]]), nodes=np.array([0, 1]))],
     )  # fmt: skip
     assert any("pixels" in note for note in strain_notes(sheet)) is said  # type: ignore[arg-type]
+
+
+def test_a_frame_with_other_columns_is_named(tmp_path):
+    """Left out it would shift the forces of all after it. A machine record with a name of its own is none."""
+    for k in range(4):
+        rows = "".join(f"{x},{y},{0.1 * k * x},0.0,0.01\n" for x in range(8) for y in range(6))
+        (tmp_path / f"img_{k}.csv").write_text("X,Y,U,V,sigma\n" + rows)
+    (tmp_path / "machine.csv").write_text("Time [s],Force [N]\n" + "".join(f"{k},{k}.5\n" for k in range(4)))
+    first = tmp_path / "img_2.csv"
+    first.write_text(first.read_text().replace("X,Y,U,V", "a,b,c,d"))
+    with pytest.raises(errors.FileFormatError, match="img_2.csv: other columns than those of the frames"):
+        exported(tmp_path, None)
+    assert len(exported(tmp_path, "img_[013].csv").frames) == 3
+
+
+def test_a_frame_that_was_exported_twice_is_told():
+    u = np.arange(24.0).reshape(4, 3, 2)
+    u[0] = 0.0
+    assert twin_notes(u, np.array([1, 2, 3])) == []
+    u[3] = u[2]
+    (note,) = twin_notes(u, np.array([1, 2, 3]))
+    assert "frames 2 and 3" in note
+    assert twin_notes(u, np.array([1, 3])) == []
