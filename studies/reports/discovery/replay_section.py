@@ -21,6 +21,7 @@ from studies.reports.discovery.few_effects_table import few_data
 
 Table = tuple[list[str], list[list[Any]]]
 BASE, FINAL, NEO_HOOKE, FEW = "base model", "final model", "neo-Hooke", "few effects"
+POOR = 0.25  # force error, from which nobody predicts with a model, see `headline.Limits`
 FEW_FILE, NEO_HOOKE_FILE = "model_few_effects.json", "model_neo_hooke.json"
 
 
@@ -110,9 +111,9 @@ def neo_hooke_replay(found: Discovery) -> Replayed | None:
 
 def to_predict_with(found: Discovery) -> str | None:
     """File of the first of these, where nothing explains the test: few effects, neo-Hooke; of which neither force nor field of what was held out is
-    missed by more (`misses_more`) than another replayed model misses them. None where each is beaten in one of both, or none was replayed."""
-    offered, check = _offered(found), found.replay_check
-    others = [one for _, one in offered] + ([check.final] if isinstance(check, ReplayCheck) else [])
+    missed by more (`misses_more`) than another replayed model misses them. None where each is beaten in one of both, or misses forces by more than `POOR`, or none was replayed."""
+    offered, check = [(file, one) for file, one in _offered(found) if not one.judged.force > POOR], found.replay_check
+    others = [one for _, one in _offered(found)] + ([check.final] if isinstance(check, ReplayCheck) else [])
     noise = max(
         (p.experiment.noise.total_std for p in found.problem.trained if p.experiment.noise is not None), default=0.0
     )
@@ -137,6 +138,7 @@ def recommendation(found: Discovery) -> str:
         held=any(bool(one.rows.held.any()) for one in models.values()),
         explained=explained,
         offered=bool(_offered(found)),
+        poor=all(one.judged.force > POOR for _, one in _offered(found)),
         neo_hooke=NEO_HOOKE_FILE,
     )
 
@@ -145,7 +147,8 @@ def use_finding(found: Discovery) -> Iterator[Finding]:
     """Which model is to be used, by its replay, where nothing explains the test."""
     if _offered(found):
         file = to_predict_with(found)
-        yield _finding(ReplayCode.USE, file is None, file=file)
+        poor = all(one.judged.force > POOR for _, one in _offered(found))
+        yield _finding(ReplayCode.USE, file is None, file=file, poor=poor)
 
 
 def few_findings(found: Discovery) -> Iterator[Finding]:

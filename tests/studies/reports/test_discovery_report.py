@@ -359,6 +359,19 @@ def test_the_model_to_predict_with_is_said_first():
     )
 
 
+def test_a_model_that_misses_a_quarter_of_the_forces_is_not_recommended():
+    """Though it is the best of them: the record is wrong, or its clock."""
+    rows = check(observations()).final
+    doubled = replace(
+        rows, rows=replace(rows.rows, measured=np.where(rows.rows.is_force, 2.0, 1.0) * rows.rows.measured)
+    )
+    found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=None, few=few_effects(doubled, doubled))
+    assert to_predict_with(found) is None
+    assert "forces are missed by more than a quarter" in recommendation(found)
+    (use,) = (one for one in remarks(view(found)) if one.code is ReplayCode.USE)
+    assert "forces by more than a quarter" in use.text
+
+
 def test_what_comes_nearest_is_said_before_it():
     """With its probability, and as no finding; nothing where neo-Hooke alone is more probable."""
     good, bad = (check(observations(only_held(size))) for size in (1.0, 30.0))
