@@ -119,6 +119,7 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         },
         masked=frames.points[mask.gone],
         tested=True,
+        lone=int(lone[mesh.kept].sum()),
         heights=None if frames.heights is None else whole.values[:, mesh.kept, 2],
         rims=(*m.edges.rims, *_lines(m.edges, points), *_true_sides(m.edges, points, mesh.triangles)),
         fits_holes="holes" in m.edges.free and m.edges.fit_holes,

@@ -35,9 +35,9 @@ OTHER_FORMS: dict[str, Effect] = {"second invariant": FORMS[0]}
 
 
 def uncertainty_of(found: Discovery, priors: Priors) -> ModelUncertainty | None:
-    """Of the final model, before its level is that of the replay; None where its derivatives are not finite."""
+    """Of the final model, before its level is that of the replay; None where its derivatives are not finite, or none: of a model without any stiffness."""
     columns = Columns.of(found.problem, found.final)
-    if not np.isfinite(columns.J).all():
+    if not (np.isfinite(columns.J).all() and columns.J.any()):
         return None
     spread = columns.spread
     p = columns.base.shape[1]

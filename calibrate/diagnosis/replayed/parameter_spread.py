@@ -113,6 +113,8 @@ def covariance_root(information: Array) -> Array:
     """R (k, q) with R R^T the inverse of an information (k, k); what it does not constrain is held."""
     size = np.sqrt(np.diag(information))
     used = size > 0
+    if not used.any():
+        return np.zeros((len(size), 0))
     values, vectors = np.linalg.eigh(information[np.ix_(used, used)] / np.outer(size[used], size[used]))
     keep = values > SINGULAR * values.max()
     root = np.zeros((len(size), int(keep.sum())))

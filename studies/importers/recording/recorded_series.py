@@ -48,7 +48,8 @@ class Series:
     """Every frame of a test. points (n, 2) mm, y up; triangles (m, 3); displacements (n_frames, n, 2) mm, NaN where
     a point failed; time (n_frames,) s on the clock of the machine; resolution (s) of that synchronisation. has_clock: False
     where times only number the frames. force_std: of the forces, N, where it is known; None: estimated from the record.
-    heights (n_frames, n) mm: of stereo data, distance from the plane of the reference; None: one camera. masked (k, 2) mm: points left out before; tested: whether spurious points were looked for.
+    heights (n_frames, n) mm: of stereo data, distance from the plane of the reference; None: one camera. masked (k, 2) mm: points left out before; tested: whether spurious points were looked for; lone: how many of these have failed in all
+    frames here, so that the gap is closed.
     rims: true edges that the points do not reach, mm; fits_holes: whether those of other holes are fitted to the points around them (`calibrate.data.continued_rims`)."""
 
     name: str
@@ -67,6 +68,7 @@ class Series:
     provenance: dict[str, Any] = field(default_factory=dict)
     masked: Array = field(default_factory=lambda: np.zeros((0, 2)))
     tested: bool = False
+    lone: int = 0
     heights: Array | None = None
     rims: tuple[Rim, ...] = ()
     fits_holes: bool = False

@@ -68,8 +68,8 @@ def to_experiment(
     loaded = tuple(_loaded(series, grip, frames, force) for grip in series.grips)
     notes += _motion_notes(series, frames, force)
     kept = points.drop_points(series.points, series.triangles, series.displacements[frames], loaded, series.free_nodes)
-    if kept.lost.size:
-        notes.append(WORDS.note_points_lost(lost=kept.lost.size, points=len(series.points)))
+    if kept.lost.size > series.lone:
+        notes.append(WORDS.note_points_lost(lost=kept.lost.size - series.lone, points=len(series.points)))
     rims = with_continued_rims(kept, series.rims, series.fits_holes)
     notes += [WORDS.note_rim_continued(found=found, told=found.to_dict()) for found in rims.rims]
     notes += [WORDS.note_left_open(places=rims.left_open)] if rims.left_open else []
@@ -86,7 +86,7 @@ def to_experiment(
         "tare_N": tare,
         "zeroed": selection.tare is None,
         "clocks": None if compared is None else {**asdict(compared), "agree": compared.agree},
-        "points_lost": int(kept.lost.size),
+        "points_lost": int(kept.lost.size) - series.lone,
         "rims": [found.to_dict() for found in rims.rims],
         "noise": report,
         "notes": [*series.provenance.get("notes", []), *notes],

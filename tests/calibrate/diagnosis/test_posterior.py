@@ -13,7 +13,7 @@ from calibrate.diagnosis.evidence.explanations import Alternatives
 from calibrate.diagnosis.evidence.posterior import uncertainty_of
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.evidence.signatures import prior_deviations
-from calibrate.diagnosis.replayed.parameter_spread import Columns
+from calibrate.diagnosis.replayed.parameter_spread import Columns, covariance_root
 from calibrate.effects.chain import Addition
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.model_uncertainty import Kind, ModelUncertainty
@@ -123,3 +123,12 @@ def test_probabilities_that_round_off_takes_past_1_are_read_back():
     assert known is not None
     again = ModelUncertainty.from_dict(known.to_dict("MPa"), len(found.final.c), ())
     assert max(one.probability for one in again.competitors) == 1.0
+
+
+def test_a_base_without_stiffness_has_no_uncertainty():
+    """As of a strain that is all noise: no unknown changes its residual. What nothing constrains is held."""
+    found = nothing()
+    base = replace(found.final, c=np.zeros_like(found.final.c))
+    none = replace(found, rounds=(replace(found.rounds[0], fit=base),))
+    assert uncertainty_of(none, read_priors()) is None
+    assert covariance_root(np.zeros((3, 3))).shape == (3, 0)

@@ -686,7 +686,10 @@ def test_noise_that_pictures_have_in_common_is_told_with_its_parts():
     assert "6 um that are new in every picture" in told
     drift = Noise(0.006, 3.0, correlation_time=12.0)
     told = noise_found("sheet", NoiseCheck(STATED, drift.total_std, drift)).text
-    assert "those before them. What is new in a picture goes on in the next ones for 12 s" in told and "pattern" not in told
+    assert (
+        "those before them. What is new in a picture goes on in the next ones for 12 s" in told
+        and "pattern" not in told
+    )
     unstated = noise_found("sheet", NoiseCheck(None, 0.01, replace(used, correlation_time=3.0)), "increments").text
     assert "6 um that last for a time;" in unstated and "for 3 increments" in unstated
     kept = noise_found("sheet", NoiseCheck(used, 2 * used.total_std, used.scaled(2.0))).text
