@@ -27,7 +27,8 @@ Forces = Callable[[np.ndarray, np.ndarray], np.ndarray]
 @dataclass(frozen=True)
 class Case:
     """path (t,), mm, at times (t,), s (None: `INTERVAL` apart). right: effects whose name is right, none where nothing of the catalogue is. noise: mm of a point, its length, mm, and what stays with the
-    pattern, mm. spacing, mm, of the points. stated: options of the import. substeps: of the solution between pictures."""
+    pattern, mm. spacing, mm, of the points. stated: options of the import. substeps: of the solution between pictures.
+    spoilt: errors (t, n, 2), mm, of a camera that does worse; NaN where nothing was matched."""
 
     truth: str
     law: Law
@@ -43,6 +44,7 @@ class Case:
     seen: Fields = field(default=lambda p, u, t: u)
     read: Forces = field(default=lambda f, t: f)
     stated: tuple[str, ...] = ()
+    spoilt: Callable[[np.ndarray, np.random.Generator], np.ndarray] = field(default=lambda errors, rng: errors)
 
 
 def ramp(*turns: float, pictures: tuple[int, ...]) -> np.ndarray:
@@ -62,6 +64,26 @@ def with_a_lost_picture(p: np.ndarray, u: np.ndarray, t: np.ndarray) -> np.ndarr
     """From the ninth on every file has what the next one should."""
     found = u.copy()
     found[9:-1] = u[10:]
+    return found
+
+
+def with_wrong_matches(errors: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Student's t with three degrees in place of the normal distribution, one reading in a hundred off by 0.12 mm, and one point in twelve lost in the second half of the test."""
+    t, n, _ = errors.shape
+    found = 0.75 * errors.std() * rng.standard_t(3, errors.shape)
+    wrong = rng.random((t, n)) < 0.01
+    found[wrong] += 0.12 * rng.standard_normal((int(wrong.sum()), 2))
+    lost = rng.random(n) < 1 / 12
+    found[t // 2 :, lost] = np.nan
+    found[0] = 0.0
+    return found
+
+
+def lasting(errors: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Four fifths of the error of a picture go on in the next one."""
+    found = errors.copy()
+    for k in range(1, len(errors)):
+        found[k] = 0.8 * found[k - 1] + 0.6 * errors[k]
     return found
 
 
@@ -92,6 +114,8 @@ CASES = {
     ),
     "warmed": Case("10 % softer with time", laws.elastic(laws.gent, laws.warming), CYCLE, holes=THREE),
     "picture lost": Case("a picture lost, later ones one interval too early", laws.elastic(laws.gent), CYCLE, holes=THREE, seen=with_a_lost_picture),
+    "nothing, wrong matches": Case("nothing, Gent; wrong matches and lost points", laws.elastic(laws.gent), CYCLE, null=True, spoilt=with_wrong_matches),
+    "nothing, noise that lasts": Case("nothing, Gent; noise that lasts over pictures", laws.elastic(laws.gent), CYCLE, null=True, holes=THREE, noise=(0.004, 3.0, 0.0), spoilt=lasting),
 }  # fmt: skip
 
 
@@ -109,9 +133,13 @@ def write(case: Case, folder: Path, seed: int) -> None:
     std, length, pattern = case.noise
     fixed, largest = noise(points, max(length, 1.5), pattern, rng), np.abs(seen).max()
     folder.mkdir(parents=True)
-    for k, one in enumerate(seen):
-        errors = noise(points, length, std, rng) + fixed * np.abs(one).max() / largest if k else 0.0
-        table = np.column_stack([points, one + errors, np.full(len(points), 0.02)])
+    errors = np.zeros(seen.shape)
+    for k, one in enumerate(seen[1:], start=1):
+        errors[k] = noise(points, length, std, rng) + fixed * np.abs(one).max() / largest
+    errors = case.spoilt(errors, np.random.default_rng([seed, 1]))
+    for k, measured in enumerate(seen + errors):
+        matched = np.isfinite(measured).all(axis=1)
+        table = np.column_stack([points, np.nan_to_num(measured), np.where(matched, 0.02, -1.0)])
         np.savetxt(folder / f"img_{k:03d}.csv", table, "%.6f", ",", header="X,Y,U,V,sigma", comments="")
     recorded = case.read(force, times) + LOAD_CELL * rng.standard_normal(len(times))
     record = np.column_stack([times, recorded])

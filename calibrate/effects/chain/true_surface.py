@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -79,6 +80,7 @@ def _corrected_record(experiment: Experiment, found: Experiment, additions: Addi
     if record is None or time is None or time[0] < record.time[0] or time[-1] > record.time[-1]:
         return None
     data, forces = Data.of(replace(experiment, record=None)), np.moveaxis(record.force, 0, -1)
+    data = replace(data, time=jnp.asarray(record.time))
     run = Linearisation.run(load_stages(additions), Constants(data, 0.0, ()), {LOADS: np.nan_to_num(forces)}).quantities
     loads = np.where(np.isnan(forces), np.nan, np.asarray(run[LOADS]))
     return replace(record, force=np.moveaxis(loads, -1, 0))

@@ -43,9 +43,9 @@ from studies.replay.replay_rows import Layout, sheet_rows
 from studies.replay.replayed_experiment import replay
 from studies.replay.twin_replay import twin_replay
 from studies.synthetic import camera
-from studies.synthetic.camera_disturbances import LensDistortion, OutOfPlane, Rotation
+from studies.synthetic.camera_disturbances import LensDistortion, MagnificationDrift, OutOfPlane, Rotation
 from studies.synthetic.disturbances import observe
-from studies.synthetic.load_cell_disturbances import ForceOffset
+from studies.synthetic.load_cell_disturbances import ForceDrift, ForceOffset
 
 PLATE = PlateWithHole(half_length=30, half_width=15, far_size=1.5, hole_radius=5, hole_size=0.8)
 NOISE = Noise(3e-3, 2.0, 5e-4, 1e-3)  # mm, of 12
@@ -269,6 +269,8 @@ AMPLITUDES = {
     "image rotation": (0.02,),
     "out-of-plane motion": (0.004,),
     "force offset": (0.5,),
+    "force drift": (0.1,),
+    "magnification drift": (0.004,),
 }
 
 
@@ -278,7 +280,14 @@ def of_camera(name):
     return Addition(effect, AMPLITUDES[name], (0.0,) * len(effect.shapes))
 
 
-SEEN = (ForceOffset(0.5), LensDistortion(0.01), OutOfPlane(0.004), Rotation(0.02))
+SEEN = (
+    ForceOffset(0.5),
+    LensDistortion(0.01),
+    OutOfPlane(0.004),
+    Rotation(0.02),
+    ForceDrift(0.1),
+    MagnificationDrift(0.004),
+)
 
 
 @pytest.mark.parametrize("disturbance", SEEN, ids=lambda one: one.name)
@@ -323,9 +332,12 @@ def test_the_record_is_corrected_with_the_forces_of_the_pictures():
     seen = replace(seen, record=LoadRecord(times, forces))
     turned, late, later = (Addition(BY_NAME[name], (a,), shape) for name, a, shape in
                            (("image rotation", 0.02, ()), ("lag between force and image", 0.5, (1.0,)), ("lag between force and image", 1.5, (1.0,))))  # fmt: skip
+    drift = Addition(BY_NAME["force drift"], (0.1,), ())
+    for acting in (turned, drift):
+        true = true_surface(seen, (acting,))
+        for boundary, force in zip(true.loaded, true.record.force, strict=True):
+            np.testing.assert_allclose(force[1:-1], boundary.force, rtol=1e-12, atol=1e-12)
     true = true_surface(seen, (turned,))
-    for boundary, force in zip(true.loaded, true.record.force, strict=True):
-        np.testing.assert_allclose(force[1:-1], boundary.force, rtol=1e-12)
     assert np.abs(true.record.force - seen.record.force).max() > 0.01 * np.abs(forces).max()
     moved = true_surface(seen, (late,))
     np.testing.assert_allclose(moved.time, seen.time + 0.5)
