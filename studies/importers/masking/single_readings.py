@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 NEAREST = 12  # neighbours
 LIMIT = 5.0  # usual distances, from which a reading is wrong: some nine standard deviations of normal noise
+CURVED = 2.0  # times what a turn of the load bends beside a hole, that a reading may
 STAYS = 0.5  # of its distance, by which the frames before and after may differ from the neighbours
 LONGEST = 3  # frames in a row that are bridged
 MOST = 0.25  # of the frames, in which a point may fail or be wrong; others are no matter of single frames
@@ -116,6 +117,9 @@ def _wrong(points: Array, values: Array, failed: Flags, near: NDArray[np.int64])
         bend = np.where(good, bend, 0.0)
         usual = np.array([np.maximum(np.median(frame[near], axis=1), np.median(frame)) for frame in bend])
         wrong = bend > LIMIT * TO_DEVIATION * np.maximum(usual, floor)
+        turns = np.flatnonzero(wrong.any(axis=1))
+        curved = from_planes(points, _known(values[turns, :, :2], good[turns], near), near).T
+        wrong[turns] &= bend[turns] > CURVED * _turn(values, between)[turns, None] * curved
         wrong &= ~(ahead > STAYS * bend)
         first = np.pad(bend, ((1, 1), (0, 0)))
         wrong &= (bend >= first[:-2]) & (bend >= first[2:])
@@ -123,6 +127,14 @@ def _wrong(points: Array, values: Array, failed: Flags, near: NDArray[np.int64])
             break
         found |= wrong
     return found
+
+
+def _turn(values: Array, between: _Between) -> Array:
+    """How much the paths bend in each frame (t,), as a share of what the points have moved: where the load turns, the distance of a displacement from the plane of its neighbours, as beside a hole,
+    bends by that share."""
+    bend = values[..., :2] - between.straight(values[..., :2])
+    size, moved = (np.sqrt(np.nanmedian((v**2).sum(axis=2), axis=1)) for v in (bend, values[..., :2]))
+    return np.asarray(size / np.maximum(moved, 1e-300))
 
 
 def _known(values: Array, good: Flags, near: NDArray[np.int64]) -> Array:
