@@ -24,7 +24,7 @@ from studies.importers.frame_tables import Frames, read_frames
 from studies.importers.load_cells import load_cells
 from studies.importers.map_tables import EdgesTable
 from studies.importers.masking.grip_points import along_grips
-from studies.importers.masking.masks import SIDES, Masked, masked
+from studies.importers.masking.masks import SIDES, Masked, inwards, masked
 from studies.importers.masking.single_readings import bridged
 from studies.importers.recording.importer import Importer, Part, Processing, Recording, SheetOptions
 from studies.importers.recording.missing_frames import with_missing_frames
@@ -175,9 +175,9 @@ def _not_beside(free: Index, points: Array, gone: Array, edges: EdgesTable) -> I
 
 def _at_sides(points: Array, sides: Sequence[str], tolerance: float | None = None) -> NDArray[np.bool_]:
     """Points (n,) that are as far out as the outermost one on any of these sides, within a tolerance, mm."""
-    value = [sign * points[:, axis] for axis, sign in (SIDES[side] for side in sides if side in SIDES)]
     within = tolerance or ON_SIDE * spacing_of(points)
-    return np.any([v >= v.max() - within for v in value], axis=0) if value else np.zeros(len(points), bool)
+    found = [inwards(points, side) <= within for side in sides if side in SIDES]
+    return np.any(found, axis=0) if found else np.zeros(len(points), bool)
 
 
 def _triangles(points: Array, max_edge: float | None) -> Index:

@@ -82,10 +82,9 @@ def masked(points: Array, displacements: Array, mask: Mask, flagged: Flags | Non
     for cx, cy, radius in mask.circles:
         named |= np.hypot(x - cx, y - cy) <= radius
     for side, depth in mask.drop_mm.items():
-        inwards = _inwards(points, side)
-        named |= inwards < depth
+        named |= inwards(points, side) < depth
     for side, count in mask.drop_points.items():
-        named |= _rows(_inwards(points, side), spacing_of(points)) < count
+        named |= _rows(inwards(points, side), spacing_of(points)) < count
     if (~named).sum() < 4:
         raise errors.ConfigError(
             f"[mask] and [edges] leave {int((~named).sum())} of {len(points)} points; make them smaller"
@@ -110,17 +109,17 @@ def _at_places(points: Array, places: Sequence[tuple[float, float]]) -> Flags:
     return found
 
 
-def _inwards(points: Array, side: str) -> Array:
+def inwards(points: Array, side: str) -> Array:
     """Distance (n,) of every point from the outermost one of a side, mm."""
     axis, sign = SIDES[side]
     value = sign * points[:, axis]
     return np.asarray(value.max() - value)
 
 
-def _rows(inwards: Array, pitch: float) -> NDArray[np.int64]:
+def _rows(distance: Array, pitch: float) -> NDArray[np.int64]:
     """Row (n,) of every point, counted from the side; rows are half a distance of points apart at least."""
-    order = np.argsort(inwards)
-    steps = np.concatenate([[0], np.cumsum(np.diff(inwards[order]) > 0.5 * pitch)])
-    result = np.empty(len(inwards), np.int64)
+    order = np.argsort(distance)
+    steps = np.concatenate([[0], np.cumsum(np.diff(distance[order]) > 0.5 * pitch)])
+    result = np.empty(len(distance), np.int64)
     result[order] = steps
     return result

@@ -20,11 +20,10 @@ from scipy.spatial import cKDTree
 from calibrate.data.points import MAX_LOST
 from calibrate.robust_deviation import TO_DEVIATION
 from meshes.mesh import spacing_of
-from studies.importers.masking.outliers import FLOOR, from_planes
+from studies.importers.masking.outliers import FLOOR, NEAREST, from_planes
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-NEAREST = 12  # neighbours
 LIMIT = 5.0  # usual distances, from which a reading is wrong: some nine standard deviations of normal noise
 CURVED = 2.0  # times what a turn of the load bends beside a hole, that a reading may
 STAYS = 0.5  # of its distance, by which the frames before and after may differ from the neighbours

@@ -18,10 +18,10 @@ from studies.output.findings import Finding, Macro
 from studies.output.words import percent, plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.few_effects_table import few_data
+from studies.reports.headline import LIMITS
 
 Table = tuple[list[str], list[list[Any]]]
 BASE, FINAL, NEO_HOOKE, FEW = "base model", "final model", "neo-Hooke", "few effects"
-POOR = 0.25  # force error, from which nobody predicts with a model, see `headline.Limits`
 FEW_FILE, NEO_HOOKE_FILE = "model_few_effects.json", "model_neo_hooke.json"
 
 
@@ -111,8 +111,8 @@ def neo_hooke_replay(found: Discovery) -> Replayed | None:
 
 def to_predict_with(found: Discovery) -> str | None:
     """File of the first of these, where nothing explains the test: few effects, neo-Hooke; of which neither force nor field of what was held out is
-    missed by more (`misses_more`) than another replayed model misses them. None where each is beaten in one of both, or misses forces by more than `POOR`, or none was replayed."""
-    offered, check = [(file, one) for file, one in _offered(found) if not one.judged.force > POOR], found.replay_check
+    missed by more (`misses_more`) than another replayed model misses them. None where each is beaten in one of both, or misses forces by more than a model that is not to be used, or none was replayed."""
+    offered, check = [(file, one) for file, one in _offered(found) if not _is_poor(one)], found.replay_check
     others = [one for _, one in _offered(found)] + ([check.final] if isinstance(check, ReplayCheck) else [])
     noise = max(
         (p.experiment.noise.total_std for p in found.problem.trained if p.experiment.noise is not None), default=0.0
@@ -127,6 +127,16 @@ def _offered(found: Discovery) -> list[tuple[str, Replayed]]:
     return [(file, one) for file, one in pairs if one is not None]
 
 
+def _is_poor(one: Replayed) -> bool:
+    """Whether it misses forces by more than the headline allows of any model."""
+    return one.judged.force > LIMITS.force_error[1]
+
+
+def _all_are_poor(found: Discovery) -> bool:
+    """Whether no model that is offered meets the forces."""
+    return all(_is_poor(one) for _, one in _offered(found))
+
+
 def recommendation(found: Discovery) -> str:
     """Which model file to predict with, and what it and others miss by finite elements."""
     check, explained = found.replay_check, found.verdict is not Verdict.NOT_EXPLAINED
@@ -138,7 +148,7 @@ def recommendation(found: Discovery) -> str:
         held=any(bool(one.rows.held.any()) for one in models.values()),
         explained=explained,
         offered=bool(_offered(found)),
-        poor=all(one.judged.force > POOR for _, one in _offered(found)),
+        poor=_all_are_poor(found),
         neo_hooke=NEO_HOOKE_FILE,
     )
 
@@ -147,8 +157,7 @@ def use_finding(found: Discovery) -> Iterator[Finding]:
     """Which model is to be used, by its replay, where nothing explains the test."""
     if _offered(found):
         file = to_predict_with(found)
-        poor = all(one.judged.force > POOR for _, one in _offered(found))
-        yield _finding(ReplayCode.USE, file is None, file=file, poor=poor)
+        yield _finding(ReplayCode.USE, file is None, file=file, poor=_all_are_poor(found))
 
 
 def few_findings(found: Discovery) -> Iterator[Finding]:

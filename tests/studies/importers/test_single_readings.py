@@ -5,7 +5,6 @@ import pytest
 
 from studies.importers.masking.single_readings import bridged
 
-RNG = np.random.default_rng(0)
 X, Y = (v.ravel() for v in np.meshgrid(np.arange(0.0, 40.0, 2.0), np.arange(0.0, 20.0, 2.0)))
 POINTS = np.column_stack([X, Y])
 FRAMES, NOISE = 21, 0.004
@@ -23,19 +22,19 @@ def field() -> np.ndarray:
 
 
 def noisy() -> np.ndarray:
-    u = field() + NOISE * RNG.standard_normal((FRAMES, len(POINTS), 2))
+    u = field() + NOISE * np.random.default_rng(0).standard_normal((FRAMES, len(POINTS), 2))
     u[0] = 0.0
     return u
 
 
 def planted(share: float, size: float, lost: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values; wrong readings and failed ones (t, n), none in the first and last frame."""
-    u = noisy()
+    u, rng = noisy(), np.random.default_rng(1)
     inner = np.zeros(u.shape[:2], bool)
     inner[1:-1] = True
-    wrong = (RNG.random(u.shape[:2]) < share) & inner
-    failed = (RNG.random(u.shape[:2]) < lost) & inner & ~wrong
-    turn = RNG.uniform(0, 2 * np.pi, wrong.sum())
+    wrong = (rng.random(u.shape[:2]) < share) & inner
+    failed = (rng.random(u.shape[:2]) < lost) & inner & ~wrong
+    turn = rng.uniform(0, 2 * np.pi, wrong.sum())
     u[wrong] += size * np.column_stack([np.cos(turn), np.sin(turn)])
     u[failed] = np.nan
     return u, wrong, failed
