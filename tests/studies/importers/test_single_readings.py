@@ -62,10 +62,11 @@ def test_single_readings_are_found_and_replaced_to_their_noise(share):
     np.testing.assert_array_equal(found.values[untouched], u[untouched])
 
 
-def test_a_step_that_stays_is_no_wrong_reading():
+@pytest.mark.parametrize("step", [0.09, 0.1, 0.12, 0.3])
+def test_a_step_that_stays_is_no_wrong_reading(step):
     """As of a crack or a slip; nor is a point that is wrong in half of the frames, which is left to the test of points."""
     u = noisy()
-    u[8:, 45] += 0.3
+    u[8:, 45] += step
     u[::2, 110] += 0.3
     assert not bridged(POINTS, u).replaced[:, [45, 110]].any()
 
