@@ -90,22 +90,6 @@ class OgdenPart(Addition):
 
 
 @dataclass(frozen=True)
-class Inclusion(Addition):
-    """s = 1 + height within the radius, mm, around (x, y), and 1 outside: an inclusion with a sharp edge."""
-
-    height: float
-    x: float
-    y: float
-    radius: float
-    name: ClassVar[str] = "inclusion"
-    positive: ClassVar[tuple[str, ...]] = ("radius",)
-
-    def field(self, X, p):
-        inside = ufl.le((X[0] - p[1]) ** 2 + (X[1] - p[2]) ** 2, p[3] ** 2)
-        return ufl.conditional(inside, 1 + p[0], 1.0)
-
-
-@dataclass(frozen=True)
 class EllipticInclusion(Addition):
     """s = 1 + height within an ellipse around (x, y), and 1 outside. long, short: half axes, mm; angle, rad: of the long one to x."""
 
@@ -122,3 +106,22 @@ class EllipticInclusion(Addition):
         x, y, c, s = X[0] - p[1], X[1] - p[2], ufl.cos(p[5]), ufl.sin(p[5])
         inside = ufl.le(((c * x + s * y) / p[3]) ** 2 + ((c * y - s * x) / p[4]) ** 2, 1.0)
         return ufl.conditional(inside, 1 + p[0], 1.0)
+
+
+@dataclass(frozen=True)
+class RectangularInclusion(Addition):
+    """s = 1 + height within a rectangle around (x, y), and 1 outside. long, short: half sides, mm; angle, rad: of the long one to x."""
+
+    height: float
+    x: float
+    y: float
+    long: float
+    short: float
+    angle: float
+    name: ClassVar[str] = "rectangular inclusion"
+    positive: ClassVar[tuple[str, ...]] = ("long", "short")
+
+    def field(self, X, p):
+        x, y, c, s = X[0] - p[1], X[1] - p[2], ufl.cos(p[5]), ufl.sin(p[5])
+        along, across = abs(c * x + s * y) / p[3], abs(c * y - s * x) / p[4]
+        return ufl.conditional(ufl.And(ufl.le(along, 1.0), ufl.le(across, 1.0)), 1 + p[0], 1.0)

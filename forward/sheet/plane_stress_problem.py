@@ -163,6 +163,9 @@ class PlaneStressProblem(Elastic):
         self.problem.solve()
         solver = self.problem.solver
         reason, iterations = solver.getConvergedReason(), solver.getIterationNumber()
+        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE:  # PETSc would solve with the factor that failed
+            solver.getKSP().getPC().reset()
+            self._prepare_factorisation()
         if reason > 0 and not self._admissible():
             return Outcome(PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_DOMAIN, iterations, "det F <= 0")
         return Outcome(reason, iterations, REASONS.get(reason, f"reason {reason}"))

@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from calibrate.effects.inclusion import half_axes
 from forward.materials import Material
 from forward.sheet import additions as laws
-from forward.sheet.damage_and_dispersion import Inclusion
+from forward.sheet.damage_and_dispersion import EllipticInclusion
 from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 
 Values = Mapping[str, float]
@@ -30,6 +31,11 @@ class Extent:
         return self.centre[0] + self.size * x, self.centre[1] + self.size * y
 
 
+def _inclusion(a: Values, s: Values, extent: Extent) -> laws.Addition:
+    long, short, angle = half_axes(extent.size * s["radius"], s["e1"], s["e2"])
+    return EllipticInclusion(a["a"], *extent.place(s["x"], s["y"]), long, short, angle)
+
+
 ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {
     "second invariant": lambda a, s, extent: laws.MooneyPart(a["c01"]),
     "upturn": lambda a, s, extent: laws.CubicPart(a["c30"]),
@@ -38,7 +44,7 @@ ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {
         a["k"], (s["axis"] + s["half"], s["axis"] - s["half"]), s["k2"], s["kappa"]
     ),
     "stiffness gradient": lambda a, s, extent: laws.Gradient(a["gx"], a["gy"], extent.size, *extent.centre),
-    "inclusion": lambda a, s, extent: Inclusion(a["a"], *extent.place(s["x"], s["y"]), extent.size * s["radius"]),
+    "inclusion": _inclusion,
     "Mullins softening": lambda a, s, extent: laws.Mullins(a["r"], s["m"], s["beta"]),
     "Payne softening": lambda a, s, extent: laws.Payne(a["r"], s["x0"]),
 }

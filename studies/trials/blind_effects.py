@@ -85,7 +85,9 @@ def _stiffness_field(rng, s):
 
 def _inclusion(rng, s):
     x, y = (float(v) for v in rng.uniform(-0.3, 0.3, 2))
-    return {"a": _signed(rng, 0.03, 0.4)}, {"x": x, "y": y, "radius": float(rng.uniform(0.08, 0.25))}, {}
+    a, radius = _signed(rng, 0.03, 0.4), float(rng.uniform(0.08, 0.25))
+    e, twice = float(rng.uniform(0, 0.5)), float(rng.uniform(0, 2 * np.pi))
+    return {"a": a}, {"x": x, "y": y, "radius": radius, "e1": e * np.cos(twice), "e2": e * np.sin(twice)}, {}
 
 
 def _viscoelasticity(rng, s):

@@ -10,10 +10,10 @@ does about as much as the effect of the catalogue whose place it takes; its ampl
 | one fibre family | exponential, with dispersion (Gasser, Ogden and Holzapfel 2006) |
 | viscoelasticity | two branches with a multiplicative split (Reese and Govindjee 1998) |
 | Mullins softening | by the energy (Ogden and Roxburgh 1999) |
-| stiffness field | an elliptic inclusion with a sharp edge |
+| stiffness field | a rectangular inclusion with a sharp edge |
 
 Fibres and Mullins softening are nearly of the catalogue's form since that has an exponential with dispersion (in compression, too) and Ogden and Roxburgh's
-error function (of I1 - 3 in place of the energy), and the inclusion since it has a round one: `NEARLY`. Others keep their form, on the foreign base, and a lens has its
+error function (of I1 - 3 in place of the energy), and the inclusion since it has an elliptic one: `NEARLY`. Others keep their form, on the foreign base, and a lens has its
 centre of distortion up to a sixth of the extent from the middle of the specimen. Noise: of two correlation lengths, with a share that all pictures have in common; stated as it is,
 half or twice as large, or not at all.
 """
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment, Noise
 from forward.materials import Gent
 from forward.sheet.additions import Addition
-from forward.sheet.damage_and_dispersion import DispersedFibres, EllipticInclusion, OgdenPart, OgdenRoxburgh
+from forward.sheet.damage_and_dispersion import DispersedFibres, OgdenPart, OgdenRoxburgh, RectangularInclusion
 from forward.sheet.multiplicative_viscosity import Branch
 from studies.synthetic.camera import GaussianField, stream
 from studies.trials.blind_effects import Hidden, log_uniform
@@ -44,7 +44,7 @@ SHORT, LONG, SHARE = (
 )  # correlation lengths over that of the trial, and the share of the variance of the short one
 COMMON = (0.0, 0.5, 0.9)  # shares of the variance that are common to all pictures
 STATED = (1.0, 0.5, 2.0, None)  # stated noise over that which is there; None: none is stated
-INCLUSION = 1.5  # root of the product of the half axes over the width of the patch in the place of which it is
+INCLUSION = 1.33  # root of the product of the half sides over the width of the patch in the place of which it is
 FOREIGN = (
     "second invariant",
     "one fibre family",
@@ -77,7 +77,7 @@ def _foreign(hidden: Hidden, trial: Trial, draws: Array) -> Hidden:
         "one fibre family": {"k2": 0.3 + 2 * a, "kappa": 0.05 + 0.15 * b},
         "viscoelasticity": {"share": 0.3 + 0.4 * a, "faster": 0.1 + 0.3 * b, "slower": 2 + 3 * c},
         "Mullins softening": {"m": energy * (0.05 + 0.3 * a), "beta": 0.1 * b},
-        "stiffness field": {"aspect": 1.3 + 1.2 * a, "turned": np.pi * b},
+        "stiffness field": {"sides": 1.3 + 1.2 * a, "turned": np.pi * b},
     }
     if hidden.name == "lens distortion":  # of the catalogue's form, but for its base and noise
         return replace(hidden, shape={"x": 0.3 * a - 0.15, "y": 0.3 * b - 0.15})
@@ -109,9 +109,9 @@ def laws(trial: Trial) -> Laws:
         elif one.name == "Mullins softening":  # as soft, once unloaded
             additions.append(OgdenRoxburgh(1 / a["r"], more["m"], more["beta"]))
         elif one.name == "stiffness field":
-            radius, root = INCLUSION * more["width"], more["aspect"] ** 0.5
+            radius, root = INCLUSION * more["width"], more["sides"] ** 0.5
             inclusion = more["height"], more["x"], more["y"], radius * root, radius / root
-            additions.append(EllipticInclusion(*inclusion, more["turned"]))
+            additions.append(RectangularInclusion(*inclusion, more["turned"]))
         elif one.name == "viscoelasticity":
             mu, tau = a["g"] * trial.material.shear_modulus, one.shape["tau"]
             branches = (

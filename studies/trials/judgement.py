@@ -166,11 +166,11 @@ def _field(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]], ho
 def hidden_stiffness(patch: Mapping[str, float], places: Array) -> Array:
     """Of a patch, or an inclusion in its place, beside the rest (m,) at places (m, 2), mm."""
     apart = places - [patch["x"], patch["y"]]
-    if "aspect" not in patch:
+    if "sides" not in patch:
         return patch["height"] * np.exp(-(apart**2).sum(axis=1) / (2 * patch["width"] ** 2))
     c, s = np.cos(patch["turned"]), np.sin(patch["turned"])
-    long, short = (INCLUSION * patch["width"] * patch["aspect"] ** power for power in (0.5, -0.5))
-    inside = ((apart @ [c, s]) / long) ** 2 + ((apart @ [-s, c]) / short) ** 2 <= 1
+    long, short = (INCLUSION * patch["width"] * patch["sides"] ** power for power in (0.5, -0.5))
+    inside = (np.abs(apart @ [c, s]) <= long) & (np.abs(apart @ [-s, c]) <= short)
     return patch["height"] * inside
 
 

@@ -12,6 +12,7 @@ from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.evidence.levels import neo_hookean_modulus
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.selection import Discovery, Verdict
+from calibrate.effects.inclusion import Inclusion
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import Use
@@ -30,6 +31,7 @@ from studies.reports.experiments.experiment_findings import experiment_findings,
 from studies.reports.headline import Reason
 
 ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
+RIM = 0.25  # of the sheet: an inclusion that covers more is not the rim of a hole
 OTHER_LEVEL = 0.3  # from that of the first test, which thicknesses of one kind of specimen do not explain
 OTHER_MODULUS = 1.25, 1.5  # largest over smallest modulus of tests: it is told, and it is a warning
 OVERSTATED = 0.5  # reduced chi-square: the allowance for discretisation alone does not bring it so low
@@ -136,13 +138,14 @@ def _of_effects(view: View) -> Iterator[Finding]:
 
 
 def _of_inclusions(found: Discovery) -> Iterator[Finding]:
-    """Of an inclusion whose middle is where the specimen has no material."""
+    """Of an inclusion whose middle is where the specimen has no material, and that is no larger than a rim."""
     for addition in found.final.additions:
-        if addition.effect.name == "inclusion" and found.final.chains:
+        if isinstance(addition.effect, Inclusion) and found.final.chains:
             data = found.final.chains[0].data
             middle = np.asarray(data.centre) + float(data.size) * np.array(addition.shape[:2])
             sheet = Mesh(np.asarray(data.points), found.problem.trained[0].experiment.triangles, "triangle", {})
-            if in_triangles(sheet, middle).excess[0] > 0:
+            is_rim = addition.effect.share_of(data, addition.shape) < RIM
+            if is_rim and in_triangles(sheet, middle).excess[0] > 0:
                 yield _finding(DiscoveryCode.AT_A_HOLE, place=addition.effect.located(data, addition.shape))
 
 

@@ -1,5 +1,7 @@
 """An inclusion: of the triangles that its edge cuts, places that are tried, and what it is in a replay."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import ufl
@@ -7,7 +9,7 @@ from made_up import made_up_chain
 
 from calibrate.diagnosis.parameters import Variables
 from calibrate.effects.chain import Addition
-from calibrate.effects.inclusion import GRID, Inclusion
+from calibrate.effects.inclusion import GRID, Inclusion, half_axes
 from forward.sheet.damage_and_dispersion import EllipticInclusion
 from studies.synthetic import effect_laws
 
@@ -22,12 +24,15 @@ def factor(data, a, shape):
     return np.asarray(Inclusion().stress(data, None, one, np.array([a]), np.array(shape))).ravel()
 
 
-def test_a_cut_triangle_counts_by_its_share_within(data):
+@pytest.mark.parametrize("ellipse", [(0.21, 0.0, 0.0), (0.21, 0.3, -0.3), (0.15, -0.5, 0.1)])
+def test_a_cut_triangle_counts_by_its_share_within(data, ellipse):
     """Against 5050 points in each triangle: a few per cent of the triangles that are cut, nothing in the mean."""
-    shape = (0.05, -0.1, 0.21)
+    shape, (long, short, angle) = (0.05, -0.1, *ellipse), half_axes(*ellipse)
+    axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     weights = np.array([(i, j, 100 - i - j) for i in range(101) for j in range(101 - i)]) / 100
     corners = (np.asarray(data.points) - np.asarray(data.centre))[np.asarray(data.triangles)] / float(data.size)
-    inside = np.linalg.norm(np.einsum("kc,mcd->mkd", weights, corners) - shape[:2], axis=2) < shape[2]
+    places = np.einsum("kc,mcd->mkd", weights, corners) - shape[:2]
+    inside = np.linalg.norm(places @ axes.T / [long, short], axis=2) < 1
     share, found = inside.mean(axis=1), factor(data, 1.0, shape) - 1
     cut = (share > 0) & (share < 1)
     assert cut.sum() > 20
@@ -49,15 +54,35 @@ def test_every_place_of_the_specimen_is_within_a_circle_that_is_tried(data):
 def test_its_place_is_told_in_the_picture(data):
     x, y = np.asarray(data.centre) + float(data.size) * np.array([0.1, -0.2])
     assert (
-        Inclusion().located(data, (0.1, -0.2, 0.25))
+        Inclusion().located(data, (0.1, -0.2, 0.25, 0.0, 0.0))
         == f"within {0.25 * float(data.size):.3g} mm of ({x:.3g}, {y:.3g}) mm"
     )
 
 
+def test_an_ellipse_is_told_by_its_half_axes(data):
+    told = Inclusion().located(data, (0.0, 0.0, 0.25, *(0.5 * np.array([np.cos(0.8), np.sin(0.8)]))))
+    long, short = (0.25 * float(data.size) * np.exp(e) for e in (0.5, -0.5))
+    assert told.startswith(f"within {long:.3g} mm by {short:.3g} mm, the long axis at 23 degrees to x")
+
+
+def test_a_shape_is_smooth_where_it_is_a_circle(data):
+    """Derivatives by it there are those of central differences, at the place in the middle, too."""
+    shape = np.array([0.05, -0.1, 0.21, 0.0, 0.0])
+
+    def stiffness(at):
+        one = jnp.ones((1, len(data.triangles), 1, 1))
+        return Inclusion().stress(data, None, one, jnp.array([1.0]), at).ravel()
+
+    found, h = np.asarray(jax.jacfwd(stiffness)(jnp.asarray(shape))), 1e-5
+    expected = np.stack([(stiffness(shape + d) - stiffness(shape - d)) / (2 * h) for d in h * np.eye(5)], axis=1)
+    assert np.abs(found).max(axis=0).min() > 0.1
+    assert found == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
+
+
 def test_a_place_at_the_middle_has_a_size(data):
     """A fit moves it by a share of the sheet, not of its own value, which is 0."""
-    held = Variables((Addition(Inclusion(), (0.1,), (0.0, 0.0, 0.1)),))
-    assert held.scale[1:].tolist() == pytest.approx([0.1, 0.1, 0.1])
+    held = Variables((Addition(Inclusion(), (0.1,), (0.0, 0.0, 0.1, 0.0, 0.0)),))
+    assert held.scale[1:].tolist() == pytest.approx([0.1, 0.1, 0.1, 0.5, 0.5])
     lower, upper = held.bounds
     assert (upper[1:3] - lower[1:3] > 0.05).all()
     assert np.isfinite(held.shape_deviations[1:]).all()
@@ -66,8 +91,10 @@ def test_a_place_at_the_middle_has_a_size(data):
 
 def test_the_forward_model_has_it_at_the_same_place():
     extent = effect_laws.Extent(40.0, (3.0, 4.0))
-    law = effect_laws.ADDITIONS["inclusion"]({"a": 0.3}, {"x": 0.1, "y": -0.2, "radius": 0.25}, extent)
-    assert (law.height, law.x, law.y, law.radius) == pytest.approx((0.3, 7.0, -4.0, 10.0))
+    shape = {"x": 0.1, "y": -0.2, "radius": 0.25, "e1": 0.0, "e2": 0.4}
+    law = effect_laws.ADDITIONS["inclusion"]({"a": 0.3}, shape, extent)
+    assert (law.height, law.x, law.y) == pytest.approx((0.3, 7.0, -4.0))
+    assert (law.long, law.short, law.angle) == pytest.approx((10 * np.exp(0.4), 10 * np.exp(-0.4), np.pi / 4))
 
 
 def test_an_ellipse_of_equal_axes_is_a_circle():

@@ -12,6 +12,7 @@ from forward import Loading, NeoHooke, SurfaceSolution
 from forward._dolfinx import MPI
 from forward.errors import ConvergenceError, SolutionError
 from forward.sheet.additions import MooneyPart, Mullins
+from forward.sheet.damage_and_dispersion import EllipticInclusion
 from forward.sheet.inelastic import solve_history
 from forward.sheet.inelastic_problem import InelasticProblem
 from forward.sheet.sheet_run import Options
@@ -111,6 +112,13 @@ def test_a_failed_step_is_halved_from_the_committed_state(mesh, monkeypatch):
     np.testing.assert_array_equal(found.displacements, expected.displacements)
     for name, values in expected.history.items():
         np.testing.assert_array_equal(found.history[name], values, err_msg=name)
+
+
+def test_a_place_without_stiffness_has_no_equilibrium(mesh):
+    """A tangent that cannot be factorised is a named error, and is not solved with in the next step."""
+    sheet = Sheet(NeoHooke(0.4), 1.0, (EllipticInclusion(-1.0, 15.0, 10.0, 8.0, 6.0, 0.0),))
+    with pytest.raises(ConvergenceError, match="linear solve"):
+        solve_history(mesh, sheet, LOADING, [0.5], [1.0])
 
 
 def test_no_equilibrium_keeps_what_was_reached(mesh, case, tmp_path, monkeypatch):

@@ -245,11 +245,11 @@ def of_explained(**changes: Any) -> Findings:
     return remarks(seen(replace(explained(), **changes)))
 
 
-def of_inclusion(x: float, y: float) -> Findings:
+def of_inclusion(x: float, y: float, radius: float = 0.2) -> Findings:
     """Of an inclusion about a place, in extents from the middle of a plate with a hole there."""
     effect = next(one for one in CATALOGUE if one.name == "inclusion")
     *rounds, last = explained().rounds
-    fit = replace(last.fit, additions=(Addition(effect, (0.2,), (x, y, 0.2)),), errors=((0.01,),))
+    fit = replace(last.fit, additions=(Addition(effect, (0.2,), (x, y, radius, 0.0, 0.0)),), errors=((0.01,),))
     return of_explained(rounds=(*rounds, replace(last, fit=fit)), groups={}, named=("inclusion",))
 
 
@@ -768,6 +768,11 @@ def test_forces_of_grips_that_differ_are_told():
 
 def test_an_inclusion_in_the_material_is_no_hole():
     assert "E414" not in {one.alert.code for one in of_inclusion(0.4, 0.4)}
+
+
+def test_half_of_a_sheet_is_no_rim():
+    assert "E414" not in {one.alert.code for one in of_inclusion(0.6, 0.0, 0.6)}
+    assert "E414" in {one.alert.code for one in of_inclusion(0.6, 0.0, 0.12)}
 
 
 def test_moduli_of_tests_are_compared():

@@ -9,10 +9,11 @@ import pytest
 from calibrate.data.experiment import Experiment
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition, Chain
+from calibrate.effects.inclusion import half_axes
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import equilibrium, neo_hooke
 from forward.sheet.additions import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne
-from forward.sheet.damage_and_dispersion import Inclusion
+from forward.sheet.damage_and_dispersion import EllipticInclusion
 from forward.sheet.thin_sheet import PermanentSet, Prony
 from studies.errors import OptionError
 from studies.trials import blind_solution
@@ -166,7 +167,9 @@ def test_sheets_take_the_drawn_numbers():
         ),
         "stiffness gradient": lambda a, s, m: Gradient(a["gx"], a["gy"], 60.0),
         "stiffness field": lambda a, s, m: Patch(m["height"], m["x"], m["y"], m["width"]),
-        "inclusion": lambda a, s, m: Inclusion(a["a"], 60.0 * s["x"], 60.0 * s["y"], 60.0 * s["radius"]),
+        "inclusion": lambda a, s, m: EllipticInclusion(
+            a["a"], 60.0 * s["x"], 60.0 * s["y"], *half_axes(60.0 * s["radius"], s["e1"], s["e2"])
+        ),
         "Mullins softening": lambda a, s, m: Mullins(a["r"], s["m"], s["beta"]),
         "Payne softening": lambda a, s, m: Payne(a["r"], s["x0"]),
     }

@@ -11,7 +11,7 @@ from calibrate.effects import CATALOGUE
 from forward.errors import MaterialError
 from forward.loading import Loading
 from forward.materials import Gent, MooneyRivlin, NeoHooke
-from forward.sheet.damage_and_dispersion import Inclusion, OgdenPart
+from forward.sheet.damage_and_dispersion import OgdenPart, RectangularInclusion
 from forward.sheet.inelastic import solve_history
 from studies.trials import blind_solution
 from studies.trials.blind_case import Plan
@@ -102,5 +102,5 @@ def test_plans_are_random_pairs_and_names_tell_them_apart():
 def test_parts_that_cannot_be_are_refused():
     with pytest.raises(MaterialError, match="alpha"):
         OgdenPart(0.1, 0.0)
-    with pytest.raises(MaterialError, match="radius"):
-        Inclusion(0.1, 0.0, 0.0, -1.0)
+    with pytest.raises(MaterialError, match="short"):
+        RectangularInclusion(0.1, 0.0, 0.0, 1.0, -1.0, 0.0)
