@@ -26,6 +26,7 @@ from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.payne import Payne
 from calibrate.effects.permanent_set import PermanentSet
 from calibrate.effects.second_invariant import SecondInvariant, SecondInvariantLogarithm
+from calibrate.effects.stiffness_drift import StiffnessDrift
 from calibrate.effects.stiffness_field import StiffnessField
 from calibrate.effects.stiffness_gradient import StiffnessGradient
 from calibrate.effects.subset_smoothing import SubsetSmoothing
@@ -53,6 +54,7 @@ LISTED: tuple[Effect, ...] = (
     ForceOffset(),
     ForceDrift(),
     ForceGain(),
+    StiffnessDrift(),
     Lag(),
     Rotation(),
     Scale(),

@@ -31,7 +31,7 @@ class Inclusion(Effect):
 
     name = "inclusion"
     stage = "stiffness"
-    formula = "P (1 + a) in an ellipse about (x, y) from the middle, half axes `radius` exp(+-e), the long one at t to x; (e1, e2) = e (cos 2t, sin 2t)"
+    formula = "P (1 + a) within half axes radius exp(+-e) about (x, y) from the middle, the long one at t to x, (e1, e2) = e (cos 2t, sin 2t)"
     amplitudes = (Parameter("a", "1", lower=SOFTEST - 1, upper=20.0, typical=0.2),)
     shapes = (
         Parameter("x", "extent", lower=-1.0, upper=1.0, typical=0.1, may_be_zero=True),

@@ -1,4 +1,4 @@
-"""What a load cell gets wrong: its zero, the drift of it, its gain and its time.
+"""What a load cell gets wrong: its zero, the drift of it, its gain, the drift of that or of the material, and its time.
 
 In: an exact solution and a mesh of the camera. Out: small classes with their amplitudes, see `studies.synthetic.disturbances`.
 """
@@ -50,6 +50,17 @@ class ForceGain(Disturbance):
 
     def forces(self, force, time):
         return force / (1 + self.g)
+
+
+@dataclass(frozen=True)
+class StiffnessDrift(Disturbance):
+    """Forces grow by a share s in every second, 1/s: of the material, or of the gain."""
+
+    s: float
+    name: ClassVar[str] = "stiffness drift"
+
+    def forces(self, force, time):
+        return force * (1 + self.s * time)[:, None]
 
 
 @dataclass(frozen=True)

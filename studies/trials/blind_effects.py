@@ -123,6 +123,10 @@ def _force_gain(rng, s):
     return {"g": _signed(rng, 0.003, 0.05)}, {}, {}
 
 
+def _stiffness_drift(rng, s):
+    return {"s": _signed(rng, 0.005, 0.2) / s.duration}, {}, {}
+
+
 def _lag(rng, s):
     return {"dt": s.interval * _signed(rng, 0.005, 0.3)}, {}, {}
 
@@ -183,6 +187,7 @@ RECORDING: dict[str, Draw] = {
     "force offset": _force_offset,
     "force drift": _force_drift,
     "force gain": _force_gain,
+    "stiffness drift": _stiffness_drift,
     "lag between force and image": _lag,
     "image rotation": _rotation,
     "DIC scale": _scale,
@@ -202,9 +207,17 @@ LATER = (
     "camera tilt",
     "force drift",
     "magnification drift",
+    "stiffness drift",
 )  # their seeds come after all others, so that runs from before them keep their trials
 FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
-UNLOADING = ("Mullins softening", "Payne softening", "permanent set", "force drift", "magnification drift")
+UNLOADING = (
+    "Mullins softening",
+    "Payne softening",
+    "permanent set",
+    "force drift",
+    "magnification drift",
+    "stiffness drift",
+)
 SOLID = "3D effect of thickness"
 UNPAIRED = (SOLID, *LATER[1:])  # in random pairs, whose seeds are older
 

@@ -68,6 +68,7 @@ class Scales:
             "spacing^2": self.spacing**2,
             "thickness^2/12": self.thickness**2 / 12,
             "duration": self.duration,
+            "1/duration": 1 / self.duration,
             "force/duration": self.force / self.duration,
         }
 

@@ -31,6 +31,7 @@ from calibrate.effects.lens_distortion import LensDistortion, undistorted
 from calibrate.effects.magnification_drift import MagnificationDrift
 from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.permanent_set import PermanentSet
+from calibrate.effects.stiffness_drift import StiffnessDrift
 from calibrate.effects.support.borders import nearest_lines, subset_moments
 from calibrate.effects.support.branches import motion
 from calibrate.effects.support.nodal_derivatives import gradients, law_gradients, second_derivatives
@@ -155,7 +156,7 @@ def test_what_the_data_lack_is_named(chain):
     lacking = {effect.name: effect.missing(ramp) for effect in CATALOGUE}
     assert {name: what for name, what in lacking.items() if what} == {
         **dict.fromkeys(("Mullins softening", "Payne softening", "permanent set"), "unloading"),
-        **dict.fromkeys(("force drift", "magnification drift"), "a pause or a way back"),
+        **dict.fromkeys(("force drift", "magnification drift", "stiffness drift"), "a pause or a way back"),
     }
     timeless = Data.of(dataclasses.replace(experiment, time=None))
     assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
@@ -163,6 +164,7 @@ def test_what_the_data_lack_is_named(chain):
         "second relaxation time",
         "force drift",
         "magnification drift",
+        "stiffness drift",
         "lag between force and image",
     }
 
@@ -493,7 +495,7 @@ def test_magnification_drift_is_undone(chain):
     np.testing.assert_allclose(found, data.u, atol=1e-12)
     share = jnp.linspace(0.25, 1.0, len(data.time))
     ramp = dataclasses.replace(data, u=share[:, None, None] * data.u[-1], time=60 * share)
-    for drift in (MagnificationDrift(), ForceDrift()):
+    for drift in (MagnificationDrift(), ForceDrift(), StiffnessDrift()):
         assert drift.missing(ramp) == "a pause or a way back"
         assert drift.missing(dataclasses.replace(ramp, time=60 * share**3)) is None
 

@@ -45,7 +45,7 @@ from studies.replay.twin_replay import twin_replay
 from studies.synthetic import camera
 from studies.synthetic.camera_disturbances import LensDistortion, MagnificationDrift, OutOfPlane, Rotation
 from studies.synthetic.disturbances import observe
-from studies.synthetic.load_cell_disturbances import ForceDrift, ForceOffset
+from studies.synthetic.load_cell_disturbances import ForceDrift, ForceOffset, StiffnessDrift
 
 PLATE = PlateWithHole(half_length=30, half_width=15, far_size=1.5, hole_radius=5, hole_size=0.8)
 NOISE = Noise(3e-3, 2.0, 5e-4, 1e-3)  # mm, of 12
@@ -271,6 +271,7 @@ AMPLITUDES = {
     "force offset": (0.5,),
     "force drift": (0.1,),
     "magnification drift": (0.004,),
+    "stiffness drift": (-0.02,),
 }
 
 
@@ -287,6 +288,7 @@ SEEN = (
     Rotation(0.02),
     ForceDrift(0.1),
     MagnificationDrift(0.004),
+    StiffnessDrift(-0.02),
 )
 
 
@@ -333,7 +335,8 @@ def test_the_record_is_corrected_with_the_forces_of_the_pictures():
     turned, late, later = (Addition(BY_NAME[name], (a,), shape) for name, a, shape in
                            (("image rotation", 0.02, ()), ("lag between force and image", 0.5, (1.0,)), ("lag between force and image", 1.5, (1.0,))))  # fmt: skip
     drift = Addition(BY_NAME["force drift"], (0.1,), ())
-    for acting in (turned, drift):
+    softer = Addition(BY_NAME["stiffness drift"], (-0.02,), ())
+    for acting in (turned, drift, softer):
         true = true_surface(seen, (acting,))
         for boundary, force in zip(true.loaded, true.record.force, strict=True):
             np.testing.assert_allclose(force[1:-1], boundary.force, rtol=1e-12, atol=1e-12)

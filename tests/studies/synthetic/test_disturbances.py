@@ -11,7 +11,7 @@ from studies.errors import OptionError
 from studies.synthetic.camera_disturbances import LensDistortion, MagnificationDrift, OutOfPlane, Rotation, Scale, Tilt
 from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
 from studies.synthetic.disturbances import observe
-from studies.synthetic.load_cell_disturbances import ForceDrift, ForceGain, ForceOffset, Lag
+from studies.synthetic.load_cell_disturbances import ForceDrift, ForceGain, ForceOffset, Lag, StiffnessDrift
 from studies.synthetic.specimen_edges import inside
 
 SHEET = SquareSheet(half_length=20.0, half_width=20.0, far_size=4.0)
@@ -69,7 +69,7 @@ def test_a_solution_in_plane_strain_stays_one(exact, mesh):
 
 
 @pytest.mark.parametrize("disturbance", [LensDistortion(0.0), OutOfPlane(0.0), MagnificationDrift(0.0), Rotation(0.0), Scale(0.0), Tilt(0.0, 0.0),
-                                         ForceOffset(0.0), ForceDrift(0.0), ForceGain(0.0), UnmeasuredStrip(0.0),
+                                         ForceOffset(0.0), ForceDrift(0.0), ForceGain(0.0), StiffnessDrift(0.0), UnmeasuredStrip(0.0),
                                          Warp(0, 0.0, 1.0, 5.0)])  # fmt: skip
 def test_no_amplitude_no_change(exact, mesh, clean, disturbance):
     seen = observe(exact, SHEET, mesh, [disturbance])
@@ -151,6 +151,8 @@ def test_load_cells(exact, mesh, clean):
     np.testing.assert_allclose(force_of(offset, "left"), -force_of(offset))
     drift = observe(exact, SHEET, mesh, [ForceDrift(0.26)])
     np.testing.assert_allclose(force_of(drift) - force_of(clean), 0.26 * exact.time[:, None] * direction)
+    softer = observe(exact, SHEET, mesh, [StiffnessDrift(-0.01)])
+    np.testing.assert_allclose(force_of(softer), force_of(clean) * (1 - 0.01 * exact.time)[:, None])
     gain = observe(exact, SHEET, mesh, [ForceGain(0.05)])
     np.testing.assert_allclose(force_of(gain) * 1.05, force_of(clean))
 

@@ -1,0 +1,31 @@
+"""A material, or the gain of a load cell, that changes with time whatever the load does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calibrate.effects.effect import Effect, Parameter, lacks_turn
+from calibrate.effects.stiffness_field import SOFTEST
+
+
+@dataclass(frozen=True)
+class StiffnessDrift(Effect):
+    """All stresses, and with them all forces, grow by s in every second, as of a sheet that dries, cures, ages, or warms up.
+
+    Displacements show nothing of it: a gain of the load cell that drifts is the same.
+    """
+
+    name = "stiffness drift"
+    stage = "load"
+    formula = "f (1 + s t)"
+    amplitudes = (Parameter("s", "1/s", typical=1e-3),)
+    decided_by = "the same load again after the test, and a weight on the load cell"
+
+    def missing(self, data):
+        return lacks_turn(data)
+
+    def is_possible(self, data, a, shape):
+        return 1.0 + float(a[0] * data.time[-1]) > SOFTEST
+
+    def loads(self, data, loads, a, shape):
+        return loads / (1.0 + a[0] * data.time)[:, None, None]
