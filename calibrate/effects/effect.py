@@ -21,10 +21,10 @@ from calibrate.equations.tensors import Tensors
 
 Array = NDArray[np.float64]
 MATERIAL = ("energy", "set", "stiffness", "softening", "relaxation")
-MEASURED = ("kinematics", "clock", "measurement", "perspective", "lens", "correlation", "load")
+MEASURED = ("kinematics", "clock", "measurement", "perspective", "lens", "correlation", "force", "load")
 STAGES = MATERIAL + MEASURED
 """Where effects act, from the material to what is recorded: on the energy; by chains formed anew; as a factor that depends on the
-place; as one that depends on the history; over time; on what a sheet is in three dimensions; on when, where and how it is seen.
+place; as one that depends on the history; over time; on what a sheet is in three dimensions; on when, where and how it is seen; as a factor on all forces; on how these are read.
 
 What varies, softens or relaxes is all that comes before; what is recorded is corrected in the opposite order."""
 
@@ -140,7 +140,7 @@ class Effect:
     @property
     def of_forces(self) -> bool:
         """Whether it is seen in measured forces only."""
-        return self.stage in ("clock", "load")
+        return self.stage in ("clock", "force", "load")
 
     def is_degenerate(self, shape: tuple[float, ...]) -> bool:
         """Whether a member of a family is a simpler effect under another name."""

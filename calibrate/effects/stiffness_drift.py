@@ -16,7 +16,7 @@ class StiffnessDrift(Effect):
     """
 
     name = "stiffness drift"
-    stage = "load"
+    stage = "force"
     formula = "f (1 + s t)"
     amplitudes = (Parameter("s", "1/s", typical=1e-3),)
     decided_by = "the same load again after the test, and a weight on the load cell"

@@ -12,10 +12,10 @@ from studies.importers.exports.frame_order import Rule
 from studies.importers.text_tables import Layout
 
 LENGTH_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3, "um": 1e-3, "in": 25.4}
-FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "kgf": 9.80665, "lbf": 4.4482216152605}
+FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "kgf": 9.80665, "gf": 9.80665e-3, "lbf": 4.4482216152605}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 type LengthUnit = Literal["px", "mm", "cm", "m", "um", "in"]
-type ForceUnit = Literal["N", "kN", "mN", "kgf", "lbf"]
+type ForceUnit = Literal["N", "kN", "mN", "kgf", "gf", "lbf"]
 type TimeUnit = Literal["s", "ms", "min"]
 type Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 type NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -15,7 +15,7 @@ from studies.importers.text_tables import MISSING, Layout, decoded, split
 
 NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eEdD][-+]?\d+)?")
 UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*(?:-.*)?$")
-SUFFIX = re.compile(r"(?:[_/,]| in) ?(kN|mN|N|kgf|lbf|ms|s|sec|mm|cm|um|µm|px|pixel)$")  # of names such as force_kN
+SUFFIX = re.compile(r"(?:[_/,]| in) ?(kN|mN|N|kgf|gf|lbf|ms|s|sec|mm|cm|um|µm|px|pixel)$")  # of names such as force_kN
 START, SAMPLE = 1 << 18, 60  # bytes and lines that are looked at
 
 

@@ -117,6 +117,7 @@ def test_an_unknown_unit_of_length_is_asked_for(tmp_path, export, message):
         ("Standardkraft [kN];Zeit [s]", 1000.0),
         ("Kraft in kN;Prüfzeit in s", 1000.0),
         ("Load (lbf);Time (sec)", 4.4482216152605),
+        ("Load (gf);Time (sec)", 9.80665e-3),
         ("Axial Force;Elapsed Time", 1.0),
     ],
 )
