@@ -36,6 +36,7 @@ CASES = (
     Case("compressibility", "beta", (0.05, 0.2, 0.8)),
     Case("one fibre family", "k", (0.002, 0.008, 0.02), (("angle", 0.7), ("k2", 0.5), ("kappa", 0.0))),
     Case("viscoelasticity", "g", (0.03, 0.1, 0.4), (("tau", 2.0),)),
+    Case("finite viscoelasticity", "mu", (0.01, 0.04, 0.15), (("tau", 2.0),)),
     Case("Mullins softening", "r", (0.03, 0.1, 0.4), (("m", 0.02), ("beta", 0.3))),
     Case("Payne softening", "r", (0.05, 0.2, 0.5), (("x0", 0.1),)),
     Case("force offset", "f0", (0.02, 0.1, 0.4)),

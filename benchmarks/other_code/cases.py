@@ -102,7 +102,7 @@ CASES = {
     "Ogden": Case("Ogden's law, three terms", laws.elastic(laws.ogden), ramp(40, 5, pictures=(11, 9)), ("second invariant", "upturn"), holes=THREE),
     "damage": Case("damage by the energy, two cycles", laws.damaged(), ramp(20, 2, 50, 8, pictures=(6, 5, 9, 6)), ("Mullins softening",)),
     "relaxation": Case(
-        "two Maxwell branches, 3 and 60 s; ramp, pause, way back", laws.relaxing(), HELD, ("viscoelasticity", "second relaxation time"), times=HELD_TIMES, substeps=8
+        "two Maxwell branches, 3 and 60 s; ramp, pause, way back", laws.relaxing(), HELD, ("finite viscoelasticity", "second finite relaxation time", "viscoelasticity", "second relaxation time"), times=HELD_TIMES, substeps=8
     ),
     "fibres": Case("fibres in tension alone, 30 degrees", laws.elastic(laws.reinforced), ramp(30, 3, pictures=(10, 7)), ("one fibre family",), holes=THREE),
     "step": Case("15 % thicker right of an inclined line", laws.elastic(laws.gent, laws.step), ramp(30, pictures=(14,)), ("stiffness field", "inclusion", "stiffness gradient")),

@@ -13,6 +13,7 @@ from calibrate.effects.dic_scale import Scale
 from calibrate.effects.effect import Effect, Parameter, distinct
 from calibrate.effects.fibres import OneFibreFamily, TwoFibreFamilies
 from calibrate.effects.finite_thickness import Thickness
+from calibrate.effects.finite_viscoelasticity import FiniteViscosity, SecondFiniteViscosity
 from calibrate.effects.force_drift import ForceDrift
 from calibrate.effects.force_gain import ForceGain
 from calibrate.effects.force_offset import ForceOffset
@@ -47,6 +48,8 @@ LISTED: tuple[Effect, ...] = (
     Inclusion(),
     Viscosity(),
     SecondViscosity(),
+    FiniteViscosity(),
+    SecondFiniteViscosity(),
     Mullins(),
     Payne(),
     PermanentSet(),

@@ -98,7 +98,7 @@ class Effect:
     every specimen of a material, not of one test alone; of_rig: of a camera and grips that several tests share; rough: adds second derivatives of the displacements to them, whose
     noise the weights of a model with it must know (`adjoint`); reads_twin: takes from `Data.twin`, where there is one, what triangles of the camera cannot
     tell; truncated: its formula is the beginning of a series, so that a small part
-    of what it explains is left for others.
+    of what it explains is left for others; has_spring: its stress in time is that of a spring of its own, and not of the stress so far.
 
     In the links below a (p,) are the values of the amplitudes, shape those of the shapes, in the units of `Parameter`.
     """
@@ -121,6 +121,7 @@ class Effect:
     rough: ClassVar[bool] = False
     reads_twin: ClassVar[bool] = False
     truncated: ClassVar[bool] = False
+    has_spring: ClassVar[bool] = False
 
     @property
     def in_material(self) -> bool:

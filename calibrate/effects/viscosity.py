@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter, lacks_rate
+from calibrate.effects.support.effect_data import Data
 from calibrate.equations.tensors import Tensors
 
 TIMES = 5
@@ -31,8 +32,7 @@ class Viscosity(Effect):
         return lacks_rate(data)
 
     def shape_values(self, data):
-        steps = np.diff(np.asarray(data.time), prepend=0.0)
-        return [(float(t),) for t in np.geomspace(max(steps.min(), 1e-3 * data.time[-1]), data.time[-1], TIMES)]
+        return [(time,) for time in relaxation_times(data)]
 
     def stress(self, data, F, P, a, shape):
         F, P = Tensors.of(F), Tensors.of(P)
@@ -42,6 +42,12 @@ class Viscosity(Effect):
         of_each = jnp.stack([whole.xx, whole.xy, whole.yx, whole.yy, -trace / C33], axis=-1)
         *Q, Q33 = jnp.moveaxis(convolved(of_each, data.time, shape[0]), -1, 0)
         return (P + F @ (Tensors(*Q) - C.inverse * (C33 * Q33)) * a[0]).array
+
+
+def relaxation_times(data: Data) -> list[float]:
+    """That are tried, s: from the shortest interval to the whole test."""
+    steps = np.diff(np.asarray(data.time), prepend=0.0)
+    return [float(t) for t in np.geomspace(max(steps.min(), 1e-3 * data.time[-1]), data.time[-1], TIMES)]
 
 
 def convolved(values: Any, time: Any, tau: Any) -> Any:

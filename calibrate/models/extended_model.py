@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
-from calibrate.effects import Viscosity
 from calibrate.effects.chain import Additions, Chain
 from calibrate.equations import kinematics, noise_covariance
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis, energy_basis
@@ -214,7 +213,7 @@ class ExtendedModel:
     @property
     def relaxes(self) -> bool:
         """Whether it holds a branch of viscoelasticity."""
-        return any(isinstance(a.effect, Viscosity) for a in self.additions)
+        return any(a.effect.stage == "relaxation" for a in self.additions)
 
     def scaled(self, factor: float, strength: float = 1.0) -> ExtendedModel:
         """Stiffer by a factor: amplitudes in MPa follow, those in 1/MPa go the other way; relaxation by its own `strength`.

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.effects import Viscosity
 from calibrate.effects.chain import Addition, Additions
 from calibrate.models.addition_json import addition_from_dict, addition_to_dict
 
@@ -120,7 +119,7 @@ def _competitor(content: dict[str, Any], n: int) -> Competitor:
 
 def stiffness_factors(addition: Addition, factor: float, strength: float = 1.0) -> tuple[float, ...]:
     """Of the amplitudes (p,) of an effect in a material that is stiffer by a factor: amplitudes in MPa follow, those in 1/MPa go the other way; relaxation by its own `strength`."""
-    own = strength if isinstance(addition.effect, Viscosity) else 1.0
+    own = strength if addition.effect.stage == "relaxation" else 1.0
     return tuple(own * factor**p.stiffness_power for p in addition.effect.amplitudes)
 
 

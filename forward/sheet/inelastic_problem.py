@@ -269,6 +269,11 @@ class InelasticProblem(PlaneStressProblem):
 
 
 def _has_symmetric_tangent(sheet: Sheet) -> bool:
-    """Not with damage, whose factor multiplies a stress; nor with overstress in a compressible sheet, as C33 in S + Q - C33 Q33 C^-1 then is no function of
+    """Not with damage, whose factor multiplies a stress; nor with branches, whose step of second order has no potential; nor with overstress in a compressible sheet, as C33 in S + Q - C33 Q33 C^-1 then is no function of
     the C in the plane, so that this has no potential."""
-    return not (sheet.softens or sheet.softens_by_energy or (sheet.bulk_modulus is not None and bool(sheet.prony)))
+    return not (
+        sheet.softens
+        or sheet.softens_by_energy
+        or sheet.branches
+        or (sheet.bulk_modulus is not None and bool(sheet.prony))
+    )

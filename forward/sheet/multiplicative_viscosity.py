@@ -4,13 +4,13 @@ A branch is neo-Hookean and incompressible, and so is its flow: with :math:`b = 
 
 .. math:: \tau = \mu \operatorname{dev} b, \qquad -\tfrac12 (L_v b) b^{-1} = \tau / (2 \eta), \qquad \eta = \mu t_r .
 
-Over a step dt the exponential map keeps the principal axes of the trial state :math:`b_{tr} = F A_n F^T`, and the principal
-logarithmic strains :math:`\epsilon_k`, whose sum is zero, follow from
+A step dt flows for dt / 2 at the F before it, and for dt / 2 at the F after it (Strang 1968). At one F the exponential map keeps the principal axes of the trial
+state :math:`b_{tr} = F A F^T`, and the principal logarithmic strains :math:`\epsilon_k`, whose sum is zero, follow over a time s from
 
-.. math:: \epsilon_k + \frac{dt}{2 t_r} \Big(e^{2 \epsilon_k} - \tfrac13 \sum_m e^{2 \epsilon_m}\Big) = \epsilon_k^{tr},
+.. math:: \epsilon_k + \frac{s}{2 t_r} \Big(e^{2 \epsilon_k} - \tfrac13 \sum_m e^{2 \epsilon_m}\Big) = \epsilon_k^{tr},
 
-the minimum of a strictly convex function, by Newton's method. The map is of first order in dt. P33 = 0 of the whole law leaves
-:math:`\mu (b - b_{33} 1)` of a branch in the plane.
+the minimum of a strictly convex function, by Newton's method. That is of first order in s; twice that of two halves less that of the whole is of second, as the step is.
+P33 = 0 of the whole law leaves :math:`\mu (b - b_{33} 1)` of a branch in the plane.
 """
 
 from __future__ import annotations
@@ -51,8 +51,16 @@ class BranchStep:
     past: Array
 
 
+def flowed(branch: Branch, F: Array, past: Array, duration: float) -> Array:
+    """In-plane A (..., 2, 2) after `duration`, s, at F (..., 2, 2), from `past` (..., 2, 2)."""
+    squares, axes = np.linalg.eigh(F @ past @ np.swapaxes(F, -1, -2))
+    strains = _flow(np.log(squares) / 2, duration / (2 * branch.tau))[0]
+    inverse = np.linalg.inv(F)
+    return inverse @ _tensor(np.exp(2 * strains), axes) @ np.swapaxes(inverse, -1, -2)
+
+
 def step(branch: Branch, F: Array, past: Array, duration: float) -> BranchStep:
-    """From `past`, the in-plane A (..., 2, 2) before the step, to F (..., 2, 2), in `duration`, s.
+    """From `past`, the in-plane A (..., 2, 2) before the step, `flowed` for half of it, to F (..., 2, 2), in `duration`, s.
 
     Where F is not finite or no strains are found the stress is NaN, so that the step fails.
     """
@@ -60,7 +68,7 @@ def step(branch: Branch, F: Array, past: Array, duration: float) -> BranchStep:
     F = np.where(finite[..., None, None], F, np.eye(2))
     trial = F @ past @ np.swapaxes(F, -1, -2)
     squares, axes = np.linalg.eigh(trial)
-    strains, slopes, found = _flow(np.log(squares) / 2, duration / (2 * branch.tau))
+    strains, slopes, found = _flow(np.log(squares) / 2, duration / (4 * branch.tau))
     e, e3 = np.exp(2 * strains), np.exp(-2 * strains.sum(axis=-1))[..., None]
     kirchhoff = branch.mu * (e - e3)
     stiffness = 2 * branch.mu * (_diagonal(e) + e3[..., None]) @ slopes / (2 * squares[..., None, :])
@@ -76,6 +84,14 @@ def step(branch: Branch, F: Array, past: Array, duration: float) -> BranchStep:
 
 def _flow(trial: Array, c: float) -> tuple[Array, Array, NDArray[np.bool_]]:
     """In-plane strains (..., 2) from those of the trial state, their derivatives (..., 2, 2) by them, and whether they were found."""
+    whole, by_whole, found = _implicit(trial, c)
+    middle, by_middle, first = _implicit(trial, c / 2)
+    end, by_end, second = _implicit(middle, c / 2)
+    return 2 * end - whole, 2 * by_end @ by_middle - by_whole, found & first & second
+
+
+def _implicit(trial: Array, c: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """The same in one step, of first order."""
     strains = trial.copy()
     change = np.full_like(trial, np.inf)
     for _ in range(ITERATIONS):

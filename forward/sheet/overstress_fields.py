@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forward._dolfinx import ufl
-from forward.sheet.multiplicative_viscosity import Branch, step
+from forward.sheet.multiplicative_viscosity import Branch, flowed, step
 from forward.sheet.quadrature_fields import (
     evaluate,
     get_values,
@@ -31,6 +31,7 @@ class OverstressFields:
         self.branches, self.domain, self.duration = branches, domain, 0.0
         self._F = quadrature_expression(F, domain)
         self._past = [new_variable(f"branch_{i}", (2, 2), np.eye(2)) for i in range(len(branches))]
+        self._before = new_variable("branches_F", (2, 2), np.eye(2))
         self.stress = quadrature_function(domain, (2, 2))
         self._tangent = quadrature_function(domain, (4, 4))
 
@@ -42,9 +43,11 @@ class OverstressFields:
 
     def update(self) -> list[Array]:
         """Stress and tangent at the present F; the states (cells, 9, 2, 2) of the branches that would be committed."""
-        values = evaluate(self._F, self.domain)
-        F = values.reshape(*values.shape[:2], 2, 2)
-        ends = [step(b, F, get_values(p), self.duration) for b, p in zip(self.branches, self._past, strict=True)]
+        F, before = self._deformation(), get_values(self._before)
+        ends = [
+            step(b, F, flowed(b, before, get_values(past), self.duration / 2), self.duration)
+            for b, past in zip(self.branches, self._past, strict=True)
+        ]
         set_values(self.stress, np.sum([end.stress for end in ends], axis=0))
         set_values(self._tangent, np.sum([end.tangent for end in ends], axis=0).reshape(*F.shape[:2], 4, 4))
         return [end.past for end in ends]
@@ -53,3 +56,8 @@ class OverstressFields:
         """Take the present state as the past of the next step."""
         for variable, state in zip(self._past, self.update(), strict=True):
             set_values(variable, state)
+        set_values(self._before, self._deformation())
+
+    def _deformation(self) -> Array:
+        values = evaluate(self._F, self.domain)
+        return values.reshape(*values.shape[:2], 2, 2)

@@ -72,6 +72,11 @@ class Sheet:
             raise MaterialError(f"bulk modulus {self.bulk_modulus} MPa: give a positive number, or none")
 
     @property
+    def relaxes(self) -> bool:
+        """Whether the stress depends on time."""
+        return bool(self.prony or self.branches)
+
+    @property
     def softens(self) -> bool:
         """Whether the stress depends on the largest deformation so far."""
         return self.permanent_set is not None or any(type(a).factor is not Addition.factor for a in self.additions)

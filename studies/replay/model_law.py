@@ -45,7 +45,7 @@ class Law:
     @property
     def needs_time(self) -> bool:
         """Whether the law has a time of its own."""
-        return bool(self.sheet.prony)
+        return self.sheet.relaxes
 
 
 def law_of(model: Model | ExtendedModel, experiment: Experiment) -> Law:

@@ -128,7 +128,7 @@ def replay(
     problem = BoundaryValues.of(experiment, level, law.strip)
     times = experiment.time if experiment.time is not None else np.arange(1.0, experiment.n_increments + 1)
     factors = np.arange(1, experiment.n_increments + 1) / experiment.n_increments
-    history = bool(law.sheet.prony) or law.sheet.softens
+    history = law.sheet.relaxes or law.sheet.softens
     solution = solve_history(problem.mesh, law.sheet, problem.motion(experiment.displacements), factors, times,
                              substeps=SUBSTEPS if history else 1, options=options, checkpoint=checkpoint, progress=progress,
                              readings=between_pictures(experiment, SUBSTEPS if history else 1))  # fmt: skip
@@ -149,7 +149,7 @@ def replay(
 
 def mesh_effect(experiment: Experiment, law: Law) -> MeshEffect:
     """The last increment in one step, elastic, on two meshes."""
-    sheet = replace(law.sheet, prony=(), permanent_set=None)
+    sheet = replace(law.sheet, prony=(), branches=(), permanent_set=None)
     found = []
     for level in (0, 1):
         problem = BoundaryValues.of(experiment, level, law.strip)

@@ -13,6 +13,7 @@ from calibrate.effects.inclusion import half_axes
 from forward.materials import Material
 from forward.sheet import additions as laws
 from forward.sheet.damage_and_dispersion import EllipticInclusion
+from forward.sheet.multiplicative_viscosity import Branch
 from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 
 Values = Mapping[str, float]
@@ -53,7 +54,8 @@ CHANGES: Mapping[str, Callable[[Values, Values], dict[str, Any]]] = {
     "permanent set": lambda a, s: {"permanent_set": PermanentSet(a["a"])},
 }
 RELAXING = frozenset({"viscoelasticity", "second relaxation time"})
-SOLVED = frozenset({*ADDITIONS, *CHANGES, *RELAXING})
+FLOWING = frozenset({"finite viscoelasticity", "second finite relaxation time"})
+SOLVED = frozenset({*ADDITIONS, *CHANGES, *RELAXING, *FLOWING})
 
 
 def sheet(
@@ -64,13 +66,16 @@ def sheet(
     Raises KeyError for an effect that is not in `SOLVED`, `MaterialError` for values that cannot be.
     """
     additions = list(more)
-    branches: list[Prony] = []
+    prony: list[Prony] = []
+    branches: list[Branch] = []
     changes: dict[str, Any] = {}
     for name, amplitudes, shape in effects:
         if name in ADDITIONS:
             additions.append(ADDITIONS[name](amplitudes, shape, extent))
         elif name in RELAXING:
-            branches.append(Prony(amplitudes["g"], shape["tau"]))
+            prony.append(Prony(amplitudes["g"], shape["tau"]))
+        elif name in FLOWING:
+            branches.append(Branch(amplitudes["mu"], shape["tau"]))
         else:
             changes |= CHANGES[name](amplitudes, shape)
-    return Sheet(material, thickness, tuple(additions), tuple(branches), **changes)
+    return Sheet(material, thickness, tuple(additions), tuple(prony), branches=tuple(branches), **changes)

@@ -15,9 +15,11 @@ import numpy as np
 from calibrate.effects.mullins import LINEAR
 from studies.errors import OptionError
 
-ALSO = {  # either name is right: a patch of another stiffness is both; a second branch is more of the first
+FINITE = ("finite viscoelasticity", "second finite relaxation time")
+ALSO = {  # either name is right: a patch of another stiffness is both; relaxation has two forms, alike at small strain, and a second branch is more of the first
     "stiffness field": ("inclusion",),
-    "viscoelasticity": ("second relaxation time",),
+    "viscoelasticity": ("second relaxation time", *FINITE),
+    "finite viscoelasticity": ("viscoelasticity", "second relaxation time", FINITE[1]),
 }
 
 
@@ -92,6 +94,10 @@ def _inclusion(rng, s):
 
 def _viscoelasticity(rng, s):
     return {"g": log_uniform(rng, 0.02, 0.5)}, {"tau": s.duration * log_uniform(rng, 0.05, 0.7)}, {}
+
+
+def _finite_viscoelasticity(rng, s):
+    return {"mu": s.shear * log_uniform(rng, 0.02, 0.5)}, {"tau": s.duration * log_uniform(rng, 0.05, 0.7)}, {}
 
 
 def _mullins(rng, s):
@@ -182,6 +188,7 @@ MATERIAL: dict[str, Draw] = {
     "permanent set": _permanent_set,
     "3D effect of thickness": _thickness,
     "inclusion": _inclusion,
+    "finite viscoelasticity": _finite_viscoelasticity,
 }
 RECORDING: dict[str, Draw] = {
     "force offset": _force_offset,
@@ -208,6 +215,7 @@ LATER = (
     "force drift",
     "magnification drift",
     "stiffness drift",
+    "finite viscoelasticity",
 )  # their seeds come after all others, so that runs from before them keep their trials
 FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
 UNLOADING = (
@@ -217,6 +225,7 @@ UNLOADING = (
     "force drift",
     "magnification drift",
     "stiffness drift",
+    "finite viscoelasticity",
 )
 SOLID = "3D effect of thickness"
 UNPAIRED = (SOLID, *LATER[1:])  # in random pairs, whose seeds are older

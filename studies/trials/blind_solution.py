@@ -80,11 +80,7 @@ def solve(trial: Trial, size_factor: float = 1.0) -> SurfaceSolution:
         Loading.clamped(SPECIMENS[trial.specimen].loaded, trial.displacement),
         factors,
         times,
-        substeps=VISCOUS_SUBSTEPS
-        if described.prony or described.branches
-        else SET_SUBSTEPS
-        if described.permanent_set
-        else 1,
+        substeps=VISCOUS_SUBSTEPS if described.relaxes else SET_SUBSTEPS if described.permanent_set else 1,
     )
     return solution if lag is None else lag.split(solution, trial.times)
 
@@ -118,7 +114,7 @@ def sheet(trial: Trial) -> Sheet:
                for e in known if e.name == "stiffness field"]  # fmt: skip
     extent = effect_laws.Extent(2 * max(SPECIMENS[trial.specimen].half_extent))
     made = effect_laws.sheet(trial.material, trial.thickness, effects, extent, [*patches, *own.additions])
-    return replace(made, branches=own.branches)
+    return replace(made, branches=(*made.branches, *own.branches))
 
 
 def warp(more: dict[str, float]) -> Warp:

@@ -13,7 +13,7 @@ does about as much as the effect of the catalogue whose place it takes; its ampl
 | stiffness field | a rectangular inclusion with a sharp edge |
 
 Fibres and Mullins softening are nearly of the catalogue's form since that has an exponential with dispersion (in compression, too) and Ogden and Roxburgh's
-error function (of I1 - 3 in place of the energy), and the inclusion since it has an elliptic one: `NEARLY`. Others keep their form, on the foreign base, and a lens has its
+error function (of I1 - 3 in place of the energy), the inclusion since it has an elliptic one, and viscoelasticity since it has branches with such a split: `NEARLY`. Others keep their form, on the foreign base, and a lens has its
 centre of distortion up to a sixth of the extent from the middle of the specimen. Noise: of two correlation lengths, with a share that all pictures have in common; stated as it is,
 half or twice as large, or not at all.
 """
@@ -52,7 +52,12 @@ FOREIGN = (
     "Mullins softening",
     "stiffness field",
 )
-NEARLY = ("one fibre family", "Mullins softening", "stiffness field")  # of these the catalogue has nearly the form
+NEARLY = (
+    "one fibre family",
+    "Mullins softening",
+    "stiffness field",
+    "viscoelasticity",
+)  # of these the catalogue has nearly the form
 
 
 def foreign(trial: Trial) -> Trial:

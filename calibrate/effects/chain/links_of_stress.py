@@ -61,17 +61,25 @@ class ChangedStress(OfEffect):
 
 @dataclass(frozen=True)
 class RelaxedStress(Link):
-    """P as effects change it in time, each from what is elastic."""
+    """P as effects change it in time, each from what is elastic; a spring of its own is as stiff, from place to place, as `fields` say, whose parameters come behind."""
 
     effects: tuple[Effect, ...]
+    fields: tuple[Effect, ...] = ()
     reads: ClassVar[tuple[str, ...]] = (DEFORMATION, STRESS, TIME)
     writes: ClassVar[str] = STRESS
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         F, P, time = inputs
         data = replace(constants, time=time)
-        both = zip(self.effects, parameters, strict=True)
-        return P + sum(effect.stress(data, F, P, *given) - P for effect, given in both)
+        n = len(self.effects)
+        place = jnp.ones((1, P.shape[1], 1, 1))
+        for field, given in zip(self.fields, parameters[n:], strict=True):
+            place = field.stress(constants, F, place, *given)
+        total = P
+        for effect, given in zip(self.effects, parameters[:n], strict=True):
+            change = effect.stress(data, F, P, *given) - P
+            total = total + (change * place if effect.has_spring else change)
+        return total
 
 
 @dataclass(frozen=True)

@@ -170,7 +170,10 @@ def _laws(base: Base, additions: Additions, names: Names) -> Stages:
     for one in factors:
         add(stress.ChangedStress(one[1].effect), one)
     if relaxing:
-        add(stress.RelaxedStress(tuple(a.effect for _, a in relaxing)), *relaxing)
+        springs = any(a.effect.has_spring for _, a in relaxing)
+        fields = [both for both in factors if springs and both[1].effect.stage == "stiffness"]
+        effects = (tuple(a.effect for _, a in some) for some in (relaxing, fields))
+        add(stress.RelaxedStress(*effects), *relaxing, *fields)
     return tuple(found)
 
 

@@ -18,6 +18,7 @@ TOLERANCE = 1e-3
 STRONG = {
     "second invariant": (0.1,),  # as stiff as the base
     "viscoelasticity": (1.1,),
+    "finite viscoelasticity": (0.3,),
     "stiffness drift": (0.05,),
     "second relaxation time": (0.3,),
     "permanent set": (0.2,),
@@ -30,6 +31,8 @@ SHAPES = {
     "two fibre families": (0.2, 0.5, 0.4, 0.05),
     "inclusion": (0.1, -0.1, 0.2, 0.3, -0.2),
     "viscoelasticity": (2.0,),
+    "finite viscoelasticity": (2.0,),
+    "second finite relaxation time": (0.4,),
     "second relaxation time": (0.4,),
     "Mullins softening": (0.05, 0.3),
     "Payne softening": (0.1,),

@@ -162,6 +162,8 @@ def test_what_the_data_lack_is_named(chain):
     assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
         "viscoelasticity",
         "second relaxation time",
+        "finite viscoelasticity",
+        "second finite relaxation time",
         "force drift",
         "magnification drift",
         "stiffness drift",

@@ -112,7 +112,7 @@ def runge_kutta(A, start, end, tau, duration, steps=4):
 
 
 def test_two_branches_with_a_multiplicative_split(mesh):
-    """A ramp and a rest: what the nodes are out of balance falls with the first power of the step."""
+    """A ramp and a rest: what the nodes are out of balance falls with the second power of the step."""
     base, branches = NeoHooke(0.4), (Branch(0.3, 1.3), Branch(0.15, 0.4))
 
     def errors(n):
@@ -133,4 +133,4 @@ def test_two_branches_with_a_multiplicative_split(mesh):
 
     coarse, fine = errors(30), errors(60)
     assert max(fine) < 3e-3
-    assert coarse[1] / fine[1] == pytest.approx(2, rel=0.1)
+    assert coarse[1] / fine[1] > 3.3

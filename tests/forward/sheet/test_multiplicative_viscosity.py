@@ -13,7 +13,7 @@ from forward import Loading, NeoHooke
 from forward.errors import MaterialError
 from forward.loading import MeasuredMotion
 from forward.sheet.inelastic import solve_history
-from forward.sheet.multiplicative_viscosity import Branch, step
+from forward.sheet.multiplicative_viscosity import Branch, flowed, step
 from forward.sheet.thin_sheet import Prony, Sheet
 from meshes import PlateWithHole, SquareSheet, quads
 
@@ -60,9 +60,12 @@ def stresses(mode, times, sheet):
 def test_a_sheet_takes_the_steps_of_a_point():
     """Pure shear in three steps, two branches: the stress of the base and of the law of a point, step after step."""
     times, past, expected = np.array([1.0, 2.0, 3.0]), [np.eye(2) for _ in BRANCHES], []
+    before = np.eye(2)
     for a in stretch(times):
-        ends = [step(branch, np.diag([a, 1.0]), A, 1.0) for branch, A in zip(BRANCHES, past, strict=True)]
-        past = [end.past for end in ends]
+        F = np.diag([a, 1.0])
+        half = [flowed(branch, before, A, 0.5) for branch, A in zip(BRANCHES, past, strict=True)]
+        ends = [step(branch, F, A, 1.0) for branch, A in zip(BRANCHES, half, strict=True)]
+        past, before = [end.past for end in ends], F
         expected.append(np.add(nominal_stresses(NEO, a, 1.0), sum(np.diag(end.stress) for end in ends)))
     np.testing.assert_allclose(stresses("pure shear", times, Sheet(NEO, H, branches=BRANCHES)), expected, rtol=1e-9)
 
@@ -70,19 +73,21 @@ def test_a_sheet_takes_the_steps_of_a_point():
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", LATERAL)
 def test_sheet_follows_the_evolution_equation(mode):
-    """Of first order in the step, and the step's error taken away by extrapolation agrees to 1e-3: two branches, ramp and rest."""
-    coarse, fine = (np.arange(1, n + 1) * 4.0 / n for n in (32, 64))
-    expected = reference(mode, coarse)
-    first = stresses(mode, coarse, Sheet(NEO, H, branches=BRANCHES))
-    second = stresses(mode, fine, Sheet(NEO, H, branches=BRANCHES))[1::2]
-    error = [np.abs(found - expected)[15].max() for found in (first, second)]
-    assert error[0] / error[1] == pytest.approx(2, rel=0.1)
-    assert error[1] < 0.02 * np.abs(expected[15]).max()
-    np.testing.assert_allclose(2 * second - first, expected, atol=1e-3 * np.abs(expected).max())
+    """Of second order in the step: two branches, ramp and rest."""
+
+    def error(n):
+        times = np.arange(1, n + 1) * 4.0 / n
+        expected = reference(mode, times)
+        found = stresses(mode, times, Sheet(NEO, H, branches=BRANCHES))
+        return np.linalg.norm(found - expected) / np.linalg.norm(expected)
+
+    coarse, fine = error(16), error(32)
+    assert coarse / fine > 3.5
+    assert fine < 3e-4
 
 
 def test_the_law_of_a_point_converges_to_the_evolution_equation():
-    """Of first order; extrapolated twice from 400 steps, 1e-6 of the stress, along a path with turning axes that scipy follows in C_i."""
+    """Of second order; extrapolated from 400 steps, 1e-6 of the stress, along a path with turning axes that scipy follows in C_i."""
     branch = BRANCHES[0]
 
     def gradient(t):
@@ -102,17 +107,18 @@ def test_the_law_of_a_point_converges_to_the_evolution_equation():
 
     def found(n):
         past = np.eye(2)
-        for k in range(1, n + 1):
-            end = step(branch, gradient(2.0 * k / n), past, 2.0 / n)
+        for k in range(n):
+            half = flowed(branch, gradient(2.0 * k / n), past, 1.0 / n)
+            end = step(branch, gradient(2.0 * (k + 1) / n), half, 2.0 / n)
             past = end.past
         return end.stress
 
     one, two, four = (found(n) for n in (100, 200, 400))
-    assert np.abs(one - expected).max() / np.abs(two - expected).max() == pytest.approx(2, rel=0.05)
-    np.testing.assert_allclose((8 * four - 6 * two + one) / 3, expected, atol=1e-6 * np.abs(expected).max())
+    assert np.abs(one - expected).max() / np.abs(two - expected).max() == pytest.approx(4, rel=0.05)
+    np.testing.assert_allclose((4 * four - two) / 3, expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_tangent_is_the_derivative_and_symmetric():
+def test_tangent_is_the_derivative_and_nearly_symmetric():
     rng = np.random.default_rng(0)
     F, past = np.eye(2) + rng.normal(0, 0.25, (6, 2, 2)), np.eye(2)
     F[0], F[1] = np.diag([1.3, 1.3]), np.diag([1.3, 1.3 + 1e-6])
@@ -123,7 +129,8 @@ def test_tangent_is_the_derivative_and_symmetric():
             e = h * np.outer(np.eye(2)[i], np.eye(2)[j])
             slope = (step(BRANCHES[0], F + e, past, 0.7).stress - step(BRANCHES[0], F - e, past, 0.7).stress) / (2 * h)
             np.testing.assert_allclose(end.tangent[..., i, j], slope, atol=1e-8)
-    np.testing.assert_allclose(end.tangent, np.einsum("...ijmn->...mnij", end.tangent), atol=1e-14)
+    off = np.abs(end.tangent - np.einsum("...ijmn->...mnij", end.tangent)).max()
+    assert 1e-6 < off < 0.02 * np.abs(end.tangent).max()  # of the second order in the step; a solver must know
 
 
 def test_fast_and_slow():
@@ -137,10 +144,11 @@ def test_fast_and_slow():
 
 
 def test_a_small_step_is_the_linear_law():
-    """Backward Euler of a Maxwell element: overstress mu / (1 + dt / tau) times the elastic one, to the first order in the strain."""
+    """A Maxwell element after a jump and half a step, backward Euler extrapolated, to the first order in the strain."""
     F = np.eye(2) + 1e-6 * np.array([[0.7, 0.2], [-0.4, 0.1]])
     found, spring = (step(Branch(0.3, tau), F, np.eye(2), 0.5).stress for tau in (1.3, 1e12))
-    np.testing.assert_allclose(found * (1 + 0.5 / 1.3), spring, rtol=1e-5, atol=1e-12)
+    z = 0.25 / 1.3
+    np.testing.assert_allclose(found, (2 / (1 + z / 2) ** 2 - 1 / (1 + z)) * spring, rtol=1e-5, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -158,9 +166,7 @@ def test_small_strain_is_the_finite_linear_law():
             return solve_history(mesh, law, loading, factors, times, substeps).reactions["right"][:, 0]
 
         over = force(linear, 8) - force(Sheet(NEO, H), 1)
-        off = (
-            2 * force(split, 8) - force(split, 4) - force(linear, 8)
-        )  # the error of first order in the step taken away
+        off = force(split, 8) - force(linear, 8)
         return np.abs(off).max() / over.max()
 
     small, twice = difference(0.03), difference(0.06)
@@ -183,7 +189,7 @@ def test_a_plate_with_a_hole_relaxes_and_a_run_that_was_cut_off_goes_on(tmp_path
         run(checkpoint=tmp_path / "run.npz")
     again = run(checkpoint=tmp_path / "run.npz")
     np.testing.assert_array_equal(again.displacements, whole.displacements)
-    assert again.history.keys() == {"branch_0", "branch_1"}
+    assert again.history.keys() == {"branch_0", "branch_1", "branches_F"}
     for name, values in whole.history.items():
         np.testing.assert_array_equal(again.history[name], values)
 
