@@ -108,7 +108,7 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
     skipped = [one for one, _ in every if not one.is_tested]
     if not found:
         return skipped
-    everything = np.concatenate([Q for _, Q in found], axis=1)
+    everything = np.concatenate([Q.reshape(len(Q), -1) for _, Q in found], axis=1)
     both = orthonormal(everything)
     rest = r - both @ (both.T @ r)
     dispersion = max(1.0, float(rest @ rest) / max(len(r) - U.shape[1] - both.shape[1], 1))
@@ -139,7 +139,7 @@ def belongs_to_one_test(effect: Effect) -> bool:
 def examine(
     problem: Problem, state: Fit, effect: Effect, U: Array, r: Array, hidden: list[list[Array]] | None = None
 ) -> tuple[Score, Array]:
-    """Score of one effect over its shapes, and orthonormal signatures (N, k) of all shapes for the simulation.
+    """Score of one effect over its shapes, and the orthonormal signature of each (N, shapes, p) for the simulation, with zeros where one has fewer directions than another.
 
     U (N, k): orthonormal columns that the model can adjust; r (N,): what they leave. hidden: see `hidden_noise`; found
     here where it is not given.
@@ -158,13 +158,16 @@ def examine(
         tested.append(one)
     if not tested:
         status = one.status if one.status is Status.NOT_FINITE else Status.ABSORBED
-        return Score(effect, status, absorbed=absorbed_most), np.zeros((len(r), 0))
+        return Score(effect, status, absorbed=absorbed_most), np.zeros((len(r), 0, 0))
     best = max(tested, key=lambda one: (one.admissible, one.score))
     other = _other(best, tested)
     if not single and effect.rough and problem.noise_is_known:
         best = examine_shape(problem, state, Addition(effect, null, best.shape), U, r, hidden)[0]
     p = min(1.0, len(blocks) * float(stats.chi2.sf(best.score, best.degrees)))
-    return replace(best, p_value=p, other=other), np.concatenate(blocks, axis=1)
+    widest = max(Q.shape[1] for Q in blocks)
+    return replace(best, p_value=p, other=other), np.stack(
+        [np.pad(Q, ((0, 0), (0, widest - Q.shape[1]))) for Q in blocks], axis=1
+    )
 
 
 def _other(best: Score, tested: Sequence[Score]) -> Score | None:
@@ -258,10 +261,10 @@ def _bounds(effect: Effect) -> tuple[Array, Array]:
 
 def adjust(scores: list[Score], blocks: list[Array], dispersion: float, seed: int) -> list[Score]:
     """Scores over the dispersion, with p-values of the whole search from simulated noise."""
-    smallest = _smallest_p(scores, blocks, seed)
+    smallest = _smallest_p(blocks, seed)
     result = []
     for one, block in zip(scores, blocks, strict=True):
-        n_shapes = block.shape[1] // one.degrees
+        n_shapes = block.shape[1]
         score = one.score / dispersion
         p = min(1.0, n_shapes * float(stats.chi2.sf(score, one.degrees)))
         exceeded = int((smallest <= p).sum())
@@ -271,19 +274,19 @@ def adjust(scores: list[Score], blocks: list[Array], dispersion: float, seed: in
     return result
 
 
-def _smallest_p(scores: list[Score], blocks: list[Array], seed: int) -> Array:
-    """(DRAWS,): the smallest p-value of the search in noise alone; blocks (N, k): signatures of all shapes."""
-    Q = np.concatenate(blocks, axis=1)
+def _smallest_p(blocks: list[Array], seed: int) -> Array:
+    """(DRAWS,): the smallest p-value of the search in noise alone; blocks (N, shapes, p): signatures of all shapes."""
+    Q = np.concatenate([block.reshape(len(block), -1) for block in blocks], axis=1)
     values, vectors = np.linalg.eigh(Q.T @ Q)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     draws = np.random.default_rng(seed).standard_normal((DRAWS, root.shape[1])) @ root.T
     smallest = np.ones(DRAWS)
     start = 0
-    for one, block in zip(scores, blocks, strict=True):
-        size, n_shapes = one.degrees, block.shape[1] // one.degrees
-        T = (draws[:, start : start + block.shape[1]].reshape(DRAWS, n_shapes, size) ** 2).sum(axis=2).max(axis=1)
+    for block in blocks:
+        _, n_shapes, size = block.shape
+        T = (draws[:, start : start + n_shapes * size].reshape(DRAWS, n_shapes, size) ** 2).sum(axis=2).max(axis=1)
         smallest = np.minimum(smallest, np.minimum(1.0, n_shapes * stats.chi2.sf(T, size)))
-        start += block.shape[1]
+        start += n_shapes * size
     return smallest
 
 

@@ -18,7 +18,7 @@ GRID = (
     (4, 1 / 3),
 )  # circles that are tried: places along the longest side, and the radius over it
 EDGE = 0.2  # over the root of a triangle's area: the share of it within a line through it is about a logistic function of this width
-ROUND = 1e-6  # of the squared logarithm of the axes' ratio, below which series are used
+ROUND = 1e-6  # of the square of half the logarithm of the ratio of the axes, below which series are used
 
 
 @dataclass(frozen=True)

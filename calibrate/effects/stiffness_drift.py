@@ -12,12 +12,13 @@ from calibrate.effects.stiffness_field import SOFTEST
 class StiffnessDrift(Effect):
     """All stresses, and with them all forces, grow by s in every second, as of a sheet that dries, cures, ages, or warms up.
 
-    Displacements show nothing of it: a gain of the load cell that drifts is the same.
+    Displacements show nothing of it: a gain of the load cell that drifts is the same. Several tests have it alike.
     """
 
     name = "stiffness drift"
     stage = "force"
-    formula = "f (1 + s t)"
+    of_rig = True
+    formula = "f / (1 + s t)"
     amplitudes = (Parameter("s", "1/s", typical=1e-3),)
     decided_by = "the same load again after the test, and a weight on the load cell"
 

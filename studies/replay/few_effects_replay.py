@@ -48,7 +48,9 @@ def few_by_fields(
 def with_forces(problem: Problem, found: FewEffects, effects: Sequence[Effect], priors: Priors) -> Updated:
     """The best of them, updated by forces: the first of these that does not take the fields further from what was measured than they were, or than neo-Hooke has them. All, with effects
     with a memory beside them; those with a memory alone, as the rest stays; the factor alone. Raises `FitError` where no force is known, `OptionError` without an equilibrium."""
-    remembered = [one for one in _candidates(problem, effects, priors) if one.effect.remembers]
+    remembered = [
+        one for one in _candidates(problem, effects, priors) if one.effect.remembers and not one.effect.has_spring
+    ]
     best = () if found.best is None else found.best.additions
     additions = (*best, *(one.at_null(one.shapes[0]) for one in remembered))
     known = {} if found.best is None else dict(found.best.priors)

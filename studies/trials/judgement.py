@@ -19,6 +19,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.data.triangulation import signed_areas
 from calibrate.diagnosis.selection import Verdict
 from calibrate.effects import CATALOGUE, Data
+from studies.errors import OptionError
 from studies.trials.blind_case import GLOBAL_LIMIT
 from studies.trials.blind_effects import ALSO
 from studies.trials.foreign import FOREIGN, INCLUSION
@@ -166,6 +167,10 @@ def _field(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]], ho
 def hidden_stiffness(patch: Mapping[str, float], places: Array) -> Array:
     """Of a patch, or an inclusion in its place, beside the rest (m,) at places (m, 2), mm."""
     apart = places - [patch["x"], patch["y"]]
+    if "aspect" in patch:
+        raise OptionError(
+            "the label has an elliptic inclusion, which foreign trials no longer hide; judge it with the version that made it"
+        )
     if "sides" not in patch:
         return patch["height"] * np.exp(-(apart**2).sum(axis=1) / (2 * patch["width"] ** 2))
     c, s = np.cos(patch["turned"]), np.sin(patch["turned"])

@@ -26,7 +26,7 @@ from calibrate.effects.chain import Addition
 
 Array = NDArray[np.float64]
 FIRST_STEP = 0.13  # of a shape, over its size
-SHAPE_EVALUATIONS = 14  # the fit goes on from there
+SHAPE_EVALUATIONS = 14, 5  # at least, and for each shape and one more; the fit goes on from there
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +198,12 @@ def at_best_shape(now: Model, found: Score) -> Score:
         lambda x: search(np.where(logarithmic, np.exp(x), x)),
         start,
         method="Nelder-Mead",
-        options={"maxfev": SHAPE_EVALUATIONS, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2},
+        options={
+            "maxfev": max(SHAPE_EVALUATIONS[0], SHAPE_EVALUATIONS[1] * (len(start) + 1)),
+            "initial_simplex": simplex,
+            "xatol": 1e-3,
+            "fatol": 1e-2,
+        },
     )
     return search.best
 

@@ -172,14 +172,16 @@ def test_what_lies_beyond_columns_has_its_degrees_of_freedom():
 def test_adjusted_p_is_uniform_where_nothing_is():
     """Of searches in pure noise, the smallest adjusted p is below q in a share q."""
     rng = np.random.default_rng(2)
-    Q = [np.linalg.qr(rng.standard_normal((60, k)))[0] for k in (1, 1, 3)]
-    Q[1] = np.concatenate([Q[1], 0.9 * Q[1] + 0.44 * np.linalg.qr(rng.standard_normal((60, 1)))[0]], axis=1)
-    Q[1][:, 1] /= np.linalg.norm(Q[1][:, 1])
+    one, first, three, two = (np.linalg.qr(rng.standard_normal((60, k)))[0] for k in (1, 1, 3, 2))
+    second = 0.9 * first + 0.44 * np.linalg.qr(rng.standard_normal((60, 1)))[0]
+    alike = np.stack([first, second / np.linalg.norm(second)], axis=1)
+    unlike = np.stack([two, np.pad(np.linalg.qr(rng.standard_normal((60, 1)))[0], ((0, 0), (0, 1)))], axis=1)
+    Q = [one[:, None], alike, three[:, None], unlike]  # shapes may have other numbers of directions
     smallest = []
     for _ in range(150):
         z = rng.standard_normal(60)
-        T = [(Q[0][:, 0] @ z) ** 2, max((Q[1].T @ z) ** 2), ((Q[2].T @ z) ** 2).sum()]
-        scores = [Score(CATALOGUE[i], Status.TESTED, score=T[i], degrees=k) for i, k in enumerate((1, 1, 3))]
+        T = [(np.einsum("nsp,n->sp", block, z) ** 2).sum(axis=1).max() for block in Q]
+        scores = [Score(CATALOGUE[i], Status.TESTED, score=T[i], degrees=k) for i, k in enumerate((1, 1, 3, 2))]
         smallest.append(min(s.adjusted for s in score_tests.adjust(scores, Q, 1.0, 0)))
     assert stats.kstest(smallest, "uniform").pvalue > 0.01
 
