@@ -140,7 +140,7 @@ def reference_limit(experiment: Experiment) -> float:
 
 
 def starting_points(architecture: pann.Architecture, n: int, seed: int) -> list[Array]:
-    """The random starts of `fit.fit_network`, (n_parameters,) each."""
+    """The random starts of `network_fit.fit_network`, (n_parameters,) each."""
     keys = jax.random.split(jax.random.key(seed), n)
     return [np.asarray(architecture.random_start(key)) for key in keys]
 

@@ -2,7 +2,7 @@ r"""Uncertainty of a calibrated network: covariance of its parameters, standard 
 
 In: the whitened, reduced loss |R c - d|^2 (`Quadratic`, rows of unit variance), the fitted network c(theta).
 Out: `Uncertainty`. With J = R dc/dtheta and the precision a of the normal prior that the fit itself used
-(`fit.PRIOR_STD`), the covariance of the parameters is that of
+(`network_fit.PRIOR_STD`), the covariance of the parameters is that of
 
     exp(-(|R c - d|^2 + a |theta|^2) / (2 scale)),        c linearised at the fit,        weights >= 0
 
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 def parameter_uncertainty(
     quadratic: Quadratic, architecture: pann.Architecture, parameters: Array, noise_is_known: bool
 ) -> Uncertainty:
-    """Uncertainty of a network fitted to `quadratic` by `fit.fit_network`.
+    """Uncertainty of a network fitted to `quadratic` by `network_fit.fit_network`.
 
     architecture: as fitted, before its energy was multiplied by the stiffness factor. In plane strain the bulk modulus is
     unknown, too, and whatever it is allowed for.
@@ -67,7 +67,7 @@ def bulk_modulus_deviation(
 
 
 def prior_precision(quadratic: Quadratic, d: Array) -> float:
-    """1 / variance of the prior of `fit.fit_network` on every parameter, in units of the whitened loss."""
+    """1 / variance of the prior of `network_fit.fit_network` on every parameter, in units of the whitened loss."""
     explained = float(d @ d)
     floor = max(quadratic.constant - explained, 0.0)
     return floor / max(quadratic.n_rows, 1) / network_fit.PRIOR_STD**2 + 1e-14 * explained

@@ -1,8 +1,6 @@
-"""Additions that no effect of the diagnosis has the whole formula of: damage by the energy, fibres that are not all parallel, a power of the principal
-stretches, and an inclusion with a sharp edge.
+"""Additions of foreign trials: damage by the energy, fibres that are not all parallel, a power of the principal stretches, and inclusions with a sharp edge.
 
-A diagnosis that meets them meets a law that it cannot follow exactly; its own softening follows damage by the energy on a neo-Hookean sheet alone, its own fibres
-those without dispersion in tension.
+No effect of the diagnosis has their whole formula, but for the ellipse: its own softening follows damage by the energy on a neo-Hookean sheet alone, its own fibres those in tension.
 """
 
 from __future__ import annotations

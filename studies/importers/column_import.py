@@ -168,7 +168,7 @@ def _not_beside(free: Index, points: Array, gone: Array, edges: EdgesTable) -> I
     if not len(gone) or not free.size or "holes" not in edges.free:
         return free
     pitch = spacing_of(points)
-    outer = _at_sides(points, edges.free)
+    outer = _at_sides(points, edges.free, edges.tolerance_mm)
     near = cKDTree(gone).query(points[free])[0] < GAP * pitch
     return free[~near | outer[free]]
 
@@ -258,8 +258,4 @@ def _sides(table: EdgesTable, points: Array, triangles: Index) -> dict[str, Inde
     rim = boundary_nodes(triangles)
     pitch = spacing_of(points)
     tolerance = table.tolerance_mm or ON_SIDE * pitch
-    nodes = {}
-    for side, (axis, sign) in SIDES.items():
-        value = sign * points[:, axis]
-        nodes[side] = rim[value[rim] >= value.max() - tolerance]
-    return nodes
+    return {side: rim[inwards(points, side)[rim] <= tolerance] for side in SIDES}

@@ -40,11 +40,6 @@ from studies.replay.replayed_record import ReplayedRecord, between_pictures
 Array = NDArray[np.float64]
 HIGHEST = 1 / 6  # rise of a curved edge over the height of its triangle, which a quarter would fold
 SUBSTEPS = 3  # of an increment, where the law has a history
-PARTS, READINGS, MORE = (
-    2,
-    24,
-    60,
-)  # of an increment without one; over the record, at least; where the force bends, at most
 TOLERANCE = 1e-6  # imbalance over the reactions: displacements and forces are then right to 1e-7 of their size
 SMALL = 1e-3  # of the largest displacement, which the mesh may matter where the noise is unknown
 

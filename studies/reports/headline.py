@@ -191,7 +191,7 @@ def _of_noise(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:
 
 
 def _level(value: float, limits: tuple[float, float]) -> bool | None:
-    """None below both limits, False above the first, True above the second, or where the value is not finite."""
+    """None below both limits or where the value is unknown (NaN), False above the first, True above the second."""
     if np.isnan(value) or value <= limits[0]:
         return None
     return value > limits[1]

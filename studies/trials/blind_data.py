@@ -2,7 +2,7 @@
 
 `draw` fixes every number of a trial, `make` solves and observes it, `write` puts the Experiment and, in a folder of its
 own, the label on disk. The effects are implemented in `forward.sheet.additions` and `studies.synthetic.disturbances`, as they are in the
-laboratory; what the diagnosis takes them for (`calibrate.effects`) is not used here. Amplitudes in a label follow the
+laboratory; what the diagnosis takes them for (`calibrate.effects`) is not used here, but for conventions of parameters. Amplitudes in a label follow the
 convention of that catalogue, so that fitted and true ones can be compared.
 
 The Experiment says nothing of the effect: specimens, base materials, thicknesses, loads, times and noise are drawn from

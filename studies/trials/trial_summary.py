@@ -227,6 +227,4 @@ def pulls(one: JudgedTrial) -> list[float]:
 def _field_pulls(single: Sequence[JudgedTrial]) -> list[float]:
     """Of the coefficients of hidden stiffness fields."""
     found = (a for one in single if one.hidden == [FIELD] for a in one.amplitudes if a is not None)
-    return [
-        (a.amplitudes[k] - true) / a.deviations[k] for a in found if a.effect == FIELD for k, true in a.true.items()
-    ]
+    return [pull for a in found if a.effect == FIELD for pull in a.pulls.values()]

@@ -115,11 +115,25 @@ def test_pages_that_everybody_reads_are_short() -> None:
     assert words((DOCS / "discover.md").read_text()) < 2600
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
+def anchors(page: Path) -> set[str]:
+    """Of headings, as GitHub and mkdocs make them, and of those that are written out."""
+    text = re.sub("```.*?```", "", page.read_text(), flags=re.DOTALL)
+    headings = re.findall(r"^#+ +(.*)$", text, re.MULTILINE)
+    plain = (re.sub(r"<!--.*?-->|[`*_]|\]\([^)]*\)|\[", "", heading) for heading in headings)
+    slugs = (re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in plain)
+    return {*slugs, *re.findall(r'<a id="([^"]+)"', text)}
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
     assert not re.search("^(<{7}|>{7}) ", page.read_text(), re.MULTILINE), "conflict of a merge"
-    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
-        assert target.startswith("http") or (page.parent / target).exists(), target
+    for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", page.read_text()):
+        if target.startswith("http"):
+            continue
+        there = page.parent / target if target else page
+        assert there.exists(), target
+        if anchor and there.suffix == ".md" and "reference" not in there.parts:
+            assert anchor in anchors(there), f"{target}#{anchor}"
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: str(page.relative_to(ROOT)))

@@ -64,12 +64,12 @@ class FieldFit:
         """Of all pictures that were fitted."""
         return ReplayErrors.of(self.replayed.rows, ~self.replayed.rows.held)
 
-    def slopes(self, additions: Additions, first: int = 0) -> Array:
-        """Derivatives (m, k) of the residual by amplitudes and shapes of additions from the first on, each times its prior standard deviation."""
+    def slopes(self, additions: Additions) -> Array:
+        """Derivatives (m, k) of the residual by amplitudes and shapes of additions, each times its prior standard deviation."""
         directions = Directions.of(self.c, additions, self.c[:, None], 1.0)
-        asked = np.arange(len(directions.sizes)) > sum(Variables(additions[:first]).sizes)
+        asked = np.arange(len(directions.sizes)) > 0
         columns = self.replayed.slopes(directions, asked)[self._used][:, asked]
-        return self._weights[:, None] * columns * self.widths(additions[first:])
+        return self._weights[:, None] * columns * self.widths(additions)
 
     def widths(self, additions: Additions) -> Array:
         """Prior standard deviations (k,) of amplitudes, and of shapes about where they are."""

@@ -51,7 +51,7 @@ def conclude(
 
 
 def is_noise(problem: Problem, now: Round, thresholds: Thresholds) -> bool:
-    """Whether residual and prediction are no more than noise; where the noise is unknown, nothing says that they are."""
+    """Whether residual and prediction are no more than noise; where the noise is unknown they are taken to be."""
     return not problem.noise_is_known or (
         now.misfits.p_value > thresholds.misfit_p and now.predicted_p > thresholds.misfit_p
     )

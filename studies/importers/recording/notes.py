@@ -53,11 +53,11 @@ def mask_notes(points: Array, mask: Masked, alone: Array) -> list[str]:
     return notes
 
 
-def twin_notes(displacements: Array, frames: NDArray[np.int64]) -> list[str]:
+def repeated_frame_notes(displacements: Array, frames: NDArray[np.int64]) -> list[str]:
     """Of chosen frames (t,) whose displacements (n_frames, n, 2) are those of the one before to the last digit, as no two pictures are."""
     pairs = [(int(a), int(b)) for a, b in pairwise(frames)
              if displacements[b].any() and np.array_equal(displacements[a], displacements[b], equal_nan=True)]  # fmt: skip
-    return [WORDS.note_twins(pairs=pairs)] if pairs else []
+    return [WORDS.note_repeated_frames(pairs=pairs)] if pairs else []
 
 
 def edge_notes(loaded: Sequence[str], free: Sequence[str], rim: bool) -> list[str]:

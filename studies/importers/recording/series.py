@@ -34,6 +34,7 @@ from studies.importers.recording.notes import (
     numbers,
     preload_notes,
     record_notes,
+    repeated_frame_notes,
     strain_notes,
 )
 from studies.importers.recording.recorded_series import Grip, Series
@@ -140,7 +141,7 @@ def _motion_notes(series: Series, frames: Index, force: Array) -> list[str]:
         _check_sign(series, frames, force)
     else:
         notes.append(WORDS.note_moves_across(along=across[0], across=across[1]))
-    notes += unseen_peak(elongation(series), frames)
+    notes += unseen_peak(elongation(series), frames) + repeated_frame_notes(series.displacements, frames)
     return notes + ([WORDS.note_incremental()] if looks_incremental(series) else [])
 
 

@@ -15,7 +15,7 @@ from calibrate import errors
 from studies.importers import printed_sheets, vendor_folder
 from studies.importers.exports.field_guesses import pull_axis
 from studies.importers.frame_tables import Frames
-from studies.importers.recording.notes import pull_notes, strain_notes, twin_notes
+from studies.importers.recording.notes import pull_notes, repeated_frame_notes, strain_notes
 from studies.importers.vendor_folder import exported
 
 
@@ -114,8 +114,8 @@ def test_a_frame_with_other_columns_is_named(tmp_path):
 def test_a_frame_that_was_exported_twice_is_told():
     u = np.arange(24.0).reshape(4, 3, 2)
     u[0] = 0.0
-    assert twin_notes(u, np.array([1, 2, 3])) == []
+    assert repeated_frame_notes(u, np.array([1, 2, 3])) == []
     u[3] = u[2]
-    (note,) = twin_notes(u, np.array([1, 2, 3]))
+    (note,) = repeated_frame_notes(u, np.array([1, 2, 3]))
     assert "frames 2 and 3" in note
-    assert twin_notes(u, np.array([1, 3])) == []
+    assert repeated_frame_notes(u, np.array([1, 3])) == []

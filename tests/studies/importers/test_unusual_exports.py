@@ -137,6 +137,17 @@ def test_an_unknown_unit_of_force_is_asked_for(tmp_path):
     assert recording.series.record.force[-1] == pytest.approx(2e3 * STEPS)
 
 
+@pytest.mark.parametrize("twice", [True, False])
+def test_a_frame_that_was_exported_twice_is_told(tmp_path, twice):
+    for k in range(STEPS + 1):
+        u, v = moved(STEPS - 1 if twice and k == STEPS else k).T
+        table(tmp_path / f"t-{k:03d}.csv", "X,Y,U,V", [X, Y, u, v])
+    recorded(tmp_path, STEPS + 1)
+    notes = read(str(tmp_path), Request())[1].experiment().provenance["notes"]
+    told = f"frames {STEPS - 1} and {STEPS} hold the same displacements"
+    assert any(told in note for note in notes) == twice
+
+
 @pytest.mark.parametrize("counted", ["from the frame before", "from the reference"])
 def test_increments_of_displacement_are_noticed(tmp_path, counted):
     increments = counted == "from the frame before"
