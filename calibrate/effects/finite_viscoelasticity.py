@@ -67,9 +67,9 @@ def flowed(C: Any, time: Any, tau: Any) -> Any:
 
     def increment(past: Any, given: Any) -> Any:
         start, end, duration = given
+        way = (end - start) / STEPS
         for k in range(STEPS):
-            ends = (start + (k + i) / STEPS * (end - start) for i in (0, 1))
-            past = _step(past, *ends, duration / (STEPS * tau))
+            past = _step(past, start + k * way, start + (k + 1) * way, duration / (STEPS * tau))
         return past, past
 
     return jax.lax.scan(increment, rest, (before, C, jnp.diff(time, prepend=0.0)))[1]

@@ -83,7 +83,7 @@ def half_axes(radius: float, e1: float, e2: float) -> tuple[float, float, float]
 
 
 def _depth(place: Any, shape: Any) -> Any:
-    """Distance (m,) of places (m, 2), from the middle, to the edge, positive within; to first order, exact of a circle."""
+    """Distance (m,) of places (m, 2), from the middle, to the edge, positive within; to first order: exact of a circle and at the edge, too deep inside a flat ellipse near its tips."""
     radius, e1, e2 = shape
     squared = e1**2 + e2**2
     e = jnp.sqrt(jnp.where(squared > ROUND, squared, 1.0))

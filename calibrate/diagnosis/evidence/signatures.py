@@ -98,5 +98,5 @@ def _of_effect(
     for shape in shapes:
         S = equations.signature(problem, chains, c, (Addition(effect, null, shape),)) * deviation
         if np.isfinite(S).all():
-            found.append(Signature(effect.name, shape, S - U @ (U.T @ S), 1 / len(grid), one_sided, beside))
+            found.append(Signature(effect.name, shape, S - U @ (U.T @ S), 1 / len(shapes), one_sided, beside))
     return found
