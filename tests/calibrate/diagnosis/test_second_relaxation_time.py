@@ -32,7 +32,7 @@ FIRST, SECOND = (next(e for e in CATALOGUE if e.name == name) for name in ("visc
 
 
 def held(*branches: tuple[float, float]):
-    """A ramp, a pause and the way back, by 8 % of strain; branches with a multiplicative split, which is not the form of the catalogue."""
+    """A ramp, a pause and the way back, by 8 % of strain; branches with a multiplicative split, which both forms of the catalogue are at so small a strain."""
     sheet = Sheet(NeoHooke(MU), 1.0, branches=tuple(Branch(g * MU, tau) for g, tau in branches))
     pull = Loading.clamped(PLATE.loaded, 10.0)
     true = solve_history(quads(PLATE, size_factor=3.0), sheet, pull, FACTORS, TIMES, substeps=8)
@@ -42,8 +42,9 @@ def held(*branches: tuple[float, float]):
 @pytest.mark.slow
 def test_both_times_are_found():
     found = discover([held(SLOW, FAST)])
-    assert found.verdict is Verdict.EXPLAINED and found.named == (FIRST.name, SECOND.name)
-    values = sorted((a.amplitudes[0], a.shape[0]) for a in found.final.additions)
+    assert found.verdict is Verdict.EXPLAINED and len(found.named) == 2
+    assert all(a.effect.stage == "relaxation" for a in found.final.additions)
+    values = sorted((a.amplitudes[0] / (MU if a.effect.has_spring else 1), a.shape[0]) for a in found.final.additions)
     for (g, tau), (true_g, true_tau) in zip(values, sorted((SLOW, FAST)), strict=True):
         assert g == pytest.approx(true_g, rel=0.05) and tau == pytest.approx(true_tau, rel=0.2)
 
