@@ -58,7 +58,7 @@ def weigh(
         result = _fitted(problem, first.fit, effects, linear, ranked, priors, final, say)
     spanned = next((one for one in ranked if linear.names(one) == final), ranked[0])
     shown = powers(found.problem, found.rounds[-1], found.thresholds.significance, priors)
-    return Weighing(result, _groups(linear, spanned), shown, fitted, significant)
+    return Weighing(result, spanning(linear, spanned), shown, fitted, significant)
 
 
 def _shapes(problem: Problem, first: Round) -> dict[str, tuple[float, ...]]:
@@ -123,16 +123,17 @@ def _minimal(linear: Evidence, ranked: Sequence[Subset]) -> list[Subset]:
     return kept
 
 
-def _groups(linear: Evidence, best: Subset) -> dict[str, tuple[str, ...]]:
+def spanning(linear: Evidence, best: Subset) -> dict[str, tuple[str, ...]]:
     """For every effect of the best subset those effects, alone or with another, in whose span its change lies."""
     found = {}
     for i, a in zip(best.members, best.amplitudes, strict=True):
         own = linear.signatures[i]
-        y = own.columns @ a
+        y, others = own.columns @ a, {linear.signatures[k].name for k in best.members if k != i}
         spans: dict[str, Array] = {}
         shares: dict[str, float] = {}
         for s in linear.signatures:
-            share = 0.0 if own.name in (s.name, s.beside) else _share(y, s.columns)
+            instead = s.name != own.name and s.beside in ("", *others)
+            share = _share(y, s.columns) if instead else 0.0
             if share > shares.get(s.name, 0.0):
                 spans[s.name], shares[s.name] = s.columns, share
         alone = [name for name in spans if shares[name] > SPANNED]

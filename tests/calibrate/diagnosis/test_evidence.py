@@ -13,7 +13,7 @@ from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature
 from calibrate.diagnosis.evidence.power import upper_limit
 from calibrate.diagnosis.evidence.priors import Scales, deviations, read_priors
-from calibrate.diagnosis.evidence.weighing import difference
+from calibrate.diagnosis.evidence.weighing import difference, spanning
 from calibrate.effects import CATALOGUE
 
 N = 60
@@ -65,6 +65,20 @@ def test_what_is_more_of_another_effect_is_in_no_subset_without_it():
     names = [found.names(one) for one in found.best()]
     assert {"first", "second"} in names and {"first"} in names
     assert all("first" in one for one in names if "second" in one)
+
+
+def test_what_is_more_of_another_effect_stands_for_nothing_without_it():
+    """An effect that does the same can be told in its place; not one that is a candidate beside another alone, unless that is in the model."""
+    S, T = np.random.default_rng(6).standard_normal((2, N, 1))
+    second = replace(signature("second", S), beside="first")
+    found = Evidence(
+        (signature("found", S), signature("alike", 2 * S), second, signature("first", T)),
+        -5 * S[:, 0] - 5 * T[:, 0],
+        EMPTY,
+        -1.5,
+    )
+    assert spanning(found, found.subset((0,))) == {"found": ("alike",)}
+    assert spanning(found, found.subset((0, 3)))["found"] == ("alike", "second")
 
 
 def test_a_smooth_disturbance_that_is_in_no_signature_is_none_of_these():
