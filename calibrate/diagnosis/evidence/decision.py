@@ -2,11 +2,11 @@
 
 In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that both allow. The rule:
 
-1. Where the rounds end without an explanation and a fitted one is more than 20 times as probable as their final model, they are run on from
-   it, and what they end with takes the place of that model; not where it explains the test no better and predicts what was held out worse.
+1. Where a fitted explanation is more than 20 times as probable as the final model of the rounds, they are run on from
+   it, and what they end with takes the place of that model; not where it explains the test no better and predicts what was held out worse, nor where
+   the rounds explain the test and it does not.
 2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
    that take its place in explanations of more than 5 %, and those in whose span alone it lies.
-
 3. Where that none is needed is three times as probable as all else together (positive evidence; Kass and Raftery 1995), and the residual of the base is no more than noise, or than noise that is somewhat larger than described, there is nothing: neither a candidate that is
    significant nor what the rounds have added without an explanation is an alarm.
 
@@ -46,9 +46,7 @@ def decided(
 ) -> Discovery:
     """With the weighing; the verdict and the model changed by it where the explanations were fitted."""
     if weighing.fitted:
-        other = None
-        if found.verdict is not Verdict.EXPLAINED:
-            other = _run_on(found, weighing.alternatives, effects, seed, say)
+        other = _run_on(found, weighing.alternatives, effects, seed, say)
         if other is not None:
             shown = powers(other.problem, other.rounds[-1], found.thresholds.significance, priors)
             weighing = replace(weighing, powers=shown)
@@ -94,11 +92,12 @@ def _run_on(
 
 
 def _predicts_worse(other: Discovery, found: Discovery) -> bool:
-    """Whether a model that explains nothing has larger errors held out than that of the rounds: its evidence is that of what was fitted."""
+    """Whether a model that explains nothing, or no more than that of the rounds, has larger errors held out: its evidence is that of what was fitted."""
     before, after = found.rounds[-1].held, other.rounds[-1].held
-    if other.verdict is Verdict.EXPLAINED or before is None:
-        return False
-    return is_larger(before, after, found.thresholds.worse)
+    explained = [one.verdict is Verdict.EXPLAINED for one in (found, other)]
+    if explained[0] != explained[1]:
+        return explained[0]
+    return before is not None and is_larger(before, after, found.thresholds.worse)
 
 
 def _best_fitted(alternatives: Alternatives) -> Explanation | None:
