@@ -112,7 +112,7 @@ CASES = {
     "load cell drifted": Case(
         "3 % of gain and 3 % of the largest force of drift", laws.elastic(laws.gent), CYCLE, ("force drift",), holes=THREE, read=lambda f, t: 1.03 * f + 0.03 * f.max() * t / t[-1]
     ),
-    "warmed": Case("10 % softer with time", laws.elastic(laws.gent, laws.warming), CYCLE, ("stiffness drift",), holes=THREE),
+    "warmed": Case("10 % softer with time", laws.elastic(laws.gent, laws.warming), CYCLE, ("stiffness or gain drift",), holes=THREE),
     "picture lost": Case("a picture lost, later ones one interval too early", laws.elastic(laws.gent), CYCLE, holes=THREE, seen=with_a_lost_picture),
     "nothing, wrong matches": Case("nothing, Gent; wrong matches and lost points", laws.elastic(laws.gent), CYCLE, null=True, spoilt=with_wrong_matches),
     "nothing, noise that lasts": Case("nothing, Gent; noise that lasts over pictures", laws.elastic(laws.gent), CYCLE, null=True, holes=THREE, noise=(0.004, 3.0, 0.0), spoilt=lasting),

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calibrate.effects.effect import Effect, Parameter, lacks_turn
-from calibrate.effects.stiffness_field import SOFTEST
+
+MOST = 5.0  # times as stiff, or as soft, at the end
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,7 @@ class StiffnessDrift(Effect):
     Displacements show nothing of it: a gain of the load cell that drifts is the same. Several tests have it alike.
     """
 
-    name = "stiffness drift"
+    name = "stiffness or gain drift"
     stage = "force"
     of_rig = True
     formula = "f / (1 + s t)"
@@ -26,7 +27,7 @@ class StiffnessDrift(Effect):
         return lacks_turn(data)
 
     def is_possible(self, data, a, shape):
-        return 1.0 + float(a[0] * data.time[-1]) > SOFTEST
+        return 1 / MOST < 1.0 + float(a[0] * data.time[-1]) < MOST
 
     def loads(self, data, loads, a, shape):
         return loads / (1.0 + a[0] * data.time)[:, None, None]

@@ -45,7 +45,9 @@ def few_by_fields(
     return found
 
 
-def with_forces(problem: Problem, found: FewEffects, effects: Sequence[Effect], priors: Priors) -> Updated:
+def with_forces(
+    problem: Problem, found: FewEffects, effects: Sequence[Effect], priors: Priors, say: Resumable = SILENT
+) -> Updated:
     """The best of them, updated by forces: the first of these that does not take the fields further from what was measured than they were, or than neo-Hooke has them. All, with effects
     with a memory beside them; those with a memory alone, as the rest stays; the factor alone. Raises `FitError` where no force is known, `OptionError` without an equilibrium."""
     remembered = [
@@ -57,7 +59,9 @@ def with_forces(problem: Problem, found: FewEffects, effects: Sequence[Effect], 
     known |= {one.effect.name: (np.array([p.null for p in one.effect.amplitudes]), one.deviations) for one in remembered}  # fmt: skip
     replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
     times = other_times(additions, problem.trained[0].chain.data)
-    for some, of_memory in ((additions, False), *([(additions, True)] if remembered else []), (best, True)):
+    tries = ((additions, False), *([(additions, True)] if remembered else []), (best, True))
+    for number, (some, of_memory) in enumerate(tries, 1):
+        say(f"few effects updated by the forces of their replays, {number} of at most {len(tries)} ways")
         new = update(replays, found.c, some, known, times if some is additions else (), of_memory)
         if new is None:
             raise OptionError(f"the few effects have no equilibrium to start from: {replays.failure}")

@@ -26,10 +26,10 @@ EACH = 12  # increments of a test that are compared
 
 
 def other_times(additions: Additions, data: Data) -> list[Additions]:
-    """The same effects with every other time that the score tests try, of a material that remembers one; its amplitude is left as it is."""
+    """The same effects with every other relaxation time that the score tests try; its amplitude is left as it is."""
     found = []
     for i, a in enumerate(additions):
-        if a.effect.remembers and a.shape:
+        if a.effect.stage == "relaxation":
             found += [
                 (*additions[:i], replace(a, shape=tuple(shape)), *additions[i + 1 :])
                 for shape in a.effect.shape_values(data)

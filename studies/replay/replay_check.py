@@ -70,9 +70,8 @@ class FiniteElementCheck:
         except FAILURES as error:
             return NoReplayCheck(str(error))
         few = replace(few, neo_hooke=self._at_own_level(found, few.c))
-        say("few effects updated by the forces of their replays")
         try:
-            new = few_effects_replay.with_forces(problem, few, effects, priors)
+            new = few_effects_replay.with_forces(problem, few, effects, priors, say)
             return replace(few, updated=replace(new, check=_Check(found).of_updated(new)))
         except FAILURES as error:
             return replace(few, updated=NoReplayCheck(str(error)))

@@ -57,7 +57,7 @@ class StiffnessDrift(Disturbance):
     """Forces grow by a share s in every second, 1/s: of the material, or of the gain."""
 
     s: float
-    name: ClassVar[str] = "stiffness drift"
+    name: ClassVar[str] = "stiffness or gain drift"
 
     def forces(self, force, time):
         return force * (1 + self.s * time)[:, None]

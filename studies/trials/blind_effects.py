@@ -194,7 +194,7 @@ RECORDING: dict[str, Draw] = {
     "force offset": _force_offset,
     "force drift": _force_drift,
     "force gain": _force_gain,
-    "stiffness drift": _stiffness_drift,
+    "stiffness or gain drift": _stiffness_drift,
     "lag between force and image": _lag,
     "image rotation": _rotation,
     "DIC scale": _scale,
@@ -214,7 +214,7 @@ LATER = (
     "camera tilt",
     "force drift",
     "magnification drift",
-    "stiffness drift",
+    "stiffness or gain drift",
     "finite viscoelasticity",
 )  # their seeds come after all others, so that runs from before them keep their trials
 FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
@@ -224,7 +224,7 @@ UNLOADING = (
     "permanent set",
     "force drift",
     "magnification drift",
-    "stiffness drift",
+    "stiffness or gain drift",
     "finite viscoelasticity",
 )
 SOLID = "3D effect of thickness"

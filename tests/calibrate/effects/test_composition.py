@@ -19,7 +19,7 @@ STRONG = {
     "second invariant": (0.1,),  # as stiff as the base
     "viscoelasticity": (1.1,),
     "finite viscoelasticity": (0.3,),
-    "stiffness drift": (0.05,),
+    "stiffness or gain drift": (0.05,),
     "second relaxation time": (0.3,),
     "permanent set": (0.2,),
     "3D effect of thickness": (0.3,),

@@ -15,7 +15,7 @@ TOLERANCE = {
     "second invariant": 0.03,
     "finite viscoelasticity": 0.03,
     "force drift": 0.02,
-    "stiffness drift": 0.03,
+    "stiffness or gain drift": 0.03,
     "lag between force and image": 0.01,
     "lens distortion": 0.01,
     "out-of-plane motion": 0.03,

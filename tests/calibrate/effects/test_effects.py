@@ -156,7 +156,7 @@ def test_what_the_data_lack_is_named(chain):
     lacking = {effect.name: effect.missing(ramp) for effect in CATALOGUE}
     assert {name: what for name, what in lacking.items() if what} == {
         **dict.fromkeys(("Mullins softening", "Payne softening", "permanent set"), "unloading"),
-        **dict.fromkeys(("force drift", "magnification drift", "stiffness drift"), "a pause or a way back"),
+        **dict.fromkeys(("force drift", "magnification drift", "stiffness or gain drift"), "a pause or a way back"),
     }
     timeless = Data.of(dataclasses.replace(experiment, time=None))
     assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
@@ -166,7 +166,7 @@ def test_what_the_data_lack_is_named(chain):
         "second finite relaxation time",
         "force drift",
         "magnification drift",
-        "stiffness drift",
+        "stiffness or gain drift",
         "lag between force and image",
     }
 

@@ -271,7 +271,7 @@ AMPLITUDES = {
     "force offset": (0.5,),
     "force drift": (0.1,),
     "magnification drift": (0.004,),
-    "stiffness drift": (-0.02,),
+    "stiffness or gain drift": (-0.02,),
 }
 
 
@@ -335,7 +335,7 @@ def test_the_record_is_corrected_with_the_forces_of_the_pictures():
     turned, late, later = (Addition(BY_NAME[name], (a,), shape) for name, a, shape in
                            (("image rotation", 0.02, ()), ("lag between force and image", 0.5, (1.0,)), ("lag between force and image", 1.5, (1.0,))))  # fmt: skip
     drift = Addition(BY_NAME["force drift"], (0.1,), ())
-    softer = Addition(BY_NAME["stiffness drift"], (-0.02,), ())
+    softer = Addition(BY_NAME["stiffness or gain drift"], (-0.02,), ())
     for acting in (turned, drift, softer):
         true = true_surface(seen, (acting,))
         for boundary, force in zip(true.loaded, true.record.force, strict=True):
