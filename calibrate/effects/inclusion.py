@@ -12,11 +12,8 @@ import numpy as np
 from calibrate.effects.effect import Effect, Parameter
 from calibrate.effects.stiffness_field import SOFTEST
 
-GRID = (
-    (8, 1 / 12),
-    (4, 1 / 6),
-    (4, 1 / 3),
-)  # circles that are tried: places along the longest side, and the radius over it
+# Circles that are tried: places along the longest side, and the radius over it.
+GRID = ((8, 1 / 12), (4, 1 / 6), (4, 1 / 3))
 EDGE = 0.2  # over the root of a triangle's area: the share of it within a line through it is about a logistic function of this width
 ROUND = 1e-6  # of the square of half the logarithm of the ratio of the axes, below which series are used
 

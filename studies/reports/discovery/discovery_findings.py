@@ -131,9 +131,10 @@ def _of_effects(view: View) -> Iterator[Finding]:
     if view.weighing is not None:
         alternatives = alternatives_data(view.weighing)
         found = view.discovery
-        confirmed = found.verdict is Verdict.EXPLAINED and isinstance(found.replay_check, ReplayCheck)
+        explained = found.verdict is Verdict.EXPLAINED
+        confirmed = explained and isinstance(found.replay_check, ReplayCheck)
         alarming = alternatives["unknown"] is not None and not confirmed
-        yield _finding(DiscoveryCode.ALTERNATIVES, alarming, **alternatives, confirmed=confirmed)
+        yield _finding(DiscoveryCode.ALTERNATIVES, alarming, **alternatives, confirmed=confirmed, explained=explained)
         yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))
 
 

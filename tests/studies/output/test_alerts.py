@@ -224,14 +224,17 @@ def of_first_round(**changes: Any) -> Findings:
     return of_nothing(rounds=(replace(first, **changes), *rest))
 
 
-def of_weighing(unexplained: float = 0.7) -> Findings:
+def of_weighing(unexplained: float = 0.7, inclusion: float = 0.2, **changes: Any) -> Findings:
     """Of a weighing as far as its sentences look at it: the second invariant or nothing, one effect invisible."""
     said = [SimpleNamespace(names=("second invariant",), discrepancy=False, probability=0.2),
             SimpleNamespace(names=(), discrepancy=True, probability=unexplained)]  # fmt: skip
     hidden = SimpleNamespace(effect=SimpleNamespace(name="upturn", confounded_with=""), finding=Power.INVISIBLE)
-    alternatives = SimpleNamespace(explanations=said, inclusion={"second invariant": 0.2}, unexplained=unexplained)
+    hidden.beside_a_misfit = hidden
+    alternatives = SimpleNamespace(
+        explanations=said, inclusion={"second invariant": inclusion}, unexplained=unexplained
+    )
     weighing = Weighing(cast(Any, alternatives), {}, cast(Any, (hidden,)), fitted=True)
-    return of_nothing(weighing=weighing)
+    return of_nothing(weighing=weighing, **changes)
 
 
 def replaced(name: str) -> Findings:
@@ -768,6 +771,13 @@ def test_forces_of_grips_that_differ_are_told():
 
 def test_an_inclusion_in_the_material_is_no_hole():
     assert "E414" not in {one.alert.code for one in of_inclusion(0.4, 0.4)}
+
+
+@pytest.mark.parametrize(("verdict", "is_found"), [(Verdict.NOT_EXPLAINED, False), (Verdict.EXPLAINED, True)])
+def test_what_all_explanations_have_is_a_finding_of_an_explained_test_alone(verdict, is_found):
+    told = next(one for one in of_weighing(0.01, 0.99, verdict=verdict) if one.alert.code == "E402")
+    assert ("Present with more than 95 %" in told.text) is is_found
+    assert ("no finding" in told.text) is not is_found
 
 
 def test_half_of_a_sheet_is_no_rim():
