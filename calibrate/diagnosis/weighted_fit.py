@@ -15,8 +15,10 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Addition, Additions
+from calibrate.errors import FitError
 
 Array = NDArray[np.float64]
+NOTHING = 1e-6  # of the coefficients of the base, which is no base
 TURNS, NEAR = 2, 0.5  # updates of the weights by a fit; standard deviations between both that are near enough
 
 
@@ -56,8 +58,11 @@ def _mean(one: Addition, other: Addition) -> Addition:
 
 
 def fit_with_own_weights(problem: Problem, c: Array, additions: Additions) -> tuple[Problem, Fit]:
-    """The fit whose weights belong to it: those of a base that makes up for a missing effect are wrong."""
+    """The fit whose weights belong to it: those of a base that makes up for a missing effect are wrong. Raises `FitError` where nothing is left of the base: it has no weights."""
     problem, fit = fit_with_weights(problem, c, additions)
+    if not np.linalg.norm(fit.c) > NOTHING * np.linalg.norm(c):
+        names = " and ".join(a.effect.name for a in additions)
+        raise FitError(f"{names}: takes the place of the material, and leaves nothing of the base")
     problem = model_weights.reweighted(problem, fit.c, fit.additions)
     return fit_with_weights(problem, fit.c, fit.additions)
 

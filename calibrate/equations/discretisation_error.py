@@ -140,7 +140,7 @@ def sources(system: Equilibrium, basis: Basis, c: Array) -> Sources:
         together = single @ np.eye(group.max(initial=0) + 1)[group]
         covariance += together @ together.T
     columns = _root(covariance)
-    return Sources(((columns.reshape(len(chosen), -1, columns.shape[1]), shares),))
+    return Sources(((columns.reshape(len(chosen), len(columns) // len(chosen), columns.shape[1]), shares),))
 
 
 def _root(covariance: Array) -> Array:

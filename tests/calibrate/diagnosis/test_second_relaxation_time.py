@@ -15,6 +15,8 @@ from calibrate.diagnosis.problem import all_rows
 from calibrate.diagnosis.selection import Verdict
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
+from calibrate.equations import discretisation_error
+from calibrate.errors import FitError
 from forward.loading import Loading
 from forward.materials import NeoHooke
 from forward.sheet.inelastic import solve_history
@@ -47,6 +49,17 @@ def test_both_times_are_found():
     values = sorted((a.amplitudes[0] / (MU if a.effect.has_spring else 1), a.shape[0]) for a in found.final.additions)
     for (g, tau), (true_g, true_tau) in zip(values, sorted((SLOW, FAST)), strict=True):
         assert g == pytest.approx(true_g, rel=0.05) and tau == pytest.approx(true_tau, rel=0.2)
+
+
+def test_a_fit_that_leaves_nothing_of_the_base_is_a_named_error(monkeypatch):
+    """Whatever takes its place: it has no weights of its own, nor a discretisation error."""
+    problem, base = prepare([held(FAST)], [all_rows])
+    gone = replace(base, c=np.zeros_like(base.c))
+    monkeypatch.setattr(weighted_fit, "fit_with_weights", lambda problem, c, additions: (problem, gone))
+    with pytest.raises(FitError, match="viscoelasticity: takes the place of the material"):
+        weighted_fit.fit_with_own_weights(problem, base.c, (Addition(FIRST, (0.3,), (2.0,)),))
+    left = discretisation_error.sources(problem.trained[0].system, problem.basis, gone.c)
+    assert all(columns.size == 0 and len(columns) > 0 for columns, _ in left.parts)
 
 
 def test_a_second_time_is_a_candidate_beside_the_first_alone_and_takes_its_place():
