@@ -106,7 +106,7 @@ CASES = {
     ),
     "fibres": Case("fibres in tension alone, 30 degrees", laws.elastic(laws.reinforced), ramp(30, 3, pictures=(10, 7)), ("one fibre family",), holes=THREE),
     "step": Case("15 % thicker right of an inclined line", laws.elastic(laws.gent, laws.step), ramp(30, pictures=(14,)), ("stiffness field", "inclusion", "stiffness gradient")),
-    "ellipse": Case("a softer ellipse in Ogden's law", laws.elastic(laws.ogden, laws.ellipse), ramp(35, pictures=(14,)), ("inclusion", "stiffness field"), holes=((-10.0, 2.0, 8.0),)),
+    "ellipse": Case("a softer ellipse in Ogden's law", laws.elastic(laws.ogden, laws.ellipse), ramp(35, pictures=(14,)), ("inclusion", "stiffness field", "second invariant", "upturn"), holes=((-10.0, 2.0, 8.0),)),
     "crack": Case("a crack of 6 mm at the lower edge", laws.elastic(laws.gent), ramp(25, pictures=(14,)), holes=((20.0, 5.0, 7.0),), slit=(-20.0, 6.0), spacing=2.0),
     "camera moved": Case("magnification in proportion to time", laws.elastic(laws.gent), CYCLE, ("magnification drift",), seen=moved_away),
     "load cell drifted": Case(
