@@ -59,7 +59,10 @@ class TrialSet:
 
 FIXED = "none was looked at before the diagnosis was fixed"
 FOREIGN = "--foreign --seed {} --trials 6 --nulls 46 --pairs 40"
-BEFORE_INCLUSIONS = frozenset(NEARLY) - {"stiffness field"}  # an inclusion was not in the catalogue then
+BEFORE_FINITE = frozenset(NEARLY) - {
+    "viscoelasticity"
+}  # branches with a multiplicative split were not in the catalogue then
+BEFORE_INCLUSIONS = BEFORE_FINITE - {"stiffness field"}  # nor was an inclusion
 SETS = (
     TrialSet("blind.json", "--seed 20000", "verdicts of the rounds alone", FIXED),
     TrialSet(
@@ -107,35 +110,35 @@ FOREIGN_SETS = (
         FOREIGN.format(71000),
         "two correlation lengths of noise, inclusions, weights by one Cholesky factor",
         "revisions 91a02ac and ec5213a, the diagnosis the same; stopped for time, looked at once",
-        frozenset(NEARLY),
+        BEFORE_FINITE,
     ),
     TrialSet(
         "foreign_75000.json",
         FOREIGN.format(75000),
         "weights that do not follow what a base misses, edges and thickness by the twin's elements",
         "revision 9a48653, the first 100 of the plan: some on 16 cores, the long ones first, then in the order of the plan; stopped for time, looked at once",
-        frozenset(NEARLY),
+        BEFORE_FINITE,
     ),
     TrialSet(
         "foreign_77000.json",
         FOREIGN.format(77000),
         "a lens about its own centre, fibres with dispersion, tried with little stiffening",
         "revisions cab7f5d and 794276b, the diagnosis of one test the same, and ea63503, f771f59 and 122819e, which have a camera tilt in their catalogue; the whole plan, in five parts, looked at after each",
-        frozenset(NEARLY),
+        BEFORE_FINITE,
     ),
     TrialSet(
         "foreign_80000.json",
         "--foreign --seed 80000 --trials 6 --nulls 4",
         "replays with the strip that the camera does not see",
         "revision ceb4422, in the order of the plan; stopped for time, looked at when 58 were there and at the end",
-        frozenset(NEARLY),
+        BEFORE_FINITE,
     ),
     TrialSet(
         "foreign_84000.json",
         "--foreign --seed 84000 --trials 8 --nulls 46 --pairs 33",
         "a second relaxation time, drifts, no alarm where evidence for none is positive",
         "revisions 621a6be (21) and 8cc3557 (35), in the order of the plan; stopped for time, looked at when 14, 18 and 21 were there and at the end",
-        frozenset(NEARLY),
+        BEFORE_FINITE,
     ),
 )
 

@@ -15,32 +15,22 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from calibrate.effects.effect import Effect, Parameter, lacks_rate
-from calibrate.effects.viscosity import relaxation_times
+from calibrate.effects.effect import Parameter
+from calibrate.effects.viscosity import Relaxation
 from calibrate.equations.tensors import Tensors
 
 STEPS = 4  # between two increments
 
 
 @dataclass(frozen=True)
-class FiniteViscosity(Effect):
+class FiniteViscosity(Relaxation):
     """P gains that of the spring; C is linear in time between increments, and the sheet at rest at time 0."""
 
     name = "finite viscoelasticity"
-    stage = "relaxation"
-    of_material = True
     has_spring = True
     formula = "S + mu (C_v^-1 - C33 C_v33^-1 C^-1), tau dC_v/dt = C - (C : C_v^-1) C_v / 3"
     source = "Lubliner 1985; Reese and Govindjee 1998"
     amplitudes = (Parameter("mu", "MPa", lower=0.0, typical=0.1),)
-    shapes = (Parameter("tau", "s", lower=0.0),)
-    decided_by = "a pause in the loading, or a second rate"
-
-    def missing(self, data):
-        return lacks_rate(data)
-
-    def shape_values(self, data):
-        return [(time,) for time in relaxation_times(data)]
 
     def stress(self, data, F, P, a, shape):
         F = Tensors.of(F)

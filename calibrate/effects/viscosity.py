@@ -9,22 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter, lacks_rate
-from calibrate.effects.support.effect_data import Data
 from calibrate.equations.tensors import Tensors
 
 TIMES = 5
 
 
-@dataclass(frozen=True)
-class Viscosity(Effect):
-    """S_iso gains Q = g int exp(-(t - s) / tau) dS_iso/ds ds; S_iso is linear in time between increments and zero at t = 0."""
+class Relaxation(Effect):
+    """Base of the effects whose stress follows the strain in a time of their own, `tau`."""
 
-    name = "viscoelasticity"
     stage = "relaxation"
     of_material = True
-    formula = "S + Q - C33 Q33 C^-1, Q = g int exp(-(t - s) / tau) dS_iso (of a Prony series as in Abaqus: g / (1 + g))"
-    source = "Simo 1987"
-    amplitudes = (Parameter("g", "1", lower=0.0, typical=0.2),)
     shapes = (Parameter("tau", "s", lower=0.0),)
     decided_by = "a pause in the loading, or a second rate"
 
@@ -32,7 +26,18 @@ class Viscosity(Effect):
         return lacks_rate(data)
 
     def shape_values(self, data):
-        return [(time,) for time in relaxation_times(data)]
+        steps = np.diff(np.asarray(data.time), prepend=0.0)
+        return [(float(t),) for t in np.geomspace(max(steps.min(), 1e-3 * data.time[-1]), data.time[-1], TIMES)]
+
+
+@dataclass(frozen=True)
+class Viscosity(Relaxation):
+    """S_iso gains Q = g int exp(-(t - s) / tau) dS_iso/ds ds; S_iso is linear in time between increments and zero at t = 0."""
+
+    name = "viscoelasticity"
+    formula = "S + Q - C33 Q33 C^-1, Q = g int exp(-(t - s) / tau) dS_iso (of a Prony series as in Abaqus: g / (1 + g))"
+    source = "Simo 1987"
+    amplitudes = (Parameter("g", "1", lower=0.0, typical=0.2),)
 
     def stress(self, data, F, P, a, shape):
         F, P = Tensors.of(F), Tensors.of(P)
@@ -42,12 +47,6 @@ class Viscosity(Effect):
         of_each = jnp.stack([whole.xx, whole.xy, whole.yx, whole.yy, -trace / C33], axis=-1)
         *Q, Q33 = jnp.moveaxis(convolved(of_each, data.time, shape[0]), -1, 0)
         return (P + F @ (Tensors(*Q) - C.inverse * (C33 * Q33)) * a[0]).array
-
-
-def relaxation_times(data: Data) -> list[float]:
-    """That are tried, s: from the shortest interval to the whole test."""
-    steps = np.diff(np.asarray(data.time), prepend=0.0)
-    return [float(t) for t in np.geomspace(max(steps.min(), 1e-3 * data.time[-1]), data.time[-1], TIMES)]
 
 
 def convolved(values: Any, time: Any, tau: Any) -> Any:

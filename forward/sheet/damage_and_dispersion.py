@@ -6,7 +6,7 @@ No effect of the diagnosis has their whole formula, but for the ellipse: its own
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from forward._dolfinx import ufl
 from forward.errors import MaterialError
@@ -88,8 +88,8 @@ class OgdenPart(Addition):
 
 
 @dataclass(frozen=True)
-class EllipticInclusion(Addition):
-    """s = 1 + height within an ellipse around (x, y), and 1 outside. long, short: half axes, mm; angle, rad: of the long one to x."""
+class _Inclusion(Addition):
+    """s = 1 + height within an outline around (x, y), and 1 outside. long, short: half its length and width, mm; angle, rad: of the length to x."""
 
     height: float
     x: float
@@ -97,29 +97,30 @@ class EllipticInclusion(Addition):
     long: float
     short: float
     angle: float
+    positive: ClassVar[tuple[str, ...]] = ("long", "short")
+
+    def field(self, X, p):
+        x, y, c, s = X[0] - p[1], X[1] - p[2], ufl.cos(p[5]), ufl.sin(p[5])
+        return ufl.conditional(self.inside((c * x + s * y) / p[3], (c * y - s * x) / p[4]), 1 + p[0], 1.0)
+
+    def inside(self, along: Any, across: Any) -> Any:
+        """UFL condition, of shares of half the length and width."""
+        raise NotImplementedError
+
+
+class EllipticInclusion(_Inclusion):
+    """An ellipse with these half axes."""
+
     name: ClassVar[str] = "elliptic inclusion"
-    positive: ClassVar[tuple[str, ...]] = ("long", "short")
 
-    def field(self, X, p):
-        x, y, c, s = X[0] - p[1], X[1] - p[2], ufl.cos(p[5]), ufl.sin(p[5])
-        inside = ufl.le(((c * x + s * y) / p[3]) ** 2 + ((c * y - s * x) / p[4]) ** 2, 1.0)
-        return ufl.conditional(inside, 1 + p[0], 1.0)
+    def inside(self, along, across):
+        return ufl.le(along**2 + across**2, 1.0)
 
 
-@dataclass(frozen=True)
-class RectangularInclusion(Addition):
-    """s = 1 + height within a rectangle around (x, y), and 1 outside. long, short: half sides, mm; angle, rad: of the long one to x."""
+class RectangularInclusion(_Inclusion):
+    """A rectangle with these half sides."""
 
-    height: float
-    x: float
-    y: float
-    long: float
-    short: float
-    angle: float
     name: ClassVar[str] = "rectangular inclusion"
-    positive: ClassVar[tuple[str, ...]] = ("long", "short")
 
-    def field(self, X, p):
-        x, y, c, s = X[0] - p[1], X[1] - p[2], ufl.cos(p[5]), ufl.sin(p[5])
-        along, across = abs(c * x + s * y) / p[3], abs(c * y - s * x) / p[4]
-        return ufl.conditional(ufl.And(ufl.le(along, 1.0), ufl.le(across, 1.0)), 1 + p[0], 1.0)
+    def inside(self, along, across):
+        return ufl.And(ufl.le(abs(along), 1.0), ufl.le(abs(across), 1.0))

@@ -256,6 +256,4 @@ def _true_sides(table: EdgesTable, points: Array, triangles: Index) -> list[Segm
 def _sides(table: EdgesTable, points: Array, triangles: Index) -> dict[str, Index]:
     """Nodes of every side of the outline."""
     rim = boundary_nodes(triangles)
-    pitch = spacing_of(points)
-    tolerance = table.tolerance_mm or ON_SIDE * pitch
-    return {side: rim[inwards(points, side)[rim] <= tolerance] for side in SIDES}
+    return {side: rim[_at_sides(points, (side,), table.tolerance_mm)[rim]] for side in SIDES}

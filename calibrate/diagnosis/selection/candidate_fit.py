@@ -26,7 +26,7 @@ from calibrate.effects.chain import Addition
 
 Array = NDArray[np.float64]
 FIRST_STEP = 0.13  # of a shape, over its size
-SHAPE_EVALUATIONS = 14, 5  # at least, and for each shape and one more; the fit goes on from there
+LEAST_EVALUATIONS, EVALUATIONS = 14, 5  # of shapes: in all, and for each and one more; the fit goes on from there
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +199,7 @@ def at_best_shape(now: Model, found: Score) -> Score:
         start,
         method="Nelder-Mead",
         options={
-            "maxfev": max(SHAPE_EVALUATIONS[0], SHAPE_EVALUATIONS[1] * (len(start) + 1)),
+            "maxfev": max(LEAST_EVALUATIONS, EVALUATIONS * (len(start) + 1)),
             "initial_simplex": simplex,
             "xatol": 1e-3,
             "fatol": 1e-2,
