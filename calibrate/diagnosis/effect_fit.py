@@ -134,7 +134,7 @@ class _Linearised:
         """Values over their scale and their bounds (k,)."""
         if not self.variables.additions:
             return np.zeros(0), np.zeros(0), np.zeros(0)
-        lower, upper = (end / self.scale for end in self.variables.bounds)
+        lower, upper = (end / self.scale for end in self.variables.bounds(self.problem.tests))
         return np.clip(self.variables.values / self.scale, lower, upper), lower, upper
 
     def solve(self, damping: float) -> Array:

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.effects import Parameter
+from calibrate.effects import Effect, Parameter
 from calibrate.effects.chain import Addition, Additions
+from calibrate.effects.support.effect_data import Data
 
 Array = NDArray[np.float64]
 ANGLE = 0.5  # rad, by which an angle is uncertain before a test
@@ -28,15 +29,22 @@ def not_distinct_from_null(addition: Addition, deviations: Sequence[float]) -> b
     )
 
 
-def at_bounds(addition: Addition) -> bool:
+def limits(effect: Effect, tests: Sequence[Data]) -> tuple[Array, Array]:
+    """Lower and upper amplitudes (p,) that are possible in every test; in any, if there are none."""
+    of_all = [(p.lower, p.upper) for p in effect.amplitudes]
+    lower, upper = zip(tuple(np.transpose(of_all)), *(effect.limits(data) for data in tests), strict=True)
+    return np.max(lower, axis=0), np.min(upper, axis=0)
+
+
+def at_bounds(addition: Addition, tests: Sequence[Data] = ()) -> bool:
     """Whether an amplitude is at the end of what is possible, and not at its null value: it would go further, and is none that a specimen or a rig has."""
-    pairs = zip(addition.amplitudes, addition.effect.amplitudes, strict=True)
-    return any(a != p.null and a in (p.lower, p.upper) for a, p in pairs)
+    ends = zip(addition.amplitudes, addition.effect.amplitudes, *limits(addition.effect, tests), strict=True)
+    return any(a != p.null and not lower < a < upper for a, p, lower, upper in ends)
 
 
 @dataclass(frozen=True)
 class Variables:
-    """Amplitudes and shapes of additions as one vector of numbers of order 1, and its bounds."""
+    """Amplitudes and shapes of additions as one vector of numbers of order 1, and its bounds in the tests that are fitted."""
 
     additions: Additions
 
@@ -82,10 +90,12 @@ class Variables:
         """Values (k,) of `parameters`, each in its unit."""
         return np.array([value for _, value in self.parameters])
 
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper (k,); shapes move by no more than half their size, or a fifth of a radian, at a time."""
+    def bounds(self, tests: Sequence[Data] = ()) -> tuple[Array, Array]:
+        """Lower and upper (k,) in every test; shapes move by no more than half their size, or a fifth of a radian, at a time."""
         lower, upper = (np.array([getattr(p, end) for p, _ in self.parameters]) for end in ("lower", "upper"))
+        if self.additions:
+            ends = zip(*(limits(a.effect, tests) for a in self.additions), strict=True)
+            lower[~self.is_shape], upper[~self.is_shape] = (np.concatenate(end) for end in ends)
         reach = np.where([p.unit == "rad" for p, _ in self.parameters], 2.0, 0.5) * self.scale
         lower = np.where(self.is_shape, np.maximum(lower, self.values - reach), lower)
         upper = np.where(self.is_shape, np.minimum(upper, self.values + reach), upper)

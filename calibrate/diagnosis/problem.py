@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment
 from calibrate.effects import Effect
 from calibrate.effects.chain import Additions, Chain
+from calibrate.effects.support.effect_data import Data
 from calibrate.equations import kinematics
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.equilibrium import Equilibrium
@@ -130,6 +131,11 @@ class Problem:
     def trained(self) -> tuple[Part, ...]:
         """The parts that have training rows."""
         return tuple(part for part in self.parts if part.train.size)
+
+    @property
+    def tests(self) -> tuple[Data, ...]:
+        """What effects read of them."""
+        return tuple(part.chain.data for part in self.trained)
 
     @property
     def of_one_test(self) -> Problem:

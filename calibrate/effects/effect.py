@@ -147,8 +147,12 @@ class Effect:
         """Whether a member of a family is a simpler effect under another name."""
         return False
 
+    def limits(self, data: Data) -> tuple[Array, Array]:
+        """Lower and upper amplitudes (p,) that are possible in a test."""
+        return np.array([p.lower for p in self.amplitudes]), np.array([p.upper for p in self.amplitudes])
+
     def is_possible(self, data: Data, a: Any, shape: Any) -> bool:
-        """Whether a body can have these amplitudes (p,), beyond the bounds of each."""
+        """Whether a body can have these amplitudes (p,) together, beyond the limits of each."""
         return True
 
     def missing(self, data: Data) -> str | None:

@@ -9,6 +9,8 @@ import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter, lacks_rate
 
+MOST = 0.5  # of the duration of a test
+
 
 @dataclass(frozen=True)
 class Lag(Effect):
@@ -34,6 +36,10 @@ class Lag(Effect):
 
     def missing(self, data):
         return lacks_rate(data)
+
+    def limits(self, data):
+        most = MOST * float(data.time[-1] - data.time[0])
+        return np.array([-most]), np.array([most])
 
     def shape_values(self, data):
         if data.motion is None or np.allclose(data.motion[0], data.motion[1]):

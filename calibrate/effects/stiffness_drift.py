@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from calibrate.effects.effect import Effect, Parameter, lacks_turn
 
 MOST = 5.0  # times as stiff, or as soft, at the end
@@ -26,8 +28,9 @@ class StiffnessDrift(Effect):
     def missing(self, data):
         return lacks_turn(data)
 
-    def is_possible(self, data, a, shape):
-        return 1 / MOST < 1.0 + float(a[0] * data.time[-1]) < MOST
+    def limits(self, data):
+        end = float(data.time[-1])
+        return np.array([1 / MOST - 1.0]) / end, np.array([MOST - 1.0]) / end
 
     def loads(self, data, loads, a, shape):
         return loads / (1.0 + a[0] * data.time)[:, None, None]

@@ -97,7 +97,7 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
         return RefusalReason.NO_BETTER_FIT
     if not_distinct_from_null(candidate.addition, candidate.deviations):
         return RefusalReason.NULL_AMPLITUDE
-    if any(at_bounds(one) for one in candidate.fit.additions):
+    if any(at_bounds(one, model.problem.tests) for one in candidate.fit.additions):
         return RefusalReason.INADMISSIBLE
     if not all(is_possible(model.problem, one) for one in candidate.fit.additions):
         return RefusalReason.IMPOSSIBLE
@@ -118,7 +118,7 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
 
 def is_possible(problem: Problem, one: Addition) -> bool:
     """In every test that was fitted."""
-    return all(one.effect.is_possible(part.chain.data, one.amplitudes, one.shape) for part in problem.trained)
+    return all(one.effect.is_possible(data, one.amplitudes, one.shape) for data in problem.tests)
 
 
 def has_soft_base(fit: Fit, base: Fit, thresholds: Thresholds) -> bool:

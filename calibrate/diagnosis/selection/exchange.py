@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from calibrate.diagnosis import score_tests, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.parameters import at_bounds, not_distinct_from_null
+from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection import candidate_fit
 from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
@@ -49,7 +50,7 @@ def review(
         for candidate in place.candidates:
             assert candidate.addition is not None
             gain = place.misfit - penalised_misfit(candidate)
-            if gain > most and is_sound(candidate):
+            if gain > most and is_sound(candidate, model.problem):
                 most, best = gain, candidate_fit.model(candidate)
                 exchange = Exchange(name, candidate.name)
     if exchange is None:
@@ -63,12 +64,18 @@ def not_continued(additions: Additions) -> Additions:
     return tuple(a for a in additions if a.effect.name not in continued)
 
 
-def is_sound(candidate: Candidate) -> bool:
-    """Whether a fitted effect is there, possible, and no simpler one under another name."""
+def is_sound(candidate: Candidate, problem: Problem) -> bool:
+    """Whether a fitted effect is there and no simpler one under another name, and it and those beside it are possible."""
     addition = candidate.addition
+    assert candidate.fit is not None
     assert addition is not None
-    degenerate = at_bounds(addition) or addition.effect.is_degenerate(addition.shape)
-    return not degenerate and not not_distinct_from_null(addition, candidate.deviations)
+    if any(
+        at_bounds(one, problem.tests) or not candidate_fit.is_possible(problem, one) for one in candidate.fit.additions
+    ):
+        return False
+    return not addition.effect.is_degenerate(addition.shape) and not not_distinct_from_null(
+        addition, candidate.deviations
+    )
 
 
 def _place(

@@ -14,7 +14,7 @@ from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, effect_fit, model_weights, residual_tests
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit
-from calibrate.diagnosis.parameters import at_bounds
+from calibrate.diagnosis.parameters import at_bounds, limits
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.candidate_fit import Model, falls_in_either_weights
 from calibrate.diagnosis.selection.confirmation import allowed_force_error, confirm, errors_grow
@@ -24,6 +24,7 @@ from calibrate.diagnosis.selection.verdict import conclude
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.effects.fibres import TwoFibreFamilies
+from calibrate.effects.support.effect_data import Data
 from calibrate.equations.noise_covariance import cholesky_factor
 from calibrate.errors import FitError
 
@@ -32,11 +33,12 @@ USUAL = Misfit(0.3, 0.3, 20.0, 100, (1e-4, 1e-4), -5.0)
 
 
 @cache
+def noisy_plate():
+    return synthetic.with_noise(synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.0), n_increments=4), NOISE, 1)
+
+
 def prepared():
-    sheet = synthetic.with_noise(
-        synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.0), n_increments=4), NOISE, 1
-    )
-    return base_fit.prepare([sheet], [HoldOut().training])
+    return base_fit.prepare([noisy_plate()], [HoldOut().training])
 
 
 def effect(name):
@@ -164,3 +166,23 @@ def test_weights_of_a_material_that_ran_away_are_refused_by_name():
             cholesky_factor(covariance)
     weights = prepared()[0].trained[0].train
     assert np.isnan(weights(np.full(weights.rows.shape, np.nan))).all()
+
+
+@pytest.mark.parametrize(("growth", "is_beyond"), [(1.5, False), (20.0, True)])
+def test_a_fit_keeps_a_drift_within_what_a_test_leaves_possible(growth, is_beyond):
+    """Forces that grow as no gain does: five times as stiff at the end is the most."""
+    time = np.array([1.0, 2.0, 10.0, 20.0])
+    factors = (1 + (growth - 1) * time / time[-1])[:, None]
+    sheet = replace(noisy_plate(), time=time)
+    sheet = replace(sheet, loaded=tuple(replace(b, force=b.force * factors) for b in sheet.loaded))
+    problem, base = base_fit.prepare([sheet], [HoldOut().training], base="neo-Hooke")
+    (fitted,) = effect_fit.refit(problem, base.c, (Addition(effect("stiffness or gain drift"), (0.0,)),)).additions
+    assert at_bounds(fitted, problem.tests) == is_beyond
+    assert fitted.amplitudes[0] * time[-1] == pytest.approx(min(growth, 5.0) - 1, rel=0.02)
+
+
+def test_the_shortest_of_several_tests_limits_a_lag():
+    lag, sheet = effect("lag between force and image"), noisy_plate()
+    both = [Data.of(replace(sheet, time=np.linspace(1.0, end, 4))) for end in (11.0, 31.0)]
+    assert [float(*end) for end in limits(lag, both)] == [-5.0, 5.0]
+    assert [float(*end) for end in limits(lag, ())] == [-np.inf, np.inf]
