@@ -19,13 +19,13 @@ from benchmarks.noise.kept_records import records
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut, Kind
-from calibrate.diagnosis.replayed.checked_replay import INTERVAL
 from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.effects import CATALOGUE
 from calibrate.effects.effect import distinct
 from calibrate.equations.virtual_fields import default_spacing
 from calibrate.fitting.noise.noise_check import with_checked_noise
+from calibrate.models.parameter_covariance import Z95
 from studies.commands.import_data import Frames, import_experiment
 from studies.commands.measured import SHEETS
 from studies.output.folder import open_output_folder
@@ -118,7 +118,7 @@ def table(found: list[dict[str, Any]]) -> list[list[str]]:
             continue
         names, probability = one["sets"][0]
         gradient = one["amplitudes"].get(PAIR[0])
-        gy = "" if gradient is None else f"{gradient[0][1]:.3f} +- {INTERVAL * gradient[1][1]:.3f}"
+        gy = "" if gradient is None else f"{gradient[0][1]:.3f} +- {Z95 * gradient[1][1]:.3f}"
         relaxation = one["memory"].get("viscoelasticity")
         shares = [f"{100 * one['inclusion'].get(name, 0.0):.0f} %" for name in PAIR]
         rows.append([case.sheet, case.change.words, ", ".join(names) or "none", f"{100 * probability:.0f} %", *shares, gy,

@@ -18,7 +18,7 @@ import numpy as np
 from calibrate.equations.deformation_modes import MODES, nominal_stress
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.extended_model import ExtendedModel
-from calibrate.models.parameter_covariance import BAND
+from calibrate.models.parameter_covariance import Z95
 from forward.materials import MATERIALS
 from studies import cli
 from studies.accuracy.metrics import MaterialDerivatives
@@ -72,7 +72,7 @@ def write(found: list[tuple[str, list[str], list[Curve]]], path: Path) -> None:
     content = {
         "command": "python -m benchmarks.evidence.curve_bands FOLDER",
         "made": datetime.now(UTC).date().isoformat(),
-        "how": f"{len(found)} crosses of {NODES} points and {PICTURES} pictures; band: {BAND} standard deviations; errors relative to the stress of the material",
+        "how": f"{len(found)} crosses of {NODES} points and {PICTURES} pictures; band: {Z95} standard deviations; errors relative to the stress of the material",
         "numbers": {
             "trials": len(found), "held": _share(inside), "held_at_end": _share(ends),
             "held_own": _share(_all_pulls(own, PLACES)), "held_foreign": _share(_all_pulls(foreign, PLACES)),
@@ -92,7 +92,7 @@ def rows(law: str, found: list[tuple[str, list[str], list[Curve]]]) -> list[list
         line: list[Any] = [law.replace("_", "-"), names, mode.replace("_", " ")]
         for places in (PLACES, (END,)):
             errors, halves = (np.array([one[p][k] for one in at for p in places]) for k in (0, 1))
-            line += [_share(BAND * errors / halves), f"{100 * _rms(errors):.2f} %", f"{100 * _rms(halves):.2f} %"]
+            line += [_share(Z95 * errors / halves), f"{100 * _rms(errors):.2f} %", f"{100 * _rms(halves):.2f} %"]
         result.append(line)
     return result
 
@@ -101,7 +101,7 @@ def _at_places(curve: Curve) -> dict[float, tuple[float, float]]:
     """Relative error and half of the band of a curve at places of its calibrated range, and at its end."""
     assert curve.truth is not None and curve.deviation is not None
     x, size = curve.stretch, np.where(curve.truth > 0, curve.truth, 1.0)
-    error, half = (curve.stress - curve.truth) / size, BAND * curve.deviation / size
+    error, half = (curve.stress - curve.truth) / size, Z95 * curve.deviation / size
     stretches = {p: 1 + p * (min(curve.limit, float(x[-1])) - 1) for p in PLACES} | {END: float(x[-1])}
     return {p: (float(np.interp(s, x, error)), float(np.interp(s, x, half))) for p, s in stretches.items()}
 
@@ -109,11 +109,11 @@ def _at_places(curve: Curve) -> dict[float, tuple[float, float]]:
 def _all_pulls(found: list[tuple[str, list[str], list[Curve]]], places: tuple[float, ...]) -> np.ndarray:
     """Errors over standard deviations."""
     at = [_at_places(curve) for *_, curves in found for curve in curves]
-    return np.array([BAND * one[p][0] / one[p][1] for one in at for p in places])
+    return np.array([Z95 * one[p][0] / one[p][1] for one in at for p in places])
 
 
 def _share(pulls: np.ndarray) -> str:
-    return f"{int((np.abs(pulls) <= BAND).sum())} of {pulls.size}"
+    return f"{int((np.abs(pulls) <= Z95).sum())} of {pulls.size}"
 
 
 def _rms(values: np.ndarray) -> float:

@@ -154,7 +154,7 @@ def diagnose(
         found = replace(found, dominant=dominant_effect(found, say))
     if check is None or not (fitted and few_effects) or found.verdict is not Verdict.NOT_EXPLAINED:
         return found
-    say("few effects by the fields of replays")
+    say("the verdict is there: not explained; few effects by the fields of replays, for a model to predict with")
     neo_hooke = first_guess([(part.assembled, part.train.rows) for part in found.problem.trained])
     few = say.checkpointed("few effects", partial(check.few_effects, found, neo_hooke, effects, priors, say))
     return replace(found, few=few)

@@ -17,7 +17,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.effects import Effect
 from calibrate.effects.chain import Additions, Chain
 from calibrate.effects.support.effect_data import Data
-from calibrate.equations import kinematics
+from calibrate.equations import kinematics, reduction
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.reduction import Assembled
@@ -200,7 +200,7 @@ def stiffness_factor(problem: Problem, c: Array, additions: Additions) -> float:
     """Factor on the stiffness when the noise covariance follows it, see `Quadratic.stiffness_factor`."""
     load = loads(problem, additions)
     internal = residual(problem, c, additions) + load
-    return float(load @ load / (load @ internal))
+    return reduction.stiffness_factor(float(load @ load), float(load @ internal))
 
 
 def level_factor(problem: Problem, c: Array, additions: Additions) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from calibrate.equations.equilibrium import Equilibrium
-from calibrate.equations.reduction import assemble
+from calibrate.equations.reduction import assemble, stiffness_factor
 from calibrate.equations.weights import Weights, weights_of
 from calibrate.errors import FitError
 from calibrate.fitting.calibration import Calibration
@@ -235,9 +235,9 @@ def _network(calibration: Calibration, weights: Weights, b: Array) -> tuple[floa
 def _raised(
     law: Law, fit: LeastSquares, system: Equilibrium, weights: Weights, b: Array, tops: tuple[float, float]
 ) -> ClassicalFit:
-    """With the stiffness that noise attenuates put right, as `Quadratic.stiffness_factor` does it, and the stability of the law."""
+    """With the stiffness that noise attenuates put right, see `stiffness_factor`, and the stability of the law."""
     a = weights(internal_forces(law, system, fit.parameters)[0])
-    factor = np.where(law.moduli, float(b @ b) / float(a @ b), 1.0)
+    factor = np.where(law.moduli, stiffness_factor(float(b @ b), float(a @ b)), 1.0)
     p, covariance = factor * fit.parameters, fit.covariance * np.outer(factor, factor)
     share = law.stability(p, tops) / abs(law.stability(p, AT_REST))
     return ClassicalFit(law, replace(fit, parameters=p, covariance=covariance), share)

@@ -25,7 +25,7 @@ from calibrate.data.experiment import Noise
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import Basis, basis_for
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke
-from calibrate.equations.reduction import Quadratic
+from calibrate.equations.reduction import Quadratic, stiffness_factor
 from calibrate.equations.unseen_strip import WindowEquilibrium
 from calibrate.fitting import network_fit
 from calibrate.fitting.stopping import Stop
@@ -152,14 +152,14 @@ class JointFit:
 def fit(reduced: Reduced, layers: tuple[int, ...], starts: int = 20, seed: int = 0) -> JointFit:
     """Fit one size of network. Raises `FitError` when no start reached a finite loss.
 
-    The stiffness is put right as in `Quadratic.stiffness_factor`: at the best scale of c, q^T c is what the loss falls by.
+    The stiffness is put right by `stiffness_factor`: at the best scale of c, q^T c is what the loss falls by.
     """
     quadratic = reduced.quadratic
     architecture, found = network_fit.fit_network(
         quadratic, reduced.inputs, layers, reduced.spline, starts, seed, EFFORT
     )
     best = int(np.nanargmin(found.losses))
-    factor = quadratic.constant / max(quadratic.constant - found.loss, 1e-3 * quadratic.constant)
+    factor = stiffness_factor(quadratic.constant, quadratic.constant - found.loss)
     architecture = replace(architecture, energy_scale=factor * architecture.energy_scale)
     per_equation = found.loss / quadratic.n_rows
     return JointFit(architecture, found.all_parameters, found.losses, found.reasons, best, per_equation)

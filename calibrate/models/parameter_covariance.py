@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from calibrate.models import pann
 
 Array = NDArray[np.float64]
-BAND = 1.959963984540054  # standard deviations on either side: 95 % of a normal distribution
+Z95 = 1.959963984540054  # standard deviations on either side: 95 % of a normal distribution
 MISFIT = 1.5  # reduced chi-square above which the residuals are no longer taken for noise
 
 

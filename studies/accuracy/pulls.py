@@ -22,7 +22,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.equations.deformation_modes import MODES, Derivatives, largest_stretch, nominal_stress
 from calibrate.fitting.calibration import Options, calibrate
 from calibrate.models.network_model import Model
-from calibrate.models.parameter_covariance import BAND
+from calibrate.models.parameter_covariance import Z95
 from studies.accuracy.metrics import ArrudaBoyceTruth
 from studies.synthetic import camera
 
@@ -55,7 +55,7 @@ class Pulls:
 
     def coverage(self, true: bool = False) -> Array:
         """Share of the seeds (3, k) whose 95 % band holds the reference, or the truth."""
-        return (np.abs(self.pulls(true)) <= BAND).mean(axis=0)
+        return (np.abs(self.pulls(true)) <= Z95).mean(axis=0)
 
     def table(self) -> tuple[list[str], list[list[Any]]]:
         """Columns and rows, one a stretch. scatter_%, stated_% (mean over seeds), bias: in % of the true stress."""

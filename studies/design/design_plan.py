@@ -5,7 +5,6 @@ Unknown keys are refused with the nearest known one. Lengths in mm, forces in N,
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,6 +27,7 @@ from forward.materials.network_energy import Pann
 from meshes import Specimen, specimen_from_dict
 from meshes.errors import SpecimenError
 from meshes.known_specimens import SPECIMENS
+from studies.commandline.option_types import nearest
 from studies.errors import DesignError
 
 STRETCHES = {"uniaxial": 2.0, "equibiaxial": 1.6, "pure_shear": 1.9}
@@ -173,7 +173,7 @@ class Plan(Table):
         for kind in [s.kind for s in self.specimen] + ([self.optimise.kind] if self.optimise else []):
             if kind not in SPECIMENS:
                 raise ValueError(
-                    f"specimen '{kind}' is unknown{_nearest(kind, SPECIMENS)}; choose from {', '.join(SPECIMENS)}"
+                    f"specimen '{kind}' is unknown{nearest(kind, SPECIMENS)}; choose from {', '.join(SPECIMENS)}"
                 )
         return self
 
@@ -208,14 +208,9 @@ def _complaint(item: Mapping[str, Any]) -> str:
     place = ".".join(str(part) for part in item["loc"])
     if item["type"] != "extra_forbidden":
         return f"{place or 'file'}: {item['msg'].removeprefix('Value error, ')}"
-    return f"{place}: unknown key{_nearest(str(item['loc'][-1]), _keys())}"
+    return f"{place}: unknown key{nearest(str(item['loc'][-1]), _keys())}"
 
 
 def _keys() -> list[str]:
     tables = (Plan, MachineTable, SheetTable, CameraTable, LawTable, SpecimenTable, OptimiseTable, ValidationTable)
     return sorted({name for table in tables for name in table.model_fields})
-
-
-def _nearest(word: str, words: Any) -> str:
-    found = difflib.get_close_matches(word, list(words), n=1, cutoff=0.5)
-    return f"; did you mean {found[0]}?" if found else ""

@@ -61,11 +61,6 @@ class Information:
         return np.linalg.norm(c @ self.root, axis=1)
 
 
-def no_information(family: LawFamily) -> Information:
-    """What is known before any test."""
-    return Information(np.zeros((family.size, family.size)), family.prior)
-
-
 @dataclass(frozen=True)
 class Criteria:
     """Of an experiment. gain: D, bit; worst: E; deviation: {mode: I of the stress, over the root mean square of the stress}."""

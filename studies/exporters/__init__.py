@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import inspect
-import pkgutil
-from collections.abc import Iterator
-from typing import Any
-
 from studies.errors import ExportError
 from studies.exporters.target import Target
+from studies.subclasses import concrete
 
 __all__ = ["Target", "target_named", "targets"]
 
 
 def targets() -> dict[str, Target]:
     """Every target by its name: those in modules of this folder, and those that were defined elsewhere."""
-    for module in pkgutil.iter_modules(__path__, f"{__name__}."):
-        importlib.import_module(module.name)
-    return {kind.name: kind() for kind in sorted(_kinds(Target), key=lambda kind: kind.name)}
+    return {kind.name: kind() for kind in sorted(concrete(Target, __path__, __name__), key=lambda kind: kind.name)}
 
 
 def target_named(name: str) -> Target:
@@ -33,10 +26,3 @@ def target_named(name: str) -> Target:
 def _plain(name: str) -> str:
     """'mat181' of MAT_181."""
     return name.casefold().replace("_", "").replace("-", "")
-
-
-def _kinds(parent: Any) -> Iterator[Any]:
-    for kind in parent.__subclasses__():
-        if not inspect.isabstract(kind):
-            yield kind
-        yield from _kinds(kind)

@@ -5,16 +5,12 @@ Which one reads a source is told by its content: exactly one may say that it doe
 
 from __future__ import annotations
 
-import importlib
-import inspect
-import pkgutil
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from calibrate import errors
 from studies.importers.exports.text_files import text_file
 from studies.importers.recording.importer import Importer, Processing, Recording, SheetOptions, arrays_in
+from studies.subclasses import concrete
 
 SHOWN = 12  # columns that a message names
 __all__ = ["Importer", "Processing", "Recording", "SheetOptions", "importer_of", "importers"]
@@ -22,9 +18,8 @@ __all__ = ["Importer", "Processing", "Recording", "SheetOptions", "importer_of",
 
 def importers() -> list[Importer]:
     """An importer of every kind: those in modules of this folder, and those that were defined elsewhere."""
-    for module in pkgutil.iter_modules(__path__, f"{__name__}."):
-        importlib.import_module(module.name)
-    return [kind() for kind in sorted(_kinds(Importer), key=lambda kind: (kind.__module__, kind.__name__))]
+    kinds = concrete(Importer, __path__, __name__)
+    return [kind() for kind in sorted(kinds, key=lambda kind: (kind.__module__, kind.__name__))]
 
 
 def importer_of(source: str) -> Importer:
@@ -63,10 +58,3 @@ def is_experiment(source: str) -> bool:
 
 def _names(found: list[Importer]) -> str:
     return " and ".join(f"{type(one).__name__} ({type(one).__module__})" for one in found)
-
-
-def _kinds(parent: Any) -> Iterator[Any]:
-    for kind in parent.__subclasses__():
-        if not inspect.isabstract(kind):
-            yield kind
-        yield from _kinds(kind)

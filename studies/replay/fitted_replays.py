@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.replayed.parameter_spread import Directions
-from calibrate.diagnosis.replayed.updating import ReplayedRows
+from calibrate.diagnosis.replayed.replayed_rows import ReplayedRows
 from calibrate.effects.chain import Additions
 from calibrate.effects.support.effect_data import Data
 from calibrate.errors import ImpossibleCorrectionError

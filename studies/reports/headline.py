@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from calibrate.data.strain_signal import StrainSignal
+from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import Fitness, Use
 from studies.output.findings import Finding, Macro
 from studies.output.words import Words
@@ -51,7 +52,7 @@ class Limits:
     nominal_chi_square: tuple[float, float] = (10.0, 100.0)
     attenuation: tuple[float, float] = (1.1, 1.5)
     deviation: tuple[float, float] = (0.1, 0.5)
-    strain: float = 3.0
+    strain: float = WEAK_SIGNAL
     factor: float = 1.3
     least_error: float = 0.02
     few_starts: tuple[int, int] = (5, 2)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from calibrate.diagnosis.selection import Verdict
+from calibrate.models.parameter_covariance import Z95
 from studies.trials.blind_case import GLOBAL_LIMIT
 from studies.trials.judgement import JudgedTrial
 
@@ -125,7 +126,7 @@ class EffectSummary:
         absent = [one.absent for one in own if one.absent is not None]
         return cls(
             effect, len(own), Endings.of(strong), sum(ending(one) == Ending.WRONG for one in own),
-            sum(not one.named for one in own), len(found), sum(abs(p) < 1.96 for p in found), rms, Removed.of(strong),
+            sum(not one.named for one in own), len(found), sum(abs(p) < Z95 for p in found), rms, Removed.of(strong),
             len(absent), sum(bool(a.wrong) for a in absent),
         )  # fmt: skip
 
@@ -207,7 +208,7 @@ def summary(trials: Sequence[JudgedTrial]) -> TrialSummary:
         pairs_in_model=sum(_in_model(one) for one in beside),
         field_correlation=float(np.median(correlations)) if correlations else None,
         fields=len(coefficients),
-        fields_within=sum(abs(pull) <= 1.96 for pull in coefficients),
+        fields_within=sum(abs(pull) <= Z95 for pull in coefficients),
         seconds=float(np.median([one.seconds for one in trials])) if trials else 0.0,
         effects=tuple(effects),
     )

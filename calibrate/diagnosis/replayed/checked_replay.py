@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from calibrate.diagnosis.replayed.band import BEYOND, Band
 from calibrate.diagnosis.replayed.observations import Level, Observations, ReplayErrors
 from calibrate.diagnosis.replayed.replay_rule import LOAD_CELL, Judgement
+from calibrate.models.parameter_covariance import Z95
 
 Array = NDArray[np.float64]
 DISAGREE = 2.576  # standard deviations of a level, from which equilibrium gap and replay disagree: once in a hundred
-INTERVAL = 1.96  # standard deviations of half a 95 % interval
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +80,8 @@ class ReplayCheck:
         rows, variance = self.final.rows, np.diag(self.band.covariance)
         forces, fields = rows.judged & rows.is_force, rows.judged & ~rows.is_force
         size = float(np.linalg.norm(rows.measured[forces]))
-        force = INTERVAL * float(np.sqrt(variance[forces].sum())) / size if size > 0 else float("nan")
-        return ReplayErrors(force, INTERVAL * _smooth(rows, fields, variance))
+        force = Z95 * float(np.sqrt(variance[forces].sum())) / size if size > 0 else float("nan")
+        return ReplayErrors(force, Z95 * _smooth(rows, fields, variance))
 
     @property
     def smooth(self) -> tuple[float, float]:

@@ -24,7 +24,8 @@ from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
 from calibrate.diagnosis.replayed.field_evidence import FieldEvidence
 from calibrate.diagnosis.replayed.field_fit import FieldFit
 from calibrate.diagnosis.replayed.observations import ReplayErrors, level_of
-from calibrate.diagnosis.replayed.updating import Replays, Updated
+from calibrate.diagnosis.replayed.replayed_rows import Replays
+from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Additions
 from calibrate.fitting.resumable import SILENT, Resumable

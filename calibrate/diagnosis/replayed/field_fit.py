@@ -16,7 +16,7 @@ from calibrate.diagnosis.evidence.priors import FAR
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.replayed.observations import ReplayErrors
 from calibrate.diagnosis.replayed.parameter_spread import Directions
-from calibrate.diagnosis.replayed.updating import ReplayedRows, Replays
+from calibrate.diagnosis.replayed.replayed_rows import ReplayedRows, Replays
 from calibrate.effects.chain import Additions
 from calibrate.fitting.least_squares import bounded
 

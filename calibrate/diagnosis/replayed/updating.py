@@ -16,8 +16,8 @@ In: replays, computed elsewhere. Out: `Updated`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,7 @@ from calibrate.diagnosis.replayed.checked_replay import ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors, level_of
 from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread, covariance_root
 from calibrate.diagnosis.replayed.replay_rule import LOAD_CELL
+from calibrate.diagnosis.replayed.replayed_rows import ReplayedRows, Replays
 from calibrate.effects.chain import Additions
 from calibrate.equations.noise_covariance import cholesky_factor
 from calibrate.errors import FitError
@@ -39,24 +40,11 @@ from calibrate.fitting.least_squares import bounded
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Priors = Mapping[str, tuple[Array, Array]]  # mean and deviation of amplitudes (p,), or of shapes too (p + s,)
-REPLAYS, STEPS = 6, 30  # at most; of the fit between two replays
+REPLAYS, STEPS, TRIED = 6, 30, 5  # at most; of a fit between two replays, and of one from other values
 SMALL = 1.0  # change by one more fit, in standard deviations, at which the last replay is that of the model
-TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances
+TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances of what is left of a force
 FACTOR = 2.0  # by which the base may change in a step
 TRIALS = 3  # replays along a step
-
-
-@dataclass(frozen=True, eq=False)
-class ReplayedRows:
-    """Of the increments that were fitted. near: measured minus replayed (N,) of other coefficients (n,) and effects at these displacements; slopes: its derivatives
-    (N, 1 + k) by the unknowns of `Directions`; zero for those that are not asked for (1 + k,)."""
-
-    rows: Observations
-    near: Callable[[Array, Additions], Array] = field(repr=False)
-    slopes: Callable[[Directions, Mask], Array] = field(repr=False)
-
-
-Replays = Callable[[Array, Additions], ReplayedRows | None]  # None where there is no equilibrium
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +109,11 @@ class _Point:
     @property
     def objective(self) -> float:
         return float(self.r @ self.r) if np.isfinite(self.r).all() else np.inf
+
+    @property
+    def tolerance(self) -> float:
+        """Fall of the objective that is none."""
+        return TOLERANCE * max(1.0, self.objective / len(self.r))
 
     @property
     def values(self) -> Array:
@@ -208,12 +201,12 @@ class _Linearised:
 
     def is_small(self, unknowns: Array, moved: _Point) -> bool:
         """Whether the objective hardly fell."""
-        return self.point.objective - moved.objective < TOLERANCE
+        return self.point.objective - moved.objective < self.point.tolerance
 
     def is_minimum(self, unknowns: Array) -> bool:
         """Whether the step that was asked for promises no more."""
         after = self.point.r + self.J @ ((unknowns - self.point.values) / self.scale)
-        return bool(self.point.objective - float(after @ after) < TOLERANCE)
+        return bool(self.point.objective - float(after @ after) < self.point.tolerance)
 
 
 def update(
@@ -248,11 +241,11 @@ def _best_time(objective: _Objective, start: _Point, others: Sequence[Additions]
     """Where the factor and effects with a memory are best, from the start and from the same with other values of them."""
     few = replace(objective, of_memory=True)
     starts = [start, *(few.at(start.factor, other) for other in others)]
-    return min((_fitted(few, one) for one in starts), key=lambda point: point.objective)
+    return min((_fitted(few, one, TRIED) for one in starts), key=lambda point: point.objective)
 
 
-def _fitted(objective: _Objective, start: _Point) -> _Point:
-    return gauss_newton.minimise(lambda point, _: _Linearised(objective, point), start, Damping(), STEPS).point
+def _fitted(objective: _Objective, start: _Point, steps: int = STEPS) -> _Point:
+    return gauss_newton.minimise(lambda point, _: _Linearised(objective, point), start, Damping(), steps).point
 
 
 def _of_memory(additions: Additions) -> Mask:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
+from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import SOFT
 from studies.importers.exports.field_guesses import mean_strains
 from studies.importers.masking.masks import Masked
@@ -21,7 +22,6 @@ from studies.output.words import Words
 WORDS = Words("experiment")
 Array = NDArray[np.float64]
 LISTED = 30  # places or readings that a note names
-WEAK = 3.0  # signal to noise of the strain, below which little can be identified
 FILTERED = 10.0  # total over temporal noise, from which the latter says nothing of the errors of a frame
 AUXETIC = 0.1  # of the strain along the pull: strain across of the same sign, from which no soft material has it
 CLOCK = 3.0  # times the noise of the load cell
@@ -107,7 +107,7 @@ def strain_notes(experiment: Experiment) -> list[str]:
     """Of a strain near its noise, a stiffness that no soft material has, a specimen as large as one in pixels, and what a wrong sign or order of pictures looks
     like."""
     signal, notes = experiment.strain_signal, []
-    if signal.ratio < WEAK:
+    if signal.ratio < WEAK_SIGNAL:
         notes.append(WORDS.note_weak_strain(signal=signal))
     modulus = apparent_modulus(experiment)
     if modulus > SOFT[experiment.stress_unit][1]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibrate.equations.basis import hencky_to_lode
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.kinematics import invariants_and_derivatives
-from calibrate.models.parameter_covariance import BAND
+from calibrate.models.parameter_covariance import Z95
 from studies.output import style
 from studies.reports.calibration.fit_review import Review, initial_shear_modulus
 from studies.reports.force_record import COMPONENTS
@@ -183,7 +183,7 @@ def _curve_column(view: Review, mode: str, modulus: float, top: Axes, bottom: Ax
     deviation = model.homogeneous_deviation(mode, stretch)
     if deviation is not None:
         for ax, scale in ((top, 1.0), (bottom, 1 / (stretch - stretch**exponent))):
-            low, high = ((stress + sign * BAND * deviation) * scale for sign in (-1, 1))
+            low, high = ((stress + sign * Z95 * deviation) * scale for sign in (-1, 1))
             ax.fill_between(stretch, low, high, color=colour, alpha=0.25, lw=0, label="95 % band")
     for part, line, label in ((inside, "-", "model"), (~inside, "--", "extrapolated")):
         top.plot(stretch[part], stress[part], line, color=colour, label=label)

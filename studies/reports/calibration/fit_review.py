@@ -28,7 +28,7 @@ from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.json_file import MEASURED, NOMINAL
 from calibrate.models.network_model import Model
-from calibrate.models.parameter_covariance import BAND
+from calibrate.models.parameter_covariance import Z95
 from studies.reports.calibration.polish_record import PolishRecord
 
 Array = NDArray[np.float64]
@@ -251,8 +251,8 @@ def curve_points(model: Model, shares: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0
             size = None if deviation is None else float(deviation[k])
             result.append({
                 "mode": mode, "stretch": float(stretch[k]), "stress": float(stress[k]), "standard_deviation": size,
-                "low_95": None if size is None else float(stress[k]) - BAND * size,
-                "high_95": None if size is None else float(stress[k]) + BAND * size,
+                "low_95": None if size is None else float(stress[k]) - Z95 * size,
+                "high_95": None if size is None else float(stress[k]) + Z95 * size,
                 "calibrated": share <= 1,
             })  # fmt: skip
     return result

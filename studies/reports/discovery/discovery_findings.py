@@ -16,6 +16,7 @@ from calibrate.effects.inclusion import Inclusion
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import Use
+from calibrate.models.parameter_covariance import Z95
 from forward.interpolation import in_triangles
 from meshes import Mesh
 from studies.output.findings import Finding, Macro
@@ -25,7 +26,7 @@ from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
 from studies.reports.discovery.own_effects_table import alike, seen, stand_ins
 from studies.reports.discovery.replay_section import few_findings, neo_hooke_replay, replay_findings, use_finding
-from studies.reports.discovery.view import BAND, View
+from studies.reports.discovery.view import View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
 from studies.reports.headline import Reason
@@ -154,7 +155,7 @@ def _of_edges(found: Discovery) -> Iterator[Finding]:
     """Of a strip that the points do not reach."""
     for addition, errors in zip(found.final.additions, found.final.errors, strict=True):
         if isinstance(addition.effect, UnmeasuredStrip):
-            yield _finding(DiscoveryCode.STRIP, width=addition.amplitudes[0], half=BAND * errors[0])
+            yield _finding(DiscoveryCode.STRIP, width=addition.amplitudes[0], half=Z95 * errors[0])
 
 
 def _of_own_effects(view: View) -> Iterator[Finding]:
@@ -187,7 +188,7 @@ def _of_stiffness(view: View) -> Iterator[Finding]:
     if view.discovery.levels:
         first, *others = view.discovery.levels
         far = any(abs(one.factor - 1) > OTHER_LEVEL for one in others)
-        said = [(one.test, plus_minus(one.factor, BAND * one.deviation), f"{one.divided_by:.4g}") for one in others]
+        said = [(one.test, plus_minus(one.factor, Z95 * one.deviation), f"{one.divided_by:.4g}") for one in others]
         yield _finding(DiscoveryCode.LEVELS_UNKNOWN, far, first=first.test, levels=said)
     else:
         yield from _of_moduli(view)
@@ -224,7 +225,7 @@ def _of_tests(view: View) -> Iterator[Finding]:
 def _of_plane_strain(view: View) -> Iterator[Finding]:
     bulk = bulk_modulus(view.discovery.problem, view.discovery.final)
     if bulk is not None:
-        yield _finding(DiscoveryCode.PLANE_STRAIN, value=plus_minus(bulk[0], BAND * bulk[1]), unit=view.unit)
+        yield _finding(DiscoveryCode.PLANE_STRAIN, value=plus_minus(bulk[0], Z95 * bulk[1]), unit=view.unit)
 
 
 def _finding(code: DiscoveryCode, raised: bool = False, /, **data: Any) -> Finding:

@@ -12,8 +12,8 @@ from calibrate.diagnosis.replayed.few_effects import FewEffects, FittedSet
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.effects.chain import Addition
 from calibrate.models.addition_json import amplitude_unit
+from calibrate.models.parameter_covariance import Z95
 from studies.output.words import plus_minus, with_unit
-from studies.reports.discovery.view import BAND
 
 Array = NDArray[np.float64]
 Table = tuple[list[str], list[list[Any]]]
@@ -38,7 +38,7 @@ def _of_set(one: FittedSet | None, unit: str) -> list[Any]:
     said = []
     for a in one.additions:
         for p, mean, deviation in zip(a.effect.amplitudes, *_of_amplitudes(one, a), strict=True):
-            said.append(with_unit(f"{p.name} = {plus_minus(mean, BAND * deviation)}", amplitude_unit(p, unit)))
+            said.append(with_unit(f"{p.name} = {plus_minus(mean, Z95 * deviation)}", amplitude_unit(p, unit)))
         said += [with_unit(f"{p.name} = {v:.2g}", p.unit) for p, v in zip(a.effect.shapes, a.shape, strict=True)]
     return [", ".join(said), f"{one.errors.field:.2g}"]
 

@@ -16,11 +16,12 @@ from calibrate.diagnosis.selection.rounds import Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects.chain import Addition
 from calibrate.models.addition_json import amplitude_unit
+from calibrate.models.parameter_covariance import Z95
 from studies.output import style
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.replay_section import BASE, FEW, FINAL, NEO_HOOKE
 from studies.reports.discovery.replayed_forces import force_courses
-from studies.reports.discovery.view import BAND, View, held_increments
+from studies.reports.discovery.view import View, held_increments
 from studies.reports.force_record import COMPONENTS, worth_drawing
 
 Array = NDArray[np.float64]
@@ -74,7 +75,7 @@ def force_history(view: View, part: Part) -> Figure:
             top.set_title(f"{boundary} edge, {COMPONENTS[k]}")
             measured, _, spread = (v[:, k] for v in found["base model"][boundary])
             top.plot(x, measured, "o", color="black", mfc="none", ms=6, label="measured")
-            bottom.fill_between(x, -BAND * spread, BAND * spread, color="0.75", lw=0, label="95 % of noise")
+            bottom.fill_between(x, -Z95 * spread, Z95 * spread, color="0.75", lw=0, label="95 % of noise")
             for name, by_boundary in found.items():
                 predicted = by_boundary[boundary][1][:, k]
                 top.plot(x, predicted, lw=1.1, label=name, **LOOKS[name])
@@ -158,10 +159,10 @@ def _intervals(
 ) -> None:
     parameters = addition.effect.amplitudes
     places = np.arange(len(parameters))[::-1].astype(float)
-    ax.errorbar(addition.amplitudes, places, xerr=BAND * np.array(deviations), fmt="o", ms=5, capsize=3,
+    ax.errorbar(addition.amplitudes, places, xerr=Z95 * np.array(deviations), fmt="o", ms=5, capsize=3,
                 color=style.COLOURS["blue"], label="fitted, 95 %")  # fmt: skip
     if tested is not None:
-        ax.errorbar(tested[0], places - 0.25, xerr=BAND * np.array(tested[1]), fmt="s", ms=4, mfc="white", capsize=3,
+        ax.errorbar(tested[0], places - 0.25, xerr=Z95 * np.array(tested[1]), fmt="s", ms=4, mfc="white", capsize=3,
                     color=style.COLOURS["vermilion"], linestyle="none", label="score test, 95 %")  # fmt: skip
     ax.axvline(0, color="0.4", lw=0.8, ls="--")
     low, high = ax.get_xlim()

@@ -7,8 +7,8 @@ from typing import Any
 
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.models.addition_json import amplitude_unit
+from calibrate.models.parameter_covariance import Z95
 from studies.output.words import plus_minus, with_unit
-from studies.reports.discovery.view import BAND
 
 Table = tuple[list[str], list[list[Any]]]
 
@@ -33,7 +33,7 @@ def _said(one: OwnEffect, test: str, amplitude: int) -> str:
     if test not in one.tests:
         return "cannot be told"
     k = one.tests.index(test)
-    return plus_minus(one.values[k][amplitude], BAND * one.deviations[k][amplitude])
+    return plus_minus(one.values[k][amplitude], Z95 * one.deviations[k][amplitude])
 
 
 def alike(found: Sequence[OwnEffect], unit: str) -> list[str]:
@@ -51,7 +51,7 @@ def _amplitudes(one: OwnEffect, unit: str) -> str:
     rows = list(zip(one.effect.amplitudes, one.values[0], one.deviations[0], strict=True))
     seen = [row for i, row in enumerate(rows) if one.is_seen(0, i)] or rows
     return ", ".join(
-        with_unit(f"{parameter.name} = {plus_minus(a, BAND * d)}", amplitude_unit(parameter, unit))
+        with_unit(f"{parameter.name} = {plus_minus(a, Z95 * d)}", amplitude_unit(parameter, unit))
         for parameter, a, d in seen
     )
 

@@ -23,10 +23,11 @@ from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects import Effect
 from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.addition_json import amplitude_unit
+from calibrate.models.parameter_covariance import Z95
 from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
 from studies.reports.discovery.few_effects_table import few_record
 from studies.reports.discovery.own_effects_table import own_effects_record
-from studies.reports.discovery.view import BAND, View, held_increments
+from studies.reports.discovery.view import View, held_increments
 from studies.reports.discovery.weighing_tables import weighing_record
 
 MISFITS = ("all", "no discretisation error", "slow")  # names of the tests of `Round.misfits` in discovery.json
@@ -112,7 +113,7 @@ def amplitude_records(candidate: Candidate, unit: str, level: float = 1.0) -> li
         fitted: tuple[float, ...] = ()
         if addition is not None:
             value, deviation = factor * addition.amplitudes[i], factor * candidate.deviations[i]
-            fitted = (value, deviation, value - BAND * deviation, value + BAND * deviation)
+            fitted = (value, deviation, value - Z95 * deviation, value + Z95 * deviation)
         found.append(
             AmplitudeRecord(
                 p.name,

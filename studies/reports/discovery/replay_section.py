@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from calibrate.diagnosis.evidence.own_effects import apart
-from calibrate.diagnosis.replayed.checked_replay import INTERVAL, NoReplayCheck, ReplayCheck, Replayed
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.replayed.observations import ReplayErrors
 from calibrate.diagnosis.replayed.replay_rule import LEVEL, misses_more
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection import Discovery, Verdict
+from calibrate.models.parameter_covariance import Z95
 from studies.output.findings import Finding, Macro
 from studies.output.words import percent, plus_minus
 from studies.reports.discovery.candidate_outcome import WORDS
@@ -57,7 +58,7 @@ def replay_findings(found: Discovery) -> Iterator[Finding]:
     if check.stand_ins[1]:
         yield _finding(ReplayCode.STAND_IN)
     elif check.final.levels_disagree:
-        factor, deviation = check.final.level.factor, INTERVAL * check.final.deviation
+        factor, deviation = check.final.level.factor, Z95 * check.final.deviation
         yield _finding(ReplayCode.LEVELS, percent=abs(factor - 1), deviation=deviation, stiffer=factor > 1)
     if check.is_beyond:
         yield _finding(ReplayCode.BEYOND, held=check.held_out)
@@ -99,7 +100,7 @@ def errors_data(check: ReplayCheck) -> dict[str, Any]:
 
 def level_words(check: ReplayCheck) -> list[str]:
     """Of base and final model, with half the 95 % interval; none where no force is known."""
-    pairs = [(one.level.factor, INTERVAL * one.level.deviation) for one in (check.base, check.final)]
+    pairs = [(one.level.factor, Z95 * one.level.deviation) for one in (check.base, check.final)]
     return [plus_minus(*pair) for pair in pairs] if any(deviation for _, deviation in pairs) else []
 
 
@@ -205,7 +206,7 @@ def _band(new: Updated | NoReplayCheck | None) -> dict[str, Any] | None:
 def remembered_values(new: Updated) -> list[dict[str, Any]]:
     """Amplitudes and shapes of effects with a memory, with half their 95 % interval."""
     return [
-        {"effect": a.effect.name, "values": [[p.name, plus_minus(v, INTERVAL * d), p.unit] for p, v, d in
+        {"effect": a.effect.name, "values": [[p.name, plus_minus(v, Z95 * d), p.unit] for p, v, d in
          zip((*a.effect.amplitudes, *a.effect.shapes), (*a.amplitudes, *a.shape), (*deviations, *shapes), strict=True)]}
         for a, deviations, shapes in zip(new.additions, new.deviations, new.shape_deviations, strict=True)
         if a.effect.remembers and not a.is_null
@@ -239,7 +240,7 @@ def replay_table(
     smooth = dict(zip((BASE, FINAL), check.smooth, strict=True))
     rows: list[list[Any]] = []
     for name, one in models_of(check, others):
-        level = plus_minus(one.level.factor, INTERVAL * one.level.deviation) if one.level.deviation else "as it was"
+        level = plus_minus(one.level.factor, Z95 * one.level.deviation) if one.level.deviation else "as it was"
         fitted = None if one.fitted is None else _share(one.fitted.force)
         rows.append(
             [

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis.replayed.checked_replay import INTERVAL, ReplayCheck
+from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.replayed.observations import Observations
 from calibrate.diagnosis.selection import Discovery
+from calibrate.models.parameter_covariance import Z95
 from studies.reports.discovery.replay_section import Table, models_of, replayed_models
 
 Array = NDArray[np.float64]
@@ -76,7 +77,7 @@ def band_rows(check: ReplayCheck, names: list[str], times: list[Any]) -> Table:
         test, k = int(final.test[i]), int(final.increment[i])
         time = None if times[test] is None else float(times[test][k])
         rows.append([names[test], k + 1, time, int(final.held[i]), final.labels[i], *map(float, (
-            final.measured[i], base.replayed[i], final.replayed[i], INTERVAL * deviation[i]))])  # fmt: skip
+            final.measured[i], base.replayed[i], final.replayed[i], Z95 * deviation[i]))])  # fmt: skip
     return columns, rows
 
 
@@ -90,7 +91,7 @@ def band_fields(check: ReplayCheck, names: list[str]) -> Table:
         where = (final.test == test) & (final.increment == k) & ~final.is_force
         size = np.sqrt(2 * final.points[test])
         smooth = [float(np.sqrt((one.residual[where] ** 2).sum()) / size) for one in (base, final)]
-        band = INTERVAL * float(np.sqrt(variance[where].sum())) / size
+        band = Z95 * float(np.sqrt(variance[where].sum())) / size
         held = int(final.held[where].any())
         rows.append([names[test], k + 1, held, float(np.sqrt(final.squares[test, k])), *smooth, float(band)])
     return columns, rows

@@ -11,13 +11,14 @@ from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Round
 from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.fitness import Use
+from calibrate.models.parameter_covariance import Z95
 from studies.output.words import plus_minus, with_unit
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words
 from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.few_effects_table import few_data
 from studies.reports.discovery.records import shape_records
 from studies.reports.discovery.replay_section import recommendation
-from studies.reports.discovery.view import BAND, View
+from studies.reports.discovery.view import View
 
 LISTED = 3  # amplitudes that a cell of the table can hold
 
@@ -152,7 +153,7 @@ def effect_values(fit: Fit, i: int, unit: str, level: float = 1.0) -> list[str]:
     addition, deviations = fit.additions[i], fit.errors[i]
     values = [
         with_unit(
-            f"{p.name} = {plus_minus(v * level**p.stiffness_power, BAND * d * level**p.stiffness_power)}",
+            f"{p.name} = {plus_minus(v * level**p.stiffness_power, Z95 * d * level**p.stiffness_power)}",
             amplitude_unit(p, unit),
         )
         for p, v, d in zip(addition.effect.amplitudes, addition.amplitudes, deviations, strict=True)

@@ -11,11 +11,12 @@ from calibrate.diagnosis.misfit import Misfit
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.effects import Effect
 from calibrate.models.addition_json import amplitude_unit
+from calibrate.models.parameter_covariance import Z95
 from studies.output.words import with_unit
 from studies.reports.discovery.candidate_outcome import WORDS, indistinguishable, outcome_words
 from studies.reports.discovery.records import amplitude_records, model_name, shape_records
 from studies.reports.discovery.statement import LISTED, effect_values
-from studies.reports.discovery.view import BAND, View
+from studies.reports.discovery.view import View
 
 SMALLEST = 1e-16  # p-values below are all the same
 MODEL_COLUMNS = [
@@ -124,7 +125,7 @@ def amplitude_text(candidate: Candidate, unit: str, level: float = 1.0) -> str:
         value, deviation = a.tested, a.tested_deviation
         if a.fitted is not None and a.fitted_deviation is not None and score.admissible:
             value, deviation = a.fitted, a.fitted_deviation
-        low, high = value - BAND * deviation, value + BAND * deviation
+        low, high = value - Z95 * deviation, value + Z95 * deviation
         texts.append(with_unit(f"{a.name} = {value:.3g} [{low:.3g}, {high:.3g}]", a.unit))
     if len(everything) > LISTED:
         texts.append(WORDS.more_amplitudes(n=len(everything) - LISTED))

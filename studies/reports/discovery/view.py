@@ -21,7 +21,6 @@ from calibrate.diagnosis.selection import Discovery
 from studies.output.findings import Finding
 
 Array = NDArray[np.float64]
-BAND = 1.96  # standard deviations of half a 95 % interval
 
 
 @dataclass(frozen=True, eq=False)

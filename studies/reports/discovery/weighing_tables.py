@@ -6,9 +6,9 @@ from typing import Any
 
 from calibrate.diagnosis.evidence.explanations import CERTAIN, UNKNOWN, Explanation, Finding, Power, Weighing
 from calibrate.models.addition_json import addition_to_dict, amplitude_unit
+from calibrate.models.parameter_covariance import Z95
 from studies.output.words import plus_minus, probability_text
 from studies.reports.discovery.candidate_outcome import WORDS
-from studies.reports.discovery.view import BAND
 
 SHOWN, LEAST = 8, 1e-3  # explanations in a table; probability of one that a sentence names
 NOTHING_NEEDED = (Finding.FOUND, Finding.EXCLUDED, Finding.MEASURED, Finding.OWN)
@@ -43,7 +43,7 @@ def power_table(found: Weighing, unit: str) -> Table:
         symbol = one.parameter.name if own == "1" else f"{one.parameter.name} ({own})"
         included = "" if found.is_provisional else probability(found.alternatives.inclusion.get(one.effect.name, 0.0))
         limit, prior = ("" if v is None else f"{v:.2g}" for v in (one.limit, one.prior))
-        value = "" if one.value is None else plus_minus(one.value[0], BAND * one.value[1])
+        value = "" if one.value is None else plus_minus(one.value[0], Z95 * one.value[1])
         needed = "" if one.finding in NOTHING_NEEDED else one.needed
         rows.append([one.effect.name, str(one.finding), symbol, value, limit, prior, included, needed])
     return ["effect", "this test", "amplitude", "value", "limit (95 %)", "prior", "probability", "would show it"], rows

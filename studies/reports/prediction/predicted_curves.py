@@ -21,7 +21,7 @@ from calibrate.fitting.calibrated_range import near
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.model_uncertainty import Kind
 from calibrate.models.network_model import Model
-from calibrate.models.parameter_covariance import BAND
+from calibrate.models.parameter_covariance import Z95
 from studies.output.findings import Finding, Macro
 from studies.reports.model_remarks import model_remarks
 from studies.reports.prediction.diagnosed_bands import variances
@@ -78,7 +78,7 @@ class Curve:
         """Lower and upper end (k,) of the 95 % band of the stress, or None."""
         if self.deviation is None:
             return None
-        return self.stress - BAND * self.deviation, self.stress + BAND * self.deviation
+        return self.stress - Z95 * self.deviation, self.stress + Z95 * self.deviation
 
     @property
     def extrapolates(self) -> bool:

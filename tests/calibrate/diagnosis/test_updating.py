@@ -9,7 +9,8 @@ import pytest
 
 from calibrate.diagnosis.replayed import updating
 from calibrate.diagnosis.replayed.observations import Observations
-from calibrate.diagnosis.replayed.updating import ReplayedRows, update
+from calibrate.diagnosis.replayed.replayed_rows import ReplayedRows
+from calibrate.diagnosis.replayed.updating import update
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.errors import FitError

@@ -12,7 +12,7 @@ from studies.design import candidates, pattern_search
 from studies.design.candidates import Candidate, family_of, judge, rank
 from studies.design.design_plan import checked
 from studies.design.expected_information import correlated_neighbours, quadrant_points
-from studies.design.information import Criteria, Information, no_information
+from studies.design.information import Criteria, Information
 from studies.design.law_family import LawFamily
 from studies.design.pattern_search import Evaluation, search
 from studies.design.pulls_within_limits import Limit, View, limited_pull
@@ -161,7 +161,11 @@ def test_equations_and_test_tell_alike():
 
 
 def test_command(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(candidates, "equation_information", lambda pull, family, plan: no_information(family))
+    monkeypatch.setattr(
+        candidates,
+        "equation_information",
+        lambda pull, family, plan: Information(np.zeros(family.prior.shape), family.prior),
+    )
     file = tmp_path / "family.toml"
     file.write_text(
         "size_factor = 4.0\ncamera = { pictures = 2, points = 500 }\nlaw = { knots = 8 }\nmachine = { axes = 1 }\n"
