@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from forward.errors import MaterialError
 
 Array = NDArray[np.float64]
-ITERATIONS, TOLERANCE = 60, 1e-14
+ITERATIONS, TOLERANCE = 60, 1e-8  # of a strain; the error of a converged step of Newton is its square
 EQUAL = 1e-5  # relative difference of two eigenvalues below which their limit is taken: both errors are then 1e-10
 
 
@@ -53,9 +53,9 @@ class BranchStep:
 
 def flowed(branch: Branch, F: Array, past: Array, duration: float) -> Array:
     """In-plane A (..., 2, 2) after `duration`, s, at F (..., 2, 2), from `past` (..., 2, 2)."""
-    squares, axes = np.linalg.eigh(F @ past @ np.swapaxes(F, -1, -2))
+    squares, axes = _principal(F @ past @ np.swapaxes(F, -1, -2))
     strains = _flow(np.log(squares) / 2, duration / (2 * branch.tau))[0]
-    inverse = np.linalg.inv(F)
+    inverse = _inverse(F)
     return inverse @ _tensor(np.exp(2 * strains), axes) @ np.swapaxes(inverse, -1, -2)
 
 
@@ -64,15 +64,15 @@ def step(branch: Branch, F: Array, past: Array, duration: float) -> BranchStep:
 
     Where F is not finite or no strains are found the stress is NaN, so that the step fails.
     """
-    finite = np.isfinite(F).all(axis=(-2, -1)) & (np.linalg.det(np.nan_to_num(F)) != 0)
+    finite = np.isfinite(F).all(axis=(-2, -1)) & (_determinant(np.nan_to_num(F)) != 0)
     F = np.where(finite[..., None, None], F, np.eye(2))
     trial = F @ past @ np.swapaxes(F, -1, -2)
-    squares, axes = np.linalg.eigh(trial)
+    squares, axes = _principal(trial)
     strains, slopes, found = _flow(np.log(squares) / 2, duration / (4 * branch.tau))
     e, e3 = np.exp(2 * strains), np.exp(-2 * strains.sum(axis=-1))[..., None]
     kirchhoff = branch.mu * (e - e3)
     stiffness = 2 * branch.mu * (_diagonal(e) + e3[..., None]) @ slopes / (2 * squares[..., None, :])
-    inverse = np.linalg.inv(F)
+    inverse = _inverse(F)
     tau = _tensor(kirchhoff, axes)
     stress = tau @ np.swapaxes(inverse, -1, -2)
     change = _derivative_by_trial(kirchhoff, stiffness, squares, axes)
@@ -98,12 +98,12 @@ def _implicit(trial: Array, c: float) -> tuple[Array, Array, NDArray[np.bool_]]:
         e, e3 = np.exp(2 * strains), np.exp(-2 * strains.sum(axis=-1))[..., None]
         off = strains + c * (e - (e.sum(axis=-1, keepdims=True) + e3) / 3) - trial
         jacobian = np.eye(2) + 2 * c * (_diagonal(e) - ((e - e3) / 3)[..., None, :])
-        slopes = np.linalg.inv(jacobian)
+        slopes = _inverse(jacobian)
         if np.abs(change).max(initial=0.0) <= TOLERANCE:
             break
         change = -(slopes @ off[..., None])[..., 0]
         strains = strains + change
-    return strains, slopes, np.abs(change).max(axis=-1) <= 100 * TOLERANCE
+    return strains, slopes, np.abs(change).max(axis=-1) <= TOLERANCE
 
 
 def _derivative_by_trial(values: Array, stiffness: Array, squares: Array, axes: Array) -> Array:
@@ -112,10 +112,31 @@ def _derivative_by_trial(values: Array, stiffness: Array, squares: Array, axes: 
     equal = gap <= EQUAL * squares[..., 1]
     limit = (stiffness[..., 0, 0] - stiffness[..., 0, 1] + stiffness[..., 1, 1] - stiffness[..., 1, 0]) / 2
     turn = np.where(equal, limit, (values[..., 1] - values[..., 0]) / np.where(equal, 1.0, gap))
-    along = np.einsum("...ab,...ia,...ja,...kb,...lb->...ijkl", stiffness, axes, axes, axes, axes)
+    dyads = np.einsum("...ia,...ja->...aij", axes, axes)
+    along = np.einsum("...akl,...aij->...ijkl", np.einsum("...ab,...bkl->...akl", stiffness, dyads), dyads)
     mixed = np.einsum("...i,...j->...ij", axes[..., 0], axes[..., 1])
     mixed = (mixed + np.swapaxes(mixed, -1, -2)) / 2
-    return along + 2 * np.einsum("...,...ij,...kl->...ijkl", turn, mixed, mixed)
+    return along + np.einsum("...ij,...kl->...ijkl", 2 * turn[..., None, None] * mixed, mixed)
+
+
+def _principal(b: Array) -> tuple[Array, Array]:
+    """Principal values (..., 2), the smaller first, and axes (..., 2, 2), in columns, of positive definite tensors (..., 2, 2)."""
+    difference, shear = (b[..., 0, 0] - b[..., 1, 1]) / 2, (b[..., 0, 1] + b[..., 1, 0]) / 2
+    larger = (b[..., 0, 0] + b[..., 1, 1]) / 2 + np.hypot(difference, shear)
+    angle = np.arctan2(shear, difference) / 2
+    cos, sin = np.cos(angle), np.sin(angle)
+    axes = np.stack([np.stack([-sin, cos], axis=-1), np.stack([cos, sin], axis=-1)], axis=-1)
+    return np.stack([_determinant(b) / larger, larger], axis=-1), axes
+
+
+def _determinant(A: Array) -> Array:
+    return A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] * A[..., 1, 0]
+
+
+def _inverse(A: Array) -> Array:
+    """Of tensors (..., 2, 2)."""
+    adjugate = np.stack([A[..., 1, 1], -A[..., 0, 1], -A[..., 1, 0], A[..., 0, 0]], axis=-1).reshape(A.shape)
+    return adjugate / _determinant(A)[..., None, None]
 
 
 def _diagonal(values: Array) -> Array:

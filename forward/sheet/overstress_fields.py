@@ -32,6 +32,7 @@ class OverstressFields:
         self._F = quadrature_expression(F, domain)
         self._past = [new_variable(f"branch_{i}", (2, 2), np.eye(2)) for i in range(len(branches))]
         self._before = new_variable("branches_F", (2, 2), np.eye(2))
+        self._half: tuple[list[Array], list[Array]] | None = None
         self.stress = quadrature_function(domain, (2, 2))
         self._tangent = quadrature_function(domain, (4, 4))
 
@@ -43,14 +44,20 @@ class OverstressFields:
 
     def update(self) -> list[Array]:
         """Stress and tangent at the present F; the states (cells, 9, 2, 2) of the branches that would be committed."""
-        F, before = self._deformation(), get_values(self._before)
-        ends = [
-            step(b, F, flowed(b, before, get_values(past), self.duration / 2), self.duration)
-            for b, past in zip(self.branches, self._past, strict=True)
-        ]
+        F = self._deformation()
+        ends = [step(b, F, half, self.duration) for b, half in zip(self.branches, self._halves(), strict=True)]
         set_values(self.stress, np.sum([end.stress for end in ends], axis=0))
         set_values(self._tangent, np.sum([end.tangent for end in ends], axis=0).reshape(*F.shape[:2], 4, 4))
         return [end.past for end in ends]
+
+    def _halves(self) -> list[Array]:
+        """States of the branches after half of the step at the F before it: the same in every iteration of a step."""
+        start = [np.array(self.duration), get_values(self._before), *(get_values(past) for past in self._past)]
+        if self._half is None or not all(map(np.array_equal, start, self._half[0])):
+            before, pasts = start[1], start[2:]
+            found = [flowed(b, before, a, self.duration / 2) for b, a in zip(self.branches, pasts, strict=True)]
+            self._half = [np.array(one) for one in start], found
+        return self._half[1]
 
     def commit(self) -> None:
         """Take the present state as the past of the next step."""

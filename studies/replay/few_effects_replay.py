@@ -19,6 +19,7 @@ from calibrate.diagnosis.replayed.updating import Priors as UpdatePriors
 from calibrate.diagnosis.replayed.updating import Updated, update
 from calibrate.diagnosis.score_tests import untestable
 from calibrate.effects import Effect
+from calibrate.effects.chain import Additions
 from calibrate.effects.chain.true_surface import is_expressed
 from calibrate.fitting.resumable import SILENT, Resumable
 from calibrate.models.parameter_covariance import Z95
@@ -58,18 +59,25 @@ def with_forces(
     known = {} if found.best is None else dict(found.best.priors)
     known |= {one.effect.name: (np.array([p.null for p in one.effect.amplitudes]), one.deviations) for one in remembered}  # fmt: skip
     replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
-    times = other_times(additions, problem.trained[0].chain.data)
+    others = other_times(additions, problem.trained[0].chain.data)
     tries = ((additions, False), *([(additions, True)] if remembered else []), (best, True))
     for number, (some, of_memory) in enumerate(tries, 1):
         say(f"few effects updated by the forces of their replays, {number} of at most {len(tries)} ways")
-        new = update(replays, found.c, some, known, times if some is additions else (), of_memory)
+        new = update(replays, found.c, some, known, others if some is additions else (), of_memory)
         if new is None:
             raise OptionError(f"the few effects have no equilibrium to start from: {replays.failure}")
+        if some is additions:
+            others = [_with_memory_of(new.additions, additions)]
         new = _without_weak(replays, new, known, of_memory)
         if new.after.field <= WORSE * max(new.before.field, found.base.field):
             break
     assert new is not None  # the factor alone is always left
     return new
+
+
+def _with_memory_of(found: Additions, additions: Additions) -> Additions:
+    """The additions, those with a memory as they were found."""
+    return tuple(b if a.effect.remembers else a for a, b in zip(additions, found, strict=True))
 
 
 def _without_weak(replays: Replays, found: Updated, known: UpdatePriors, of_memory: bool) -> Updated:
