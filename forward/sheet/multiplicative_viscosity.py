@@ -53,10 +53,10 @@ class BranchStep:
 
 def flowed(branch: Branch, F: Array, past: Array, duration: float) -> Array:
     """In-plane A (..., 2, 2) after `duration`, s, at F (..., 2, 2), from `past` (..., 2, 2)."""
-    squares, axes = _principal(F @ past @ np.swapaxes(F, -1, -2))
+    F, past = _components(F), _components(past)
+    squares, axes = _principal(_pushed(F, past))
     strains = _flow(np.log(squares) / 2, duration / (2 * branch.tau))[0]
-    inverse = _inverse(F)
-    return inverse @ _tensor(np.exp(2 * strains), axes) @ np.swapaxes(inverse, -1, -2)
+    return _points(_pushed(_inverse(F), _tensor(np.exp(2 * strains), axes)))
 
 
 def step(branch: Branch, F: Array, past: Array, duration: float) -> BranchStep:
@@ -64,84 +64,98 @@ def step(branch: Branch, F: Array, past: Array, duration: float) -> BranchStep:
 
     Where F is not finite or no strains are found the stress is NaN, so that the step fails.
     """
-    finite = np.isfinite(F).all(axis=(-2, -1)) & (_determinant(np.nan_to_num(F)) != 0)
-    F = np.where(finite[..., None, None], F, np.eye(2))
-    trial = F @ past @ np.swapaxes(F, -1, -2)
-    squares, axes = _principal(trial)
+    F, past = _components(F), _components(past)
+    finite = np.isfinite(F).all(axis=(0, 1)) & (_determinant(np.nan_to_num(F)) != 0)
+    F = np.where(finite, F, np.eye(2).reshape(2, 2, *[1] * finite.ndim))
+    squares, axes = _principal(_pushed(F, past))
     strains, slopes, found = _flow(np.log(squares) / 2, duration / (4 * branch.tau))
-    e, e3 = np.exp(2 * strains), np.exp(-2 * strains.sum(axis=-1))[..., None]
+    e, e3 = np.exp(2 * strains), np.exp(-2 * strains.sum(axis=0))
     kirchhoff = branch.mu * (e - e3)
-    stiffness = 2 * branch.mu * (_diagonal(e) + e3[..., None]) @ slopes / (2 * squares[..., None, :])
+    stiffness = branch.mu * (e[:, None] * slopes + e3 * slopes.sum(axis=0)) / squares
     inverse = _inverse(F)
     tau = _tensor(kirchhoff, axes)
-    stress = tau @ np.swapaxes(inverse, -1, -2)
+    stress = np.einsum("ik...,jk...->ij...", tau, inverse)
     change = _derivative_by_trial(kirchhoff, stiffness, squares, axes)
-    tangent = 2 * np.einsum("...ikmq,...qn,...jk->...ijmn", change, F @ past, inverse)
-    tangent -= np.einsum("...ik,...jm,...nk->...ijmn", tau, inverse, inverse)
-    stress[~(finite & found)] = np.nan
-    return BranchStep(stress, tangent, inverse @ _tensor(e, axes) @ np.swapaxes(inverse, -1, -2))
+    by_F = np.einsum("ikmq...,qn...->ikmn...", change, 2 * np.einsum("qr...,rn...->qn...", F, past))
+    tangent = np.einsum("ikmn...,jk...->ijmn...", by_F, inverse) - np.einsum("in...,jm...->ijmn...", stress, inverse)
+    stress[:, :, ~(finite & found)] = np.nan
+    return BranchStep(_points(stress), _points(tangent, 4), _points(_pushed(inverse, _tensor(e, axes))))
 
 
 def _flow(trial: Array, c: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """In-plane strains (..., 2) from those of the trial state, their derivatives (..., 2, 2) by them, and whether they were found."""
+    """In-plane strains (2, ...) from those of the trial state, their derivatives (2, 2, ...) by them, and whether they were found."""
     whole, by_whole, found = _implicit(trial, c)
     middle, by_middle, first = _implicit(trial, c / 2)
     end, by_end, second = _implicit(middle, c / 2)
-    return 2 * end - whole, 2 * by_end @ by_middle - by_whole, found & first & second
+    slopes = 2 * np.einsum("ij...,jk...->ik...", by_end, by_middle) - by_whole
+    return 2 * end - whole, slopes, found & first & second
 
 
 def _implicit(trial: Array, c: float) -> tuple[Array, Array, NDArray[np.bool_]]:
     """The same in one step, of first order."""
-    strains = trial.copy()
-    change = np.full_like(trial, np.inf)
+    x, y = trial
+    change = np.full_like(x, np.inf)
     for _ in range(ITERATIONS):
-        e, e3 = np.exp(2 * strains), np.exp(-2 * strains.sum(axis=-1))[..., None]
-        off = strains + c * (e - (e.sum(axis=-1, keepdims=True) + e3) / 3) - trial
-        jacobian = np.eye(2) + 2 * c * (_diagonal(e) - ((e - e3) / 3)[..., None, :])
-        slopes = _inverse(jacobian)
-        if np.abs(change).max(initial=0.0) <= TOLERANCE:
+        ex, ey, ez = np.exp(2 * x), np.exp(2 * y), np.exp(-2 * (x + y))
+        mean = (ex + ey + ez) / 3
+        to_x, to_y = 2 * c / 3 * (ex - ez), 2 * c / 3 * (ey - ez)
+        J = np.stack([1 + 2 * c * ex - to_x, -to_y, -to_x, 1 + 2 * c * ey - to_y]).reshape(2, 2, *x.shape)
+        slopes = _inverse(J)
+        if change.max(initial=0.0) <= TOLERANCE:
             break
-        change = -(slopes @ off[..., None])[..., 0]
-        strains = strains + change
-    return strains, slopes, np.abs(change).max(axis=-1) <= TOLERANCE
+        off_x, off_y = x + c * (ex - mean) - trial[0], y + c * (ey - mean) - trial[1]
+        dx, dy = slopes[0, 0] * off_x + slopes[0, 1] * off_y, slopes[1, 0] * off_x + slopes[1, 1] * off_y
+        x, y = x - dx, y - dy
+        change = np.maximum(np.abs(dx), np.abs(dy))
+    return np.stack([x, y]), slopes, change <= TOLERANCE
 
 
 def _derivative_by_trial(values: Array, stiffness: Array, squares: Array, axes: Array) -> Array:
-    """d tau_ij / d b_kl (..., 2, 2, 2, 2) of an isotropic function: values (..., 2), their derivatives (..., 2, 2) by squares (..., 2)."""
-    gap = squares[..., 1] - squares[..., 0]
-    equal = gap <= EQUAL * squares[..., 1]
-    limit = (stiffness[..., 0, 0] - stiffness[..., 0, 1] + stiffness[..., 1, 1] - stiffness[..., 1, 0]) / 2
-    turn = np.where(equal, limit, (values[..., 1] - values[..., 0]) / np.where(equal, 1.0, gap))
-    dyads = np.einsum("...ia,...ja->...aij", axes, axes)
-    along = np.einsum("...akl,...aij->...ijkl", np.einsum("...ab,...bkl->...akl", stiffness, dyads), dyads)
-    mixed = np.einsum("...i,...j->...ij", axes[..., 0], axes[..., 1])
-    mixed = (mixed + np.swapaxes(mixed, -1, -2)) / 2
-    return along + np.einsum("...ij,...kl->...ijkl", 2 * turn[..., None, None] * mixed, mixed)
+    """d tau_ij / d b_kl (2, 2, 2, 2, ...) of an isotropic function: values (2, ...), their derivatives (2, 2, ...) by squares (2, ...)."""
+    gap = squares[1] - squares[0]
+    equal = gap <= EQUAL * squares[1]
+    limit = (stiffness[0, 0] - stiffness[0, 1] + stiffness[1, 1] - stiffness[1, 0]) / 2
+    turn = np.where(equal, limit, (values[1] - values[0]) / np.where(equal, 1.0, gap))
+    dyads = np.einsum("ia...,ja...->aij...", axes, axes)
+    along = np.einsum("akl...,aij...->ijkl...", np.einsum("ab...,bkl...->akl...", stiffness, dyads), dyads)
+    mixed = np.einsum("i...,j...->ij...", axes[:, 0], axes[:, 1])
+    mixed = (mixed + np.swapaxes(mixed, 0, 1)) / 2
+    return along + np.einsum("ij...,kl...->ijkl...", 2 * turn * mixed, mixed)
 
 
 def _principal(b: Array) -> tuple[Array, Array]:
-    """Principal values (..., 2), the smaller first, and axes (..., 2, 2), in columns, of positive definite tensors (..., 2, 2)."""
-    difference, shear = (b[..., 0, 0] - b[..., 1, 1]) / 2, (b[..., 0, 1] + b[..., 1, 0]) / 2
-    larger = (b[..., 0, 0] + b[..., 1, 1]) / 2 + np.hypot(difference, shear)
+    """Principal values (2, ...), the smaller first, and axes (2, 2, ...), in columns, of positive definite tensors (2, 2, ...)."""
+    difference, shear = (b[0, 0] - b[1, 1]) / 2, (b[0, 1] + b[1, 0]) / 2
+    larger = (b[0, 0] + b[1, 1]) / 2 + np.hypot(difference, shear)
     angle = np.arctan2(shear, difference) / 2
     cos, sin = np.cos(angle), np.sin(angle)
-    axes = np.stack([np.stack([-sin, cos], axis=-1), np.stack([cos, sin], axis=-1)], axis=-1)
-    return np.stack([_determinant(b) / larger, larger], axis=-1), axes
+    return np.stack([_determinant(b) / larger, larger]), np.stack([-sin, cos, cos, sin]).reshape(b.shape)
+
+
+def _components(tensors: Array) -> Array:
+    """(2, 2, ...) of (..., 2, 2): sums over few components of many points are fast in this order."""
+    return np.ascontiguousarray(np.moveaxis(tensors, (-2, -1), (0, 1)))
+
+
+def _points(components: Array, order: int = 2) -> Array:
+    """Back, of a tensor of an order."""
+    return np.ascontiguousarray(np.moveaxis(components, range(order), range(-order, 0)))
+
+
+def _pushed(F: Array, A: Array) -> Array:
+    """F A F^T."""
+    return np.einsum("ik...,jk...->ij...", np.einsum("ik...,kj...->ij...", F, A), F)
 
 
 def _determinant(A: Array) -> Array:
-    return A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] * A[..., 1, 0]
+    return A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
 
 
 def _inverse(A: Array) -> Array:
-    """Of tensors (..., 2, 2)."""
-    adjugate = np.stack([A[..., 1, 1], -A[..., 0, 1], -A[..., 1, 0], A[..., 0, 0]], axis=-1).reshape(A.shape)
-    return adjugate / _determinant(A)[..., None, None]
-
-
-def _diagonal(values: Array) -> Array:
-    return values[..., None] * np.eye(2)
+    """Of tensors (2, 2, ...)."""
+    return np.stack([A[1, 1], -A[0, 1], -A[1, 0], A[0, 0]]).reshape(A.shape) / _determinant(A)
 
 
 def _tensor(values: Array, axes: Array) -> Array:
-    return (axes * values[..., None, :]) @ np.swapaxes(axes, -1, -2)
+    """Of principal values (2, ...)."""
+    return np.einsum("ia...,ja...->ij...", values * axes, axes)
