@@ -51,9 +51,17 @@ class Fibres:
 
 @dataclass(frozen=True)
 class Branch:
-    """S gains g int exp(-(t - s) / tau) dS; tau in s. The second branch acts on what the first one leaves."""
+    """S gains g int exp(-(t - s) / tau) dS of the elastic stress; tau in s."""
 
     g: float
+    tau: float
+
+
+@dataclass(frozen=True)
+class Spring:
+    """Of shear modulus mu in series with a dashpot of relaxation time tau, s; see `calibrate.effects.finite_viscoelasticity`."""
+
+    mu: float
     tau: float
 
 
@@ -61,7 +69,7 @@ class Branch:
 class MaterialLaw:
     """terms: of W(I1, I2). bulk_modulus of kappa / 2 (J - 1)^2, None: incompressible.
 
-    fibres, branches, mullins (r, m, beta), payne (r, x0): what is beside the energy. top: largest (I1, I2) of the calibration.
+    fibres, branches, springs, mullins (r, m, beta), payne (r, x0): what is beside the energy. top: largest (I1, I2) of the calibration.
     invariants_used: those that the range holds for. left_out: effects that are not of the material. origin: lines on the data.
     stress: P (t, n, 2, 2) of the model itself in plane stress, of histories F (t, n, 2, 2) at times (t,), s, as if incompressible,
     to be differentiated by JAX.
@@ -75,6 +83,7 @@ class MaterialLaw:
     bulk_modulus: float | None = None
     fibres: tuple[Fibres, ...] = ()
     branches: tuple[Branch, ...] = ()
+    springs: tuple[Spring, ...] = ()
     mullins: tuple[float, float, float] | None = None
     payne: tuple[float, float] | None = None
     left_out: tuple[str, ...] = ()
@@ -86,6 +95,7 @@ class MaterialLaw:
         found = (
             ("fibres", self.fibres),
             ("viscoelasticity", self.branches),
+            ("finite viscoelasticity", self.springs),
             ("Mullins softening", self.mullins),
             ("Payne softening", self.payne),
         )
@@ -193,6 +203,8 @@ _ADDED: dict[str, Callable[..., dict[str, Any]]] = {
     },
     "viscoelasticity": lambda law, a, s: {"branches": (*law.branches, Branch(a[0], s[0]))},
     "second relaxation time": lambda law, a, s: {"branches": (*law.branches, Branch(a[0], s[0]))},
+    "finite viscoelasticity": lambda law, a, s: {"springs": (*law.springs, Spring(a[0], s[0]))},
+    "second finite relaxation time": lambda law, a, s: {"springs": (*law.springs, Spring(a[0], s[0]))},
     "Mullins softening": lambda law, a, s: {"mullins": (a[0], *s)},
     "Payne softening": lambda law, a, s: {"payne": (a[0], s[0])},
 }

@@ -17,6 +17,7 @@ from studies.exporters.target import Target, Volume, render
 Array = NDArray[np.float64]
 ROWS, COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]  # Abaqus: 11 22 33 12 13 23
 STEP = 1e-6  # of the differences
+INELASTIC = frozenset({"viscoelasticity", "finite viscoelasticity", "Mullins softening", "Payne softening"})
 Update = Callable[[Array, Array, float], tuple[Array, Array, Array, float]]
 
 
@@ -27,7 +28,7 @@ class Umat(Target):
     file_name = "umat.f"
     summary = "Fortran UMAT (Abaqus, CalculiX): with fibres, relaxation, softening, compressibility"
     comment = "!"
-    carries: ClassVar[frozenset[str]] = frozenset({"fibres", "viscoelasticity", "Mullins softening", "Payne softening"})
+    carries: ClassVar[frozenset[str]] = frozenset({"fibres", *INELASTIC})
 
     def body(self, law: MaterialLaw, volume: Volume) -> str:
         return render(
@@ -47,7 +48,7 @@ class Umat(Target):
             energies.append(energy)
             tangents.append((tangent, differences(update, solid(f), np.zeros(history_size(law)), 1.0)))
         # relaxation and softening have no energy
-        elastic = not {"viscoelasticity", "Mullins softening", "Payne softening"} & set(law.beside)
+        elastic = not INELASTIC & set(law.beside)
         return Errors(
             relative(np.array(energies), W) if elastic else None,
             relative(np.array(P), Q),
@@ -58,13 +59,13 @@ class Umat(Target):
 
 
 def is_unsymmetric(law: MaterialLaw) -> bool:
-    """Whether the tangent is: softening has no potential, nor has the deviator of what is no function of the isochoric part."""
-    return bool(law.mullins or law.payne or (law.branches and law.fibres))
+    """Whether the tangent is: softening has no potential, nor has a dashpot at finite strain, or the deviator of what is no function of the isochoric part."""
+    return bool(law.mullins or law.payne or law.springs or (law.branches and law.fibres))
 
 
 def history_size(law: MaterialLaw) -> int:
     """Number of history variables."""
-    return 1 + 12 * len(law.branches)
+    return 1 + 12 * (len(law.branches) + len(law.springs))
 
 
 def material_point(source: str, n_history: int) -> Update:

@@ -16,6 +16,15 @@
 !       {{ 2 + 12 * loop.index0 }}-{{ 7 + 12 * loop.index0 }}: DEV S of branch {{ loop.index }}, {{ 8 + 12 * loop.index0 }}-{{ 13 + 12 * loop.index0 }}: its overstress
 {% endfor %}
 {% endif %}
+{% for s in law.springs %}
+{% set first = 2 + 12 * (law.branches | length + loop.index0) %}
+!       {{ first }}-{{ first + 5 }}: C - 1 of the isochoric part,
+!       {{ first + 6 }}-{{ first + 11 }}: CV - 1 of spring {{ loop.index }}
+{% endfor %}
+{% if law.springs %}
+!     A spring of modulus MU in series with a dashpot adds the Kirchhoff
+!     stress MU dev(FB CV**-1 FB**T); FB: isochoric part of F.
+{% endif %}
 !     Relaxation acts on DEV S = S - (S : C)/3 C**-1 (S: second Piola-
 !     Kirchhoff stress, elastic), not on the pressure; branches add up.
 !     Softening is a factor on the whole elastic stress, volume included.
@@ -39,6 +48,9 @@
       DOUBLE PRECISION X, XMAX, PHI, DPHI, R, S, H, GAIN, TD(3, 3)
       DOUBLE PRECISION Q, M(3), OVER(3, 3), V(3, 3), EQGAIN
       DOUBLE PRECISION CD(3, 3, 3, 3), R1(3, 3, 3, 3)
+{% if law.springs %}
+      DOUBLE PRECISION TSPR(6), CSPR(6, 6)
+{% endif %}
       DATA IV /1, 2, 3, 1, 1, 2/
       DATA JV /1, 2, 3, 2, 3, 3/
       KAPPA = {{ volume.bulk_modulus | fortran }}
@@ -195,6 +207,20 @@
       END DO
       END DO
 {% endfor %}
+{% if law.springs %}
+      DO A = 1, 6
+        TSPR(A) = 0.0D0
+        DO B = 1, 6
+          CSPR(A, B) = 0.0D0
+        END DO
+      END DO
+{% endif %}
+{% for s in law.springs %}
+!     spring {{ loop.index }}: mu = {{ s.mu }}, tau = {{ s.tau }} s
+      R = {{ s.mu | fortran }}
+      H = {{ s.tau | fortran }}
+      CALL EQSPRG(R, DTIME/H, F, STATEV({{ 2 + 12 * (law.branches | length + loop.index0) }}), TSPR, CSPR)
+{% endfor %}
       DO A = 1, NTENS
         I = IV(A)
         J = JV(A)
@@ -208,6 +234,14 @@
           DDSDDE(A, B) = Q/DET
         END DO
       END DO
+{% if law.springs %}
+      DO A = 1, NTENS
+        STRESS(A) = STRESS(A) + TSPR(A)/DET
+        DO B = 1, NTENS
+          DDSDDE(A, B) = DDSDDE(A, B) + CSPR(A, B)/DET
+        END DO
+      END DO
+{% endif %}
       END
 
       SUBROUTINE EQINV(F, FI, DET)
@@ -305,5 +339,140 @@
       EQGAIN = (1.0D0 - EXP(-R))/R
       IF (R .LT. 1.0D-5) EQGAIN = 1.0D0 - R/2.0D0 + R*R/6.0D0
       END
+{% if law.springs %}
+
+      SUBROUTINE EQSPRG(MU, R, F, STATE, T, C)
+!     Adds the Kirchhoff stress T of a spring of modulus MU after R
+!     relaxation times and its tangent C by imaginary steps, which are
+!     exact; STATE: C - 1 and CV - 1, before and after.
+      IMPLICIT NONE
+      DOUBLE PRECISION MU, R, F(3, 3), STATE(12), T(6), C(6, 6), TINY
+      PARAMETER (TINY = 1.0D-30)
+      COMPLEX*16 G(3, 3), E(3, 3), TAU(6), NEW(12)
+      INTEGER A, B, I, J, K, IV(6), JV(6)
+      DATA IV /1, 2, 3, 1, 1, 2/
+      DATA JV /1, 2, 3, 2, 3, 3/
+      DO B = 0, 6
+        DO I = 1, 3
+          DO J = 1, 3
+            E(I, J) = (0.0D0, 0.0D0)
+          END DO
+          E(I, I) = (1.0D0, 0.0D0)
+        END DO
+        IF (B .GT. 0) THEN
+          I = IV(B)
+          J = JV(B)
+          E(I, J) = E(I, J) + DCMPLX(0.0D0, TINY/2.0D0)
+          E(J, I) = E(J, I) + DCMPLX(0.0D0, TINY/2.0D0)
+        END IF
+        DO I = 1, 3
+          DO J = 1, 3
+            G(I, J) = (0.0D0, 0.0D0)
+            DO K = 1, 3
+              G(I, J) = G(I, J) + E(I, K)*F(K, J)
+            END DO
+          END DO
+        END DO
+        CALL EQFLOW(R, G, STATE, TAU, NEW)
+        DO A = 1, 6
+          IF (B .EQ. 0) T(A) = T(A) + MU*DBLE(TAU(A))
+          IF (B .GT. 0) C(A, B) = C(A, B) + MU*DIMAG(TAU(A))/TINY
+        END DO
+      END DO
+!     the last step was imaginary, so that real parts are the state
+      DO A = 1, 12
+        STATE(A) = DBLE(NEW(A))
+      END DO
+      END
+
+      SUBROUTINE EQFLOW(R, F, STATE, TAU, NEW)
+!     TAU of unit modulus and the new state: TAU_R dCV/dt =
+!     C - (C : CV**-1)/3 CV, C linear in time, in four parts
+      IMPLICIT NONE
+      DOUBLE PRECISION R, STATE(12)
+      COMPLEX*16 F(3, 3), TAU(6), NEW(12), C(6), V(6), W(6), DET, P
+      COMPLEX*16 S(6), D(6), RATE, X, DECAY, GAIN, MEAN
+      INTEGER A, I, J, K, L, N, IV(6), JV(6)
+      DATA IV /1, 2, 3, 1, 1, 2/
+      DATA JV /1, 2, 3, 2, 3, 3/
+      DET = F(1, 1)*(F(2, 2)*F(3, 3) - F(2, 3)*F(3, 2))
+      DET = DET - F(1, 2)*(F(2, 1)*F(3, 3) - F(2, 3)*F(3, 1))
+      DET = DET + F(1, 3)*(F(2, 1)*F(3, 2) - F(2, 2)*F(3, 1))
+      P = EXP(-2.0D0/3.0D0*LOG(DET))
+      DO A = 1, 6
+        C(A) = (0.0D0, 0.0D0)
+        DO K = 1, 3
+          C(A) = C(A) + P*F(K, IV(A))*F(K, JV(A))
+        END DO
+        S(A) = STATE(A)
+        V(A) = STATE(6 + A)
+        IF (A .LE. 3) S(A) = S(A) + 1.0D0
+        IF (A .LE. 3) V(A) = V(A) + 1.0D0
+        D(A) = (C(A) - S(A))/4.0D0
+      END DO
+      DO N = 1, 4
+        CALL EQSYM(V, W, DET)
+        RATE = (0.0D0, 0.0D0)
+        DO A = 1, 6
+          X = (S(A) + D(A)/2.0D0)*W(A)/3.0D0
+          IF (A .GT. 3) X = 2.0D0*X
+          RATE = RATE + X
+        END DO
+        X = RATE*R/4.0D0
+        DECAY = EXP(-X)
+        IF (ABS(X) .GT. 1.0D-5) THEN
+          GAIN = (1.0D0 - DECAY)/X
+        ELSE
+          GAIN = 1.0D0 - X/2.0D0 + X*X/6.0D0
+        END IF
+        DO A = 1, 6
+          V(A) = DECAY*V(A) + (S(A)*(1.0D0 - DECAY)
+     1      + D(A)*(1.0D0 - GAIN))/RATE
+          S(A) = S(A) + D(A)
+        END DO
+        CALL EQSYM(V, W, DET)
+        X = EXP(-LOG(DET)/3.0D0)
+        DO A = 1, 6
+          V(A) = V(A)*X
+        END DO
+      END DO
+      CALL EQSYM(V, W, DET)
+      DO A = 1, 6
+        NEW(A) = C(A)
+        NEW(6 + A) = V(A)
+        IF (A .LE. 3) NEW(A) = NEW(A) - 1.0D0
+        IF (A .LE. 3) NEW(6 + A) = NEW(6 + A) - 1.0D0
+        TAU(A) = (0.0D0, 0.0D0)
+        DO K = 1, 3
+          DO L = 1, 3
+            J = K + L + 1
+            IF (K .EQ. L) J = K
+            TAU(A) = TAU(A) + P*F(IV(A), K)*W(J)*F(JV(A), L)
+          END DO
+        END DO
+      END DO
+      MEAN = (TAU(1) + TAU(2) + TAU(3))/3.0D0
+      DO I = 1, 3
+        TAU(I) = TAU(I) - MEAN
+      END DO
+      END
+
+      SUBROUTINE EQSYM(V, W, DET)
+!     inverse W and determinant of V: 11 22 33 12 13 23
+      IMPLICIT NONE
+      COMPLEX*16 V(6), W(6), DET
+      INTEGER A
+      W(1) = V(2)*V(3) - V(6)*V(6)
+      W(2) = V(1)*V(3) - V(5)*V(5)
+      W(3) = V(1)*V(2) - V(4)*V(4)
+      W(4) = V(5)*V(6) - V(4)*V(3)
+      W(5) = V(4)*V(6) - V(5)*V(2)
+      W(6) = V(4)*V(5) - V(6)*V(1)
+      DET = V(1)*W(1) + V(4)*W(4) + V(5)*W(5)
+      DO A = 1, 6
+        W(A) = W(A)/DET
+      END DO
+      END
+{% endif %}
 
 {% include "exported_energy.f" %}

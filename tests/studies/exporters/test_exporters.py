@@ -49,6 +49,10 @@ HISTORY = (
     ("Mullins softening", (0.2,), (0.05, 0.3)),
     ("Payne softening", (0.3,), (0.1,)),
 )
+SPRINGS = (
+    ("finite viscoelasticity", (0.15,), (2.0,)),
+    ("second finite relaxation time", (0.1,), (0.3,)),
+)
 LAWS = {
     "network": network(),
     "network of I2": network("I2", (1,)),
@@ -82,8 +86,9 @@ def test_umat_at_a_material_point(k2, kappa):
 
 
 @needs_gfortran
-def test_umat_follows_a_history_of_relaxation_and_softening_in_a_sheet():
-    law = law_of(extended(HISTORY), "law")
+@pytest.mark.parametrize("effects", [HISTORY, SPRINGS, (*HISTORY, *SPRINGS)], ids=["Prony", "springs", "both"])
+def test_umat_follows_a_history_of_relaxation_and_softening_in_a_sheet(effects):
+    law = law_of(extended(effects), "law")
     target = targets()["umat"]
     update = material_point(target.body(law, volume_of(law, 1e6)), history_size(law))
     stretch, time = np.array([1.2, 1.5, 1.7, 1.4, 1.2, 1.6]), np.array([0.5, 1.0, 1.5, 3.0, 4.0, 4.1])
