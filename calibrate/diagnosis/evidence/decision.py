@@ -155,7 +155,7 @@ def _group(name: str, final: Sequence[str], weighing: Weighing) -> tuple[str, ..
         for other in one.names
         if other not in final
     ]
-    alone = (other for other in weighing.groups.get(name, ()) if " with " not in other)
+    alone = (other for other in weighing.groups.get(name, ()) if " with " not in other and other not in final)
     return tuple(dict.fromkeys((name, *others, *alone)))
 
 

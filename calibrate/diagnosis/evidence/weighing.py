@@ -124,7 +124,7 @@ def _minimal(linear: Evidence, ranked: Sequence[Subset]) -> list[Subset]:
 
 
 def spanning(linear: Evidence, best: Subset) -> dict[str, tuple[str, ...]]:
-    """For every effect of the best subset those effects, alone or with another, in whose span its change lies."""
+    """For every effect of the best subset those effects that it does not have, alone or with another, in whose span its change lies."""
     found = {}
     for i, a in zip(best.members, best.amplitudes, strict=True):
         own = linear.signatures[i]
@@ -132,7 +132,7 @@ def spanning(linear: Evidence, best: Subset) -> dict[str, tuple[str, ...]]:
         spans: dict[str, Array] = {}
         shares: dict[str, float] = {}
         for s in linear.signatures:
-            instead = s.name != own.name and s.beside in ("", *others)
+            instead = s.name not in (own.name, *others) and s.beside in ("", *others)
             share = _share(y, s.columns) if instead else 0.0
             if share > shares.get(s.name, 0.0):
                 spans[s.name], shares[s.name] = s.columns, share

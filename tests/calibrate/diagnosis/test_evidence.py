@@ -79,6 +79,7 @@ def test_what_is_more_of_another_effect_stands_for_nothing_without_it():
     )
     assert spanning(found, found.subset((0,))) == {"found": ("alike",)}
     assert spanning(found, found.subset((0, 3)))["found"] == ("alike", "second")
+    assert "alike" not in spanning(found, found.subset((0, 1, 3)))["found"]  # it is there already
 
 
 def test_a_smooth_disturbance_that_is_in_no_signature_is_none_of_these():
