@@ -27,6 +27,7 @@ from calibrate.data.triangulation import boundary_nodes
 __all__ = ["PLANES", "Experiment", "LoadRecord", "LoadedBoundary", "Noise"]
 Array = NDArray[np.float64]
 WHOLE = "fingerprint_of_all_pictures"  # in a provenance, of the test that pictures were chosen of
+ONE_AXIS = 0.2  # of the largest force: forces across, up to which a sheet is pulled along one axis
 
 
 @dataclass(frozen=True)
@@ -173,6 +174,12 @@ class Experiment:
     def is_synchronised(self) -> bool:
         """Whether the crosshead's record shows that pictures and forces have one clock, so that there is no lag."""
         return bool((self.provenance.get("clocks") or {}).get("agree"))
+
+    @property
+    def is_biaxial(self) -> bool:
+        """Whether grips pull along both axes: the largest force along one is at least `ONE_AXIS` of that along the other."""
+        sizes = np.max([np.abs(np.nan_to_num(b.force)).max(axis=0) for b in self.loaded], axis=0)
+        return bool(sizes.min() > ONE_AXIS * sizes.max())
 
     @property
     def stress_unit(self) -> str:

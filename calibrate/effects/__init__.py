@@ -7,6 +7,7 @@ then on; named here, it has a place. `chain` applies the effects; `support` hold
 import pkgutil
 from importlib import import_module
 
+from calibrate.effects.axis_gain import AxisGain
 from calibrate.effects.camera_tilt import CameraTilt
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.dic_scale import Scale
@@ -17,6 +18,7 @@ from calibrate.effects.finite_viscoelasticity import FiniteViscosity, SecondFini
 from calibrate.effects.force_drift import ForceDrift
 from calibrate.effects.force_gain import ForceGain
 from calibrate.effects.force_offset import ForceOffset
+from calibrate.effects.friction import Friction
 from calibrate.effects.image_rotation import Rotation
 from calibrate.effects.inclusion import Inclusion
 from calibrate.effects.lag import Lag
@@ -56,7 +58,9 @@ LISTED: tuple[Effect, ...] = (
     Thickness(),
     ForceOffset(),
     ForceDrift(),
+    Friction(),
     ForceGain(),
+    AxisGain(),
     StiffnessDrift(),
     Lag(),
     Rotation(),

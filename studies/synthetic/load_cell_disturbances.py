@@ -1,4 +1,4 @@
-"""What a load cell gets wrong: its zero, the drift of it, its gain, the drift of that or of the material, and its time.
+"""What load cells get wrong: their zero, the drift of it, their gains, the drift of that or of the material, friction before them, and their time.
 
 In: an exact solution and a mesh of the camera. Out: small classes with their amplitudes, see `studies.synthetic.disturbances`.
 """
@@ -50,6 +50,29 @@ class ForceGain(Disturbance):
 
     def forces(self, force, time):
         return force / (1 + self.g)
+
+
+@dataclass(frozen=True)
+class AxisGain(Disturbance):
+    """Forces along y are read 1 + g times as large as they are."""
+
+    g: float
+    name: ClassVar[str] = "axis gain"
+
+    def forces(self, force, time):
+        return force * np.array([1.0, 1.0 + self.g])
+
+
+@dataclass(frozen=True)
+class Friction(Disturbance):
+    """Every load cell reads R, N, more in the direction of its largest force while forces grow, and R less while they fall."""
+
+    R: float
+    name: ClassVar[str] = "friction in the load train"
+
+    def forces(self, force, time):
+        grows = np.diff(np.linalg.norm(force, axis=1), prepend=0.0) >= 0
+        return force + self.R * np.where(grows, 1.0, -1.0)[:, None] * _largest_direction(force)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,17 @@ from forward.materials import ArrudaBoyce, Material, NeoHooke, Yeoh
 from meshes import Mesh, Specimen
 from studies.output.writing import write_json
 from studies.synthetic.camera import GaussianField, stream
-from studies.trials.blind_effects import EFFECTS, FREQUENT, SOLID, UNLOADING, Hidden, Situation, check, log_uniform
+from studies.trials.blind_effects import (
+    BIAXIAL,
+    EFFECTS,
+    FREQUENT,
+    SOLID,
+    UNLOADING,
+    Hidden,
+    Situation,
+    check,
+    log_uniform,
+)
 from studies.trials.blind_solution import camera_mesh, clean_experiment, warp
 from studies.trials.blind_trial import FIELD_RESOLUTION, SPECIMENS, Trial
 from studies.trials.foreign import noise_of
@@ -52,6 +62,8 @@ def draw(seed: int, effect: str | None = "random", second: str | None = None) ->
     names = [random if name == "random" else name for name in (effect, second) if name is not None]
     check(names)
     key = list(SPECIMENS)[int(rng.integers(len(SPECIMENS)))]
+    if BIAXIAL in names:
+        key = "cross"
     specimen, material = SPECIMENS[key], _material(rng)
     extent = 2 * max(specimen.half_extent)
     thickness = float(rng.uniform(1, 6))

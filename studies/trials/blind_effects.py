@@ -129,6 +129,14 @@ def _force_gain(rng, s):
     return {"g": _signed(rng, 0.003, 0.05)}, {}, {}
 
 
+def _friction(rng, s):
+    return {"R": s.force * log_uniform(rng, 0.001, 0.05)}, {}, {}
+
+
+def _axis_gain(rng, s):
+    return {"g": _signed(rng, 0.003, 0.1)}, {}, {}
+
+
 def _stiffness_drift(rng, s):
     return {"s": _signed(rng, 0.005, 0.2) / s.duration}, {}, {}
 
@@ -194,6 +202,8 @@ RECORDING: dict[str, Draw] = {
     "force offset": _force_offset,
     "force drift": _force_drift,
     "force gain": _force_gain,
+    "friction in the load train": _friction,
+    "axis gain": _axis_gain,
     "stiffness or gain drift": _stiffness_drift,
     "lag between force and image": _lag,
     "image rotation": _rotation,
@@ -216,6 +226,8 @@ LATER = (
     "magnification drift",
     "stiffness or gain drift",
     "finite viscoelasticity",
+    "friction in the load train",
+    "axis gain",
 )  # their seeds come after all others, so that runs from before them keep their trials
 FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
 UNLOADING = (
@@ -226,8 +238,10 @@ UNLOADING = (
     "magnification drift",
     "stiffness or gain drift",
     "finite viscoelasticity",
+    "friction in the load train",
 )
 SOLID = "3D effect of thickness"
+BIAXIAL = "axis gain"
 UNPAIRED = (SOLID, *LATER[1:])  # in random pairs, whose seeds are older
 
 

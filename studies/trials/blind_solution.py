@@ -26,7 +26,15 @@ from studies.synthetic import effect_laws
 from studies.synthetic.camera_disturbances import LensDistortion, MagnificationDrift, OutOfPlane, Rotation, Scale, Tilt
 from studies.synthetic.correlation_disturbances import SubsetSmoothing, UnmeasuredStrip, Warp
 from studies.synthetic.disturbances import Disturbance, observe
-from studies.synthetic.load_cell_disturbances import ForceDrift, ForceGain, ForceOffset, Lag, StiffnessDrift
+from studies.synthetic.load_cell_disturbances import (
+    AxisGain,
+    ForceDrift,
+    ForceGain,
+    ForceOffset,
+    Friction,
+    Lag,
+    StiffnessDrift,
+)
 from studies.trials import foreign
 from studies.trials.blind_effects import SOLID
 from studies.trials.blind_trial import SPECIMENS, Trial
@@ -130,6 +138,8 @@ def disturbances(trial: Trial) -> list[Disturbance]:
             ForceOffset,
             ForceDrift,
             ForceGain,
+            AxisGain,
+            Friction,
             StiffnessDrift,
             Lag,
             Rotation,

@@ -76,11 +76,12 @@ def _corrected(experiment: Experiment, additions: Additions) -> Experiment:
 
 def _corrected_record(experiment: Experiment, found: Experiment, additions: Additions) -> LoadRecord | None:
     """The record with its forces corrected; None where there is none, or the pictures as they are `found` go beyond it."""
-    record, time = experiment.record, found.time
-    if record is None or time is None or time[0] < record.time[0] or time[-1] > record.time[-1]:
+    record, pictures, time = experiment.record, experiment.time, found.time
+    if record is None or pictures is None or time is None or time[0] < record.time[0] or time[-1] > record.time[-1]:
         return None
     data, forces = Data.of(replace(experiment, record=None)), np.moveaxis(record.force, 0, -1)
-    data = replace(data, time=jnp.asarray(record.time))
+    next_picture = np.searchsorted(pictures, record.time).clip(max=len(data.motion_sign) - 1)
+    data = replace(data, time=jnp.asarray(record.time), motion_sign=data.motion_sign[next_picture])
     run = Linearisation.run(load_stages(additions), Constants(data, 0.0, ()), {LOADS: np.nan_to_num(forces)}).quantities
     loads = np.where(np.isnan(forces), np.nan, np.asarray(run[LOADS]))
     return replace(record, force=np.moveaxis(loads, -1, 0))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 STRAIGHT = 0.7  # smallest cosine of successive steps on a branch
 STEADY = 2.0  # largest ratio of their speeds
+REST = 2e-3  # of the largest displacement: what moves less from one increment to the next is at rest
 
 
 def motion(time: Array, u: Array) -> Array:
@@ -31,6 +32,14 @@ def motion(time: Array, u: Array) -> Array:
                 powers = (instants[near] - instants[i])[None, :] ** np.arange(len(near))[:, None]
                 result[b, : len(near) - 1, i, near] = np.linalg.inv(powers)[:, 1:]
     return result[:, :, 1:, 1:] if rest else result
+
+
+def sign_of_motion(u: Array) -> Array:
+    """(t,): 1 where displacements u (t, n, 2), by their root mean square, have grown on the way to an increment, -1 where they have fallen; at rest as before."""
+    size = np.sqrt((np.asarray(u) ** 2).mean(axis=(1, 2)))
+    steps = np.diff(size, prepend=0.0)
+    last = np.maximum.accumulate(np.where(np.abs(steps) > REST * size.max(), np.arange(len(steps)), 0))
+    return np.where(steps[last] < 0, -1.0, 1.0)
 
 
 def branches(instants: Array, places: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment
 from calibrate.data.outline import Outline
 from calibrate.effects.support.borders import nearest_lines
-from calibrate.effects.support.branches import motion
+from calibrate.effects.support.branches import motion, sign_of_motion
 from calibrate.effects.support.digest import digest
 from calibrate.effects.support.membrane import Membrane
 from calibrate.effects.support.nodal_derivatives import gradient
@@ -33,11 +33,11 @@ class Data:
     points (n, 2), triangles (m, 3), stencil (m, k) and slopes (m, k, 2): gradient at the centroids = sum over the
     stencil of nodal values times slopes, 1/mm; areas (m,) mm^2, centroids (m, 2), u (t, n, 2) mm, time (t,) s or None,
     thickness mm (1 where unknown), size: extent mm, edges (m,): length of free edges, but those of given rims, over area, 1/mm, edge_nodes (m, 2): of
-    a free edge, beside (m,): number of a triangle among those beside a free edge, 0 of others, motion: see `calibrate.effects.support.branches`, None without a time, lines (n, 2, 4): see `calibrate.effects.support.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
+    a free edge, beside (m,): number of a triangle among those beside a free edge, 0 of others, motion: see `calibrate.effects.support.branches`, None without a time, motion_sign (t,): see there, lines (n, 2, 4): see `calibrate.effects.support.borders`, rings (n, q) and ring_slopes (n, q, 2): gradient at the nodes, as
     the stencil and slopes above, membrane: see `calibrate.effects.support.membrane`; plane: 'stress' or 'strain'.
     twin: see `calibrate.effects.support.twin_kinematics`; None: the test has none. doubt: 1 where effects are to be wrong by a standard deviation of
     what their formulas leave out, else 0.
-    reference_height (n,), mm: of stereo data, see `Experiment.heights`; None: one camera. zeroed, synchronised: see `Experiment`.
+    reference_height (n,), mm: of stereo data, see `Experiment.heights`; None: one camera. zeroed, synchronised, biaxial: see `Experiment`.
     """
 
     points: Any
@@ -54,6 +54,7 @@ class Data:
     edge_nodes: Any
     beside: Any
     motion: Any
+    motion_sign: Any
     membrane: Membrane
     lines: Any
     rings: Any
@@ -62,6 +63,7 @@ class Data:
     reference_height: Any = None
     zeroed: bool = field(default=False, metadata={"static": True})
     synchronised: bool = field(default=False, metadata={"static": True})
+    biaxial: bool = field(default=False, metadata={"static": True})
     twin: TwinKinematics | None = None
     doubt: Any = 0.0
 
@@ -87,6 +89,7 @@ class Data:
             jnp.asarray(edge_nodes),
             jnp.asarray(np.where(length > 0, np.cumsum(length > 0) - 1, 0)),
             None if experiment.time is None else jnp.asarray(motion(experiment.time, experiment.displacements)),
+            jnp.asarray(sign_of_motion(experiment.displacements)),
             Membrane.of(experiment),
             jnp.asarray(lines),
             jnp.asarray(rings),
@@ -95,6 +98,7 @@ class Data:
             None if experiment.heights is None else jnp.asarray(experiment.heights[0]),
             experiment.is_zeroed,
             experiment.is_synchronised,
+            experiment.is_biaxial,
         )
 
     def with_mean_gradients(self) -> Data:

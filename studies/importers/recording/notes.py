@@ -26,7 +26,6 @@ FILTERED = 10.0  # total over temporal noise, from which the latter says nothing
 AUXETIC = 0.1  # of the strain along the pull: strain across of the same sign, from which no soft material has it
 CLOCK = 3.0  # times the noise of the load cell
 PRELOAD = 0.03  # of the largest force: what a load cell that was not zeroed hardly reads
-ONE_AXIS = 0.2  # of the largest force: forces across, up to which a sheet is pulled along one axis
 OPPOSED = 0.05  # of their ranges: steps of elongation and force in opposite directions
 LARGEST = 1500.0  # mm, of what fits into a test stand
 
@@ -125,7 +124,7 @@ def pull_notes(experiment: Experiment) -> list[str]:
     )
     size = np.max([np.abs(np.nan_to_num(b.force)).max(axis=0) for b in experiment.loaded], axis=0)
     along, across = int(np.argmax(size)), int(np.argmin(size))
-    if size[across] > ONE_AXIS * size[along]:
+    if experiment.is_biaxial:
         return []
     force = forces[:, along] * np.sign(forces[np.argmax(np.abs(forces[:, along])), along])
     strains = np.array([mean_strains(experiment.points, u)[0] for u in experiment.displacements])

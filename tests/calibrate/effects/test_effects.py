@@ -157,6 +157,8 @@ def test_what_the_data_lack_is_named(chain):
     assert {name: what for name, what in lacking.items() if what} == {
         **dict.fromkeys(("Mullins softening", "Payne softening", "permanent set"), "unloading"),
         **dict.fromkeys(("force drift", "magnification drift", "stiffness or gain drift"), "a pause or a way back"),
+        "friction in the load train": "a way back",
+        "axis gain": "forces along two axes",
     }
     timeless = Data.of(dataclasses.replace(experiment, time=None))
     assert {e.name for e in CATALOGUE if e.missing(timeless) == "time"} == {
