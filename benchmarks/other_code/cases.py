@@ -60,6 +60,11 @@ def moved_away(p: np.ndarray, u: np.ndarray, t: np.ndarray) -> np.ndarray:
     return (p + u) * (1 + 0.004 * t / t[-1])[:, None, None] - p
 
 
+def through_a_guide(f: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Friction of 1 % of the largest force and 0.5 % of the force itself, against the motion; none in the reference picture."""
+    return f + np.sign(np.diff(f, prepend=f[0])) * (0.01 * f.max() + 0.005 * f)
+
+
 def with_a_lost_picture(p: np.ndarray, u: np.ndarray, t: np.ndarray) -> np.ndarray:
     """From the ninth on every file has what the next one should."""
     found = u.copy()
@@ -116,6 +121,7 @@ CASES = {
     "picture lost": Case("a picture lost, later ones one interval too early", laws.elastic(laws.gent), CYCLE, holes=THREE, seen=with_a_lost_picture),
     "nothing, wrong matches": Case("nothing, Gent; wrong matches and lost points", laws.elastic(laws.gent), CYCLE, null=True, spoilt=with_wrong_matches),
     "nothing, noise that lasts": Case("nothing, Gent; noise that lasts over pictures", laws.elastic(laws.gent), CYCLE, null=True, holes=THREE, noise=(0.004, 3.0, 0.0), spoilt=lasting),
+    "friction": Case("friction of a guide, in part by the force", laws.elastic(laws.gent), CYCLE, ("friction in the load train",), holes=THREE, read=through_a_guide),
 }  # fmt: skip
 
 
