@@ -4,23 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import jax.numpy as jnp
+
 from calibrate.effects.effect import Effect, Parameter
 from calibrate.effects.force_offset import largest_direction
 
 
 @dataclass(frozen=True)
 class Friction(Effect):
-    """Every load cell reads R more than the sheet has while the load grows, and R less while it falls (Coulomb); at rest as before."""
+    """Every load cell reads more than the sheet has while the load grows, and less while it falls (Coulomb); at rest as before.
+
+    Of the difference R0 is there at every load, as of a seal; R1 at the largest force, in proportion to what is read, as of a guide that the load presses on.
+    """
 
     name = "friction in the load train"
     stage = "load"
     of_rig = True
-    formula = "f - R s e, s: sign of the motion of the grips, e: direction of the largest force"
-    amplitudes = (Parameter("R", "N", lower=0.0, typical=0.1),)
+    formula = "f - s (R0 e + R1 f / f_max), s: sign of the motion of the grips, e: direction of the largest force f_max"
+    amplitudes = (Parameter("R0", "N", lower=0.0, typical=0.1), Parameter("R1", "N", lower=0.0, typical=0.1))
     decided_by = "cycles without a specimen, or of a spring"
 
     def missing(self, data):
         return None if float(data.motion_sign.min()) < 0 else "a way back"
 
     def loads(self, data, loads, a, shape):
-        return loads - a[0] * data.motion_sign[:, None, None] * largest_direction(loads)
+        largest = jnp.sqrt(jnp.sum(loads * loads, axis=1)).max(axis=0)
+        share = loads / jnp.where(largest > 0, largest, 1.0)
+        return loads - data.motion_sign[:, None, None] * (a[0] * largest_direction(loads) + a[1] * share)

@@ -17,6 +17,7 @@ from studies.errors import OptionError
 from studies.synthetic.disturbances import Disturbance
 
 Array = NDArray[np.float64]
+FIXED_POINT = 20  # iterations
 
 
 @dataclass(frozen=True)
@@ -65,14 +66,19 @@ class AxisGain(Disturbance):
 
 @dataclass(frozen=True)
 class Friction(Disturbance):
-    """Every load cell reads R, N, more in the direction of its largest force while forces grow, and R less while they fall."""
+    """Every load cell reads more while forces grow, and less while they fall: R0, N, in the direction of its largest force, and R1, N, times what it reads over the largest of that."""
 
-    R: float
+    R0: float
+    R1: float
     name: ClassVar[str] = "friction in the load train"
 
     def forces(self, force, time):
-        grows = np.diff(np.linalg.norm(force, axis=1), prepend=0.0) >= 0
-        return force + self.R * np.where(grows, 1.0, -1.0)[:, None] * _largest_direction(force)
+        sign = np.where(np.diff(np.linalg.norm(force, axis=1), prepend=0.0) >= 0, 1.0, -1.0)[:, None]
+        found = force
+        for _ in range(FIXED_POINT):
+            largest = np.linalg.norm(found, axis=1).max()
+            found = force + sign * (self.R0 * _largest_direction(found) + self.R1 * found / largest)
+        return found
 
 
 @dataclass(frozen=True)

@@ -130,7 +130,8 @@ def _force_gain(rng, s):
 
 
 def _friction(rng, s):
-    return {"R": s.force * log_uniform(rng, 0.001, 0.05)}, {}, {}
+    size, share = s.force * log_uniform(rng, 0.001, 0.05), rng.uniform()
+    return {"R0": (1 - share) * size, "R1": share * size}, {}, {}
 
 
 def _axis_gain(rng, s):

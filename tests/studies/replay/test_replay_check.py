@@ -336,7 +336,7 @@ def test_the_record_is_corrected_with_the_forces_of_the_pictures():
                            (("image rotation", 0.02, ()), ("lag between force and image", 0.5, (1.0,)), ("lag between force and image", 1.5, (1.0,))))  # fmt: skip
     drift = Addition(BY_NAME["force drift"], (0.1,), ())
     softer = Addition(BY_NAME["stiffness or gain drift"], (-0.02,), ())
-    rubbing = Addition(BY_NAME["friction in the load train"], (0.3,), ())
+    rubbing = Addition(BY_NAME["friction in the load train"], (0.3, 0.0), ())
     for acting in (turned, drift, softer, rubbing):
         true = true_surface(seen, (acting,))
         for boundary, force in zip(true.loaded, true.record.force, strict=True):

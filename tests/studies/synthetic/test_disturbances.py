@@ -77,7 +77,7 @@ def test_a_solution_in_plane_strain_stays_one(exact, mesh):
 
 
 @pytest.mark.parametrize("disturbance", [LensDistortion(0.0), OutOfPlane(0.0), MagnificationDrift(0.0), Rotation(0.0), Scale(0.0), Tilt(0.0, 0.0),
-                                         ForceOffset(0.0), ForceDrift(0.0), ForceGain(0.0), AxisGain(0.0), Friction(0.0), StiffnessDrift(0.0), UnmeasuredStrip(0.0),
+                                         ForceOffset(0.0), ForceDrift(0.0), ForceGain(0.0), AxisGain(0.0), Friction(0.0, 0.0), StiffnessDrift(0.0), UnmeasuredStrip(0.0),
                                          Warp(0, 0.0, 1.0, 5.0)])  # fmt: skip
 def test_no_amplitude_no_change(exact, mesh, clean, disturbance):
     seen = observe(exact, SHEET, mesh, [disturbance])
@@ -163,9 +163,11 @@ def test_load_cells(exact, mesh, clean):
     np.testing.assert_allclose(force_of(softer), force_of(clean) * (1 - 0.01 * exact.time)[:, None])
     axis = observe(exact, SHEET, mesh, [AxisGain(0.05)])
     np.testing.assert_allclose(force_of(axis), force_of(clean) * [1.0, 1.05])
-    friction = observe(exact, SHEET, mesh, [Friction(0.26)])
+    friction = observe(exact, SHEET, mesh, [Friction(0.26, 0.0)])
     sign = np.sign(np.diff(np.linalg.norm(force_of(clean), axis=1), prepend=0.0))[:, None]
     np.testing.assert_allclose(force_of(friction) - force_of(clean), 0.26 * sign * direction)
+    guided = force_of(observe(exact, SHEET, mesh, [Friction(0.0, 0.26)]))
+    np.testing.assert_allclose(guided - force_of(clean), 0.26 * sign * guided / np.linalg.norm(guided, axis=1).max())
     gain = observe(exact, SHEET, mesh, [ForceGain(0.05)])
     np.testing.assert_allclose(force_of(gain) * 1.05, force_of(clean))
 
