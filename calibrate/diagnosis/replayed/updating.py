@@ -40,7 +40,7 @@ from calibrate.fitting.least_squares import bounded
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Priors = Mapping[str, tuple[Array, Array]]  # mean and deviation of amplitudes (p,), or of shapes too (p + s,)
-REPLAYS, STEPS, TRIED = 6, 30, 5  # at most; of a fit between two replays, and of one from other values
+REPLAYS, STEPS, TRIED = 6, 10, 5  # at most; of a fit between two replays, and of one from other values
 SMALL = 1.0  # change by one more fit, in standard deviations, at which the last replay is that of the model
 TOLERANCE = 0.01  # fall of the objective in a step between two replays, in variances of what is left of a force
 FACTOR = 2.0  # by which the base may change in a step
