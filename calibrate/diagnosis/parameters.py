@@ -16,11 +16,6 @@ Array = NDArray[np.float64]
 ANGLE = 0.5  # rad, by which an angle is uncertain before a test
 
 
-def n_parameters(addition: Addition) -> int:
-    """Number of amplitudes and shapes."""
-    return len(addition.amplitudes) + len(addition.shape)
-
-
 def not_distinct_from_null(addition: Addition, deviations: Sequence[float]) -> bool:
     """Whether no amplitude differs from its null value by two standard deviations."""
     return all(

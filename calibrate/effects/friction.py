@@ -12,7 +12,7 @@ from calibrate.effects.force_offset import largest_direction
 
 @dataclass(frozen=True)
 class Friction(Effect):
-    """Every load cell reads more than the sheet has while the load grows, and less while it falls (Coulomb); at rest as before.
+    """Every load cell reads more than the sheet has while its displacements grow, and less while they fall (Coulomb); at rest as before.
 
     Of the difference R0 is there at every load, as of a seal; R1 at the largest force, in proportion to what is read, as of a guide that the load presses on.
     """
@@ -20,7 +20,7 @@ class Friction(Effect):
     name = "friction in the load train"
     stage = "load"
     of_rig = True
-    formula = "f - s (R0 e + R1 f / f_max), s: sign of the motion of the grips, e: direction of the largest force f_max"
+    formula = "f - s (R0 e + R1 f / f_max), s: sign of the motion, e: direction of the largest force f_max"
     amplitudes = (Parameter("R0", "N", lower=0.0, typical=0.1), Parameter("R1", "N", lower=0.0, typical=0.1))
     decided_by = "cycles without a specimen, or of a spring"
 

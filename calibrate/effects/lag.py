@@ -9,7 +9,7 @@ import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter, lacks_rate
 
-MOST = 0.5  # of the duration of a test
+LARGEST = 0.5  # of the duration of a test
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Lag(Effect):
         return lacks_rate(data)
 
     def limits(self, data):
-        most = MOST * float(data.time[-1] - data.time[0])
+        most = LARGEST * float(data.time[-1] - data.time[0])
         return np.array([-most]), np.array([most])
 
     def shape_values(self, data):

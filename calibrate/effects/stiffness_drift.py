@@ -8,7 +8,7 @@ import numpy as np
 
 from calibrate.effects.effect import Effect, Parameter, lacks_turn
 
-MOST = 5.0  # times as stiff, or as soft, at the end
+LARGEST = 5.0  # times as stiff, or as soft, at the end
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class StiffnessDrift(Effect):
 
     def limits(self, data):
         end = float(data.time[-1])
-        return np.array([1 / MOST - 1.0]) / end, np.array([MOST - 1.0]) / end
+        return np.array([1 / LARGEST - 1.0]) / end, np.array([LARGEST - 1.0]) / end
 
     def loads(self, data, loads, a, shape):
         return loads / (1.0 + a[0] * data.time)[:, None, None]

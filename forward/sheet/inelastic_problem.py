@@ -176,25 +176,25 @@ class InelasticProblem(PlaneStressProblem):
         return sheet.energy(point.I1, point.I2, point.C, ufl.SpatialCoordinate(self.domain), material, additions)
 
     def _stress(self, sheet: Sheet, point: _Point, W: Any, additions: list[Any]) -> Any:
-        """First Piola-Kirchhoff stress (2, 2), MPa, after softening, viscosity and permanent set."""
-        elastic, largest = ufl.diff(W, point.F), None
+        """First Piola-Kirchhoff stress (2, 2), MPa: that of energy and new chains, softened, then with its overstress."""
+        elastic, field = ufl.diff(W, point.F), sheet.field(ufl.SpatialCoordinate(self.domain), additions)
         if sheet.softens:
             x = point.I1 - 3
             self._x = quadrature_expression(x, self.domain)
             largest = ufl.max_value(self._variable("largest", ()), x)
+            if sheet.permanent_set is not None:
+                whole = ufl.exp(-self._constant(sheet.permanent_set.a) * largest)
+                elastic = whole * elastic + field * self._stress_of_new_chains(sheet, point)
             elastic *= sheet.factor(x, largest, additions)
         if sheet.softens_by_energy:
             elastic *= self._damage(sheet, point, additions)
         P = elastic
         if sheet.prony:
             P = self._viscous(elastic, point)
-        if sheet.permanent_set is not None:
-            whole = ufl.exp(-self._constant(sheet.permanent_set.a) * largest)
-            P = whole * P + self._stress_of_new_chains(sheet, point)
         self._overstress = None
         if sheet.branches:
             self._overstress = OverstressFields(sheet.branches, point.F, self.domain, self._variable)
-            P += sheet.field(ufl.SpatialCoordinate(self.domain), additions) * self._overstress.stress
+            P += field * self._overstress.stress
         return P
 
     def _damage(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:

@@ -52,10 +52,11 @@ class BranchStep:
 
 
 def flowed(branch: Branch, F: Array, past: Array, duration: float) -> Array:
-    """In-plane A (..., 2, 2) after `duration`, s, at F (..., 2, 2), from `past` (..., 2, 2)."""
+    """In-plane A (..., 2, 2) after `duration`, s, at F (..., 2, 2), from `past` (..., 2, 2); NaN where no strains are found."""
     F, past = _components(F), _components(past)
     squares, axes = _principal(_pushed(F, past))
-    strains = _flow(np.log(squares) / 2, duration / (2 * branch.tau))[0]
+    strains, _, found = _flow(np.log(squares) / 2, duration / (2 * branch.tau))
+    strains[:, ~found] = np.nan
     return _points(_pushed(_inverse(F), _tensor(np.exp(2 * strains), axes)))
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from studies.commandline.subclasses import concrete
 from studies.errors import ExportError
 from studies.exporters.target import Target
-from studies.subclasses import concrete
 
 __all__ = ["Target", "target_named", "targets"]
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from calibrate import errors
+from studies.commandline.subclasses import concrete
 from studies.importers.exports.text_files import text_file
 from studies.importers.recording.importer import Importer, Processing, Recording, SheetOptions, arrays_in
-from studies.subclasses import concrete
 
 SHOWN = 12  # columns that a message names
 __all__ = ["Importer", "Processing", "Recording", "SheetOptions", "importer_of", "importers"]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import prior_deviations
+from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed.few_effects import Candidate, FewEffects, few_effects
 from calibrate.diagnosis.replayed.updating import Priors as UpdatePriors
@@ -22,7 +23,6 @@ from calibrate.effects import Effect
 from calibrate.effects.chain import Additions
 from calibrate.effects.chain.true_surface import is_expressed
 from calibrate.fitting.resumable import SILENT, Resumable
-from calibrate.models.parameter_covariance import Z95
 from studies.errors import OptionError
 from studies.replay.compared_test import ComparedTest
 from studies.replay.fitted_replays import EACH, Replays, other_times
@@ -83,7 +83,7 @@ def _with_memory_of(found: Additions, additions: Additions) -> Additions:
 def _without_weak(replays: Replays, found: Updated, known: UpdatePriors, of_memory: bool) -> Updated:
     """Fitted again without effects with a memory that the forces do not tell from none."""
     pairs = list(zip(found.additions, found.deviations, strict=True))
-    strong = tuple(a for a, d in pairs if not a.effect.remembers or abs(a.amplitudes[0]) > Z95 * d[0])
+    strong = tuple(a for a, d in pairs if not (a.effect.remembers and not_distinct_from_null(a, d)))
     if len(strong) == len(pairs):
         return found
     again = update(replays, found.c, strong, known, (), of_memory)

@@ -66,14 +66,16 @@ class AxisGain(Disturbance):
 
 @dataclass(frozen=True)
 class Friction(Disturbance):
-    """Every load cell reads more while forces grow, and less while they fall: R0, N, in the direction of its largest force, and R1, N, times what it reads over the largest of that."""
+    """Every load cell reads more while forces grow, and less while they fall, at rest as before: R0, N, in the direction of its largest force, and R1, N, times what it reads over the largest of that."""
 
     R0: float
     R1: float
     name: ClassVar[str] = "friction in the load train"
 
     def forces(self, force, time):
-        sign = np.where(np.diff(np.linalg.norm(force, axis=1), prepend=0.0) >= 0, 1.0, -1.0)[:, None]
+        steps = np.sign(np.diff(np.linalg.norm(force, axis=1), prepend=0.0))
+        last = np.maximum.accumulate(np.where(steps != 0, np.arange(len(steps)), 0))
+        sign = np.where(steps[last] < 0, -1.0, 1.0)[:, None]
         found = force
         for _ in range(FIXED_POINT):
             largest = np.linalg.norm(found, axis=1).max()
@@ -130,4 +132,4 @@ class Lag(Disturbance):
 def _largest_direction(force: Array) -> Array:
     """Direction (2,) of the largest of the forces (t, 2), N."""
     sizes = np.linalg.norm(force, axis=1)
-    return np.asarray(force[sizes.argmax()] / sizes.max())
+    return np.asarray(force[sizes.argmax()] / (sizes.max() or 1.0))

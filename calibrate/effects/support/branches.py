@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 STRAIGHT = 0.7  # smallest cosine of successive steps on a branch
 STEADY = 2.0  # largest ratio of their speeds
-REST = 2e-3  # of the largest displacement: what moves less from one increment to the next is at rest
+REST = 2e-3  # of the largest displacement: what has moved less since it turned has not turned
 
 
 def motion(time: Array, u: Array) -> Array:
@@ -35,11 +35,19 @@ def motion(time: Array, u: Array) -> Array:
 
 
 def sign_of_motion(u: Array) -> Array:
-    """(t,): 1 where displacements u (t, n, 2), by their root mean square, have grown on the way to an increment, -1 where they have fallen; at rest as before."""
+    """(t,): 1 where displacements u (t, n, 2), by their root mean square, grow on the way to an increment, -1 where they fall; at rest as before.
+
+    They have turned where they are further than `REST` from the extreme since the turn before, however many increments that takes.
+    """
     size = np.sqrt((np.asarray(u) ** 2).mean(axis=(1, 2)))
-    steps = np.diff(size, prepend=0.0)
-    last = np.maximum.accumulate(np.where(np.abs(steps) > REST * size.max(), np.arange(len(steps)), 0))
-    return np.where(steps[last] < 0, -1.0, 1.0)
+    found, sign, extreme = np.ones(len(size)), 1.0, 0.0
+    for i, now in enumerate(size.tolist()):
+        if sign * (extreme - now) > REST * size.max():
+            sign = -sign
+            extreme = now
+        extreme = sign * max(sign * extreme, sign * now)
+        found[i] = sign
+    return found
 
 
 def branches(instants: Array, places: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

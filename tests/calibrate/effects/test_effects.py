@@ -33,7 +33,7 @@ from calibrate.effects.out_of_plane import OutOfPlane
 from calibrate.effects.permanent_set import PermanentSet
 from calibrate.effects.stiffness_drift import StiffnessDrift
 from calibrate.effects.support.borders import nearest_lines, subset_moments
-from calibrate.effects.support.branches import motion
+from calibrate.effects.support.branches import motion, sign_of_motion
 from calibrate.effects.support.nodal_derivatives import gradients, law_gradients, second_derivatives
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.effects.upturn import Upturn
@@ -502,6 +502,21 @@ def test_magnification_drift_is_undone(chain):
     for drift in (MagnificationDrift(), ForceDrift(), StiffnessDrift()):
         assert drift.missing(ramp) == "a pause or a way back"
         assert drift.missing(dataclasses.replace(ramp, time=60 * share**3)) is None
+
+
+@pytest.mark.parametrize(
+    ("sizes", "signs"),
+    [
+        ([0.5, 1.0, 1.0, 0.6, 0.6, 0.9], "+++--+"),  # at rest as before
+        ([1.0, 0.999, 0.9985, 0.9975, 0.997], "+++--"),  # slowly back
+        ([0.5, 1.0, 0.9995, 1.0, 0.9991], "+++++"),  # noise
+        (np.concatenate([np.linspace(0, 1, 1001)[1:], np.linspace(1, 0.5, 1001)[1:]]), "+" * 1003 + "-" * 997),
+    ],
+)
+def test_sign_of_motion(sizes, signs):
+    """A way back counts once it is a five hundredth of the largest displacement, in however many pictures it was made."""
+    found = sign_of_motion(np.array(sizes)[:, None, None] * np.ones((1, 3, 2)))
+    assert "".join("+" if one > 0 else "-" for one in found) == signs
 
 
 def test_subset_moments(chain):

@@ -21,7 +21,7 @@ from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 from meshes import PlateWithHole, quads
 
 SHEETS = {
-    "softening": Sheet(NeoHooke(0.4), 1.2, (Mullins(0.3),), (Prony(0.3, 2.0),), PermanentSet(0.05)),
+    "softening": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03), Mullins(0.3)), (Prony(0.3, 2.0),), PermanentSet(0.05)),
     "compressible": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), (Prony(0.2, 1.0),), bulk_modulus=10.0),
 }
 LOADING = Loading.clamped(PlateWithHole.loaded, 20.0)

@@ -31,6 +31,7 @@ from calibrate.effects.chain import Addition
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.equations.weights import weights_of
 from calibrate.models.extended_model import ExtendedModel
+from calibrate.models.parameter_covariance import Z95
 from studies.output.alerts import Severity
 from studies.reports.alert_table import in_order
 from studies.reports.discovery import figures, report
@@ -128,7 +129,7 @@ def test_increments_held_out_are_those_of_the_rule():
 def test_intervals_are_two_deviations_wide_and_hold_the_truth():
     (amplitude,) = amplitude_records(row("second invariant")[0], "MPa")
     assert amplitude.low_95 < C01 < amplitude.high_95
-    assert amplitude.high_95 - amplitude.fitted == pytest.approx(1.96 * amplitude.fitted_deviation)
+    assert amplitude.high_95 - amplitude.fitted == pytest.approx(Z95 * amplitude.fitted_deviation)
     assert (amplitude.unit, amplitude.lowest, amplitude.highest) == ("MPa", 0.0, None)
 
 
@@ -380,10 +381,10 @@ def test_what_comes_nearest_is_said_before_it():
     few = replace(few_effects(good.final, bad.final), alternatives=sets, fitted=(best,))
     found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, few=few)
     first, second, *_ = use_of_models(view(found))
-    assert first.startswith("What comes nearest: second invariant, which leaves 0.02 of 0.02 mm")
-    assert "(probability 70 %" in first and "no finding" in first and second.startswith("To predict with")
+    assert first.startswith("By displacements alone, beside neo-Hooke: second invariant, which leaves 0.02 of 0.02 mm")
+    assert "(probability of this set 70 %" in first and "no finding" in first and second.startswith("To predict with")
     none = replace(found, few=replace(few, fitted=()))
-    assert not any(line.startswith("What comes nearest") for line in use_of_models(view(none)))
+    assert not any(line.startswith("By displacements alone") for line in use_of_models(view(none)))
 
 
 def few_effects(replayed: Any, neo_hooke: Any, c: Any = None) -> FewEffects:
