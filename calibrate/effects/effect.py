@@ -20,13 +20,25 @@ from calibrate.effects.support.effect_data import Data
 from calibrate.equations.tensors import Tensors
 
 Array = NDArray[np.float64]
-MATERIAL = ("energy", "set", "stiffness", "softening", "relaxation")
-MEASURED = ("kinematics", "clock", "measurement", "perspective", "lens", "correlation", "force", "load")
-STAGES = MATERIAL + MEASURED
-"""Where effects act, from the material to what is recorded: on the energy; by chains formed anew; as a factor that depends on the
-place; as one that depends on the history; over time; on what a sheet is in three dimensions; on when, where and how it is seen; as a factor on all forces; on how these are read.
-
-What varies, softens or relaxes is all that comes before; what is recorded is corrected in the opposite order."""
+MATERIAL = (
+    "energy",  # adds to it
+    "set",  # chains formed anew, free of stress where they formed
+    "stiffness",  # a factor on the stress by the place
+    "softening",  # a factor by the history
+    "relaxation",  # stress that follows in time
+)
+STAGES = (
+    *MATERIAL,
+    "kinematics",  # a sheet in three dimensions
+    "clock",  # when it is seen
+    "measurement",  # where, and how large
+    "perspective",  # from where
+    "lens",  # through what
+    "correlation",  # by which subsets
+    "force",  # a factor on all forces
+    "load",  # how they are read
+)
+"""Where effects act, from the material to what is recorded, whichever was found first. What varies, softens or relaxes is all that comes before; what is recorded is corrected in the opposite order."""
 
 
 @dataclass(frozen=True)

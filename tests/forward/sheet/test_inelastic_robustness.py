@@ -11,7 +11,7 @@ from interrupted import interrupted
 from forward import Loading, NeoHooke, SurfaceSolution
 from forward._dolfinx import MPI
 from forward.errors import ConvergenceError, SolutionError
-from forward.sheet.additions import MooneyPart, Mullins
+from forward.sheet.additions import MooneyPart, Mullins, Patch
 from forward.sheet.damage_and_dispersion import EllipticInclusion
 from forward.sheet.inelastic import solve_history
 from forward.sheet.inelastic_problem import InelasticProblem
@@ -85,6 +85,17 @@ def test_resume_after_a_kill(mesh, case, tmp_path, reached):
     check_same(run(mesh, sheet, path), expected)
     check_same(SurfaceSolution.load(path), expected)
     assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
+
+
+def test_a_field_of_stiffness_scales_all_that_the_stress_is_of(mesh, case):
+    """New chains, softening and overstress, too: the same everywhere, it leaves the displacements as they are."""
+    sheet, expected = case
+    if sheet.bulk_modulus is not None:
+        sheet = replace(sheet, bulk_modulus=None)
+        expected = run(mesh, sheet)
+    found = run(mesh, replace(sheet, additions=(*sheet.additions, Patch(0.5, 0.0, 0.0, 1e6))))
+    np.testing.assert_allclose(found.reactions["right"], 1.5 * expected.reactions["right"], rtol=1e-7)
+    np.testing.assert_allclose(found.displacements, expected.displacements, atol=1e-7)
 
 
 def test_a_checkpoint_of_another_history_is_refused(mesh, case, tmp_path):
