@@ -42,6 +42,7 @@ CASES = (
     Case("force offset", "f0", (0.02, 0.1, 0.4)),
     Case("force drift", "d", (0.01, 0.1, 0.2)),
     Case("stiffness or gain drift", "s", (0.001, -0.005, 0.02)),
+    Case("load cell nonlinearity", "a", (0.002, 0.01, 0.04)),
     Case("lag between force and image", "dt", (0.02, -0.1, 0.4)),
     Case("image rotation", "phi", (0.002, 0.01, 0.04)),
     Case("lens distortion", "k", (0.0005, -0.003, 0.01)),

@@ -23,6 +23,7 @@ from calibrate.effects.image_rotation import Rotation
 from calibrate.effects.inclusion import Inclusion
 from calibrate.effects.lag import Lag
 from calibrate.effects.lens_distortion import LensDistortion
+from calibrate.effects.load_cell_nonlinearity import LoadCellNonlinearity
 from calibrate.effects.magnification_drift import MagnificationDrift
 from calibrate.effects.mullins import Mullins
 from calibrate.effects.out_of_plane import OutOfPlane
@@ -61,6 +62,7 @@ LISTED: tuple[Effect, ...] = (
     Friction(),
     ForceGain(),
     AxisGain(),
+    LoadCellNonlinearity(),
     StiffnessDrift(),
     Lag(),
     Rotation(),

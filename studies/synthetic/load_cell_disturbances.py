@@ -84,6 +84,21 @@ class Friction(Disturbance):
 
 
 @dataclass(frozen=True)
+class LoadCellNonlinearity(Disturbance):
+    """The largest force is read 1 + a times as large as it is, others in proportion to what is read less wrong."""
+
+    a: float
+    name: ClassVar[str] = "load cell nonlinearity"
+
+    def forces(self, force, time):
+        found = force
+        for _ in range(FIXED_POINT):
+            size = np.linalg.norm(found, axis=1, keepdims=True)
+            found = force * (1 + self.a * size / (size.max() or 1.0))
+        return found
+
+
+@dataclass(frozen=True)
 class StiffnessDrift(Disturbance):
     """Forces grow by a share s in every second, 1/s: of the material, or of the gain."""
 

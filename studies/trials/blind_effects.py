@@ -134,6 +134,10 @@ def _friction(rng, s):
     return {"R0": (1 - share) * size, "R1": share * size}, {}, {}
 
 
+def _load_cell_nonlinearity(rng, s):
+    return {"a": _signed(rng, 0.002, 0.05)}, {}, {}
+
+
 def _axis_gain(rng, s):
     return {"g": _signed(rng, 0.003, 0.1)}, {}, {}
 
@@ -205,6 +209,7 @@ RECORDING: dict[str, Draw] = {
     "force gain": _force_gain,
     "friction in the load train": _friction,
     "axis gain": _axis_gain,
+    "load cell nonlinearity": _load_cell_nonlinearity,
     "stiffness or gain drift": _stiffness_drift,
     "lag between force and image": _lag,
     "image rotation": _rotation,
@@ -229,6 +234,7 @@ LATER = (
     "finite viscoelasticity",
     "friction in the load train",
     "axis gain",
+    "load cell nonlinearity",
 )  # their seeds come after all others, so that runs from before them keep their trials
 FREQUENT = (*(name for name in EFFECTS if name not in (*CONFOUNDED, *LATER)), *LATER)
 UNLOADING = (

@@ -33,6 +33,7 @@ from studies.synthetic.load_cell_disturbances import (
     ForceOffset,
     Friction,
     Lag,
+    LoadCellNonlinearity,
     StiffnessDrift,
 )
 from studies.trials import foreign
@@ -140,6 +141,7 @@ def disturbances(trial: Trial) -> list[Disturbance]:
             ForceGain,
             AxisGain,
             Friction,
+            LoadCellNonlinearity,
             StiffnessDrift,
             Lag,
             Rotation,

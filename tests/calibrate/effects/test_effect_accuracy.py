@@ -16,6 +16,7 @@ TOLERANCE = {
     "finite viscoelasticity": 0.03,
     "force drift": 0.02,
     "stiffness or gain drift": 0.03,
+    "load cell nonlinearity": 0.03,
     "lag between force and image": 0.01,
     "lens distortion": 0.01,
     "out-of-plane motion": 0.03,

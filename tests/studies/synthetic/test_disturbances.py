@@ -18,6 +18,7 @@ from studies.synthetic.load_cell_disturbances import (
     ForceOffset,
     Friction,
     Lag,
+    LoadCellNonlinearity,
     StiffnessDrift,
 )
 from studies.synthetic.specimen_edges import inside
@@ -77,7 +78,7 @@ def test_a_solution_in_plane_strain_stays_one(exact, mesh):
 
 
 @pytest.mark.parametrize("disturbance", [LensDistortion(0.0), OutOfPlane(0.0), MagnificationDrift(0.0), Rotation(0.0), Scale(0.0), Tilt(0.0, 0.0),
-                                         ForceOffset(0.0), ForceDrift(0.0), ForceGain(0.0), AxisGain(0.0), Friction(0.0, 0.0), StiffnessDrift(0.0), UnmeasuredStrip(0.0),
+                                         ForceOffset(0.0), ForceDrift(0.0), ForceGain(0.0), AxisGain(0.0), LoadCellNonlinearity(0.0), Friction(0.0, 0.0), StiffnessDrift(0.0), UnmeasuredStrip(0.0),
                                          Warp(0, 0.0, 1.0, 5.0)])  # fmt: skip
 def test_no_amplitude_no_change(exact, mesh, clean, disturbance):
     seen = observe(exact, SHEET, mesh, [disturbance])
@@ -163,6 +164,9 @@ def test_load_cells(exact, mesh, clean):
     np.testing.assert_allclose(force_of(softer), force_of(clean) * (1 - 0.01 * exact.time)[:, None])
     axis = observe(exact, SHEET, mesh, [AxisGain(0.05)])
     np.testing.assert_allclose(force_of(axis), force_of(clean) * [1.0, 1.05])
+    bent = force_of(observe(exact, SHEET, mesh, [LoadCellNonlinearity(0.05)]))
+    size = np.linalg.norm(bent, axis=1, keepdims=True)
+    np.testing.assert_allclose(bent / (1 + 0.05 * size / size.max()), force_of(clean))
     friction = observe(exact, SHEET, mesh, [Friction(0.26, 0.0)])
     sign = np.array([[1.0], [1.0], [-1.0]])  # of FACTORS
     np.testing.assert_allclose(force_of(friction) - force_of(clean), 0.26 * sign * direction)
