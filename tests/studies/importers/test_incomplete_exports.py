@@ -12,11 +12,18 @@ from sheets import frame_text, motion, pixels, write
 from vendor_exports import vic2d
 
 from calibrate import errors
+from calibrate.data.experiment import Experiment
 from studies.importers import printed_sheets, vendor_folder
 from studies.importers.exports.field_guesses import pull_axis
 from studies.importers.frame_tables import Frames
 from studies.importers.recording.notes import pull_notes, repeated_frame_notes, strain_notes
 from studies.importers.vendor_folder import exported
+
+
+class _Sheet(SimpleNamespace):
+    """What notes read of an Experiment."""
+
+    is_biaxial = Experiment.is_biaxial
 
 
 def test_numbers_of_frames_that_are_not_there_count_as_time(tmp_path: Path) -> None:
@@ -60,7 +67,7 @@ def pulled_strip(elongations: list[float], forces: list[float], across: float = 
     points = np.stack(np.meshgrid(np.linspace(0, 20, 3), np.linspace(0, 40, 5)), axis=-1).reshape(-1, 2)
     u = np.array(elongations)[:, None, None] * points * [across, 1.0]
     force = np.array(forces)[:, None] * [0.0, 1.0]
-    return SimpleNamespace(points=points, displacements=u, loaded=[SimpleNamespace(force=f) for f in (force, -force)])
+    return _Sheet(points=points, displacements=u, loaded=[SimpleNamespace(force=f) for f in (force, -force)])
 
 
 def test_what_a_wrong_sign_and_a_wrong_order_look_like_is_said() -> None:
@@ -90,7 +97,7 @@ def test_the_pull_is_seen_in_the_last_frame_with_points() -> None:
 @pytest.mark.parametrize(("factor", "said"), [(1.0, False), (100.0, True)])
 def test_a_specimen_of_metres_is_asked_about(factor: float, said: bool) -> None:
     points = factor * np.array([[0.0, 0.0], [40.0, 0.0], [40.0, 20.0], [0.0, 20.0]])
-    sheet = SimpleNamespace(
+    sheet = _Sheet(
         points=points, displacements=0.2 * points[None] * [-0.5, 1.0],
         thickness=2.0, stress_unit="MPa", strain_signal=SimpleNamespace(ratio=50.0, strain=0.4),
         loaded=[SimpleNamespace(force=np.array([[0.0, 10.0]]), nodes=np.array([0, 1]))],

@@ -107,7 +107,8 @@ def test_forces_do_not_take_the_fields_further_off(monkeypatch, fields, tried):
     def update(replays, c, additions, priors, others, of_memory):
         asked.append((of_memory, any(a.effect.remembers for a in additions), bool(others)))
         errors = {"before": ReplayErrors(0.1, 0.1), "after": ReplayErrors(0.0, fields[len(asked) - 1])}
-        return SimpleNamespace(additions=(), deviations=(), **errors)
+        there = tuple(replace(a, amplitudes=(1.0,) * len(a.amplitudes)) for a in additions)
+        return SimpleNamespace(additions=there, deviations=tuple((0.0,) * len(a.amplitudes) for a in there), **errors)
 
     monkeypatch.setattr(few_effects_replay, "update", update)
     monkeypatch.setattr(few_effects_replay, "ComparedTest", lambda part, pictures, base: SimpleNamespace(part=part))
