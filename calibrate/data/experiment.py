@@ -176,10 +176,14 @@ class Experiment:
         return bool((self.provenance.get("clocks") or {}).get("agree"))
 
     @property
+    def largest_forces(self) -> Array:
+        """Of all grips along each axis (2,), N; 0 where none was measured."""
+        return np.asarray(np.max([np.abs(np.nan_to_num(b.force)).max(axis=0) for b in self.loaded], axis=0))
+
+    @property
     def is_biaxial(self) -> bool:
-        """Whether grips pull along both axes: the largest force along one is at least `ONE_AXIS` of that along the other."""
-        sizes = np.max([np.abs(np.nan_to_num(b.force)).max(axis=0) for b in self.loaded], axis=0)
-        return bool(sizes.min() > ONE_AXIS * sizes.max())
+        """Whether grips pull along both axes: the largest force along one is more than `ONE_AXIS` of that along the other."""
+        return bool(self.largest_forces.min() > ONE_AXIS * self.largest_forces.max())
 
     @property
     def stress_unit(self) -> str:

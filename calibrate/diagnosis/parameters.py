@@ -31,7 +31,7 @@ def limits(effect: Effect, tests: Sequence[Data]) -> tuple[Array, Array]:
     return np.max(lower, axis=0), np.min(upper, axis=0)
 
 
-def at_bounds(addition: Addition, tests: Sequence[Data] = ()) -> bool:
+def at_bounds(addition: Addition, tests: Sequence[Data]) -> bool:
     """Whether an amplitude is at the end of what is possible, and not at its null value: it would go further, and is none that a specimen or a rig has."""
     ends = zip(addition.amplitudes, addition.effect.amplitudes, *limits(addition.effect, tests), strict=True)
     return any(a != p.null and not lower < a < upper for a, p, lower, upper in ends)
@@ -39,7 +39,7 @@ def at_bounds(addition: Addition, tests: Sequence[Data] = ()) -> bool:
 
 @dataclass(frozen=True)
 class Variables:
-    """Amplitudes and shapes of additions as one vector of numbers of order 1, and its bounds in the tests that are fitted."""
+    """Amplitudes and shapes of additions as one vector of numbers of order 1, and its bounds."""
 
     additions: Additions
 
@@ -85,7 +85,7 @@ class Variables:
         """Values (k,) of `parameters`, each in its unit."""
         return np.array([value for _, value in self.parameters])
 
-    def bounds(self, tests: Sequence[Data] = ()) -> tuple[Array, Array]:
+    def bounds(self, tests: Sequence[Data]) -> tuple[Array, Array]:
         """Lower and upper (k,) in every test; shapes move by no more than half their size, or a fifth of a radian, at a time."""
         lower, upper = (np.array([getattr(p, end) for p, _ in self.parameters]) for end in ("lower", "upper"))
         if self.additions:

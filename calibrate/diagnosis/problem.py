@@ -197,7 +197,7 @@ def loads(problem: Problem, additions: Additions = ()) -> Array:
 
 
 def stiffness_factor(problem: Problem, c: Array, additions: Additions) -> float:
-    """Factor on the stiffness when the noise covariance follows it, see `Quadratic.stiffness_factor`."""
+    """Factor on the stiffness when the noise covariance follows it, see `reduction.stiffness_factor`, whose error it raises."""
     load = loads(problem, additions)
     internal = residual(problem, c, additions) + load
     return reduction.stiffness_factor(float(load @ load), float(load @ internal))

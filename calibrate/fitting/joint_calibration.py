@@ -150,7 +150,7 @@ class JointFit:
 
 
 def fit(reduced: Reduced, layers: tuple[int, ...], starts: int = 20, seed: int = 0) -> JointFit:
-    """Fit one size of network. Raises `FitError` when no start reached a finite loss.
+    """Fit one size of network. Raises `FitError` when no start reached a finite loss, or the best leaves no stiffness.
 
     The stiffness is put right by `stiffness_factor`: at the best scale of c, q^T c is what the loss falls by.
     """

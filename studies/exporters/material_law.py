@@ -50,7 +50,7 @@ class Fibres:
 
 
 @dataclass(frozen=True)
-class Branch:
+class PronyBranch:
     """S gains g int exp(-(t - s) / tau) dS of the elastic stress; tau in s."""
 
     g: float
@@ -58,8 +58,8 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Spring:
-    """Of shear modulus mu in series with a dashpot of relaxation time tau, s; see `calibrate.effects.finite_viscoelasticity`."""
+class MaxwellBranch:
+    """A spring of shear modulus mu in series with a dashpot of relaxation time tau, s; see `calibrate.effects.finite_viscoelasticity`."""
 
     mu: float
     tau: float
@@ -69,7 +69,7 @@ class Spring:
 class MaterialLaw:
     """terms: of W(I1, I2). bulk_modulus of kappa / 2 (J - 1)^2, None: incompressible.
 
-    fibres, branches, springs, mullins (r, m, beta), payne (r, x0): what is beside the energy. top: largest (I1, I2) of the calibration.
+    fibres, prony, maxwell, mullins (r, m, beta), payne (r, x0): what is beside the energy. top: largest (I1, I2) of the calibration.
     invariants_used: those that the range holds for. left_out: effects that are not of the material. origin: lines on the data.
     stress: P (t, n, 2, 2) of the model itself in plane stress, of histories F (t, n, 2, 2) at times (t,), s, as if incompressible,
     to be differentiated by JAX.
@@ -82,8 +82,8 @@ class MaterialLaw:
     stress: Callable[[Any, Any], Any] = field(repr=False, compare=False)
     bulk_modulus: float | None = None
     fibres: tuple[Fibres, ...] = ()
-    branches: tuple[Branch, ...] = ()
-    springs: tuple[Spring, ...] = ()
+    prony: tuple[PronyBranch, ...] = ()
+    maxwell: tuple[MaxwellBranch, ...] = ()
     mullins: tuple[float, float, float] | None = None
     payne: tuple[float, float] | None = None
     left_out: tuple[str, ...] = ()
@@ -94,8 +94,8 @@ class MaterialLaw:
         """Names of what is beside an isotropic hyperelastic energy."""
         found = (
             ("fibres", self.fibres),
-            ("viscoelasticity", self.branches),
-            ("finite viscoelasticity", self.springs),
+            ("viscoelasticity", self.prony),
+            ("finite viscoelasticity", self.maxwell),
             ("Mullins softening", self.mullins),
             ("Payne softening", self.payne),
         )
@@ -201,10 +201,10 @@ _ADDED: dict[str, Callable[..., dict[str, Any]]] = {
     "two fibre families": lambda law, a, s: {
         "fibres": (*law.fibres, Fibres(a[0], s[0] + s[1], *s[2:]), Fibres(a[0], s[0] - s[1], *s[2:]))
     },
-    "viscoelasticity": lambda law, a, s: {"branches": (*law.branches, Branch(a[0], s[0]))},
-    "second relaxation time": lambda law, a, s: {"branches": (*law.branches, Branch(a[0], s[0]))},
-    "finite viscoelasticity": lambda law, a, s: {"springs": (*law.springs, Spring(a[0], s[0]))},
-    "second finite relaxation time": lambda law, a, s: {"springs": (*law.springs, Spring(a[0], s[0]))},
+    "viscoelasticity": lambda law, a, s: {"prony": (*law.prony, PronyBranch(a[0], s[0]))},
+    "second relaxation time": lambda law, a, s: {"prony": (*law.prony, PronyBranch(a[0], s[0]))},
+    "finite viscoelasticity": lambda law, a, s: {"maxwell": (*law.maxwell, MaxwellBranch(a[0], s[0]))},
+    "second finite relaxation time": lambda law, a, s: {"maxwell": (*law.maxwell, MaxwellBranch(a[0], s[0]))},
     "Mullins softening": lambda law, a, s: {"mullins": (a[0], *s)},
     "Payne softening": lambda law, a, s: {"payne": (a[0], s[0])},
 }

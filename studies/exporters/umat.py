@@ -60,12 +60,12 @@ class Umat(Target):
 
 def is_unsymmetric(law: MaterialLaw) -> bool:
     """Whether the tangent is: softening has no potential, nor has a dashpot at finite strain, or the deviator of what is no function of the isochoric part."""
-    return bool(law.mullins or law.payne or law.springs or (law.branches and law.fibres))
+    return bool(law.mullins or law.payne or law.maxwell or (law.prony and law.fibres))
 
 
 def history_size(law: MaterialLaw) -> int:
     """Number of history variables."""
-    return 1 + 12 * (len(law.branches) + len(law.springs))
+    return 1 + 12 * (len(law.prony) + len(law.maxwell))
 
 
 def material_point(source: str, n_history: int) -> Update:

@@ -59,20 +59,23 @@ def with_forces(
     known = {} if found.best is None else dict(found.best.priors)
     known |= {one.effect.name: (np.array([p.null for p in one.effect.amplitudes]), one.deviations) for one in remembered}  # fmt: skip
     replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
-    others = other_times(additions, problem.trained[0].chain.data)
-    tries = ((additions, False), *([(additions, True)] if remembered else []), (best, True))
-    for number, (some, of_memory) in enumerate(tries, 1):
-        say(f"few effects updated by the forces of their replays, {number} of at most {len(tries)} ways")
-        new = update(replays, found.c, some, known, others if some is additions else (), of_memory)
+
+    def updated(way: int, some: Additions, others: Sequence[Additions], of_memory: bool) -> Updated:
+        say(f"few effects updated by the forces of their replays, way {way} of at most 3")
+        new = update(replays, found.c, some, known, others, of_memory)
         if new is None:
             raise OptionError(f"the few effects have no equilibrium to start from: {replays.failure}")
-        if some is additions:
-            others = [_with_memory_of(new.additions, additions)]
-        new = _without_weak(replays, new, known, of_memory)
-        if new.after.field <= WORSE * max(new.before.field, found.base.field):
-            break
-    assert new is not None  # the factor alone is always left
-    return new
+        return new
+
+    def is_kept(new: Updated) -> bool:
+        return new.after.field <= WORSE * max(new.before.field, found.base.field)
+
+    everything = updated(1, additions, other_times(additions, problem.trained[0].chain.data), False)
+    new = _without_weak(replays, everything, known, False)
+    if remembered and not is_kept(new):
+        start = _with_memory_of(everything.additions, additions)
+        new = _without_weak(replays, updated(2, additions, [start], True), known, True)
+    return new if is_kept(new) else updated(3, best, (), True)
 
 
 def _with_memory_of(found: Additions, additions: Additions) -> Additions:

@@ -62,4 +62,4 @@ class Replays:
         def slopes(directions: Directions, used: Mask) -> Array:
             return np.concatenate([of_parameters(*one, directions, 1.0, used) for one in each])
 
-        return ReplayedRows(rows, near, slopes)
+        return ReplayedRows(rows, near, slopes, tuple(test.part.chain.data for test in self.tests))

@@ -17,7 +17,7 @@ ERRORS = ["force error, fitted", "field error, fitted", "force error, held out",
 def verdict_table(sheets: Mapping[str, SheetResult]) -> Table:
     """One line a sheet: what `equigap discover` says."""
     columns = ["sheet", "verdict", "reduced chi-square of the base", "few effects, most probable set", "its probability",
-               "by themselves, from 5 %", "alerts"]  # fmt: skip
+               "in all sets together, from 5 %", "alerts"]  # fmt: skip
     rows: list[list[Any]] = []
     for one in sheets.values():
         alone = sorted(one.inclusion.items(), key=lambda pair: -pair[1])

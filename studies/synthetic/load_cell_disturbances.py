@@ -5,7 +5,7 @@ In: an exact solution and a mesh of the camera. Out: small classes with their am
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -73,14 +73,10 @@ class Friction(Disturbance):
     name: ClassVar[str] = "friction in the load train"
 
     def forces(self, force, time):
-        steps = np.sign(np.diff(np.linalg.norm(force, axis=1), prepend=0.0))
+        steps = np.sign(np.diff(_sizes(force), prepend=0.0))
         last = np.maximum.accumulate(np.where(steps != 0, np.arange(len(steps)), 0))
         sign = np.where(steps[last] < 0, -1.0, 1.0)[:, None]
-        found = force
-        for _ in range(FIXED_POINT):
-            largest = np.linalg.norm(found, axis=1).max()
-            found = force + sign * (self.R0 * _largest_direction(found) + self.R1 * found / largest)
-        return found
+        return _read(force, lambda f: force + sign * (self.R0 * _largest_direction(f) + self.R1 * f / _sizes(f).max()))
 
 
 @dataclass(frozen=True)
@@ -91,11 +87,7 @@ class LoadCellNonlinearity(Disturbance):
     name: ClassVar[str] = "load cell nonlinearity"
 
     def forces(self, force, time):
-        found = force
-        for _ in range(FIXED_POINT):
-            size = np.linalg.norm(found, axis=1, keepdims=True)
-            found = force * (1 + self.a * size / (size.max() or 1.0))
-        return found
+        return _read(force, lambda f: force * (1 + self.a * _sizes(f) / _sizes(f).max())[:, None])
 
 
 @dataclass(frozen=True)
@@ -146,5 +138,18 @@ class Lag(Disturbance):
 
 def _largest_direction(force: Array) -> Array:
     """Direction (2,) of the largest of the forces (t, 2), N."""
-    sizes = np.linalg.norm(force, axis=1)
-    return np.asarray(force[sizes.argmax()] / (sizes.max() or 1.0))
+    return np.asarray(force[_sizes(force).argmax()] / _sizes(force).max())
+
+
+def _sizes(force: Array) -> Array:
+    """(t,), N."""
+    return np.linalg.norm(force, axis=1)
+
+
+def _read(force: Array, reading: Callable[[Array], Array]) -> Array:
+    """What is read (t, 2), N, of a true force, where what is wrong is in proportion to what is read. A grip without a force reads none."""
+    if not force.any():
+        return force
+    for _ in range(FIXED_POINT):
+        force = reading(force)
+    return force

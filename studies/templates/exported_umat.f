@@ -11,17 +11,17 @@
 {% endif %}
 !     *DEPVAR {{ depvar }}
 !       1: largest I1BAR - 3 so far (softening)
-{% if law.branches %}
-{% for b in law.branches %}
+{% if law.prony %}
+{% for b in law.prony %}
 !       {{ 2 + 12 * loop.index0 }}-{{ 7 + 12 * loop.index0 }}: DEV S of branch {{ loop.index }}, {{ 8 + 12 * loop.index0 }}-{{ 13 + 12 * loop.index0 }}: its overstress
 {% endfor %}
 {% endif %}
-{% for s in law.springs %}
-{% set first = 2 + 12 * (law.branches | length + loop.index0) %}
+{% for s in law.maxwell %}
+{% set first = 2 + 12 * (law.prony | length + loop.index0) %}
 !       {{ first }}-{{ first + 5 }}: C - 1 of the isochoric part,
 !       {{ first + 6 }}-{{ first + 11 }}: CV - 1 of spring {{ loop.index }}
 {% endfor %}
-{% if law.springs %}
+{% if law.maxwell %}
 !     A spring of modulus MU in series with a dashpot adds the Kirchhoff
 !     stress MU dev(FB CV**-1 FB**T); FB: isochoric part of F.
 {% endif %}
@@ -40,7 +40,7 @@
       DOUBLE PRECISION COORDS(3), DROT(3, 3), PNEWDT, CELENT
       DOUBLE PRECISION DFGRD0(3, 3), DFGRD1(3, 3)
       INTEGER NB, NF
-      PARAMETER (NB = {{ law.branches | length }}, NF = {{ law.fibres | length }})
+      PARAMETER (NB = {{ law.prony | length }}, NF = {{ law.fibres | length }})
       INTEGER I, J, K, L, A, B, IV(6), JV(6)
       DOUBLE PRECISION F(3, 3), FI(3, 3), DET, BB(3, 3), B2(3, 3)
       DOUBLE PRECISION I1, I2, D(6), KAPPA, T(3, 3), C(3, 3, 3, 3)
@@ -48,7 +48,7 @@
       DOUBLE PRECISION X, XMAX, PHI, DPHI, R, S, H, GAIN, TD(3, 3)
       DOUBLE PRECISION Q, M(3), OVER(3, 3), V(3, 3), EQGAIN
       DOUBLE PRECISION CD(3, 3, 3, 3), R1(3, 3, 3, 3)
-{% if law.springs %}
+{% if law.maxwell %}
       DOUBLE PRECISION TSPR(6), CSPR(6, 6)
 {% endif %}
       DATA IV /1, 2, 3, 1, 1, 2/
@@ -172,10 +172,10 @@
           T(I, J) = PHI*T(I, J)
         END DO
       END DO
-{% if law.branches %}
+{% if law.prony %}
       CALL EQDEV(T, C, TD, CD)
 {% endif %}
-{% for b in law.branches %}
+{% for b in law.prony %}
 !     branch {{ loop.index }}: g = {{ b.g }}, tau = {{ b.tau }} s
       R = DTIME/{{ b.tau | fortran }}
       GAIN = 1.0D0
@@ -207,7 +207,7 @@
       END DO
       END DO
 {% endfor %}
-{% if law.springs %}
+{% if law.maxwell %}
       DO A = 1, 6
         TSPR(A) = 0.0D0
         DO B = 1, 6
@@ -215,11 +215,11 @@
         END DO
       END DO
 {% endif %}
-{% for s in law.springs %}
+{% for s in law.maxwell %}
 !     spring {{ loop.index }}: mu = {{ s.mu }}, tau = {{ s.tau }} s
       R = {{ s.mu | fortran }}
       H = {{ s.tau | fortran }}
-      CALL EQSPRG(R, DTIME/H, F, STATEV({{ 2 + 12 * (law.branches | length + loop.index0) }}), TSPR, CSPR)
+      CALL EQSPRG(R, DTIME/H, F, STATEV({{ 2 + 12 * (law.prony | length + loop.index0) }}), TSPR, CSPR)
 {% endfor %}
       DO A = 1, NTENS
         I = IV(A)
@@ -234,7 +234,7 @@
           DDSDDE(A, B) = Q/DET
         END DO
       END DO
-{% if law.springs %}
+{% if law.maxwell %}
       DO A = 1, NTENS
         STRESS(A) = STRESS(A) + TSPR(A)/DET
         DO B = 1, NTENS
@@ -339,7 +339,7 @@
       EQGAIN = (1.0D0 - EXP(-R))/R
       IF (R .LT. 1.0D-5) EQGAIN = 1.0D0 - R/2.0D0 + R*R/6.0D0
       END
-{% if law.springs %}
+{% if law.maxwell %}
 
       SUBROUTINE EQSPRG(MU, R, F, STATE, T, C)
 !     Adds the Kirchhoff stress T of a spring of modulus MU after R

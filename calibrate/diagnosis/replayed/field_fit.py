@@ -125,7 +125,9 @@ class FieldFit:
         """A step away, halved until the objective falls; None where it does not."""
         variables = Variables(self.additions)
         widths, values, start = self.widths(self.start), variables.values, Variables(self.start).values
-        low, high = (np.clip(end, start - FAR * widths, start + FAR * widths) for end in variables.bounds())
+        low, high = (
+            np.clip(end, start - FAR * widths, start + FAR * widths) for end in variables.bounds(self.replayed.tests)
+        )
         A = np.concatenate([self.S / tau, np.eye(len(values))])
         target = np.concatenate([-self.residual / tau, -self.shifts])
         step = widths * bounded(A, target, (low - values) / widths, (high - values) / widths)

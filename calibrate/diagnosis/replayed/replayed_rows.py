@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from calibrate.diagnosis.replayed.observations import Observations
 from calibrate.diagnosis.replayed.parameter_spread import Directions
 from calibrate.effects.chain import Additions
+from calibrate.effects.support.effect_data import Data
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,11 +23,12 @@ Mask = NDArray[np.bool_]
 @dataclass(frozen=True, eq=False)
 class ReplayedRows:
     """Of the increments that were fitted. near: measured minus replayed (N,) of other coefficients (n,) and effects at these displacements; slopes: its derivatives
-    (N, 1 + k) by the unknowns of `Directions`; zero for those that are not asked for (1 + k,)."""
+    (N, 1 + k) by the unknowns of `Directions`; zero for those that are not asked for (1 + k,). tests: which limit the amplitudes."""
 
     rows: Observations
     near: Callable[[Array, Additions], Array] = field(repr=False)
     slopes: Callable[[Directions, Mask], Array] = field(repr=False)
+    tests: tuple[Data, ...] = field(default=(), repr=False)
 
 
 Replays = Callable[[Array, Additions], ReplayedRows | None]  # None where there is no equilibrium

@@ -192,7 +192,7 @@ class _Linearised:
     def _bounds(self) -> tuple[Array, Array]:
         """Lower and upper (1 + k,)."""
         factor = self.point.factor
-        low, high = Variables(self.point.additions).bounds()
+        low, high = Variables(self.point.additions).bounds(self.objective.replayed.tests)
         return np.concatenate([[factor / FACTOR], low]), np.concatenate([[factor * FACTOR], high])
 
     def moved(self, unknowns: Array, fraction: float) -> _Point:

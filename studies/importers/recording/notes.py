@@ -122,10 +122,9 @@ def pull_notes(experiment: Experiment) -> list[str]:
     forces = np.nan_to_num(
         max((b.force for b in experiment.loaded), key=lambda force: np.nanmax(np.abs(force), initial=0.0))
     )
-    size = np.max([np.abs(np.nan_to_num(b.force)).max(axis=0) for b in experiment.loaded], axis=0)
-    along, across = int(np.argmax(size)), int(np.argmin(size))
     if experiment.is_biaxial:
         return []
+    along, across = int(np.argmax(experiment.largest_forces)), int(np.argmin(experiment.largest_forces))
     force = forces[:, along] * np.sign(forces[np.argmax(np.abs(forces[:, along])), along])
     strains = np.array([mean_strains(experiment.points, u)[0] for u in experiment.displacements])
     most, notes = int(np.argmax(np.abs(strains[:, along]))), []

@@ -143,13 +143,13 @@ def test_an_amplitude_at_the_end_of_what_is_possible():
     motion = effect("out-of-plane motion")
     (m,) = motion.amplitudes
     assert m.lower > -0.757
-    assert at_bounds(Addition(motion, (m.lower,)))
-    assert not at_bounds(Addition(motion, (0.003,)))
-    assert not at_bounds(Addition(effect("second invariant"), (0.0,)))  # none at all is its own reason
+    assert at_bounds(Addition(motion, (m.lower,)), ())
+    assert not at_bounds(Addition(motion, (0.003,)), ())
+    assert not at_bounds(Addition(effect("second invariant"), (0.0,)), ())  # none at all is its own reason
     field = effect("stiffness field")
     within = [0.1] * len(field.amplitudes)
-    assert not at_bounds(Addition(field, tuple(within)))
-    assert at_bounds(Addition(field, (*within[:-1], -1.0)))  # a sheet without stiffness somewhere
+    assert not at_bounds(Addition(field, tuple(within)), ())
+    assert at_bounds(Addition(field, (*within[:-1], -1.0)), ())  # a sheet without stiffness somewhere
 
 
 @pytest.mark.parametrize("amplitude", [1e120, 1e250])

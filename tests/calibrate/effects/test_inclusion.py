@@ -83,7 +83,7 @@ def test_a_place_at_the_middle_has_a_size(data):
     """A fit moves it by a share of the sheet, not of its own value, which is 0."""
     held = Variables((Addition(Inclusion(), (0.1,), (0.0, 0.0, 0.1, 0.0, 0.0)),))
     assert held.scale[1:].tolist() == pytest.approx([0.1, 0.1, 0.1, 0.5, 0.5])
-    lower, upper = held.bounds()
+    lower, upper = held.bounds(())
     assert (upper[1:3] - lower[1:3] > 0.05).all()
     assert np.isfinite(held.shape_deviations[1:]).all()
     assert (held.shape_deviations[1:] > 0.05).all()

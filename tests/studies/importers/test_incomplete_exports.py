@@ -23,6 +23,7 @@ from studies.importers.vendor_folder import exported
 class _Sheet(SimpleNamespace):
     """What notes read of an Experiment."""
 
+    largest_forces = Experiment.largest_forces
     is_biaxial = Experiment.is_biaxial
 
 
