@@ -16,6 +16,7 @@ Gauss points:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,7 @@ from forward.sheet.thin_sheet import Sheet
 from meshes import Mesh
 
 Array = NDArray[np.float64]
+Invariants = tuple[Any, Any]  # I1, I2
 THICKNESS_STEPS, THICKNESS_TOLERANCE = 30, 1e-13
 
 
@@ -48,6 +50,16 @@ class _Point:
     C: Any
     I1: Any
     I2: Any
+
+    @classmethod
+    def of(cls, F: Any, F33: Any = None) -> _Point:
+        """F33: of a compressible sheet, whose invariants are those of the volume-preserving part; None: 1 / det F."""
+        C, thinning = F.T * F, 1 / ufl.det(F) if F33 is None else F33
+        I1, I2 = ufl.tr(C) + thinning**2, ufl.det(C) + ufl.tr(C) * thinning**2
+        if F33 is not None:
+            J = ufl.det(F) * F33
+            I1, I2 = J ** (-2 / 3) * I1, J ** (-4 / 3) * I2
+        return cls(F, thinning, C, I1, I2)
 
     @property
     def J(self) -> Any:
@@ -152,15 +164,10 @@ class InelasticProblem(PlaneStressProblem):
         return h * W * dx, forces, tangent
 
     def _kinematics(self, compressible: bool) -> _Point:
-        F = ufl.variable(ufl.Identity(2) + ufl.grad(self.u))
-        C = F.T * F
-        F33 = ufl.variable(self._variable("F33", (), 1.0)) if compressible else 1 / ufl.det(F)
-        I1 = ufl.tr(C) + F33**2
-        I2 = ufl.det(C) + ufl.tr(C) * F33**2
-        if compressible:
-            J = ufl.det(F) * F33
-            I1, I2 = J ** (-2 / 3) * I1, J ** (-4 / 3) * I2
-        return _Point(F, F33, C, I1, I2)
+        F33 = self._variable("F33", (), 1.0) if compressible else None
+        present = dolfinx.fem.Function(self.V, self.u.x)  # the values of u, which no derivative reaches
+        self._present = _Point.of(_gradient(present), F33)
+        return _Point.of(ufl.variable(_gradient(self.u)), ufl.variable(F33) if compressible else None)
 
     def _energy_density(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
         """Of base, additions and change of volume, MPa."""
@@ -173,7 +180,12 @@ class InelasticProblem(PlaneStressProblem):
     def _stored(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
         """Of base and additions alone, MPa."""
         material = self._constant(sheet.material.parameters)
-        return sheet.energy(point.I1, point.I2, point.C, ufl.SpatialCoordinate(self.domain), material, additions)
+        base = _to_second_order(
+            lambda I1, I2: sheet.material.energy(I1, I2, material),
+            (point.I1, point.I2),
+            (self._present.I1, self._present.I2),
+        )
+        return sheet.energy(base, point.I1, point.I2, point.C, ufl.SpatialCoordinate(self.domain), additions)
 
     def _stress(self, sheet: Sheet, point: _Point, W: Any, additions: list[Any]) -> Any:
         """First Piola-Kirchhoff stress (2, 2), MPa: that of energy and new chains, softened, then with its overstress."""
@@ -266,6 +278,25 @@ class InelasticProblem(PlaneStressProblem):
             self._set("F33", np.maximum(before + change, before / 2))
             if not np.abs(change).max() > THICKNESS_TOLERANCE:
                 break
+
+
+def _gradient(u: Any) -> Any:
+    """Deformation gradient (2, 2)."""
+    return ufl.Identity(2) + ufl.grad(u)
+
+
+def _to_second_order(energy: Callable[[Any, Any], Any], at: Invariants, present: Invariants) -> Any:
+    """The energy and its first and second derivative where invariants `at` are the present ones, in UFL: a polynomial of second degree, whose
+    derivatives by u cost little. Those of a spline of thirty pieces, each by the chain rule, took fifteen times as long as its forces."""
+    I = tuple(ufl.variable(one) for one in present)
+    psi = energy(*I)
+    slopes, steps = [ufl.diff(psi, one) for one in I], [a - b for a, b in zip(at, present, strict=True)]
+    found = psi
+    for slope, step in zip(slopes, steps, strict=True):
+        found = found + slope * step
+        for other, by in zip(I, steps, strict=True):
+            found = found + ufl.diff(slope, other) / 2 * step * by
+    return found
 
 
 def _has_symmetric_tangent(sheet: Sheet) -> bool:

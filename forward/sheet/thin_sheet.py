@@ -96,10 +96,9 @@ class Sheet:
         additions = tuple(a for a, one in zip(self.additions, remembering, strict=True) if not one)
         return replace(self, additions=additions, prony=(), permanent_set=None, bulk_modulus=None, branches=())
 
-    def energy(self, I1: Any, I2: Any, C: Any, X: Any, material: Any, additions: Sequence[Any]) -> Any:
-        """Energy, MPa, without that of the volume; C (2, 2), X (2,), mm; material and additions: the values as
-        constants."""
-        psi = self.material.energy(I1, I2, material)
+    def energy(self, base: Any, I1: Any, I2: Any, C: Any, X: Any, additions: Sequence[Any]) -> Any:
+        """Energy, MPa, without that of the volume. base: that of the material; C (2, 2), X (2,), mm; additions: their values as constants."""
+        psi = base
         for addition, p in zip(self.additions, additions, strict=True):
             psi += addition.energy(I1, I2, C, p) or 0
         return psi * self.field(X, additions)
