@@ -66,14 +66,19 @@ def in_triangles(mesh: Mesh, points: Array) -> Places:
     points = np.asarray(points, float).reshape(-1, 2)
     corners = mesh.points[mesh.corners]
     sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-    inverse = np.linalg.inv(sides)
-    tree, cells, local = cKDTree(corners.mean(axis=1)), np.zeros(len(points), np.int64), np.zeros((len(points), 2))
+    bent = mesh.points[mesh.cells] - (corners[:, :1] + mesh.element.nodes @ sides.swapaxes(1, 2))
+    curved = np.abs(bent).max(axis=(1, 2)) > INSIDE * np.abs(sides).max(axis=(1, 2))
+    inverse, middles = np.linalg.inv(sides), corners.mean(axis=1)
+    size = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+    reach = np.append(size * np.where(curved, 1 + 3 * CURVED, 1 + 3 * INSIDE), -np.inf)  # a tree's number of no triangle is the last
+    tree, cells, local = cKDTree(middles), np.zeros(len(points), np.int64), np.zeros((len(points), 2))
     excess = np.full(len(points), np.inf)
     for most in STRAIGHT:
         lost = np.flatnonzero(excess > INSIDE)
-        _, near = tree.query(points[lost], k=np.arange(min(most, len(corners))) + 1)
-        for candidate in near.T:
-            still = excess[lost] > INSIDE
+        candidates = np.arange(min(most, len(corners))) + 1
+        distances, near = tree.query(points[lost], candidates, distance_upper_bound=reach.max() * (1 + INSIDE))
+        for distance, candidate in zip(distances.T, near.T, strict=True):
+            still = (excess[lost] > INSIDE) & (distance <= reach[candidate])
             which, cell = lost[still], candidate[still]
             x, y = (points[which] - corners[cell, 0]).T
             xi = np.stack([inverse[cell, i, 0] * x + inverse[cell, i, 1] * y for i in range(2)], axis=1)
@@ -81,8 +86,6 @@ def in_triangles(mesh: Mesh, points: Array) -> Places:
             better = outside < excess[which]
             best = which[better]
             cells[best], local[best], excess[best] = cell[better], xi[better], outside[better]
-    bent = mesh.points[mesh.cells] - (corners[:, :1] + mesh.element.nodes @ sides.swapaxes(1, 2))
-    curved = np.abs(bent).max(axis=(1, 2)) > INSIDE * np.abs(sides).max(axis=(1, 2))
     close = np.flatnonzero(curved[cells] & (excess < CURVED))
     local[close] = _invert(mesh.element, mesh.points[mesh.cells[cells[close]]], points[close])
     excess[close] = mesh.element.outside(local[close])

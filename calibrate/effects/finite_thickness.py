@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
-from calibrate.effects.support.effect_data import Data
+from calibrate.effects.support.effect_data import Data, NodalData
 from calibrate.effects.support.nodal_derivatives import (
     gradient,
     gradient_matrices,
@@ -152,7 +152,7 @@ def bend_errors(seen: Experiment, finer: Experiment) -> tuple[Array, Array]:
     seen: the field at points (n, 2); finer: the same at more points, the first n of which are those.
     """
     data, n = Data.of(seen), len(seen.points)
-    exact = _bend(Data.of(finer))[:, :n]
+    exact = _bend(NodalData.of(finer))[:, :n]
     found = [np.asarray(exact - _bend(one)) for one in (data, data.with_mean_gradients())]
     return found[0], found[1]
 

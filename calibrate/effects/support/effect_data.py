@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -128,6 +128,24 @@ class Data:
         return 0.5 * (self.points.min(axis=0) + self.points.max(axis=0))
 
 
+class NodalData(NamedTuple):
+    """What `bend` and gradients at the nodes read of an Experiment, see `Data`."""
+
+    points: Any
+    u: Any
+    thickness: Any
+    membrane: Membrane
+    rings: Any
+    ring_slopes: Any
+
+    @classmethod
+    def of(cls, experiment: Experiment) -> NodalData:
+        """Prepare an Experiment whose thickness is known."""
+        rings = map(jnp.asarray, _rings(experiment.points, experiment.triangles))
+        u, h = jnp.asarray(experiment.displacements), jnp.asarray(experiment.thickness)
+        return cls(jnp.asarray(experiment.points), u, h, Membrane.of(experiment), *rings)
+
+
 @dataclass(frozen=True)
 class _Mesh:
     """Equal to another one of the same points (n, 2), mm, and triangles (m, 3)."""
@@ -144,10 +162,14 @@ class _Mesh:
 def _of_mesh(mesh: _Mesh) -> tuple[tuple[NDArray[np.int64], Array], tuple[NDArray[np.int64], Array], Array]:
     """Stencil with slopes, rings with theirs, and lines, see `Data`: kept, as a diagnosis sees the same mesh again and again."""
     points, triangles = mesh.points, mesh.triangles
-    x, y = recovery.nodal_gradients(points, triangles)
+    stencil = padded(recovery.centroid_gradients(points, triangles))
+    return stencil, _rings(points, triangles), nearest_lines(points, triangles)
+
+
+def _rings(points: Array, triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+    """Rings with their slopes, see `Data`."""
     order = np.arange(2 * len(points)).reshape(2, -1).T.ravel()
-    rings = padded(sp.csr_array(sp.csr_array(sp.vstack([x, y]))[order]))
-    return padded(recovery.centroid_gradients(points, triangles)), rings, nearest_lines(points, triangles)
+    return padded(sp.csr_array(sp.csr_array(sp.vstack(recovery.nodal_gradients(points, triangles)))[order]))
 
 
 def edge_means(data: Data, u: Any) -> Any:
