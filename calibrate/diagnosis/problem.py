@@ -137,6 +137,16 @@ class Problem:
         """What effects read of them."""
         return tuple(part.chain.data for part in self.trained)
 
+    def shapes(self, effect: Effect) -> list[tuple[float, ...]]:
+        """Shapes of an effect to be tried: those of the first test, then of every other what is beyond the range of those before, such as longer times."""
+        found: list[tuple[float, ...]] = []
+        for data in self.tests:
+            new = np.array(effect.shape_values(data), float)
+            known = np.array(found or new)
+            beyond = ((new < known.min(axis=0)) | (new > known.max(axis=0))).any(axis=1) | (not found)
+            found += [tuple(shape) for shape in new[beyond].tolist()]
+        return found
+
     @property
     def of_one_test(self) -> Problem:
         """The first of several tests alone."""

@@ -147,10 +147,10 @@ def examine(
     null = tuple(p.null for p in effect.amplitudes)
     tested: list[Score] = []
     blocks, absorbed_most = [], 1.0
-    shapes = effect.shape_values(problem.trained[0].chain.data)
+    shapes = problem.shapes(effect)
     single = len(shapes) == 1
     for shape in shapes:
-        one, Q = examine_shape(problem, state, Addition(effect, null, tuple(shape)), U, r, hidden, correct=single)
+        one, Q = examine_shape(problem, state, Addition(effect, null, shape), U, r, hidden, correct=single)
         absorbed_most = min(absorbed_most, one.absorbed)
         if not one.is_tested:
             continue

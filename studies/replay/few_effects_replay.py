@@ -70,7 +70,7 @@ def with_forces(
     def is_kept(new: Updated) -> bool:
         return new.after.field <= WORSE * max(new.before.field, found.base.field)
 
-    everything = updated(1, additions, other_times(additions, problem.trained[0].chain.data), False)
+    everything = updated(1, additions, other_times(additions, problem), False)
     new = _without_weak(replays, everything, known, False)
     if remembered and not is_kept(new):
         start = _with_memory_of(everything.additions, additions)
@@ -95,13 +95,8 @@ def _without_weak(replays: Replays, found: Updated, known: UpdatePriors, of_memo
 
 def _candidates(problem: Problem, effects: Sequence[Effect], priors: Priors) -> list[Candidate]:
     """Effects that can be tested with these data, and that finite elements have; of several tests, alike in all."""
-    data = problem.trained[0].chain.data
     return [
-        Candidate(
-            effect,
-            tuple(tuple(map(float, shape)) for shape in effect.shape_values(data)),
-            prior_deviations(problem, effect, priors),
-        )
+        Candidate(effect, tuple(problem.shapes(effect)), prior_deviations(problem, effect, priors))
         for effect in effects
         if untestable(problem, effect, alike=True) is None
         and effect.beside is None

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed.parameter_spread import Directions
 from calibrate.diagnosis.replayed.replayed_rows import ReplayedRows
 from calibrate.effects.chain import Additions
-from calibrate.effects.support.effect_data import Data
 from calibrate.errors import ImpossibleCorrectionError
 from forward.errors import ForwardError
 from studies.replay.compared_test import ComparedTest, ReplayedModel
@@ -25,14 +25,13 @@ Mask = NDArray[np.bool_]
 EACH = 12  # increments of a test that are compared
 
 
-def other_times(additions: Additions, data: Data) -> list[Additions]:
+def other_times(additions: Additions, problem: Problem) -> list[Additions]:
     """The same effects with every other relaxation time that the score tests try; its amplitude is left as it is."""
     found = []
     for i, a in enumerate(additions):
         if a.effect.stage == "relaxation":
             found += [
-                (*additions[:i], replace(a, shape=tuple(shape)), *additions[i + 1 :])
-                for shape in a.effect.shape_values(data)
+                (*additions[:i], replace(a, shape=shape), *additions[i + 1 :]) for shape in problem.shapes(a.effect)
             ]
     return found
 

@@ -89,7 +89,7 @@ def _of_effect(
     deviation: Array,
     refined: Mapping[str, Shape],
 ) -> list[Signature]:
-    grid = [tuple(shape) for shape in effect.shape_values(problem.trained[0].chain.data)]
+    grid = problem.shapes(effect)
     shapes = [*grid, refined[effect.name]] if effect.name in refined else grid
     null = tuple(p.null for p in effect.amplitudes)
     one_sided = np.array([p.lower == p.null for p in effect.amplitudes])

@@ -189,7 +189,7 @@ def at_best_shape(now: Model, found: Score) -> Score:
     if not found.shape or not found.effect.shapes_vary:
         return found
     search = _ShapeSearch(replace(now, fit=now.fit.remembering()), found)
-    grid = np.array(found.effect.shape_values(now.problem.trained[0].chain.data))
+    grid = np.array(now.problem.shapes(found.effect))
     logarithmic = np.array([p.lower >= 0 and np.all(grid[:, i] > 0) for i, p in enumerate(found.effect.shapes)])
     start = np.where(logarithmic, np.log(np.maximum(found.shape, 1e-12)), found.shape)
     sizes = [p.shape_size(v) for p, v in zip(found.effect.shapes, found.shape, strict=True)]

@@ -71,3 +71,16 @@ def test_a_second_time_is_a_candidate_beside_the_first_alone_and_takes_its_place
     _, left = weighted_fit.without_superfluous(problem, replace(one, additions=additions, errors=((0.01,), (0.01,))))
     assert [a.effect for a in left.additions] == [FIRST]
     assert left.additions[0].shape[0] == pytest.approx(2.0, rel=0.2)
+
+
+def test_times_are_tried_that_the_first_of_several_tests_is_too_short_for():
+    """The time that is found is nearest to the true one of those that are tried, and is not tried of the short test alone."""
+    long = held(SLOW)
+    short = replace(long.select(np.arange(4)), name="short")
+    problem, base = prepare([short, long], [all_rows, all_rows])
+    times = np.array([tau for (tau,) in problem.shapes(FIRST)])
+    alone = [tau for (tau,) in problem.of_one_test.shapes(FIRST)]
+    assert times[: len(alone)].tolist() == alone and max(alone) == TIMES[3] and times.max() == TIMES[-1]
+    (best,) = score_tests.score(problem, base, (FIRST,))
+    assert best.shape[0] == times[np.abs(np.log(times / SLOW[1])).argmin()]
+    assert problem.shapes(CATALOGUE[0]) == CATALOGUE[0].shape_values(problem.tests[0])

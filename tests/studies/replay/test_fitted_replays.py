@@ -50,7 +50,7 @@ def update_of(held_out_forces: float = 1.0) -> Updated:
     additions = (Addition(VISCO, (0.3,), (20.0,)),)
     replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
     priors = {VISCO.name: (np.zeros(1), np.ones(1))}
-    found = update(replays, 0.8 * base.c, additions, priors, other_times(additions, problem.trained[0].chain.data))
+    found = update(replays, 0.8 * base.c, additions, priors, other_times(additions, problem))
     assert found is not None
     return found
 
