@@ -16,7 +16,6 @@ Gauss points:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 
 from forward._dolfinx import MPI, QUADRATURE_DEGREE, dolfinx, ufl
 from forward.sheet.overstress_fields import OverstressFields
-from forward.sheet.plane_stress_problem import Outcome, PlaneStressProblem, weakly
+from forward.sheet.plane_stress_problem import Outcome, PlaneStressProblem, to_second_order, weakly
 from forward.sheet.quadrature_fields import (
     evaluate,
     get_values,
@@ -37,7 +36,6 @@ from forward.sheet.thin_sheet import Sheet
 from meshes import Mesh
 
 Array = NDArray[np.float64]
-Invariants = tuple[Any, Any]  # I1, I2
 THICKNESS_STEPS, THICKNESS_TOLERANCE = 30, 1e-13
 
 
@@ -180,7 +178,7 @@ class InelasticProblem(PlaneStressProblem):
     def _stored(self, sheet: Sheet, point: _Point, additions: list[Any]) -> Any:
         """Of base and additions alone, MPa."""
         material = self._constant(sheet.material.parameters)
-        base = _to_second_order(
+        base = to_second_order(
             lambda I1, I2: sheet.material.energy(I1, I2, material),
             (point.I1, point.I2),
             (self._present.I1, self._present.I2),
@@ -283,20 +281,6 @@ class InelasticProblem(PlaneStressProblem):
 def _gradient(u: Any) -> Any:
     """Deformation gradient (2, 2)."""
     return ufl.Identity(2) + ufl.grad(u)
-
-
-def _to_second_order(energy: Callable[[Any, Any], Any], at: Invariants, present: Invariants) -> Any:
-    """The energy and its first and second derivative where invariants `at` are the present ones, in UFL: a polynomial of second degree, whose
-    derivatives by u cost little. Those of a spline of thirty pieces, each by the chain rule, took fifteen times as long as its forces."""
-    I = tuple(ufl.variable(one) for one in present)
-    psi = energy(*I)
-    slopes, steps = [ufl.diff(psi, one) for one in I], [a - b for a, b in zip(at, present, strict=True)]
-    found = psi
-    for slope, step in zip(slopes, steps, strict=True):
-        found = found + slope * step
-        for other, by in zip(I, steps, strict=True):
-            found = found + ufl.diff(slope, other) / 2 * step * by
-    return found
 
 
 def _has_symmetric_tangent(sheet: Sheet) -> bool:

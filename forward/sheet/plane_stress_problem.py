@@ -25,6 +25,7 @@ from forward.stepping import Elastic
 from meshes import Mesh
 
 Array = NDArray[np.float64]
+Invariants = tuple[Any, Any]  # I1, I2
 
 CELLS = {"quad": "quadrilateral", "triangle6": "triangle"}  # DOLFINx's names
 # Node order of a cell in DOLFINx (quad: tensor product; triangle: edges opposite of the corners), in numbers of the mesh's order.
@@ -70,6 +71,20 @@ def invariants(F: Any) -> tuple[Any, Any]:
     C = F.T * F
     det_C, tr_C = ufl.det(F) ** 2, ufl.tr(C)
     return tr_C + 1 / det_C, det_C + tr_C / det_C
+
+
+def to_second_order(energy: Callable[[Any, Any], Any], at: Invariants, present: Invariants) -> Any:
+    """The energy and its first and second derivative where invariants `at` are the present ones, in UFL: a polynomial of second degree, whose
+    derivatives by u cost little. Those of a spline of thirty pieces, each by the chain rule, took fifteen times as long as its forces."""
+    I = tuple(ufl.variable(one) for one in present)
+    psi = energy(*I)
+    slopes, steps = [ufl.diff(psi, one) for one in I], [a - b for a, b in zip(at, present, strict=True)]
+    found = psi
+    for slope, step in zip(slopes, steps, strict=True):
+        found = found + slope * step
+        for other, by in zip(I, steps, strict=True):
+            found = found + ufl.diff(slope, other) / 2 * step * by
+    return found
 
 
 def stored_energy(u: Any, material: Material, domain: Any, thickness: float) -> Any:
