@@ -37,7 +37,7 @@ class Fit:
     c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. unexplained: of the part that
     neither the base (within its prior) nor the amplitudes could change. additions: effects; errors: a standard deviation for each
     amplitude. columns (N, k): orthonormal, what the fit can adjust. residual (N,): whitened, rows of the prior last. log_determinant: of the
-    covariance that the weights come from, see `Problem.log_determinant`. last_step: norm of what the last step changed, in standard deviations of an
+    covariance that the weights come from. last_step: norm of what the last step changed, in standard deviations of an
     equation; above 1 the fit has not converged. stop: why the iteration ended.
     """
 
@@ -243,7 +243,7 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
     _check(r, additions)
     U = orthonormal(np.concatenate([linear.A, linear.S], axis=1))
     unexplained = ChiSquare(*residual_outside(r, U))
-    determinant = sum(problem.log_determinant(part, part.train) for part in problem.trained)
+    determinant = sum(part.train.log_determinant for part in problem.trained)
     n_rows = len(r) - len(problem.prior)
     loss = float(r[:n_rows] @ r[:n_rows])
     fit = Fit(c, additions, loss, unexplained, n_rows, U, r, linear.chains, determinant)

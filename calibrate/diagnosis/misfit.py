@@ -27,7 +27,7 @@ class Misfit:
     force: norm of force errors over norm of measured forces, NaN where no force is among the equations. field: norm of the virtual
     work that fields without a load leave, over the same. chi_square: whitened squared residual an equation; rows: equations.
     noise: what the squares of force and field are expected to be from noise alone. log_determinant: of the covariance behind
-    chi_square, an equation, see `Problem.log_determinant`.
+    chi_square, an equation.
     """
 
     force: float
@@ -65,7 +65,7 @@ def misfit(problem: Problem, c: Array, additions: Additions, held: bool, beside_
     """Errors of coefficients c (n,) and effects on the training equations, or on those held out (None where there are none). beside_own: force and field without what each of several
     tests has for itself."""
     parts = [(part, part.held if held else part.train) for part in problem.parts]
-    sums = [_sums(problem, part, weights, c, additions, beside_own) for part, weights in parts if weights.size]
+    sums = [_sums(part, weights, c, additions, beside_own) for part, weights in parts if weights.size]
     if not sums:
         return None
     force, field, measured, chi, determinant, forces, n = map(float, np.sum([one.numbers for one in sums], axis=0))
@@ -85,7 +85,7 @@ class _Sums:
     noise: Sequence[float]
 
 
-def _sums(problem: Problem, part: Part, weights: Weights, c: Array, additions: Additions, beside_own: bool) -> _Sums:
+def _sums(part: Part, weights: Weights, c: Array, additions: Additions, beside_own: bool) -> _Sums:
     """Sums over the equations of one experiment."""
     whole, load = part.own_residual(c, part.valid(additions)), np.nan_to_num(part.system.recorded)
     r = part.beside_own_effects(whole) if beside_own else whole
@@ -98,7 +98,7 @@ def _sums(problem: Problem, part: Part, weights: Weights, c: Array, additions: A
         float((r[weights.rows & ~loaded] ** 2).sum()),
         float((load[of_size] ** 2).sum()),
         float((weights(whole) ** 2).sum()),
-        problem.log_determinant(part, weights),
+        weights.log_determinant,
         float(forces.sum()),
         float(weights.size),
     )

@@ -58,13 +58,13 @@ def weighted_part(
 def amplified(problem: Problem, additions: Additions) -> Problem:
     """The same equations and base with the weights of a model with these effects.
 
-    Effects that take second derivatives of the displacements amplify their noise, and those that interpolate between pictures average it. Those in the material change what stress
+    Effects that take second derivatives of the displacements amplify their noise. Those in the material change what stress
     a noise makes, above all where they remember or stiffen; the weights know them as they were when `reweighted`, as long
     as they are in the model. With weights that do not know it, the misfit of the true model may be larger than that of none.
     """
     names = {a.effect.name for a in additions}
-    known = tuple(a for a in problem.amplifying if not a.effect.alters_noise and a.effect.name in names)
-    found = (*known, *(a for a in amplifying(problem, additions) if a.effect.alters_noise))
+    known = tuple(a for a in problem.amplifying if not a.effect.rough and a.effect.name in names)
+    found = (*known, *(a for a in amplifying(problem, additions) if a.effect.rough))
     if found == problem.amplifying:
         return problem
     parts = []
@@ -116,8 +116,7 @@ def noise_of(chain: Chain, assembled: Assembled, c: Array, additions: Additions)
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
     each = chain.spread_of_noise(c, additions, assembled.fewest_sources, increments)
-    mixture = chain.mixture(additions)
-    return EquationNoise.of(chain.system, assembled.noise, stacked(each, len(increments)), shares, mixture)
+    return EquationNoise.of(chain.system, assembled.noise, stacked(each, len(increments)), shares)
 
 
 def _stiffening(chain: Chain, c: Array, additions: Additions) -> float:
@@ -134,7 +133,7 @@ def amplifying(problem: Problem, additions: Additions) -> Additions:
     return tuple(
         a
         for a in additions
-        if (a.effect.alters_noise or a.effect.in_material)
+        if (a.effect.rough or a.effect.in_material or a.effect.mixes)
         and any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
     )
 

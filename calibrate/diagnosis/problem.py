@@ -17,10 +17,9 @@ from calibrate.data.experiment import Experiment
 from calibrate.effects import Effect
 from calibrate.effects.chain import Additions, Chain
 from calibrate.effects.support.effect_data import Data
-from calibrate.equations import kinematics, noise_covariance, reduction
+from calibrate.equations import kinematics, reduction
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.equilibrium import Equilibrium
-from calibrate.equations.noise_covariance import SINGULAR
 from calibrate.equations.reduction import Assembled
 from calibrate.equations.weights import Sources, Weights
 
@@ -167,17 +166,6 @@ class Problem:
     def bend(self) -> Array:
         """Rows of the prior (m, n) times the root of the dispersion: the data count by as much less."""
         return np.sqrt(self.dispersion) * self.prior
-
-    def log_determinant(self, part: Part, weights: Weights) -> float:
-        """Of the covariance of the noise in some equations of a part, as if no effect took displacements from several increments: data that are
-        interpolated are the same data, and what an interpolation averages of their noise says nothing for it."""
-        if not (part.train.size and any(a.effect.mixes for a in self.amplifying)):
-            return weights.log_determinant
-        some, mixture = weights.rows.any(axis=1), part.chain.mixture(self.amplifying)
-        own = noise_covariance.own_between(part.experiment, part.assembled.noise)
-        own = own + SINGULAR * np.diag(np.diag(own))  # between pictures there is no noise of their own
-        of_mixture, before = (np.linalg.slogdet(one[np.ix_(some, some)])[1] for one in (mixture @ own @ mixture.T, own))
-        return weights.log_determinant - weights.size / int(some.sum()) * float(of_mixture - before)
 
     def padded(self, rows: Array) -> Array:
         """(N, k) of rows of the equations alone, with zeros in those of the prior."""

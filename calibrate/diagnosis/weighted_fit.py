@@ -23,8 +23,8 @@ TURNS, NEAR = 2, 0.5  # updates of the weights by a fit; standard deviations bet
 
 
 def fit_with_weights(problem: Problem, c: Array, additions: Additions) -> tuple[Problem, Fit]:
-    """The fit with weights that know the noise of its second derivatives and interpolations, see `model_weights.amplified`; as `refit` where no
-    effect makes any.
+    """The fit with weights that know the noise of its second derivatives, see `model_weights.amplified`; as `refit` where no
+    effect takes any.
 
     Weights and amplitudes answer each other in some turns at most: the next weights belong to the mean of both.
     """
@@ -41,12 +41,12 @@ def fit_with_weights(problem: Problem, c: Array, additions: Additions) -> tuple[
 
 
 def _is_far(weights: Additions, fit: Fit) -> bool:
-    """Whether an effect that alters the noise has other amplitudes in the fit than in the weights."""
+    """Whether a rough effect that the weights know has other amplitudes in the fit."""
     found = {a.effect.name: (a.amplitudes, d) for a, d in zip(fit.additions, fit.errors, strict=True)}
     return any(
         abs(x - y) > NEAR * d
         for old in weights
-        if old.effect.alters_noise
+        if old.effect.rough
         for x, y, d in zip(old.amplitudes, *found[old.effect.name], strict=True)
     )
 

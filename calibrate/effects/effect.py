@@ -151,11 +151,6 @@ class Effect:
         return type(self).mixture is not Effect.mixture
 
     @property
-    def alters_noise(self) -> bool:
-        """Whether the noise of the displacements that it makes follows its amplitudes."""
-        return self.rough or self.mixes
-
-    @property
     def of_forces(self) -> bool:
         """Whether it is seen in measured forces only."""
         return self.stage in ("clock", "force", "load")

@@ -1,8 +1,10 @@
 """Displacement noise as a linear map of independent normal numbers, and what it does to the equations.
 
-In: points and a `Noise`. Out: a sparse factor B (n_nodes, n_sources) with B B^T = covariance of one component, samples of the field, and the covariance
-of the residuals. A squared-exponential field is the convolution of white noise with a Gaussian of length l / sqrt(2); sources on a grid of 0.7 l
-reproduce its covariance to 3e-4, whatever the number of points.
+In: points and a `Noise`. Out: a sparse factor B (n_nodes, n_sources) with B B^T = covariance of one component,
+samples of the field, and the covariance of the residuals.
+
+A squared-exponential field is the convolution of white noise with a Gaussian of length l / sqrt(2); sources on
+a grid of 0.7 l reproduce its covariance to 3e-4, whatever the number of points.
 
 Noise of increments i and j that is correlated (`Noise`) correlates their equations: with B that of displacement_std and M the covariance between
 increments over its square, that of their residuals is M_ij K_i B B^T K_j^T. M has a part of its own, and what is common to all (`EquationNoise`).
@@ -13,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 import scipy.linalg
@@ -38,7 +39,8 @@ NEGLIGIBLE = 0.1  # variance of a source in common, over that of displacement_st
 def default_noise(experiment: Experiment, spacing: float) -> Noise:
     """Stand-in where the noise is unknown: displacements to 1e-4 of the extent, correlated over a fifth of the spacing of the virtual fields, forces to
     1e-4. Only the relative weight of the equations follows from it."""
-    return Noise(1e-4 * float(np.ptp(experiment.points, axis=0).max()), spacing / 5, 1e-4)
+    extent = float(np.ptp(experiment.points, axis=0).max())
+    return Noise(1e-4 * extent, spacing / 5, 1e-4)
 
 
 def noise_factor(experiment: Experiment, noise: Noise) -> sp.csr_array:
@@ -71,8 +73,8 @@ def _factor(points: Array, std: float, length: float) -> sp.csr_array:
 
 def sample(factor: sp.csr_array, rng: np.random.Generator, n_increments: int) -> Array:
     """Noise fields (n_increments, n_nodes, 2), mm, independent per component and increment."""
-    fields = factor @ rng.standard_normal((factor.shape[1], 2 * n_increments))
-    return np.moveaxis(fields.reshape(factor.shape[0], n_increments, 2), 1, 0)
+    white = rng.standard_normal((factor.shape[1], 2 * n_increments))
+    return np.moveaxis((factor @ white).reshape(factor.shape[0], n_increments, 2), 1, 0)
 
 
 def common_sample(factor: sp.csr_array, rng: np.random.Generator, between: Array) -> Array:
@@ -123,8 +125,8 @@ def force_correlation(system: Equilibrium) -> Array:
 
 def force_deviations(system: Equilibrium, noise: Noise, loads: Array | None = None) -> Array:
     """Standard deviation (t, rows), N, of the noise of the load cells in the residuals; loads (t, rows), N: None for those measured."""
-    size = np.nan_to_num(np.abs(system.loads if loads is None else loads))
-    return np.asarray(noise.force_std_relative * size + noise.force_std * np.tile(system.fields.boundary >= 0, 2))
+    of_size = np.nan_to_num(noise.force_std_relative * np.abs(system.loads if loads is None else loads))
+    return np.asarray(of_size + noise.force_std * np.tile(system.fields.boundary >= 0, 2))
 
 
 def own_between(experiment: Experiment, noise: Noise) -> Array:
@@ -166,12 +168,10 @@ class EquationNoise:
     _products: dict[tuple[int, int], Array] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, system: Equilibrium, noise: Noise, spreads: Array, shares: Array, mixture: Array | None = None) -> Self:
-        """Of the equations of an Experiment. mixture (t, t): weights of measured displacements in those that the equations have; None: they are the same."""
+    def of(cls, system: Equilibrium, noise: Noise, spreads: Array, shares: Array) -> EquationNoise:
+        """Of the equations of an Experiment."""
         experiment = system.experiment
         between = own_between(experiment, noise), common_between(experiment, noise)
-        if mixture is not None:
-            between = mixture @ between[0] @ mixture.T, mixture @ between[1]
         pictures = np.isin(np.arange(experiment.n_increments), experiment.pictures)
         return cls(spreads, shares, *between, force_correlation(system), force_deviations(system, noise), pictures)
 

@@ -191,21 +191,18 @@ class Chain:
         self, c: Array, additions: Additions, factor: sp.csr_array | Array, increments: Indices
     ) -> Iterator[Array]:
         """K B (2 v, 2 s), N, of one of some increments (k,) after the other, with B the factor (n, s) of the noise, see `by_sources`, and K as in
-        `pulled_back`, of the displacements that effects make of those of several increments (`mixture`).
+        `pulled_back`.
 
-        What an increment has of the noise of others by its history is taken for more of its own.
+        What an increment has of the noise of others is taken for more of its own.
         """
         correction = self._run(displacement_stages(additions), (), self._start)
+        larger = noise_spread.of_mixtures(self.data, additions)
         seen = SeenRows(correction)
         for i, modulus in zip(increments, self._moduli(correction, c, additions, increments), strict=True):
             blocks = self.system.stiffness(modulus)
             rows = np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks])
             rows = seen(rows, int(i))
-            yield by_sources([rows[..., k] for k in range(2)], factor)
-
-    def mixture(self, additions: Additions) -> Array:
-        """Weights (t, t) of the measured displacements of all increments in those that effects make of each."""
-        return noise_spread.mixture_of(self.data, additions)
+            yield larger[i] * by_sources([rows[..., k] for k in range(2)], factor)
 
     @property
     def _start(self) -> Quantities:

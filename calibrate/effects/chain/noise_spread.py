@@ -48,12 +48,12 @@ def stress_shift(base: Base, constants: Constants, axes: Any) -> Any:
     return change
 
 
-def mixture_of(data: Data, additions: Additions) -> Array:
-    """Weights (t, t) of the measured displacements of all increments in those that effects make of each."""
-    found = np.eye(len(data.u))
+def of_mixtures(data: Data, additions: Additions) -> Array:
+    """Standard deviations (t,) of the noise of displacements that effects make of several increments, over that of one."""
+    found = np.ones(len(data.u))
     for a in additions:
         if a.effect.mixes:
-            found = np.asarray(a.effect.mixture(data, np.array(a.amplitudes), np.array(a.shape))) @ found
+            found *= np.linalg.norm(a.effect.mixture(data, np.array(a.amplitudes), np.array(a.shape)), axis=1)
     return found
 
 

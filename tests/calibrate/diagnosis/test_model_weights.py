@@ -98,21 +98,3 @@ def test_a_base_that_bends_leaves_no_more_than_one_that_cannot_of_fields_that_ar
     assert neo_hooke.reduced_chi_square > 100
     assert bends.reduced_chi_square < neo_hooke.reduced_chi_square
     assert bends.c.min() > 0.5 * neo_hooke.c.min()
-
-
-def test_an_interpolation_between_pictures_is_no_likelier_for_the_noise_that_it_averages():
-    """Displacements that are interpolated, and forces that go with them, are the same data: the same squares over their covariance, and nearly the same
-    determinant, where that of the covariance alone is another."""
-    e = synthetic.with_noise(synthetic.plate_experiment(pull=3.0, n_increments=8), NOISE, 1)
-    problem, base = base_fit.prepare([replace(e, time=np.arange(1.0, 9.0))], [all_rows], with_discrepancy=False)
-    (part,), n = problem.parts, problem.parts[0].train.size
-    r, before = part.residual(base.c, ()), problem.log_determinant(part, part.train)
-    for dt in (0.3, -0.6):
-        lag = Addition(EFFECTS["lag between force and image"], (dt,), (0.0,))
-        whole = model_weights.amplified(problem, (lag,))
-        (mixed,) = whole.parts
-        assert whole.amplifying == (lag,)  # weights follow the lag of a fit
-        assert abs(whole.log_determinant(mixed, mixed.train) - before) < 0.03 * n
-        assert (mixed.train.log_determinant - before < -0.5 * n) == (dt == -0.6)  # half way between pictures
-        same = np.tensordot(part.chain.mixture((lag,)), r, 1)
-        assert float((mixed.train(same) ** 2).sum()) == pytest.approx(float((part.train(r) ** 2).sum()), rel=0.02)

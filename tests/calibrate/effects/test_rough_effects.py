@@ -82,6 +82,7 @@ AMPLIFYING = {
     "viscoelasticity": Addition(Viscosity(), (0.4,), (1.5,)),
     "Mullins softening": Addition(Mullins(), (0.3,), (0.02, 0.2)),
     "permanent set": Addition(PermanentSet(), (0.1,)),
+    "lag between force and image": Addition(Lag(), (0.1,), (0.0,)),
 }
 
 
@@ -89,7 +90,7 @@ AMPLIFYING = {
 @pytest.mark.parametrize("plane", ["stress", "strain"])
 @pytest.mark.parametrize("name", AMPLIFYING)
 def test_noise_that_an_effect_amplifies(name, plane):
-    """K of an increment is the derivative by its own displacements, as much larger as those of others in its history ask for."""
+    """K of an increment is the derivative by its own displacements, as much larger as those of others ask for: of a history, or of those between which a lag interpolates."""
     chain = made_up_chain(plane)
     c = neo_hooke(chain.basis, 0.3, *([2.0] if plane == "strain" else []))
     factor = noise_covariance.noise_factor(chain.system.experiment, NOISE)
@@ -193,20 +194,3 @@ def test_the_adjoint_of_a_rough_effect_is_the_transpose_of_its_derivative(effect
     expected = np.array([np.asarray(back(jnp.asarray(row[None]))[0][0]) for row in rows])
     found = effect.adjoint(data, np.asarray(places), np.asarray(a), np.asarray(shape))(np.asarray(data.u[-1]), rows)
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("dt", [0.3, -0.7])
-def test_a_lag_has_the_noise_of_the_pictures_that_it_interpolates(dt):
-    """The derivative of each increment by the displacements of each is that of an increment by its own, times the weight of the mixture."""
-    chain = made_up_chain()
-    c, additions = neo_hooke(chain.basis, 0.3), (Addition(Lag(), (dt,), (0.0,)),)
-    factor = noise_covariance.noise_factor(chain.system.experiment, NOISE)
-    white = np.random.default_rng(2).standard_normal((factor.shape[1], 2))
-    n, mixture = chain.system.experiment.n_increments, chain.mixture(additions)
-    own = [K @ white.T.ravel() for K in chain.spread_of_noise(c, additions, factor, np.arange(n))]
-    for j in range(n):
-        u = 1e-5 * np.eye(n)[j][:, None, None] * (factor @ white)
-        ends = [chain.disturbed(sign * u).residual(c, additions) for sign in (1, -1)]
-        for i, found in enumerate((ends[0] - ends[1]) / 2e-5):
-            np.testing.assert_allclose(found, mixture[i, j] * own[i], atol=1e-5 * np.abs(own[i]).max())
