@@ -44,13 +44,13 @@ class ForceDrift(Disturbance):
 
 @dataclass(frozen=True)
 class ForceGain(Disturbance):
-    """True forces are 1 + g times those that the load cells read."""
+    """Load cells read 1 + g times the force."""
 
     g: float
     name: ClassVar[str] = "force gain"
 
     def forces(self, force, time):
-        return force / (1 + self.g)
+        return force * (1 + self.g)
 
 
 @dataclass(frozen=True)
