@@ -70,9 +70,8 @@ def in_triangles(mesh: Mesh, points: Array) -> Places:
     curved = np.abs(bent).max(axis=(1, 2)) > INSIDE * np.abs(sides).max(axis=(1, 2))
     inverse, middles = np.linalg.inv(sides), corners.mean(axis=1)
     size = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
-    reach = np.append(
-        size * np.where(curved, 1 + 3 * CURVED, 1 + 3 * INSIDE), -np.inf
-    )  # a tree's number of no triangle is the last
+    reach = size * np.where(curved, 1 + 3 * CURVED, 1 + 3 * INSIDE)
+    reach = np.append(reach, -np.inf)  # of no triangle, which the tree gives the last number
     tree, cells, local = cKDTree(middles), np.zeros(len(points), np.int64), np.zeros((len(points), 2))
     excess = np.full(len(points), np.inf)
     for most in STRAIGHT:

@@ -98,10 +98,9 @@ class Sheet:
 
     def energy(self, base: Any, I1: Any, I2: Any, C: Any, X: Any, additions: Sequence[Any]) -> Any:
         """Energy, MPa, without that of the volume. base: that of the material; C (2, 2), X (2,), mm; additions: their values as constants."""
-        psi = base
         for addition, p in zip(self.additions, additions, strict=True):
-            psi += addition.energy(I1, I2, C, p) or 0
-        return psi * self.field(X, additions)
+            base += addition.energy(I1, I2, C, p) or 0
+        return base * self.field(X, additions)
 
     def field(self, X: Any, additions: Sequence[Any]) -> Any:
         """Product of the fields s(X) at the reference place X (2,), mm."""

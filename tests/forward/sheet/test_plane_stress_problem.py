@@ -5,9 +5,15 @@ import pytest
 from forward_helpers import MATERIALS, annulus, in_triangles
 from orders import taylor_rates
 
+from calibrate.equations.basis import SingleBasis
+from calibrate.equations.splines import pieces_of
 from forward import ArrudaBoyce, Loading
 from forward._dolfinx import MPI, dolfinx, ufl
 from forward.compilation import compiled_problem
+from forward.materials import Ogden
+from forward.materials.spline_energy import SplineEnergy
+from forward.sheet.additions import MooneyPart
+from forward.sheet.inelastic_problem import InelasticProblem
 from forward.sheet.plane_stress_problem import (
     NOT_A_NUMBER,
     PETSC_OPTIONS,
@@ -16,6 +22,7 @@ from forward.sheet.plane_stress_problem import (
     invariants,
     stored_energy,
 )
+from forward.sheet.thin_sheet import Sheet
 from meshes import Cross, quads
 
 COMM = MPI.COMM_SELF
@@ -62,12 +69,24 @@ def test_elements_converge_at_their_orders(cells, coarsest):
     assert rates[:, 1].min() >= 1.9
 
 
-@pytest.fixture(scope="module", params=MATERIALS.values(), ids=MATERIALS)
+BASIS = SingleBasis(0, 1.2, 9)
+PIECES = pieces_of(0.1 + 0.05 * np.sin(np.arange(9.0)))
+SPLINE = SplineEnergy(BASIS.top, tuple(map(tuple, PIECES.tolist())))
+SHEETS = {
+    "sheet of a spline": Sheet(SPLINE, 1.3, (MooneyPart(0.03),)),
+    "sheet of both invariants": Sheet(Ogden(), 1.3),
+}
+
+
+@pytest.fixture(scope="module", params=[*MATERIALS.values(), *SHEETS.values()], ids=[*MATERIALS, *SHEETS])
 def stretched(request):
     """A stretched cross, not in equilibrium, and a random direction."""
     mesh = quads(Cross(), quarter=True, size_factor=4.0)
     held, values = Loading.clamped(Cross.loaded, 30.0).on(mesh).prescribed(mesh)
-    problem = PlaneStressProblem(mesh, request.param, 1.3, held, values, 1e-10, 25, COMM)
+    if isinstance(request.param, Sheet):
+        problem = InelasticProblem(mesh, request.param, held, values, 1e-10, 25, COMM)
+    else:
+        problem = PlaneStressProblem(mesh, request.param, 1.3, held, values, 1e-10, 25, COMM)
     x, y = mesh.points.T / 100
     u = np.column_stack([30 * x + 3 * np.sin(3 * y), 20 * y + 2 * x * y])
     direction = np.random.default_rng(3).standard_normal(mesh.points.shape)
