@@ -23,7 +23,7 @@ from studies.errors import OptionError, StudyError
 if TYPE_CHECKING:
     from studies.commandline.outcome import Outcome
 
-# Objects between two searches for cycles, by generation: arrays are freed without one, and JAX does work of its own in each (2 of 60 s of a diagnosis).
+# Objects between two searches for cycles, by generation: arrays are freed without one, and JAX does work of its own in each (`docs/cost.md`).
 COLLECTION = (50_000, 20, 50)
 
 

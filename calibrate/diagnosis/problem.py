@@ -139,13 +139,11 @@ class Problem:
 
     def shapes(self, effect: Effect) -> list[tuple[float, ...]]:
         """Shapes of an effect to be tried: those of the first test, then of every other what is beyond the range of those before, such as longer times."""
-        found: list[tuple[float, ...]] = []
-        for data in self.tests:
-            new = np.array(effect.shape_values(data), float)
-            known = np.array(found or new)
-            beyond = ((new < known.min(axis=0)) | (new > known.max(axis=0))).any(axis=1) | (not found)
-            found += [tuple(shape) for shape in new[beyond].tolist()]
-        return found
+        found, *others = (np.array(effect.shape_values(data), float) for data in self.tests)
+        for new in others:
+            beyond = ((new < found.min(axis=0)) | (new > found.max(axis=0))).any(axis=1)
+            found = np.concatenate([found, new[beyond]])
+        return [tuple(shape) for shape in found.tolist()]
 
     @property
     def of_one_test(self) -> Problem:

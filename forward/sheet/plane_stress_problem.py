@@ -75,7 +75,7 @@ def invariants(F: Any) -> tuple[Any, Any]:
 
 def to_second_order(energy: Callable[[Any, Any], Any], at: Invariants, present: Invariants) -> Any:
     """The energy and its first and second derivative where invariants `at` are the present ones, in UFL: a polynomial of second degree, whose
-    derivatives by u cost little. Those of a spline of thirty pieces, each by the chain rule, took fifteen times as long as its forces."""
+    derivatives by u cost little. Those of a spline of thirty pieces, each by the chain rule, took fifteen times as long as its forces (`docs/cost.md`)."""
     I = tuple(ufl.variable(one) for one in present)
     psi = energy(*I)
     slopes, steps = [ufl.diff(psi, one) for one in I], [a - b for a, b in zip(at, present, strict=True)]

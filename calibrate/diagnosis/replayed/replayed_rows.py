@@ -28,7 +28,7 @@ class ReplayedRows:
     rows: Observations
     near: Callable[[Array, Additions], Array] = field(repr=False)
     slopes: Callable[[Directions, Mask], Array] = field(repr=False)
-    tests: tuple[Data, ...] = field(default=(), repr=False)
+    tests: tuple[Data, ...] = field(repr=False)
 
 
 Replays = Callable[[Array, Additions], ReplayedRows | None]  # None where there is no equilibrium

@@ -75,7 +75,7 @@ class Replays:
                 columns.append(moved / directions.sizes[i])
             return np.array(columns).T
 
-        return ReplayedRows(rows, near, slopes)
+        return ReplayedRows(rows, near, slopes, ())
 
 
 @pytest.mark.parametrize(("g", "tau"), [(0.3, 6.0), (2.0, 0.5), (0.75, 60.0)])
