@@ -133,7 +133,7 @@ def amplifying(problem: Problem, additions: Additions) -> Additions:
     return tuple(
         a
         for a in additions
-        if (a.effect.rough or a.effect.in_material or a.effect.mixes)
+        if (a.effect.rough or a.effect.in_material)
         and any(v != p.null for v, p in zip(a.amplitudes, a.effect.amplitudes, strict=True))
     )
 
@@ -144,9 +144,8 @@ def reweighted(problem: Problem, c: Array, additions: Additions) -> Problem:
 
 
 def as_stiff(problem: Problem, c: Array, additions: Additions) -> Problem:
-    """The same, but what effects do to noise stays as it is, except where they mix that of several increments."""
-    kept = tuple(a for a in problem.amplifying if not a.effect.mixes)
-    return _weighted(problem, c, additions, (*kept, *(a for a in amplifying(problem, additions) if a.effect.mixes)))
+    """The same, but what effects do to noise stays as it is."""
+    return _weighted(problem, c, additions, problem.amplifying)
 
 
 def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions) -> Problem:

@@ -146,11 +146,6 @@ class Effect:
         return self.stage in ("set", "softening", "relaxation")
 
     @property
-    def mixes(self) -> bool:
-        """Whether the displacements that it makes of an increment depend on others, see `mixture`."""
-        return type(self).mixture is not Effect.mixture
-
-    @property
     def of_forces(self) -> bool:
         """Whether it is seen in measured forces only."""
         return self.stage in ("clock", "force", "load")
@@ -189,7 +184,7 @@ class Effect:
 
     def displacements(self, data: Data, u: Any, a: Any, shape: Any) -> Any:
         """Displacements (t, n, 2), mm, from the measured places of the reference to true places, of those to measured ones. At each node of its own
-        displacement, but for what `rough` and `mixture` say; an effect may look at others in data.u, whose noise does not count there."""
+        displacement, but for what `rough` says; an effect may look at others in data.u, whose noise does not count there."""
         return u
 
     def adjoint(self, data: Data, places: Any, a: Any, shape: Any) -> Callable[[Array, Array], Array]:
@@ -197,13 +192,9 @@ class Effect:
         that it is given. places (n, 2), mm: of the reference, as `places` corrects them."""
         raise NotImplementedError
 
-    def mixture(self, data: Data, a: Any, shape: Any) -> Any:
-        """Weights (t, t) of the measured displacements of all increments in those that it makes of each."""
-        raise NotImplementedError
-
-    def time(self, time: Any, a: Any) -> Any:
-        """True times (t,), s, of the forces, of those that were recorded."""
-        return time
+    def readings(self, data: Data, a: Any, shape: Any) -> Any:
+        """Weights (t, t) of what is at all pictures (times, displacements, forces of the sections) in what is when the force of each is read."""
+        return jnp.eye(len(data.u))
 
     def stress(self, data: Data, F: Any, P: Any, a: Any, shape: Any) -> Any:
         """In-plane first Piola-Kirchhoff stress (t, m, 2, 2), MPa, from the one so far, P; F (t, m, 2, 2), of an

@@ -14,17 +14,17 @@ LARGEST = 0.5  # of the duration of a test
 
 @dataclass(frozen=True)
 class Lag(Effect):
-    """Forces were read dt after the picture, when the displacements were those of t + dt.
+    """Forces were read dt after the picture, when the sections carried those of t + dt.
 
-    Displacements are interpolated on the branch of the history that follows a picture if dt > 0, and on the one before if
-    dt < 0. `branch` stands for the sign of dt where that is not known yet: 1, -1, or 0 for the mean of both. Forces, which
-    are less smooth in time and may be held out, stay as they are; their true times are dt later, too.
+    What the sections carry is interpolated on the branch of the history that follows a picture if dt > 0, and on the one before if
+    dt < 0. `branch` stands for the sign of dt where that is not known yet: 1, -1, or 0 for the mean of both. What was
+    read, which may be held out, stays as it is.
     """
 
     name = "lag between force and image"
     stage = "clock"
     of_rig = True
-    formula = "u(t + dt)"
+    formula = "f(t + dt)"
     amplitudes = (Parameter("dt", "s", typical=0.2),)
     shapes = (Parameter("branch", "1", lower=-1.0, upper=1.0),)
     shapes_vary = False
@@ -46,13 +46,7 @@ class Lag(Effect):
             return [(0.0,)]
         return [(1.0,), (-1.0,), (0.0,)]
 
-    def time(self, time, a):
-        return time + a[0]
-
-    def displacements(self, data, u, a, shape):
-        return jnp.einsum("ts,sni->tni", self.mixture(data, a, shape), u)
-
-    def mixture(self, data, a, shape):
+    def readings(self, data, a, shape):
         after = jnp.where(a[0] > 0, 1.0, jnp.where(a[0] < 0, 0.0, 0.5 * (1.0 + shape[0])))
         rate, bend = after * data.motion[0] + (1.0 - after) * data.motion[1]
         return jnp.eye(len(rate)) + a[0] * rate + a[0] ** 2 * bend

@@ -33,3 +33,8 @@ def ordered(additions: Additions) -> Additions:
     """From the material to the camera, the order in which effects act on the stress, and against which displacements and
     loads are corrected."""
     return tuple(sorted(additions, key=lambda a: (STAGES.index(a.effect.stage), a.effect.name)))
+
+
+def place_of(addition: Addition, additions: Additions) -> int:
+    """Place of an addition among all in their order."""
+    return next(i for i, one in enumerate(ordered(additions)) if one is addition)

@@ -18,12 +18,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.effects.chain import noise_spread
-from calibrate.effects.chain.addition import Addition, Additions, ordered
+from calibrate.effects.chain.addition import Addition, Additions, place_of
 from calibrate.effects.chain.block_run import OF_INCREMENTS, BlockRun
 from calibrate.effects.chain.blocks import Block, blocks, virtual_work, whole
 from calibrate.effects.chain.linearisation import Constants, Linearisation, Memory, Quantities, Stage
 from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
-from calibrate.effects.chain.seen_rows import SeenRows
+from calibrate.effects.chain.readings import is_of_the_clock, moved, moved_back, moves_by_parameters, moves_of
+from calibrate.effects.chain.seen_rows import SeenRows, by_measured
 from calibrate.effects.chain.stages import (
     are_local,
     deformation_name,
@@ -138,10 +139,10 @@ class Chain:
 
     def residual(self, c: Any, additions: Additions = ()) -> Array:
         """Residual (t, 2 v), N, of coefficients c (n,) and effects, in whatever order these are given."""
-        work = -self.external(additions)
+        work = np.zeros(self.system.loads.shape)
         for run in self._runs(c, additions):
             work[run.increments] += run.work(run.steps.quantities)
-        return work
+        return self._at_readings(work, additions) - self.external(additions)
 
     def stress(self, c: Any, additions: Additions = ()) -> Array:
         """P (t, m, 2, 2), MPa, of coefficients c (n,) and the effects in the model."""
@@ -183,9 +184,11 @@ class Chain:
         """K^T forces (t, n, 2) of forces (t, 2 v), N; K: tangent of base and effects in the material, at the displacements
         that additions correct."""
         correction, total = self._run(displacement_stages(additions), (), self._start), 0.0
+        if (moves := moves_of(self.data, additions)) is not None:
+            forces = forces + moved_back(self.system, forces, moves)
         for block, gradients, stress in self._local_runs(correction, c, additions):
             total = total + gradients.pull(stress.pull({STRESS: jnp.asarray(block.dual(forces))[None]}))[DISPLACEMENTS]
-        return _by_measured(correction.pull({DISPLACEMENTS: total}))[0]
+        return by_measured(correction.pull({DISPLACEMENTS: total}))[0]
 
     def spread_of_noise(
         self, c: Array, additions: Additions, factor: sp.csr_array | Array, increments: Indices
@@ -196,13 +199,12 @@ class Chain:
         What an increment has of the noise of others is taken for more of its own.
         """
         correction = self._run(displacement_stages(additions), (), self._start)
-        larger = noise_spread.of_mixtures(self.data, additions)
         seen = SeenRows(correction)
         for i, modulus in zip(increments, self._moduli(correction, c, additions, increments), strict=True):
             blocks = self.system.stiffness(modulus)
             rows = np.concatenate([np.stack([k.toarray() for k in row], axis=-1) for row in blocks])
             rows = seen(rows, int(i))
-            yield larger[i] * by_sources([rows[..., k] for k in range(2)], factor)
+            yield by_sources([rows[..., k] for k in range(2)], factor)
 
     @property
     def _start(self) -> Quantities:
@@ -211,12 +213,17 @@ class Chain:
         found = {MEASURED: data.u, DISPLACEMENTS: data.u, PLACES: data.points, LOADS: self.measured}
         return found if data.time is None else found | {TIME: data.time}
 
+    def _at_readings(self, work: Array, additions: Additions) -> Array:
+        """Work (..., t, 2 v), N, with the forces at the times of their readings."""
+        moves = moves_of(self.data, additions)
+        return work if moves is None else work + moved(self.system, work, moves)
+
     def _run(self, links: Sequence[Stage], c: Any, start: Quantities) -> Linearisation:
         return Linearisation.run(links, self.constants(c), start)
 
-    def _runs(self, c: Any, additions: Additions, moved: Linearisation | None = None) -> Iterator[BlockRun]:
-        """From true displacements to P, part by part; moved: the run to these, where it is known."""
-        start = (moved or self._run(motion_stages(additions), (), self._start)).quantities
+    def _runs(self, c: Any, additions: Additions, corrected: Linearisation | None = None) -> Iterator[BlockRun]:
+        """From true displacements to P, part by part; corrected: the run to these, where it is known."""
+        start = (corrected or self._run(motion_stages(additions), (), self._start)).quantities
         stages = material_stages(self.base, additions)
         if are_local(additions):
             for block, memory in zip(self.blocks, self.memories or [None] * len(self.blocks), strict=True):
@@ -266,34 +273,27 @@ class Chain:
 
     def _changes(self, c: Any, additions: Additions, of: Additions, with_shape: bool) -> Array:
         """d residual / d amplitudes of some additions, and shapes behind those of each, (k, t, 2 v)."""
-        moved, loads = (
-            self._run(motion_stages(additions), (), self._start),
-            self._run(load_stages(additions), (), {LOADS: self.measured}),
-        )
+        corrected = self._run(motion_stages(additions), (), self._start)
+        loads = self._run(load_stages(additions), (), {LOADS: self.measured})
         places = [place_of(one, additions) for one in of]
-        starts = [moved.by_parameters(place, with_shape, {}) for place in places]
-        total = []
-        for one, place in zip(of, places, strict=True):
-            total.append(np.zeros((len(one.amplitudes) + with_shape * len(one.shape), *self.system.loads.shape)))
-            changes = loads.by_parameters(place, with_shape, {})
-            if LOADS in changes:
-                total[-1] -= self.spread(changes[LOADS])
-        stages = material_stages(self.base, additions)
+        starts = [corrected.by_parameters(place, with_shape, {}) for place in places]
+        shape = self.system.loads.shape
+        total = [np.zeros((len(one.amplitudes) + with_shape * len(one.shape), *shape)) for one in of]
+        stages, of_clock = material_stages(self.base, additions), [is_of_the_clock(one.effect) for one in of]
         acting = [i for i, place in enumerate(places) if starts[i] or any(place in one.places for one in stages)]
-        for run in self._runs(c, additions, moved) if acting else ():
+        work = np.zeros(shape)
+        for run in self._runs(c, additions, corrected) if acting or any(of_clock) else ():
             for i in acting:
                 changes = run.steps.by_parameters(places[i], with_shape, run.of_increments(starts[i]))
                 if STRESS in changes:
                     total[i][:, run.increments] += run.work(changes)
+            if any(of_clock):
+                work[run.increments] += run.work(run.steps.quantities)
+        for i, place in enumerate(places):
+            total[i] = self._at_readings(total[i], additions)
+            if of_clock[i]:
+                total[i] += moved(self.system, work, moves_by_parameters(self.data, of[i], with_shape))
+            changes = loads.by_parameters(place, with_shape, {})
+            if LOADS in changes:
+                total[i] -= self.spread(changes[LOADS])
         return np.concatenate(total)
-
-
-def place_of(addition: Addition, additions: Additions) -> int:
-    """Place of an addition among all in their order."""
-    return next(i for i, one in enumerate(ordered(additions)) if one is addition)
-
-
-def _by_measured(duals: Quantities) -> Array:
-    """Duals (k, t, n, 2) of the measured displacements, which corrections read as such and start from."""
-    found = np.asarray(duals[DISPLACEMENTS])
-    return found + np.asarray(duals[MEASURED]) if MEASURED in duals else found

@@ -19,7 +19,6 @@ from calibrate.effects.chain.quantities import (
     MEASURED,
     PLACES,
     THINNING,
-    TIME,
     VOLUME,
 )
 from calibrate.effects.effect import Effect
@@ -73,17 +72,6 @@ class MeanDisplacements(OfEffect):
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
         return self.effect.of_the_mean(constants, inputs[0], inputs[1], parameters[0][0])
-
-
-@dataclass(frozen=True)
-class CorrectedTime(OfEffect):
-    """Times as an effect corrects them."""
-
-    reads: ClassVar[tuple[str, ...]] = (TIME,)
-    writes: ClassVar[str] = TIME
-
-    def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
-        return self.effect.time(inputs[0], parameters[0][0])
 
 
 @dataclass(frozen=True)

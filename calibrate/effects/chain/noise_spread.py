@@ -15,11 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.effects.chain.addition import Additions
 from calibrate.effects.chain.linearisation import Constants, Linearisation
 from calibrate.effects.chain.quantities import STRESS, Base
 from calibrate.effects.chain.stages import deformation_name
-from calibrate.effects.support.effect_data import Data
 from calibrate.effects.support.nodal_derivatives import gradients
 from calibrate.equations import isochoric
 
@@ -46,15 +44,6 @@ def stress_shift(base: Base, constants: Constants, axes: Any) -> Any:
             step = jnp.zeros((axes.shape[0], 2, 2)).at[:, i, :].set(axes[:, :, q])
             change = change + 0.5 * (stress(F + step) + stress(F - step))
     return change
-
-
-def of_mixtures(data: Data, additions: Additions) -> Array:
-    """Standard deviations (t,) of the noise of displacements that effects make of several increments, over that of one."""
-    found = np.ones(len(data.u))
-    for a in additions:
-        if a.effect.mixes:
-            found *= np.linalg.norm(a.effect.mixture(data, np.array(a.amplitudes), np.array(a.shape)), axis=1)
-    return found
 
 
 @dataclass(frozen=True, eq=False)

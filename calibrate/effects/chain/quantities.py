@@ -14,7 +14,7 @@ from calibrate.effects.chain.linearisation import Constants
 MEASURED = "measured displacements"  # (t, n, 2), mm
 DISPLACEMENTS = "displacements"  # (t, n, 2), mm, from the measured places of the nodes to where they truly are
 PLACES = "reference places"  # (n, 2), mm, where the nodes truly were in the reference
-TIME = "time"  # (t,), s, since the start of loading, of the forces
+TIME = "time"  # (t,), s, since the start of loading
 GRADIENTS = "deformation gradients"  # (t, m, 2, 2), by the measured places of the reference
 ELASTIC = "elastic deformation gradients"  # (t, m, 2, 2), by the true places
 THINNING = "gradient of F33"  # (t, n, 2), 1/mm, by the true places

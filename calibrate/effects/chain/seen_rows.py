@@ -3,7 +3,7 @@
 In: a run of the corrections of displacements, rows by corrected displacements. Out: rows by seen ones.
 
 Corrections are slopes at every node by its own displacement; those of rough effects, which look at their neighbours, know their transposes themselves
-(`Effect.adjoint`). Of a mixture of increments nothing is transposed: it makes the noise larger, see `Chain.spread_of_noise`.
+(`Effect.adjoint`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.effects.chain.linearisation import Constants, Linearisation, Step
+from calibrate.effects.chain.linearisation import Constants, Linearisation, Quantities, Step
 from calibrate.effects.chain.link import push
 from calibrate.effects.chain.links_of_motion import OfEffect
-from calibrate.effects.chain.quantities import PLACES
+from calibrate.effects.chain.quantities import DISPLACEMENTS, MEASURED, PLACES
 from calibrate.effects.effect import Effect
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ class SeenRows:
     """correction: from measured to corrected displacements."""
 
     def __init__(self, correction: Linearisation) -> None:
-        steps = [step for step in reversed(correction.steps) if not _effect(step).mixes]
+        steps = correction.steps[::-1]
         make = [_rough if _effect(step).rough else _at_nodes for step in steps]
         self.transposed = tuple(of(correction.constants, step) for of, step in zip(make, steps, strict=True))
 
@@ -44,6 +44,12 @@ class SeenRows:
                 some = transposed(increment, some)
             found[first : first + size] = some
         return found
+
+
+def by_measured(duals: Quantities) -> Array:
+    """Duals (k, t, n, 2) of the measured displacements, which corrections read as such and start from."""
+    found = np.asarray(duals[DISPLACEMENTS])
+    return found + np.asarray(duals[MEASURED]) if MEASURED in duals else found
 
 
 def _rough(constants: Constants, step: Step) -> Transposed:

@@ -1,9 +1,9 @@
 """Which links a chain has, in the order of nature.
 
-    places and displacements as the camera saw them -> true ones, at the times of the forces -> mean over the thickness
+    places and displacements as the camera saw them -> true ones -> mean over the thickness
     -> F by the true places of the reference -> [thickness: mean deformation] -> [volume at which the faces are free of stress]
     -> energies -> chains formed anew -> stiffness, softening, relaxation -> P -> [mean over the thickness] -> [strip]
-    -> P by the measured places;        measured loads -> as effects correct them
+    -> P by the measured places -> virtual work -> forces at the times of their readings (`readings`);        measured loads -> as effects correct them
 
 An effect changes one of them, and every other one sees the change: where the volume is to be found, and in the strip beside the
 measured region, the whole material is run again. In plane strain the material acts on the isochoric part, as in an
@@ -77,9 +77,9 @@ def law_stages(base: Base, additions: Additions) -> tuple[str, Stages]:
 
 
 def motion_stages(additions: Additions) -> Stages:
-    """Those from what is measured to true places, displacements and times, all at the nodes."""
+    """Those from what is measured to true places and displacements, both at the nodes."""
     places = _backwards(motion.CorrectedPlaces, "places", additions)
-    return (*places, *displacement_stages(additions), *_backwards(motion.CorrectedTime, "time", additions))
+    return (*places, *displacement_stages(additions))
 
 
 def material_stages(base: Base, additions: Additions) -> Stages:

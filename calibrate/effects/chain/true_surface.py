@@ -17,7 +17,8 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.load_record import LoadRecord
 from calibrate.effects.chain.addition import Additions
 from calibrate.effects.chain.linearisation import Constants, Linearisation
-from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, TIME
+from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES
+from calibrate.effects.chain.readings import moves_of
 from calibrate.effects.chain.stages import load_stages, motion_stages
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
@@ -25,11 +26,11 @@ from calibrate.equations import noise_covariance
 from calibrate.errors import ExperimentError, ImpossibleCorrectionError
 
 Array = NDArray[np.float64]
-HOOKS = ("places", "displacements", "time", "loads")
+HOOKS = ("places", "displacements", "readings", "loads")
 
 
 def is_expressed(effect: Effect) -> bool:
-    """Whether what it does is all in places, displacements, times or forces."""
+    """Whether what it does is all in places, displacements, forces or the times of these."""
     return any(getattr(type(effect), hook) is not getattr(Effect, hook) for hook in HOOKS)
 
 
@@ -54,17 +55,18 @@ def true_surface(experiment: Experiment, additions: Additions) -> Experiment:
 def _corrected(experiment: Experiment, additions: Additions) -> Experiment:
     data, forces = Data.of(experiment), np.stack([b.force for b in experiment.loaded], axis=-1)
     given = {MEASURED: data.u, DISPLACEMENTS: data.u, PLACES: data.points, LOADS: np.nan_to_num(forces)}
-    if data.time is not None:
-        given[TIME] = data.time
     stages = (*motion_stages(additions), *load_stages(additions))
     run = Linearisation.run(stages, Constants(data, 0.0, ()), given).quantities
     places, loads = np.asarray(run[PLACES]), np.where(np.isnan(forces), np.nan, np.asarray(run[LOADS]))
+    u, time, moves = np.asarray(run[DISPLACEMENTS]), experiment.time, moves_of(data, additions)
+    if moves is not None and time is not None:
+        u, time = u + np.einsum("ts,sni->tni", moves, u), time + moves @ time
     try:
         return replace(
             experiment,
             points=places,
-            displacements=experiment.points + np.asarray(run[DISPLACEMENTS]) - places,
-            time=None if data.time is None else np.asarray(run[TIME]),
+            displacements=experiment.points + u - places,
+            time=time,
             loaded=tuple(replace(b, force=loads[..., i]) for i, b in enumerate(experiment.loaded)),
         )
     except ExperimentError as error:  # its remedies are for what was measured

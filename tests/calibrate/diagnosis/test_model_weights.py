@@ -68,14 +68,14 @@ def test_what_belongs_to_the_law_does(prepared):
     assert (found.weights_c > 1.05 * base.c).all()
 
 
-def test_an_explanation_keeps_what_the_best_one_does_to_noise_but_for_its_own_interpolation(prepared):
+def test_an_explanation_keeps_what_the_best_one_does_to_noise(prepared):
     problem, base = prepared
     rough = Addition(EFFECTS["subset smoothing"], (0.5,), (1.0,))
     lag = Addition(EFFECTS["lag between force and image"], (0.2,), (1.0,))
     best = model_weights.reweighted(problem, base.c, (rough,))
     assert best.amplifying == (rough,)
-    assert set(model_weights.as_stiff(best, base.c, (lag,)).amplifying) == {rough, lag}
-    assert model_weights.as_stiff(model_weights.reweighted(problem, base.c, (lag,)), base.c, ()).amplifying == ()
+    assert model_weights.as_stiff(best, base.c, (lag,)).amplifying == (rough,)
+    assert model_weights.reweighted(problem, base.c, (lag,)).amplifying == ()
 
 
 def test_weights_are_those_of_the_base_where_it_leaves_noise_alone_and_of_neo_hooke_where_it_leaves_much():

@@ -431,8 +431,32 @@ def test_lag_at_a_turning_point(chain):
     """After the third picture the sheet goes back, before it it came: either sign of dt lowers the displacement."""
     u = chain.data.u
     for dt in (0.1, -0.1):
-        moved = Lag().displacements(chain.data, u, jnp.array([dt]), (0.0,))
-        assert float(jnp.abs(moved[2]).sum()) < float(jnp.abs(u[2]).sum())
+        M = Lag().readings(chain.data, jnp.array([dt]), (0.0,))
+        assert float(jnp.abs(jnp.tensordot(M, u, 1)[2]).sum()) < float(jnp.abs(u[2]).sum())
+        np.testing.assert_allclose(M @ chain.data.time, chain.data.time + dt, rtol=1e-12)
+
+
+def test_a_lag_leaves_equations_without_a_load_alone(chain, c):
+    """And moves a force on the way up by the force of a second times the lag, of whatever noise there is inside."""
+    lag = Addition(Lag(), (0.1,), (0.0,))
+    change = chain.residual(c, (lag,)) - chain.residual(c)
+    loaded, weights = chain.system.force_estimate
+    np.testing.assert_array_equal(np.delete(change, loaded, axis=1), 0.0)
+    forces = (chain.residual(c) + chain.external()) @ weights.T
+    M = np.asarray(Lag().readings(chain.data, jnp.array([0.1]), (0.0,)))
+    np.testing.assert_allclose(change[:, loaded], M @ forces - forces, rtol=1e-9, atol=1e-12)
+    ends = [chain.residual(c, (dataclasses.replace(lag, amplitudes=(dt,)),)) for dt in (0.099, 0.101)]
+    slope = (ends[1] - ends[0]) / 0.002
+    np.testing.assert_allclose(chain.derivative(c, (lag,))[0], slope, rtol=1e-6, atol=1e-9)
+
+
+def test_what_a_lag_does_is_transposed(chain, c):
+    lag = Addition(Lag(), (0.1,), (0.0,))
+    rng = np.random.default_rng(0)
+    forces, u = rng.standard_normal(chain.system.loads.shape), rng.standard_normal(chain.data.u.shape)
+    ends = [chain.disturbed(s * 1e-6 * u).residual(c, (lag,)) for s in (1, -1)]
+    back = chain.pulled_back(c, (lag,), forces)
+    assert (back * u).sum() == pytest.approx(float((forces * (ends[0] - ends[1])).sum() / 2e-6), rel=1e-5)
 
 
 def test_distorted_places_are_found_back(chain):

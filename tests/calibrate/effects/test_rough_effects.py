@@ -15,7 +15,7 @@ from made_up import made_up_chain
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, effect_fit, model_weights, signature_noise, weighted_fit
 from calibrate.diagnosis.problem import all_rows, signature
-from calibrate.effects import Lag, Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
+from calibrate.effects import Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
 from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.support.effect_data import Data
 from calibrate.equations import noise_covariance
@@ -82,7 +82,6 @@ AMPLIFYING = {
     "viscoelasticity": Addition(Viscosity(), (0.4,), (1.5,)),
     "Mullins softening": Addition(Mullins(), (0.3,), (0.02, 0.2)),
     "permanent set": Addition(PermanentSet(), (0.1,)),
-    "lag between force and image": Addition(Lag(), (0.1,), (0.0,)),
 }
 
 
@@ -90,7 +89,7 @@ AMPLIFYING = {
 @pytest.mark.parametrize("plane", ["stress", "strain"])
 @pytest.mark.parametrize("name", AMPLIFYING)
 def test_noise_that_an_effect_amplifies(name, plane):
-    """K of an increment is the derivative by its own displacements, as much larger as those of others ask for: of a history, or of those between which a lag interpolates."""
+    """K of an increment is the derivative by its own displacements, as much larger as those of others in a history ask for."""
     chain = made_up_chain(plane)
     c = neo_hooke(chain.basis, 0.3, *([2.0] if plane == "strain" else []))
     factor = noise_covariance.noise_factor(chain.system.experiment, NOISE)
