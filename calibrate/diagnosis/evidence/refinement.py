@@ -6,8 +6,8 @@ evidence is Laplace's approximation there (MacKay 1992):
     ln Z = -1/2 chi^2 - 1/2 |a / L|^2 - 1/2 ln |1 + L S^T S L| + ln prior odds
 
 with chi^2 of what the base cannot absorb, allowing for the error of the formulas. All have weights and columns of one model, that which leaves
-least, and are refitted: with its own, a model would judge itself. But noise of the displacements makes errors of the equations in proportion to the stiffness, and what
-is interpolated between pictures has the noise of several: each model has the stiffness of its own base in them, and its own interpolation, or a softer one would win.
+least, and are refitted: with its own, a model would judge itself. But noise of the displacements makes errors of the equations in proportion to the stiffness: each
+model has the stiffness of its own base in them, or a softer one would win.
 """
 
 from __future__ import annotations
