@@ -292,7 +292,7 @@ class Chain:
         for i, place in enumerate(places):
             total[i] = self._at_readings(total[i], additions)
             if of_clock[i]:
-                total[i] += moved(self.system, work, moves_by_parameters(self.data, of[i], with_shape))
+                total[i] += moved(self.system, work, moves_by_parameters(self.data, additions, of[i], with_shape))
             changes = loads.by_parameters(place, with_shape, {})
             if LOADS in changes:
                 total[i] -= self.spread(changes[LOADS])

@@ -9,7 +9,10 @@ estimate from all work of a picture (`Equilibrium.force_estimate`). Equations wi
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,18 +45,22 @@ def is_of_the_clock(effect: Effect) -> bool:
 
 def moves_of(data: Data, additions: Additions) -> Array | None:
     """Weights (t, t) of what is at the pictures in what it changes until the readings; None where nothing does."""
-    acting = [a for a in ordered(additions) if is_of_the_clock(a.effect) and not a.is_null]
-    if not acting:
+    if not any(is_of_the_clock(a.effect) and not a.is_null for a in additions):
         return None
-    found = np.eye(len(data.u))
-    for a in acting:
-        found = np.asarray(a.effect.readings(data, np.array(a.amplitudes), a.shape)) @ found
-    return found - np.eye(len(found))
+    return np.asarray(_readings(data, additions)) - np.eye(len(data.u))
 
 
-def moves_by_parameters(data: Data, addition: Addition, with_shape: bool) -> Array:
-    """Derivatives (k, t, t) of these weights by the amplitudes of an addition; shapes, which choose a derivative, have none."""
-    given = np.array(addition.amplitudes)
-    by_amplitudes = jax.jacfwd(lambda a: addition.effect.readings(data, a, addition.shape))(given)
-    found = np.moveaxis(np.asarray(by_amplitudes), -1, 0)
-    return np.concatenate([found, np.zeros((len(addition.shape) if with_shape else 0, *found.shape[1:]))])
+def moves_by_parameters(data: Data, additions: Additions, of: Addition, with_shape: bool) -> Array:
+    """Derivatives (k, t, t) of these weights by the amplitudes of one of the additions; its shapes, which choose a derivative, have none."""
+    slopes = jax.jacfwd(lambda a: _readings(data, additions, of, a))(jnp.array(of.amplitudes))
+    found = np.moveaxis(np.asarray(slopes), -1, 0)
+    return np.concatenate([found, np.zeros((len(of.shape) if with_shape else 0, *found.shape[1:]))])
+
+
+def _readings(data: Data, additions: Additions, of: Addition | None = None, a: Any = None) -> Any:
+    """Weights (t, t) of what is at the pictures in what is at the readings, with other amplitudes a (p,) of one addition."""
+    found = jnp.eye(len(data.u))
+    for one in ordered(additions):
+        if is_of_the_clock(one.effect):
+            found = one.effect.readings(data, a if one is of else jnp.array(one.amplitudes), one.shape) @ found
+    return found

@@ -2,7 +2,8 @@
 
 In: an Experiment and effects of the measurement. Out: an Experiment with the true places of the reference, the true displacements from there, the
 times at which the forces were read, and the forces on the specimen, of the machine record too. These are the links of the chain that stand before the deformation gradient
-(`stages.motion_stages`, `stages.load_stages`), so that a law without the effects meets it as the chain with them meets what was measured.
+(`stages.motion_stages`, `stages.load_stages`), so that a law without the effects meets it as the chain with them meets what was measured;
+but for a clock, where the chain moves the forces to the readings (`readings`), and here the displacements are those of the readings.
 """
 
 from __future__ import annotations

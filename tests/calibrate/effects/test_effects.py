@@ -436,8 +436,14 @@ def test_lag_at_a_turning_point(chain):
         np.testing.assert_allclose(M @ chain.data.time, chain.data.time + dt, rtol=1e-12)
 
 
+class SecondClock(Lag):
+    """Of a user, say."""
+
+    name = "second lag"
+
+
 def test_a_lag_leaves_equations_without_a_load_alone(chain, c):
-    """And moves a force on the way up by the force of a second times the lag, of whatever noise there is inside."""
+    """The others change by what the estimates of their forces, interpolated, differ from those at the pictures. A second clock is another one of a user."""
     lag = Addition(Lag(), (0.1,), (0.0,))
     change = chain.residual(c, (lag,)) - chain.residual(c)
     loaded, weights = chain.system.force_estimate
@@ -448,6 +454,9 @@ def test_a_lag_leaves_equations_without_a_load_alone(chain, c):
     ends = [chain.residual(c, (dataclasses.replace(lag, amplitudes=(dt,)),)) for dt in (0.099, 0.101)]
     slope = (ends[1] - ends[0]) / 0.002
     np.testing.assert_allclose(chain.derivative(c, (lag,))[0], slope, rtol=1e-6, atol=1e-9)
+    other = Addition(SecondClock(), (-0.05,), (0.0,))
+    ends = [chain.residual(c, (dataclasses.replace(lag, amplitudes=(dt,)), other)) for dt in (0.099, 0.101)]
+    np.testing.assert_allclose(chain.derivative(c, (other, lag))[0], (ends[1] - ends[0]) / 0.002, rtol=1e-6, atol=1e-9)
 
 
 def test_what_a_lag_does_is_transposed(chain, c):
