@@ -17,8 +17,8 @@ class Lag(Effect):
     """Forces were read dt after the picture, when the sections carried those of t + dt.
 
     What the sections carry is interpolated on the branch of the history that follows a picture if dt > 0, and on the one before if
-    dt < 0. `branch` stands for the sign of dt where that is not known yet: 1, -1, or 0 for the mean of both. What was
-    read, which may be held out, stays as it is.
+    dt < 0. `branch` stands for the sign of dt where that is not known yet: 1, -1, or 0 for the mean of both. The forces at the pictures are those that
+    give the readings so (`calibrate.effects.chain.readings`), so that a reading has a share in the equations of the pictures beside it.
     """
 
     name = "lag between force and image"

@@ -31,7 +31,6 @@ from calibrate.equations.basis import Basis, PlaneStrainBasis, SingleBasis, ener
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 
 Array = NDArray[np.float64]
-SAME = 1e-10  # of the largest singular value of a covariance: equations that differ by less are one
 
 
 @dataclass(frozen=True)
@@ -127,23 +126,6 @@ class Equilibrium:
         """(n_increments, n_triangles, 2, 2): of which the invariants are taken; F itself where the sheet is incompressible."""
         F = self.deformation_gradients
         return F if self.experiment.plane == "stress" else np.asarray(plane_strain.isochoric(F))
-
-    @cached_property
-    def force_estimate(self) -> tuple[NDArray[np.int64], Array]:
-        """Equations (l,) with a load, and weights (l, 2 n_fields) of all internal work in the best linear unbiased estimate of their forces (Aitken 1936): their
-        own, less what the work of the others, which is none, tells of its noise; of white noise of the displacements in a neo-Hookean sheet at rest."""
-        admissible, loaded = np.isfinite(self.recorded).any(axis=0), np.tile(self.fields.boundary >= 0, 2)
-        of_load, inside = np.flatnonzero(loaded & admissible), np.flatnonzero(~loaded & admissible)
-        d = np.eye(2)
-        modulus = sum(np.einsum(to, d, d) for to in ("ik,jl->ijkl", "il,jk->ijkl", "ij,kl->ijkl", "ij,kl->ijkl"))
-        K = sp.csr_array(sp.block_array(self.stiffness(np.tile(modulus, (len(self.areas), 1, 1, 1, 1)))))
-        covariance = (K @ K.T).toarray()
-        weights = np.zeros((len(of_load), len(covariance)))
-        weights[np.arange(len(of_load)), of_load] = 1.0
-        if inside.size:
-            found = np.linalg.lstsq(covariance[np.ix_(inside, inside)], covariance[np.ix_(inside, of_load)], SAME)
-            weights[:, inside] = -found[0].T
-        return of_load, weights
 
     def matrix(self, basis: Basis, F: Array) -> Array:
         """G (2 n_fields, n_functions) of one increment with F (n_triangles, 2, 2), N per MPa."""

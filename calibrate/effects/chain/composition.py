@@ -17,13 +17,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from calibrate.effects.chain import noise_spread
+from calibrate.effects.chain import noise_spread, readings
 from calibrate.effects.chain.addition import Addition, Additions, place_of
 from calibrate.effects.chain.block_run import OF_INCREMENTS, BlockRun
 from calibrate.effects.chain.blocks import Block, blocks, virtual_work, whole
 from calibrate.effects.chain.linearisation import Constants, Linearisation, Memory, Quantities, Stage
 from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
-from calibrate.effects.chain.readings import is_of_the_clock, moved, moved_back, moves_by_parameters, moves_of
 from calibrate.effects.chain.seen_rows import SeenRows, by_measured
 from calibrate.effects.chain.stages import (
     are_local,
@@ -71,8 +70,13 @@ class Chain:
     @cached_property
     def measured(self) -> Any:
         """Forces (t, 2, b) of the loaded boundaries, N; zero where none was measured."""
-        loads = self.system.loads.reshape(len(self.system.loads), 2, -1)[:, :, self.system.fields.boundary >= 0]
+        loads = self.system.loads.reshape(len(self.data.u), 2, -1)[:, :, self.system.fields.boundary >= 0]
         return jnp.asarray(np.nan_to_num(loads))
+
+    @cached_property
+    def was_read(self) -> NDArray[np.bool_]:
+        """Which of the forces (t, 2, b) were measured."""
+        return np.isfinite(self.system.loads).reshape(len(self.data.u), 2, -1)[:, :, self.system.fields.boundary >= 0]
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
@@ -142,7 +146,7 @@ class Chain:
         work = np.zeros(self.system.loads.shape)
         for run in self._runs(c, additions):
             work[run.increments] += run.work(run.steps.quantities)
-        return self._at_readings(work, additions) - self.external(additions)
+        return work - self.external(additions)
 
     def stress(self, c: Any, additions: Additions = ()) -> Array:
         """P (t, m, 2, 2), MPa, of coefficients c (n,) and the effects in the model."""
@@ -154,7 +158,8 @@ class Chain:
 
     def external(self, additions: Additions = ()) -> Array:
         """Loads (t, 2 v), N, as the effects correct them: minus the residual of a material without stiffness."""
-        return self.spread(self._run(load_stages(additions), (), {LOADS: self.measured}).quantities[LOADS])
+        loads = self._run(load_stages(additions), (), {LOADS: self.measured}).quantities[LOADS]
+        return self.spread(self._at_pictures(loads, additions))
 
     def signature(self, c: Any, effect: Effect, shape: tuple[float, ...], others: Additions = ()) -> Array:
         """d residual / d amplitude at the null value, (p, t, 2 v), beside effects that are in the model already."""
@@ -184,8 +189,6 @@ class Chain:
         """K^T forces (t, n, 2) of forces (t, 2 v), N; K: tangent of base and effects in the material, at the displacements
         that additions correct."""
         correction, total = self._run(displacement_stages(additions), (), self._start), 0.0
-        if (moves := moves_of(self.data, additions)) is not None:
-            forces = forces + moved_back(self.system, forces, moves)
         for block, gradients, stress in self._local_runs(correction, c, additions):
             total = total + gradients.pull(stress.pull({STRESS: jnp.asarray(block.dual(forces))[None]}))[DISPLACEMENTS]
         return by_measured(correction.pull({DISPLACEMENTS: total}))[0]
@@ -213,10 +216,11 @@ class Chain:
         found = {MEASURED: data.u, DISPLACEMENTS: data.u, PLACES: data.points, LOADS: self.measured}
         return found if data.time is None else found | {TIME: data.time}
 
-    def _at_readings(self, work: Array, additions: Additions) -> Array:
-        """Work (..., t, 2 v), N, with the forces at the times of their readings."""
-        moves = moves_of(self.data, additions)
-        return work if moves is None else work + moved(self.system, work, moves)
+    def _at_pictures(self, loads: Any, additions: Additions) -> Any:
+        """Forces (..., t, 2, b), N, at the times of the pictures."""
+        if not readings.are_of_the_clock(additions):
+            return loads
+        return readings.at_pictures(readings.picture_weights(self.data, additions), loads, self.was_read)
 
     def _run(self, links: Sequence[Stage], c: Any, start: Quantities) -> Linearisation:
         return Linearisation.run(links, self.constants(c), start)
@@ -279,21 +283,18 @@ class Chain:
         starts = [corrected.by_parameters(place, with_shape, {}) for place in places]
         shape = self.system.loads.shape
         total = [np.zeros((len(one.amplitudes) + with_shape * len(one.shape), *shape)) for one in of]
-        stages, of_clock = material_stages(self.base, additions), [is_of_the_clock(one.effect) for one in of]
+        stages = material_stages(self.base, additions)
         acting = [i for i, place in enumerate(places) if starts[i] or any(place in one.places for one in stages)]
-        work = np.zeros(shape)
-        for run in self._runs(c, additions, corrected) if acting or any(of_clock) else ():
+        for run in self._runs(c, additions, corrected) if acting else ():
             for i in acting:
                 changes = run.steps.by_parameters(places[i], with_shape, run.of_increments(starts[i]))
                 if STRESS in changes:
                     total[i][:, run.increments] += run.work(changes)
-            if any(of_clock):
-                work[run.increments] += run.work(run.steps.quantities)
         for i, place in enumerate(places):
-            total[i] = self._at_readings(total[i], additions)
-            if of_clock[i]:
-                total[i] += moved(self.system, work, moves_by_parameters(self.data, additions, of[i], with_shape))
+            if readings.is_of_the_clock(of[i].effect):
+                moves = readings.picture_weights_by_parameters(self.data, additions, of[i], with_shape)
+                total[i] -= self.spread(readings.at_pictures(moves, loads.quantities[LOADS], self.was_read))
             changes = loads.by_parameters(place, with_shape, {})
             if LOADS in changes:
-                total[i] -= self.spread(changes[LOADS])
+                total[i] -= self.spread(self._at_pictures(changes[LOADS], additions))
         return np.concatenate(total)

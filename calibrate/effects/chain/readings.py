@@ -1,10 +1,11 @@
-"""What load cells read at their own times: the forces that the sections carry then.
+"""Forces at the pictures, of a load cell that is read at other times.
 
-In: rows of virtual work at the pictures, weights of what is at the pictures in what is at the readings. Out: rows in which the forces are those of the readings.
+In: weights of what is at the pictures in what is at the readings, and the readings. Out: the forces that the sections carry at the pictures.
 
-An interpolation between pictures averages the noise of their displacements, for which any fit is the better, whether or not the clocks differ. So displacements
-stay as they are, and of the work only that moves in time which a reading tells of: the force of each loaded boundary, by the best linear unbiased
-estimate from all work of a picture (`Equilibrium.force_estimate`). Equations without a load hold at any time, and stay as they are.
+The readings are what moves in time, as they have the least noise. To interpolate displacements, or forces that follow from them, averages their noise: any fit is
+then better, or worse, by chance, whether or not the clocks differ. What is interpolated is still what the sections carry, between pictures on one branch of the
+history: the forces f at the pictures are those with W f = F, the readings, as a history turns at a picture and not at a reading. Waves that are as good as unseen at
+the readings (those of two pictures, at a lag of 0.7 intervals) are left as they were read (ridge regression; Tikhonov 1963).
 """
 
 from __future__ import annotations
@@ -19,23 +20,9 @@ from numpy.typing import NDArray
 from calibrate.effects.chain.addition import Addition, Additions, ordered
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
-from calibrate.equations.equilibrium import Equilibrium
 
 Array = NDArray[np.float64]
-
-
-def moved(system: Equilibrium, work: Array, moves: Array) -> Array:
-    """Rows (..., t, 2 v), N, of what the forces of some work (..., t, 2 v) change between the pictures and the readings; moves (t, t): see `moves_of`."""
-    loaded, weights = system.force_estimate
-    found = np.zeros(work.shape)
-    found[..., loaded] = moves @ (work @ weights.T)
-    return found
-
-
-def moved_back(system: Equilibrium, rows: Array, moves: Array) -> Array:
-    """The transpose of `moved`: of rows (t, 2 v)."""
-    loaded, weights = system.force_estimate
-    return np.asarray((moves.T @ rows[:, loaded]) @ weights)
+RIDGE = 1e-4  # square of the share of a wave that is seen at the readings, below which it stays as it was read
 
 
 def is_of_the_clock(effect: Effect) -> bool:
@@ -43,24 +30,49 @@ def is_of_the_clock(effect: Effect) -> bool:
     return type(effect).readings is not Effect.readings
 
 
-def moves_of(data: Data, additions: Additions) -> Array | None:
-    """Weights (t, t) of what is at the pictures in what it changes until the readings; None where nothing does."""
-    if not any(is_of_the_clock(a.effect) and not a.is_null for a in additions):
-        return None
-    return np.asarray(_readings(data, additions)) - np.eye(len(data.u))
+def are_of_the_clock(additions: Additions) -> bool:
+    """Whether any of them moves what is read."""
+    return any(is_of_the_clock(a.effect) and not a.is_null for a in additions)
 
 
-def moves_by_parameters(data: Data, additions: Additions, of: Addition, with_shape: bool) -> Array:
-    """Derivatives (k, t, t) of these weights by the amplitudes of one of the additions; its shapes, which choose a derivative, have none."""
-    slopes = jax.jacfwd(lambda a: _readings(data, additions, of, a))(jnp.array(of.amplitudes))
+def reading_weights(data: Data, additions: Additions) -> Array:
+    """Weights (t, t) of what is at the pictures in what is at the readings."""
+    return np.asarray(_weights(data, additions))
+
+
+def picture_weights(data: Data, additions: Additions) -> Array:
+    """Weights (t, t) of the readings in the forces at the pictures."""
+    return np.asarray(_inverse(_weights(data, additions)))
+
+
+def picture_weights_by_parameters(data: Data, additions: Additions, of: Addition, with_shape: bool) -> Array:
+    """Derivatives (k, t, t) of these by the amplitudes of one of the additions; its shapes, which choose a derivative, have none."""
+    slopes = jax.jacfwd(lambda a: _inverse(_weights(data, additions, of, a)))(jnp.array(of.amplitudes))
     found = np.moveaxis(np.asarray(slopes), -1, 0)
     return np.concatenate([found, np.zeros((len(of.shape) if with_shape else 0, *found.shape[1:]))])
 
 
-def _readings(data: Data, additions: Additions, of: Addition | None = None, a: Any = None) -> Any:
+def at_pictures(weights: Array, loads: Any, known: NDArray[np.bool_]) -> Array:
+    """Forces (..., t, 2, b), N, at the pictures, of readings like them; weights (..., t, t); known (t, 2, b): which were read. A missing one is taken from those before and
+    after it."""
+    found = np.array(loads)
+    for i, b in zip(*np.nonzero(known.any(axis=0) & ~known.all(axis=0)), strict=True):
+        there, missing = np.flatnonzero(known[:, i, b]), np.flatnonzero(~known[:, i, b])
+        between = np.array([np.interp(missing, there, row) for row in np.eye(len(there))])
+        found[..., missing, i, b] = found[..., there, i, b] @ between
+    return np.einsum("...ts,...sib->...tib", weights, found)
+
+
+def _weights(data: Data, additions: Additions, of: Addition | None = None, a: Any = None) -> Any:
     """Weights (t, t) of what is at the pictures in what is at the readings, with other amplitudes a (p,) of one addition."""
     found = jnp.eye(len(data.u))
     for one in ordered(additions):
         if is_of_the_clock(one.effect):
             found = one.effect.readings(data, a if one is of else jnp.array(one.amplitudes), one.shape) @ found
     return found
+
+
+def _inverse(W: Any) -> Any:
+    """Weights (t, t) of the readings in f, the solution of W f = F that is closest to F."""
+    eye = jnp.eye(len(W))
+    return eye + W.T @ jnp.linalg.solve(W @ W.T + RIDGE * eye, eye - W)

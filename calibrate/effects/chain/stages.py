@@ -3,7 +3,7 @@
     places and displacements as the camera saw them -> true ones -> mean over the thickness
     -> F by the true places of the reference -> [thickness: mean deformation] -> [volume at which the faces are free of stress]
     -> energies -> chains formed anew -> stiffness, softening, relaxation -> P -> [mean over the thickness] -> [strip]
-    -> P by the measured places -> virtual work -> forces at the times of their readings (`readings`);        measured loads -> as effects correct them
+    -> P by the measured places -> virtual work;        measured loads -> as effects correct them -> those at the times of the pictures (`readings`)
 
 An effect changes one of them, and every other one sees the change: where the volume is to be found, and in the strip beside the
 measured region, the whole material is run again. In plane strain the material acts on the isochoric part, as in an

@@ -3,7 +3,7 @@
 In: an Experiment and effects of the measurement. Out: an Experiment with the true places of the reference, the true displacements from there, the
 times at which the forces were read, and the forces on the specimen, of the machine record too. These are the links of the chain that stand before the deformation gradient
 (`stages.motion_stages`, `stages.load_stages`), so that a law without the effects meets it as the chain with them meets what was measured;
-but for a clock, where the chain moves the forces to the readings (`readings`), and here the displacements are those of the readings.
+but for a clock, where the chain has the forces at the pictures (`readings`), and here the displacements are those of the readings.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from calibrate.data.load_record import LoadRecord
 from calibrate.effects.chain.addition import Additions
 from calibrate.effects.chain.linearisation import Constants, Linearisation
 from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES
-from calibrate.effects.chain.readings import moves_of
+from calibrate.effects.chain.readings import are_of_the_clock, reading_weights
 from calibrate.effects.chain.stages import load_stages, motion_stages
 from calibrate.effects.effect import Effect
 from calibrate.effects.support.effect_data import Data
@@ -59,9 +59,10 @@ def _corrected(experiment: Experiment, additions: Additions) -> Experiment:
     stages = (*motion_stages(additions), *load_stages(additions))
     run = Linearisation.run(stages, Constants(data, 0.0, ()), given).quantities
     places, loads = np.asarray(run[PLACES]), np.where(np.isnan(forces), np.nan, np.asarray(run[LOADS]))
-    u, time, moves = np.asarray(run[DISPLACEMENTS]), experiment.time, moves_of(data, additions)
-    if moves is not None and time is not None:
-        u, time = u + np.einsum("ts,sni->tni", moves, u), time + moves @ time
+    u, time = np.asarray(run[DISPLACEMENTS]), experiment.time
+    if time is not None and are_of_the_clock(additions):
+        weights = reading_weights(data, additions)
+        u, time = np.einsum("ts,sni->tni", weights, u), time + (weights - np.eye(len(time))) @ time
     try:
         return replace(
             experiment,

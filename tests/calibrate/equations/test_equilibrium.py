@@ -219,21 +219,3 @@ def test_boundary_nodes_of_the_plate(experiment):
 def test_virtual_fields_that_do_not_fit_are_refused(experiment, spacing):
     with pytest.raises(errors.ConfigError, match="--spacing"):
         virtual_fields(experiment, spacing)
-
-
-def test_no_other_work_makes_the_estimate_of_a_force_better(system):
-    """It is the force where the work inside is none, and any other share of that adds noise: half as much as in the own work or less."""
-    loaded, weights = system.force_estimate
-    work = np.zeros(weights.shape[1])
-    work[loaded] = np.arange(1.0, len(loaded) + 1)
-    np.testing.assert_allclose(weights @ work, work[loaded])
-    basis = bases.SingleBasis(0, 1.0)
-    F = np.tile(np.eye(2), (len(system.areas), 1, 1))
-    K = np.block([[k.toarray() for k in row] for row in system.tangent(basis, F, equations.neo_hooke(basis))])
-    spread = np.linalg.norm(weights @ K, axis=1)
-    assert (spread < 0.5 * np.linalg.norm(K[loaded], axis=1)).all()
-    rng, inside = np.random.default_rng(0), np.delete(np.arange(len(work)), loaded)
-    for _ in range(20):
-        other = weights.copy()
-        other[:, inside] += 0.01 * rng.standard_normal((len(loaded), len(inside)))
-        assert (np.linalg.norm(other @ K, axis=1) > spread).all()
