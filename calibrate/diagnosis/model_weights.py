@@ -5,7 +5,7 @@ In: a `Problem`, a base and effects. Out: the same equations with other weights.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 
@@ -39,8 +39,9 @@ def weighted_part(
     additions: Additions = (),
     twin: Array | None = None,
     own: tuple[OwnSignature, ...] = (),
+    true: Array | None = None,
 ) -> Part:
-    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both. twin, own: see `Part`."""
+    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both. twin, own, true: see `Part`."""
     sources = [Sources.of(one.sources) for one in own]
     if with_discrepancy:
         given = chain.system, basis, c
@@ -48,11 +49,11 @@ def weighted_part(
             discretisation_error.sources(*given) if twin is None else discretisation_error.remainder(*given, twin)
         )
     common = reduce(Sources.beside, sources) if sources else None
-    noise = noise_of(chain, assembled, c, additions if train.any() else ())
+    noise = noise_of(chain, assembled, c, additions if train.any() else (), true)
     chain = chain.remembering()
     shift = chain.noise_shift(c, assembled.noise_axes, assembled.variances)
     weights = *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
-    return Part(chain, assembled, *weights, twin, own)
+    return Part(chain, assembled, *weights, twin, own, true)
 
 
 def amplified(problem: Problem, additions: Additions) -> Problem:
@@ -69,7 +70,8 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
         return problem
     parts = []
     for part in problem.parts:
-        noise = noise_of(part.chain, part.assembled, problem.weights_c, found if part.train.size else ())
+        known = found if part.train.size else ()
+        noise = noise_of(part.chain, part.assembled, problem.weights_c, known, part.true)
         parts.append(_weighted_by(part, noise))
     return replace(problem, parts=tuple(parts), amplifying=found)
 
@@ -109,10 +111,14 @@ def _together(noise: EquationNoise, train: Mask, held: Mask, common: Sources | N
     return _Together(noise, train | held, common)
 
 
-def noise_of(chain: Chain, assembled: Assembled, c: Array, additions: Additions) -> EquationNoise:
-    """What noise does to the equations of a material as stiff as with coefficients c (n,)."""
+def noise_of(
+    chain: Chain, assembled: Assembled, c: Array, additions: Additions, true: Array | None = None
+) -> EquationNoise:
+    """What noise does to the equations of a material as stiff as with coefficients c (n,); true: see `Part`."""
     if not additions:
-        return assembled.noise_at(c)
+        return assembled.noise_at(c, true)
+    if true is not None:
+        chain = chain.disturbed(true - np.asarray(chain.data.u))
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
     each = chain.spread_of_noise(c, additions, assembled.fewest_sources, increments)
@@ -138,9 +144,17 @@ def amplifying(problem: Problem, additions: Additions) -> Additions:
     )
 
 
-def reweighted(problem: Problem, c: Array, additions: Additions) -> Problem:
-    """The same equations with the weights of a fit (c (n,), effects): those of its base, as stiff as base and effects are; and with its dispersion."""
-    return _weighted(problem, c, additions, amplifying(problem, additions))
+def reweighted(problem: Problem, c: Array, additions: Additions, chains: Sequence[Chain] = ()) -> Problem:
+    """The same equations with the weights of a fit (c (n,), effects): those of its base, as stiff as base and effects are; and with its dispersion.
+
+    chains: of the trained parts at displacements without the noise that shows in the residual, as a fit has them. At the measured ones the noise of a residual is in its weight,
+    too: of the same order as the mean that noise brings into the residual, it shifts amplitudes. None: as they were.
+    """
+    found = iter(chains)
+    parts = tuple(
+        replace(p, true=np.asarray(next(found).data.u)) if chains and p.train.size else p for p in problem.parts
+    )
+    return _weighted(replace(problem, parts=parts), c, additions, amplifying(problem, additions))
 
 
 def as_stiff(problem: Problem, c: Array, additions: Additions) -> Problem:
@@ -182,6 +196,7 @@ def _of_coefficients(problem: Problem, c: Array, known: Additions) -> Problem:
             known,
             p.twin,
             p.own,
+            p.true,
         )
         for p in problem.parts
     ]

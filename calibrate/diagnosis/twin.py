@@ -96,7 +96,7 @@ def _replayed(problem: Problem, c: Array, additions: Additions) -> tuple[Problem
 
 def _refitted(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     """With the weights of a fit, less the discretisation error that is known now, and fitted again."""
-    problem = model_weights.reweighted(problem, fit.c, fit.additions)
+    problem = model_weights.reweighted(problem, fit.c, fit.additions, fit.chains)
     return weighted_fit.fit_with_weights(problem, fit.c, fit.additions)
 
 

@@ -174,17 +174,21 @@ class Assembled:
         weights = weights_of(self.noise_at(c), np.isfinite(self.system.loads))
         return weights(np.moveaxis(np.array(self.matrices), -1, 0)).T, weights(np.nan_to_num(self.system.loads))
 
-    def noise_at(self, c: Array) -> EquationNoise:
-        """What noise does to the residuals at coefficients c (n_functions,)."""
-        return EquationNoise.of(self.system, self.noise, self._spreads(c), self.samples[1])
+    def noise_at(self, c: Array, u: Array | None = None) -> EquationNoise:
+        """What noise does to the residuals at coefficients c (n_functions,), at displacements u (t, n, 2), mm (None: those measured)."""
+        return EquationNoise.of(self.system, self.noise, self._spreads(c, u), self.samples[1])
 
     @cached_property
     def samples(self) -> tuple[NDArray[np.int64], Array]:
         """Increments (k,) from which what noise does is known in all, and their shares (t, k), see `load_path.samples`."""
         return samples(self.system.experiment.displacements)
 
-    def _spreads(self, c: Array) -> Array:
-        some = self.system.deformation_gradients[self.samples[0]]
+    def _spreads(self, c: Array, u: Array | None = None) -> Array:
+        chosen = self.samples[0]
+        if u is None:
+            some = self.system.deformation_gradients[chosen]
+        else:
+            some = kinematics.deformation_gradients(self.system.gradient, u[chosen])
         each = (noise_covariance.spread(self.system, self.basis, c, F, self.fewest_sources) for F in some)
         return stacked(each, len(some))
 

@@ -90,7 +90,7 @@ def beside(home: Path) -> dict[str, float]:
         others = tuple(other for other in hidden if other is not one)
         _, fit = weighted_fit.fit_with_weights(problem, base.c, others)
         weighted, fit = weighted_fit.fit_with_weights(
-            model_weights.reweighted(problem, fit.c, fit.additions), fit.c, fit.additions
+            model_weights.reweighted(problem, fit.c, fit.additions, fit.chains), fit.c, fit.additions
         )
         result[one.effect.name] = score_tests.score(weighted, fit, (one.effect,))[0].score
     return result

@@ -85,16 +85,15 @@ def realised(seed: int, hidden: Addition, other: str, noise: float = 1.0) -> flo
 def weigh(e: Experiment, names: tuple[str, ...]) -> Evidence:
     problem, base = prepare([e], [all_rows])
     effects = [BY_NAME[name] for name in names]
-    return evidence(problem, base, [part.chain for part in problem.trained], effects, read_priors(), {})
+    return evidence(problem, base, base.chains, effects, read_priors(), {})
 
 
 @pytest.mark.parametrize(
     ("name", "amplitude", "other", "within"),
-    [(RECEDES, RECEDED, "lens distortion", 0.4), (RECEDES, RECEDED, "second invariant", 0.2), (OFFSET, 1.0, "upturn", 0.7)],
+    [(RECEDES, RECEDED, "lens distortion", 0.4), (RECEDES, RECEDED, "second invariant", 0.25), (OFFSET, 1.0, "upturn", 0.2)],
 )  # fmt: skip
 def test_what_is_expected_is_what_tests_give(name, amplitude, other, within):
-    """The noise of the strains changes how stiff the base is at small ones, and blurs signatures: a force offset is told more surely than expected, an out-of-plane
-    motion less."""
+    """The noise of the strains blurs signatures: an out-of-plane motion is told less surely than expected."""
     hidden = Addition(BY_NAME[name], (amplitude,))
     found = value(plate(), Rivals((hidden,), (other,), None))
     given = [realised(seed, hidden, other) for seed in range(4)]
