@@ -154,6 +154,13 @@ FOREIGN_SETS = (
         "revision 24dad38, in the order of the plan, which reached none of the three; stopped for time, looked at when 48 and 54 were there and at the end",
         frozenset(NEARLY),
     ),
+    TrialSet(
+        "foreign_90000.json",
+        '--foreign --seed 90000 --trials 8 --nulls 20 --pairs 10 --only "lag between force and image,force offset,friction in the load train,axis gain,load cell nonlinearity"',
+        "a lag that moves forces",
+        "revision 66eed21, effects of load cell and clock alone; the whole plan, looked at once",
+        frozenset(NEARLY),
+    ),
 )
 
 

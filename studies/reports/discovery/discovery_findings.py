@@ -123,7 +123,7 @@ def _of_effects(view: View) -> Iterator[Finding]:
     for i, now in enumerate(view.discovery.rounds, start=1):
         for text in round_remarks(now):
             yield _finding(DiscoveryCode.ROUND, number=i, remark=text)
-    yield from _of_verdict(view.discovery)
+    yield from _of_verdict(view)
     yield from _of_inclusions(view.discovery)
     yield from _of_edges(view.discovery)
     if view.discovery.replaced is not None:
@@ -168,8 +168,9 @@ def _of_own_effects(view: View) -> Iterator[Finding]:
         yield _finding(DiscoveryCode.OWN_STAND_INS, names=names)
 
 
-def _of_verdict(found: Discovery) -> Iterator[Finding]:
+def _of_verdict(view: View) -> Iterator[Finding]:
     """What speaks against the effects that were found, and what they cannot be told from."""
+    found = view.discovery
     if found.confirmation is not None and found.confirmation.doubts:
         errors = {"force_after": found.confirmation.after.force, "force_allowed": found.confirmation.force_allowed}
         doubts = [str(doubt) for doubt in found.confirmation.doubts]
@@ -179,7 +180,11 @@ def _of_verdict(found: Discovery) -> Iterator[Finding]:
     for name in found.named:
         like = list(found.groups.get(name, (name,))[1:])
         if like:
-            yield _finding(DiscoveryCode.TIE, name=name, like=like)
+            known = view.inclusion
+            better = max(
+                (one for one in like if known.get(one, 0.0) > known.get(name, 0.0)), key=known.__getitem__, default=None
+            )
+            yield _finding(DiscoveryCode.TIE, name=name, like=like, probabilities=known, better=better)
 
 
 def _of_stiffness(view: View) -> Iterator[Finding]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from calibrate.diagnosis.distillation import Distilled
@@ -25,11 +26,13 @@ LISTED = 3  # amplitudes that a cell of the table can hold
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """An effect of the final model: its amplitudes and shapes as text, and the effects it cannot be told from."""
+    """An effect of the final model: its amplitudes and shapes as text, and the effects it cannot be told from. probabilities: of these and itself, that it is there; {} where
+    explanations were not fitted."""
 
     name: str
     values: tuple[str, ...]
     like: tuple[str, ...]
+    probabilities: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -141,7 +144,9 @@ def use_of_models(view: View) -> list[str]:
 def _effects(view: View, names: tuple[str, ...]) -> tuple[NamedEffect, ...]:
     final, groups = view.discovery.final, view.discovery.groups
     return tuple(
-        NamedEffect(name, tuple(effect_values(final, i, view.unit, view.level)), groups.get(name, (name,))[1:])
+        NamedEffect(
+            name, tuple(effect_values(final, i, view.unit, view.level)), groups.get(name, (name,))[1:], view.inclusion
+        )
         for i, name in enumerate(final.names)
         if name in names
     )

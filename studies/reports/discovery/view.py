@@ -39,6 +39,12 @@ class View:
         return None if found is None else replace(found, powers=self.discovery.powers)
 
     @property
+    def inclusion(self) -> dict[str, float]:
+        """Probability that each effect is there; nothing where explanations were not fitted, as linear probabilities are none."""
+        found = self.discovery.weighing
+        return {} if found is None or not found.fitted else found.alternatives.inclusion
+
+    @property
     def unit(self) -> str:
         """MPa, or N/mm where the thickness is unknown."""
         return self.discovery.problem.parts[0].experiment.stress_unit

@@ -36,7 +36,7 @@ from studies.output.alerts import Severity
 from studies.reports.alert_table import in_order
 from studies.reports.discovery import figures, report
 from studies.reports.discovery.candidate_outcome import Outcome, outcome, outcome_words, untested_words
-from studies.reports.discovery.discovery_findings import remarks
+from studies.reports.discovery.discovery_findings import DiscoveryCode, remarks
 from studies.reports.discovery.model_files import unexplained
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
 from studies.reports.discovery.replay_section import (
@@ -166,6 +166,16 @@ def test_verdict_of_a_tie_names_what_would_decide():
     said = Statement.of(tied)
     assert said.named[0].like == ("stiffness gradient",)
     assert len(said.decided_by) == 2 and all(test in verdict(tied) for test in said.decided_by)
+
+
+def test_a_tie_says_how_probable_each_is():
+    other = "stiffness gradient"
+    found = [Explanation(("second invariant",), 0.0), Explanation((other,), 1.0)]
+    weighed = replace(explained().weighing, alternatives=Alternatives.of(found), fitted=True)
+    tied = view(replace(explained(), groups={"second invariant": ("second invariant", other)}, weighing=weighed))
+    assert f"cannot be told from: {other} (73 %)" in verdict(tied)
+    (said,) = (one.text for one in remarks(tied) if one.code is DiscoveryCode.TIE)
+    assert "(probability 27 %)" in said and f"More probable than what the model has is {other}." in said
 
 
 def test_nothing_significant():
