@@ -119,7 +119,7 @@ def _judged(found: Discovery, weighing: Weighing) -> Discovery:
     if found.verdict is not Verdict.EXPLAINED:
         return replace(found, groups=groups)
     alternatives = weighing.alternatives
-    certain = tuple(name for name in found.named if _together(alternatives, groups[name]) > CERTAIN)
+    certain = tuple(name for name in found.named if alternatives.together(groups[name]) > CERTAIN)
     if certain:
         closest = tuple(name for name in found.final.names if name not in certain)
         return replace(found, named=certain, closest=closest, groups=groups)
@@ -157,11 +157,6 @@ def _group(name: str, final: Sequence[str], weighing: Weighing) -> tuple[str, ..
     ]
     alone = (other for other in weighing.groups.get(name, ()) if " with " not in other and other not in final)
     return tuple(dict.fromkeys((name, *others, *alone)))
-
-
-def _together(alternatives: Alternatives, group: Sequence[str]) -> float:
-    """Probability of any of these effects."""
-    return sum(one.probability for one in alternatives.explanations if set(group) & set(one.names))
 
 
 def _with_doubt(confirmation: Confirmation | None, doubt: Doubt) -> Confirmation | None:

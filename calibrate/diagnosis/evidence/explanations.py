@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -53,6 +53,10 @@ class Alternatives:
         """Posterior probability of every effect: of all explanations that have it."""
         names = dict.fromkeys(name for one in self.explanations for name in one.names)
         return {name: sum(one.probability for one in self.explanations if name in one.names) for name in names}
+
+    def together(self, group: Collection[str]) -> float:
+        """Posterior probability of any of these effects."""
+        return sum(one.probability for one in self.explanations if set(group) & set(one.names))
 
     @property
     def unexplained(self) -> float:

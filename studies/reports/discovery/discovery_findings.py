@@ -130,8 +130,8 @@ def _of_effects(view: View) -> Iterator[Finding]:
         by = view.discovery.rounds[1].fit.names if len(view.discovery.rounds) > 1 else ()
         yield _finding(DiscoveryCode.REPLACED, by=list(by), names=list(view.discovery.replaced))
     if view.weighing is not None:
-        alternatives = alternatives_data(view.weighing)
         found = view.discovery
+        alternatives = alternatives_data(view.weighing, [found.groups.get(name, (name,)) for name in found.named])
         explained = found.verdict is Verdict.EXPLAINED
         confirmed = explained and isinstance(found.replay_check, ReplayCheck)
         alarming = alternatives["unknown"] is not None and not confirmed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from calibrate.diagnosis.evidence.explanations import CERTAIN, UNKNOWN, Explanation, Finding, Power, Weighing
@@ -54,11 +55,15 @@ def probability(value: float) -> str:
     return "< 0.001" if value < LEAST else "> 0.999" if value > 1 - LEAST else f"{value:.2g}"
 
 
-def alternatives_data(found: Weighing) -> dict[str, Any]:
-    """Alternatives, for one sentence."""
+def alternatives_data(found: Weighing, groups: Iterable[Sequence[str]]) -> dict[str, Any]:
+    """Alternatives, for one sentence. groups: of effects that the data cannot tell apart."""
     said = [f"{explanation(one)} ({probability_text(one.probability)})" for one in found.alternatives.explanations[:SHOWN]
             if one.probability > LEAST]  # fmt: skip
-    present = [name for name, value in found.alternatives.inclusion.items() if value > CERTAIN]
+    inclusion = found.alternatives.inclusion
+    present = [name for name, value in inclusion.items() if value > CERTAIN]
+    for group in groups:
+        if not set(group) & set(present) and found.alternatives.together(group) > CERTAIN:
+            present.append(" or ".join(sorted(group, key=lambda name: -inclusion.get(name, 0.0))))
     certain = None if found.is_provisional else present
     spans = {name: list(group) for name, group in found.groups.items() if group}
     unexplained = found.alternatives.unexplained

@@ -176,6 +176,8 @@ def test_a_tie_says_how_probable_each_is():
     assert f"cannot be told from: {other} (73 %)" in verdict(tied)
     (said,) = (one.text for one in remarks(tied) if one.code is DiscoveryCode.TIE)
     assert "(probability 27 %)" in said and f"More probable than what the model has is {other}." in said
+    (weights,) = (one.text for one in remarks(tied) if one.code is DiscoveryCode.ALTERNATIVES)
+    assert f"Present with more than 95 % probability: {other} or second invariant" in weights
 
 
 def test_nothing_significant():
