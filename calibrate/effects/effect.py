@@ -154,6 +154,12 @@ class Effect:
         """Whether a member of a family is a simpler effect under another name."""
         return False
 
+    def as_simpler(
+        self, a: tuple[float, ...], shape: tuple[float, ...]
+    ) -> tuple[Effect, tuple[float, ...], tuple[float, ...]]:
+        """That effect, its amplitudes and its shapes, of a degenerate member."""
+        raise NotImplementedError
+
     def limits(self, data: Data) -> tuple[Array, Array]:
         """Lower and upper amplitudes (p,) that are possible in a test."""
         return np.array([p.lower for p in self.amplitudes]), np.array([p.upper for p in self.amplitudes])

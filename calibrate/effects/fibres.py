@@ -88,6 +88,10 @@ class TwoFibreFamilies(Effect):
     def is_degenerate(self, shape):
         return shape[1] < CLOSED
 
+    def as_simpler(self, a, shape):
+        axis, _, *of_each = shape
+        return OneFibreFamily(), (2 * a[0],), (axis, *of_each)
+
     def stress(self, data, F, P, a, shape):
         return P + self.stress_formed(data, F, None, a, shape)
 

@@ -73,7 +73,7 @@ def alternatives(
     known = {effect.name: effect for effect in effects}
     shares = {s.name: s.prior for s in linear.signatures}
     chosen = [_additions(problem, linear, one, known, priors) for one in subsets if one.members]
-    weights, own = _best_of_each(problem, base, chosen, say)
+    weights, own = _best_of_each(problem, base, chosen, known, say)
     best = min(own, key=lambda fit: fit.free_loss, default=base)
     say.discard(STAGE)
     refits = []
@@ -106,8 +106,11 @@ def _additions(
     return tuple(found)
 
 
-def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem, Fit] | None:
-    """With its own weights, from the linear estimate, or a share of it where that is better; None where the fit runs away, or effects take the place of the material."""
+def _fitted(
+    problem: Problem, base: Fit, additions: Additions, known: Mapping[str, Effect]
+) -> tuple[Problem, Fit] | None:
+    """With its own weights, from the linear estimate, or a share of it where that is better; None where the fit runs away, or effects take the place of the material. An effect that
+    ends as a simpler one is fitted on as that, where it is `known`."""
     start = additions
     for _ in range(SHARES):
         if equations.loss(problem, base.c, start) < base.loss:
@@ -115,22 +118,40 @@ def _fitted(problem: Problem, base: Fit, additions: Additions) -> tuple[Problem,
         start = tuple(a.nearer_null(START) for a in start)
     try:
         own, fit = weighted_fit.without_superfluous(*weighted_fit.fit_with_own_weights(problem, base.c, start))
+        if any(map(_is_degenerate, fit.additions)):
+            own, fit = weighted_fit.fit_with_weights(own, fit.c, _simpler(fit.additions, known))
     except errors.FitError:
         return None
     refused = fit.free_loss >= WORSE * base.free_loss or has_soft_base(fit, base, DEFAULT)
-    refused |= not all(is_possible(problem, one) for one in fit.additions)
+    refused |= not all(is_possible(problem, one) for one in fit.additions) or any(map(_is_degenerate, fit.additions))
     return None if refused else (own, fit)
 
 
+def _is_degenerate(one: Addition) -> bool:
+    return one.effect.is_degenerate(one.shape)
+
+
+def _simpler(additions: Additions, known: Mapping[str, Effect]) -> Additions:
+    """With the simpler effects that degenerate ones are, where these are known and not among them already."""
+    found, names = [], {one.effect.name for one in additions}
+    for one in additions:
+        if _is_degenerate(one):
+            effect, amplitudes, shape = one.effect.as_simpler(one.amplitudes, one.shape)
+            if effect.name in known and effect.name not in names:
+                one = Addition(known[effect.name], amplitudes, shape)
+        found.append(one)
+    return tuple(found)
+
+
 def _best_of_each(
-    problem: Problem, base: Fit, chosen: Sequence[Additions], say: Resumable
+    problem: Problem, base: Fit, chosen: Sequence[Additions], known: Mapping[str, Effect], say: Resumable
 ) -> tuple[Problem, list[Fit]]:
     """The best fit of every set of effects, but of none, and the equations with the weights of the best of all. Each takes a minute with a large test."""
     reached: tuple[Problem, dict[frozenset[str], Fit], int] | None = say.load(STAGE)
     weights, found, done = reached or (problem, {}, 0)
     for i, additions in enumerate(chosen[done:], done + 1):
         say(f"{STAGE} {i}: {' and '.join(a.effect.name for a in additions)}")
-        pair = _fitted(problem, base, additions)
+        pair = _fitted(problem, base, additions, known)
         if pair is not None and (names := frozenset(pair[1].names)):
             least = min((fit.free_loss for fit in found.values()), default=np.inf)
             if names not in found or pair[1].free_loss < found[names].free_loss:

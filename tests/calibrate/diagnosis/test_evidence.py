@@ -9,12 +9,17 @@ import pytest
 from scipy import stats
 
 from calibrate import errors
+from calibrate.diagnosis.base_fit import prepare
+from calibrate.diagnosis.evidence import refinement
 from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature
 from calibrate.diagnosis.evidence.power import upper_limit
 from calibrate.diagnosis.evidence.priors import Scales, deviations, read_priors
 from calibrate.diagnosis.evidence.weighing import difference, spanning
+from calibrate.diagnosis.problem import all_rows
 from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
+from studies.trials import blind_data
 
 N = 60
 EMPTY = np.zeros((N, 0))
@@ -133,3 +138,20 @@ def test_priors_are_in_the_units_of_the_test_and_read_from_a_file(tmp_path):
         (tmp_path / "bad.toml").write_text(text)
         with pytest.raises(errors.ConfigError, match=message):
             read_priors(tmp_path / "bad.toml")
+
+
+@pytest.mark.slow
+def test_an_explanation_that_ends_as_a_simpler_effect_is_fitted_on_as_that():
+    """Two fibre families that close up, of one hidden; but not where the one is left out of the catalogue."""
+    trial = next(t for s in range(60) if (t := blind_data.draw(s, "one fibre family")).specimen == "plate"
+                 and t.effects[0].amplitudes["k"] > 0.02 * t.material.shear_modulus)  # fmt: skip
+    problem, base = prepare([blind_data.make(trial)[0]], [all_rows])
+    known = {effect.name: effect for effect in CATALOGUE}
+    (hidden,) = trial.effects
+    angle, k = hidden.shape["angle"], hidden.amplitudes["k"]
+    closed = (Addition(known["two fibre families"], (0.5 * k,), (angle, 0.02, 0.0, 0.0)),)
+    _, fit = refinement._fitted(problem, base, closed, known)
+    assert fit.names == ("one fibre family",)
+    assert fit.additions[0].amplitudes[0] == pytest.approx(k, rel=0.1)
+    assert np.cos(2 * (fit.additions[0].shape[0] - angle)) > 0.99
+    assert refinement._fitted(problem, base, closed, {"two fibre families": known["two fibre families"]}) is None

@@ -23,7 +23,7 @@ from calibrate.effects.chain import Addition
 from calibrate.effects.chain.readings import at_pictures, picture_weights, reading_weights
 from calibrate.effects.chain.stages import SWEEPS
 from calibrate.effects.compressibility import Compressibility
-from calibrate.effects.fibres import first_stiffening, reinforcement
+from calibrate.effects.fibres import TwoFibreFamilies, first_stiffening, reinforcement
 from calibrate.effects.finite_thickness import Thickness
 from calibrate.effects.force_drift import ForceDrift
 from calibrate.effects.force_offset import ForceOffset
@@ -326,6 +326,13 @@ def test_fibre_stress_is_the_slope_of_its_energy(kappa, formed):
     slope = (energy(F + 1e-6 * H) - energy(F - 1e-6 * H)) / 2e-6
     found = reinforcement(jnp.asarray(F), None if formed is None else jnp.asarray(formed), 0.4, k2, kappa)
     assert float((found * H).sum()) == pytest.approx(slope, rel=1e-8)
+
+
+def test_two_families_in_one_direction_are_one_of_twice_the_stiffness(chain, c):
+    one = Addition(TwoFibreFamilies(), (0.02,), (0.4, 0.0, 0.3, 0.1))
+    assert one.effect.is_degenerate(one.shape)
+    simpler = Addition(*one.effect.as_simpler(one.amplitudes, one.shape))
+    np.testing.assert_allclose(chain.stress(c, (simpler,)), chain.stress(c, (one,)), rtol=1e-10)
 
 
 def test_fibres_are_tried_with_little_stiffening_where_the_sheet_is_stretched_most(chain):
