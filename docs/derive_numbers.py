@@ -161,6 +161,13 @@ FOREIGN_SETS = (
         "revision 66eed21, effects of load cell and clock alone; the whole plan, looked at once",
         frozenset(NEARLY),
     ),
+    TrialSet(
+        "foreign_91000.json",
+        FOREIGN.format(91000),
+        "a lag that moves readings, weights rid of noise",
+        "revision 0d85193, in the order of the plan; stopped for time, looked at when 23 and 36 were there and at the end",
+        frozenset(NEARLY),
+    ),
 )
 
 
