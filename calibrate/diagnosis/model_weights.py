@@ -114,10 +114,13 @@ def _together(noise: EquationNoise, train: Mask, held: Mask, common: Sources | N
 def noise_of(
     chain: Chain, assembled: Assembled, c: Array, additions: Additions, true: Array | None = None
 ) -> EquationNoise:
-    """What noise does to the equations of a material as stiff as with coefficients c (n,); true: see `Part`."""
+    """What noise does to the equations of a material as stiff as with coefficients c (n,); true: see `Part`.
+
+    An effect that remembers meets the measured displacements: which picture a softened place has its largest strain from is a matter of noise, which the true ones do not tell.
+    """
     if not additions:
         return assembled.noise_at(c, true)
-    if true is not None:
+    if true is not None and not any(a.effect.remembers for a in additions):
         chain = chain.disturbed(true - np.asarray(chain.data.u))
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
