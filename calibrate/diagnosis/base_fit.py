@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import base_functions
+from calibrate.diagnosis import base_functions, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit, refit
-from calibrate.diagnosis.model_weights import reweighted, weighted_part
+from calibrate.diagnosis.model_weights import weighted_part
 from calibrate.diagnosis.problem import Mask, Problem, Rows, all_rows, residual
 from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Chain
@@ -100,15 +100,8 @@ def prepare(
         heavy,
     )
     problem = replace(problem, dispersion=rough_dispersion(problem, residual(problem, c, ())))
-    return _without_noise_in_weights(problem, refit(problem, c, ()))
-
-
-def _without_noise_in_weights(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
-    """The same with weights at displacements without the noise that shows in the residual of the fit, see `model_weights.reweighted`."""
-    if not problem.noise_is_known:
-        return problem, fit
-    problem = reweighted(problem, fit.c, (), fit.chains)
-    return problem, refit(problem, fit.c, ())
+    fit = refit(problem, c, ())
+    return weighted_fit.refitted(problem, fit) if noise_is_known else (problem, fit)
 
 
 def _with_one_level(systems: Sequence[Equilibrium], fitted: Sequence[bool]) -> list[Equilibrium]:

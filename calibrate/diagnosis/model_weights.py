@@ -39,9 +39,9 @@ def weighted_part(
     additions: Additions = (),
     twin: Array | None = None,
     own: tuple[OwnSignature, ...] = (),
-    true: Array | None = None,
+    denoised: Array | None = None,
 ) -> Part:
-    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both. twin, own, true: see `Part`."""
+    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both. twin, own, denoised: see `Part`."""
     sources = [Sources.of(one.sources) for one in own]
     if with_discrepancy:
         given = chain.system, basis, c
@@ -49,11 +49,11 @@ def weighted_part(
             discretisation_error.sources(*given) if twin is None else discretisation_error.remainder(*given, twin)
         )
     common = reduce(Sources.beside, sources) if sources else None
-    noise = noise_of(chain, assembled, c, additions if train.any() else (), true)
+    noise = noise_of(chain, assembled, c, additions if train.any() else (), denoised)
     chain = chain.remembering()
     shift = chain.noise_shift(c, assembled.noise_axes, assembled.variances)
     weights = *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
-    return Part(chain, assembled, *weights, twin, own, true)
+    return Part(chain, assembled, *weights, twin, own, denoised)
 
 
 def amplified(problem: Problem, additions: Additions) -> Problem:
@@ -71,7 +71,7 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
     parts = []
     for part in problem.parts:
         known = found if part.train.size else ()
-        noise = noise_of(part.chain, part.assembled, problem.weights_c, known, part.true)
+        noise = noise_of(part.chain, part.assembled, problem.weights_c, known, part.denoised)
         parts.append(_weighted_by(part, noise))
     return replace(problem, parts=tuple(parts), amplifying=found)
 
@@ -112,16 +112,16 @@ def _together(noise: EquationNoise, train: Mask, held: Mask, common: Sources | N
 
 
 def noise_of(
-    chain: Chain, assembled: Assembled, c: Array, additions: Additions, true: Array | None = None
+    chain: Chain, assembled: Assembled, c: Array, additions: Additions, denoised: Array | None = None
 ) -> EquationNoise:
-    """What noise does to the equations of a material as stiff as with coefficients c (n,); true: see `Part`.
+    """What noise does to the equations of a material as stiff as with coefficients c (n,); denoised: see `Part`.
 
-    An effect that remembers meets the measured displacements: which picture a softened place has its largest strain from is a matter of noise, which the true ones do not tell.
+    An effect that remembers meets the measured displacements: from which picture a softened place has its largest strain is a matter of noise, which a tangent at the true ones does not know.
     """
     if not additions:
-        return assembled.noise_at(c, true)
-    if true is not None and not any(a.effect.remembers for a in additions):
-        chain = chain.disturbed(true - np.asarray(chain.data.u))
+        return assembled.noise_at(c, denoised)
+    if denoised is not None and not any(a.effect.remembers for a in additions):
+        chain = chain.disturbed(denoised - np.asarray(chain.data.u))
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
     each = chain.spread_of_noise(c, additions, assembled.fewest_sources, increments)
@@ -155,7 +155,7 @@ def reweighted(problem: Problem, c: Array, additions: Additions, chains: Sequenc
     """
     found = iter(chains)
     parts = tuple(
-        replace(p, true=np.asarray(next(found).data.u)) if chains and p.train.size else p for p in problem.parts
+        replace(p, denoised=np.asarray(next(found).data.u)) if chains and p.train.size else p for p in problem.parts
     )
     return _weighted(replace(problem, parts=parts), c, additions, amplifying(problem, additions))
 
@@ -199,7 +199,7 @@ def _of_coefficients(problem: Problem, c: Array, known: Additions) -> Problem:
             known,
             p.twin,
             p.own,
-            p.true,
+            p.denoised,
         )
         for p in problem.parts
     ]

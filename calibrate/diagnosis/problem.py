@@ -46,7 +46,7 @@ class Part:
 
     shift (t, 2 v), N: see `Chain.noise_shift`. common: see `discretisation_error`. together: weights of both, where what is held out
     has noise in common with what is fitted; None: it is independent. twin (t, 2 v), N: the discretisation error in the residual; None: unknown.
-    own: effects that the weights allow for, see `evidence.own_effects`. true (t, n, 2), mm: displacements at which the weights know what noise does (None: those measured),
+    own: effects that the weights allow for, see `evidence.own_effects`. denoised (t, n, 2), mm: displacements at which the weights know what noise does (None: those measured),
     see `model_weights.reweighted`.
     """
 
@@ -59,7 +59,7 @@ class Part:
     together: Callable[[], Weights] | None = field(default=None, repr=False)
     twin: Array | None = field(default=None, repr=False)
     own: tuple[OwnSignature, ...] = field(default=(), repr=False)
-    true: Array | None = field(default=None, repr=False)
+    denoised: Array | None = field(default=None, repr=False)
 
     @property
     def inside(self) -> Mask:

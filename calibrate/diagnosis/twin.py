@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.data.load_path import turning_points
-from calibrate.diagnosis import base_functions, model_weights, weighted_fit
+from calibrate.diagnosis import base_functions, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Part, Problem, base_columns
 from calibrate.effects.chain import Additions, Chain
@@ -67,7 +67,7 @@ def with_twins(problem: Problem, fit: Fit, replay: Replay) -> tuple[Problem, Fit
     found, reasons = _replayed(replace(problem, replay=replay), stiffening_base(problem, fit), ())
     if all(part.twin is None for part in found.parts):
         return problem, fit, reasons
-    return *_refitted(found, fit), reasons
+    return *weighted_fit.refitted(found, fit), reasons
 
 
 def with_own_twins(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
@@ -77,7 +77,7 @@ def with_own_twins(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     if problem.replay is None or not (additions or problem.twin_has_effects):
         return problem, fit
     c = fit.c if additions else stiffening_base(problem, fit)
-    return _refitted(_replayed(problem, c, additions)[0], fit)
+    return weighted_fit.refitted(_replayed(problem, c, additions)[0], fit)
 
 
 def _replayed(problem: Problem, c: Array, additions: Additions) -> tuple[Problem, tuple[str, ...]]:
@@ -92,12 +92,6 @@ def _replayed(problem: Problem, c: Array, additions: Additions) -> tuple[Problem
             reasons.append(str(error))
         parts.append(part)
     return replace(problem, parts=tuple(parts), twin_has_effects=bool(additions)), tuple(reasons)
-
-
-def _refitted(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
-    """With the weights of a fit, less the discretisation error that is known now, and fitted again."""
-    problem = model_weights.reweighted(problem, fit.c, fit.additions, fit.chains)
-    return weighted_fit.fit_with_weights(problem, fit.c, fit.additions)
 
 
 def stiffening_base(problem: Problem, fit: Fit) -> Array:

@@ -63,6 +63,11 @@ def fit_with_own_weights(problem: Problem, c: Array, additions: Additions) -> tu
     if not np.linalg.norm(fit.c) > NOTHING * np.linalg.norm(c):
         names = " and ".join(a.effect.name for a in additions)
         raise FitError(f"{names}: takes the place of the material, and leaves nothing of the base")
+    return refitted(problem, fit)
+
+
+def refitted(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """With the weights of a fit, at displacements without the noise that shows in its residual, and fitted again."""
     problem = model_weights.reweighted(problem, fit.c, fit.additions, fit.chains)
     return fit_with_weights(problem, fit.c, fit.additions)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from calibrate.data.experiment import Experiment
-from calibrate.diagnosis import base_fit, discovery, model_weights, score_tests, weighted_fit
+from calibrate.diagnosis import base_fit, discovery, score_tests, weighted_fit
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.replayed.checked_replay import replay_record
 from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
@@ -89,9 +89,7 @@ def beside(home: Path) -> dict[str, float]:
     for one in hidden:
         others = tuple(other for other in hidden if other is not one)
         _, fit = weighted_fit.fit_with_weights(problem, base.c, others)
-        weighted, fit = weighted_fit.fit_with_weights(
-            model_weights.reweighted(problem, fit.c, fit.additions, fit.chains), fit.c, fit.additions
-        )
+        weighted, fit = weighted_fit.refitted(problem, fit)
         result[one.effect.name] = score_tests.score(weighted, fit, (one.effect,))[0].score
     return result
 

@@ -68,15 +68,14 @@ class Chain:
         return Data.of(self.system.experiment) if self.prepared is None else self.prepared
 
     @cached_property
-    def measured(self) -> Any:
-        """Forces (t, 2, b) of the loaded boundaries, N; zero where none was measured."""
-        loads = self.system.loads.reshape(len(self.data.u), 2, -1)[:, :, self.system.fields.boundary >= 0]
-        return jnp.asarray(np.nan_to_num(loads))
+    def read(self) -> Array:
+        """Forces (t, 2, b) of the loaded boundaries, N; NaN where none was measured."""
+        return self.system.loads.reshape(len(self.system.loads), 2, -1)[:, :, self.system.fields.boundary >= 0]
 
     @cached_property
-    def was_read(self) -> NDArray[np.bool_]:
-        """Which of the forces (t, 2, b) were measured."""
-        return np.isfinite(self.system.loads).reshape(len(self.data.u), 2, -1)[:, :, self.system.fields.boundary >= 0]
+    def measured(self) -> Any:
+        """The same; zero where none was measured."""
+        return jnp.asarray(np.nan_to_num(self.read))
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
@@ -220,7 +219,7 @@ class Chain:
         """Forces (..., t, 2, b), N, at the times of the pictures."""
         if not readings.are_of_the_clock(additions):
             return loads
-        return readings.at_pictures(readings.picture_weights(self.data, additions), loads, self.was_read)
+        return readings.at_pictures(readings.picture_weights(self.data, additions), loads, self.read, self.data)
 
     def _run(self, links: Sequence[Stage], c: Any, start: Quantities) -> Linearisation:
         return Linearisation.run(links, self.constants(c), start)
@@ -293,7 +292,7 @@ class Chain:
         for i, place in enumerate(places):
             if readings.is_of_the_clock(of[i].effect):
                 moves = readings.picture_weights_by_parameters(self.data, additions, of[i], with_shape)
-                total[i] -= self.spread(readings.at_pictures(moves, loads.quantities[LOADS], self.was_read))
+                total[i] -= self.spread(readings.at_pictures(moves, loads.quantities[LOADS], self.read, self.data))
             changes = loads.by_parameters(place, with_shape, {})
             if LOADS in changes:
                 total[i] -= self.spread(self._at_pictures(changes[LOADS], additions))

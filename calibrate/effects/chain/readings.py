@@ -52,13 +52,13 @@ def picture_weights_by_parameters(data: Data, additions: Additions, of: Addition
     return np.concatenate([found, np.zeros((len(of.shape) if with_shape else 0, *found.shape[1:]))])
 
 
-def at_pictures(weights: Array, loads: Any, known: NDArray[np.bool_]) -> Array:
-    """Forces (..., t, 2, b), N, at the pictures, of readings like them; weights (..., t, t); known (t, 2, b): which were read. A missing one is taken from those before and
-    after it."""
-    found = np.array(loads)
+def at_pictures(weights: Array, loads: Any, read: Array, data: Data) -> Array:
+    """Forces (..., t, 2, b), N, at the pictures, of readings that effects correct; weights (..., t, t); read (t, 2, b): as they were, NaN where they are missing. Such a one is
+    interpolated linearly in time."""
+    found, known, time = np.array(loads), np.isfinite(read), np.asarray(data.time)
     for i, b in zip(*np.nonzero(known.any(axis=0) & ~known.all(axis=0)), strict=True):
         there, missing = np.flatnonzero(known[:, i, b]), np.flatnonzero(~known[:, i, b])
-        between = np.array([np.interp(missing, there, row) for row in np.eye(len(there))])
+        between = np.array([np.interp(time[missing], time[there], row) for row in np.eye(len(there))])
         found[..., missing, i, b] = found[..., there, i, b] @ between
     return np.einsum("...ts,...sib->...tib", weights, found)
 

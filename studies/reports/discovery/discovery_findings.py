@@ -12,6 +12,7 @@ from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.evidence.levels import neo_hookean_modulus
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.selection import Discovery, Verdict
+from calibrate.effects.chain.readings import are_of_the_clock
 from calibrate.effects.inclusion import Inclusion
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
@@ -116,7 +117,8 @@ def _of_hold_out(view: View) -> Finding:
         few = min(part.experiment.n_increments for part in parts) < 3
         return _finding(DiscoveryCode.NOTHING_HELD_OUT, few=few)
     other_test = any(not part.train.size for part in parts)
-    return _finding(DiscoveryCode.HELD_OUT, what=view.hold_out, other_test=other_test)
+    moved = are_of_the_clock(view.discovery.final.additions)
+    return _finding(DiscoveryCode.HELD_OUT, what=view.hold_out, other_test=other_test, moves_readings=moved)
 
 
 def _of_effects(view: View) -> Iterator[Finding]:

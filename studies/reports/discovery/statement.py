@@ -26,8 +26,7 @@ LISTED = 3  # amplitudes that a cell of the table can hold
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """An effect of the final model: its amplitudes and shapes as text, and the effects it cannot be told from. probabilities: of these and itself, that it is there; {} where
-    explanations were not fitted."""
+    """An effect of the final model: its amplitudes and shapes as text, and the effects it cannot be told from. probabilities: see `View.inclusion`."""
 
     name: str
     values: tuple[str, ...]

@@ -118,9 +118,8 @@ def test_signature_is_the_derivative(chain, c, effect):
     np.testing.assert_allclose(at(null), base, rtol=0, atol=1e-12 * np.abs(base).max())
     found = chain.signature(c, effect, shape, others)
     for i, parameter in enumerate(effect.amplitudes):
-        step = (
-            3e-6 * parameter.typical * np.eye(len(null))[i]
-        )  # what depends on the sign of an amplitude is of second order
+        # small, as what depends on the sign of an amplitude is of second order
+        step = 3e-6 * parameter.typical * np.eye(len(null))[i]
         slope = (at(null + step) - at(null - step)) / (2 * step[i])
         np.testing.assert_allclose(found[i], slope, atol=1e-6 * np.abs(slope).max())
 
