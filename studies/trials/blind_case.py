@@ -140,6 +140,8 @@ def described(found: Discovery) -> dict[str, Any]:
         "dominant": None if found.dominant is None else asdict(found.dominant),
         "groups": {k: list(v) for k, v in found.groups.items()},
         "doubts": [] if found.confirmation is None else [str(doubt) for doubt in found.confirmation.doubts],
+        "probabilities": {} if found.weighing is None else found.weighing.inclusion,
+        "replaced": None if found.replaced is None else list(found.replaced),
         "additions": additions,
         "replay": replay_record(found.replay_check),
         "rounds": [_round(now) for now in found.rounds],

@@ -7,6 +7,7 @@ In: folders of diagnosed trials. Out: ``trials.json`` and ``.csv``, ``confusion.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from studies.trials.trial_summary import EFFECT_COLUMNS, pulls, summary
 
 NOTHING, UNEXPLAINED = "nothing", "unexplained"
 TRIAL_COLUMNS = ["trial", "hidden", "score", "verdict", "named", "closest", "pulls", "seconds"]
+RELIABILITY_COLUMNS = ["probability from", "to", "effects", "mean probability", "of these hidden"]
 WORDS = Words("blind")
 
 
@@ -49,6 +51,10 @@ def write_report(
     report.paragraph(text)
     report.heading("Named against hidden").table(["hidden", *columns], rows, WORDS.confusion_caption())
     report.heading("Every effect").table(EFFECT_COLUMNS, effects)
+    report.heading("How often what is probable is there")
+    report.table(
+        RELIABILITY_COLUMNS, [list(asdict(one).values()) for one in found.reliability], WORDS.reliability_caption()
+    )
     report.heading("Every trial").table(TRIAL_COLUMNS, lines)
     report.save(folder / "report.html")
     Manifest(settings={"study": "blind"}).beside(

@@ -58,7 +58,8 @@ class JudgedTrial:
 
     hit, exact: of each hidden effect, whether its group, and it itself, is named; `blind_effects.ALSO` counts as its name. scores: of each before anything is found;
     beside: with the other one in the model. strong: the lesser of these is above `GLOBAL_LIMIT`. field: correlation of
-    fitted and hidden stiffness over the specimen. seconds: CPU time. dominant: the dominant effect of what is not explained and those that leave little more.
+    fitted and hidden stiffness over the specimen. probabilities: of every effect in the catalogue that has one above zero; None where explanations were not
+    fitted. replaced: what the rounds had found before a more probable explanation took its place. seconds: CPU time. dominant: the dominant effect of what is not explained and those that leave little more.
     """
 
     trial: str
@@ -76,6 +77,8 @@ class JudgedTrial:
     beside: dict[str, float] | None = None
     absent: JudgedWithout | None = None
     dominant: tuple[str, ...] = ()
+    probabilities: dict[str, float] | None = None
+    replaced: list[str] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, without what was not done."""
@@ -118,6 +121,8 @@ def judge(home: Path) -> JudgedTrial:
         seconds=content["seconds"],
         absent=_without(content["absent"], first.get(names[0], {}).get("like", {})) if "absent" in content else None,
         dominant=tuple(_as_hidden(_dominant(full), names)),
+        probabilities=_probabilities(full.get("probabilities"), names),
+        replaced=None if full.get("replaced") is None else _as_hidden(full["replaced"], names),
     )
 
 
@@ -125,6 +130,17 @@ def _as_hidden(found: Sequence[str], hidden: Sequence[str]) -> list[str]:
     """Names with those that are as right as a hidden effect's under that one's name."""
     also = {other: name for name in hidden for other in ALSO.get(name, ())}
     return list(dict.fromkeys(also.get(name, name) for name in found))
+
+
+def _probabilities(found: Mapping[str, float] | None, hidden: Sequence[str]) -> dict[str, float] | None:
+    """By names as `_as_hidden` gives them: those of one name added up, as explanations have one of them."""
+    if not found:
+        return None
+    result: dict[str, float] = {}
+    for name, p in found.items():
+        (known,) = _as_hidden([name], hidden)
+        result[known] = min(1.0, result.get(known, 0.0) + p)
+    return result
 
 
 def _is_foreign(hidden: Mapping[str, Any], label: Mapping[str, Any]) -> bool:

@@ -17,6 +17,7 @@ from calibrate.diagnosis.selection import Verdict
 from calibrate.models.parameter_covariance import Z95
 from studies.trials.blind_case import GLOBAL_LIMIT
 from studies.trials.judgement import JudgedTrial
+from studies.trials.reliability import Reliability, Replaced, reliability, replaced
 
 FIELD = "stiffness field"
 
@@ -150,7 +151,7 @@ EFFECT_COLUMNS = [
 @dataclass(frozen=True)
 class TrialSummary:
     """Counts over all trials. pairs: two effects, each strong beside the other; pairs_at_first: each strong before either is found.
-    fields: coefficients of stiffness fields. seconds: CPU time of a diagnosis, median."""
+    fields: coefficients of stiffness fields. seconds: CPU time of a diagnosis, median. reliability: of the probabilities."""
 
     trials: int
     nulls: int
@@ -172,6 +173,8 @@ class TrialSummary:
     fields_within: int
     seconds: float
     effects: tuple[EffectSummary, ...]
+    reliability: tuple[Reliability, ...]
+    replaced: Replaced
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -211,6 +214,8 @@ def summary(trials: Sequence[JudgedTrial]) -> TrialSummary:
         fields_within=sum(abs(pull) <= Z95 for pull in coefficients),
         seconds=float(np.median([one.seconds for one in trials])) if trials else 0.0,
         effects=tuple(effects),
+        reliability=reliability(trials),
+        replaced=replaced(trials),
     )
 
 

@@ -2,12 +2,12 @@
 
 In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that both allow. The rule:
 
-1. Where a fitted explanation is more than 20 times as probable as the final model of the rounds, they are run on from
+1. Where a fitted explanation is more than three times as probable as the final model of the rounds (positive evidence; Kass and Raftery 1995), they are run on from
    it, and what they end with takes the place of that model; not where it explains the test no better and predicts what was held out worse, nor where
    the rounds explain the test and it does not.
 2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
    that take its place in explanations of more than 5 %, and those in whose span alone it lies.
-3. Where that none is needed is three times as probable as all else together (positive evidence; Kass and Raftery 1995), and the residual of the base is no more than noise, or than noise that is somewhat larger than described, there is nothing: neither a candidate that is
+3. Where that none is needed is three times as probable as all else together, and the residual of the base is no more than noise, or than noise that is somewhat larger than described, there is nothing: neither a candidate that is
    significant nor what the rounds have added without an explanation is an alarm.
 
 That something in no catalogue is more probable changes no verdict: it is told beside it. Disturbances that are smooth over place and load are
@@ -32,8 +32,8 @@ from calibrate.effects import Effect
 from calibrate.errors import FitError
 from calibrate.fitting.resumable import SILENT, Resumable
 
-NONE = 0.75  # probability of no effect, from which it takes more than noise to say that there is something
-ODDS = 20.0  # to one, from which an explanation is far more probable
+ODDS = 3.0  # to one, from which evidence is positive
+NONE = ODDS / (1 + ODDS)  # probability of no effect, from which it takes more than noise to say that there is something
 
 
 def decided(
@@ -72,7 +72,7 @@ def _without_excluded(groups: Mapping[str, tuple[str, ...]], weighing: Weighing)
 def _run_on(
     found: Discovery, alternatives: Alternatives, effects: Sequence[Effect], seed: int, say: Resumable
 ) -> Discovery | None:
-    """The rounds from the best explanation on, where it is far better than the final model; None where it is not, or has no fit."""
+    """The rounds from the best explanation on, where it is more probable than the final model by `ODDS`; None where it is not, or has no fit."""
     best = _best_fitted(alternatives)
     if best is None or best.probability <= ODDS * _probability(alternatives, found.final.names):
         return None

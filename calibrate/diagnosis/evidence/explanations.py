@@ -113,6 +113,11 @@ class Weighing:
     significant: bool = True
 
     @property
+    def inclusion(self) -> dict[str, float]:
+        """Probability that each effect is there; nothing where explanations were not fitted, as linear probabilities are none."""
+        return self.alternatives.inclusion if self.fitted else {}
+
+    @property
     def is_provisional(self) -> bool:
         """Whether its probabilities order what is to be looked at, and no more: a strong effect is far from linear, and others make up for what its signature misses."""
         return self.significant and not self.fitted

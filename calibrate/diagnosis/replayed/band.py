@@ -71,7 +71,7 @@ def errors_of_rows(final: Observations, base: Observations, spread: Array) -> di
         NOISE: final.noise,
         PARAMETERS: spread @ spread.T,
         FORMULA: FORMULA_ERROR**2 * _half_coherent(final, effect),
-        MESH: np.diag(_mesh(final) ** 2),
+        MESH: discretisation(final),
     }
 
 
@@ -109,8 +109,8 @@ def _half_coherent(rows: Observations, change: Array) -> Array:
     return 0.5 * np.outer(change, change) + 0.5 * np.diag(own)
 
 
-def _mesh(rows: Observations) -> Array:
-    """Standard deviation (N,)."""
+def discretisation(rows: Observations) -> Array:
+    """Covariance (N, N) of the errors of the mesh of a replay."""
     found = np.zeros(len(rows.test))
     for test in np.unique(rows.test):
         of_test = rows.test == test
@@ -120,7 +120,7 @@ def _mesh(rows: Observations) -> Array:
             found[force] = FORCE_MESH * np.linalg.norm(rows.replayed[force])
             if fields.any():
                 found[fields] = FIELD_MESH * np.linalg.norm(rows.measured[fields]) / np.sqrt(fields.sum())
-    return found
+    return np.diag(found**2)
 
 
 def _extrapolation(rows: Observations, beyond: Array) -> Array:

@@ -10,7 +10,7 @@ Out: `Judgement`.
 is compared with Fisher's F, as if the noise had been estimated (`residual_tests.ChiSquare`). The model is outside of its band where twice the smaller of
 both p is below `LEVEL` (Bonferroni).
 
-**Worse than the base**: by noise alone, of covariance V_n. With r the whitened residuals of both and d their difference, a right model has
+**Worse than the base**: by what both replays have in common, noise and the errors of the mesh, of covariance V_n. With r the whitened residuals of both and d their difference, a right model has
 |r_1|^2 - |r_0|^2 normal with mean -|d|^2 and standard deviation 2 |d|. Worse is what is above zero and above what happens once in a hundred.
 It is also worse where its force error grows by more than noise, and is above the error of a load cell of class 0.5 (ISO 7500-1).
 """
@@ -23,6 +23,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from calibrate.diagnosis.replayed.band import discretisation
 from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.equations.noise_covariance import cholesky_factor
@@ -78,8 +79,9 @@ def judge(
 
 
 def is_worse(base: Observations, final: Observations, where: Mask) -> bool:
-    """Whether the final model predicts rows (N,) worse than the base, beyond noise."""
-    lower = cholesky_factor(final.noise[np.ix_(where, where)])
+    """Whether the final model predicts rows (N,) worse than the base, beyond noise and the errors of the mesh."""
+    covariance = final.noise + discretisation(final)
+    lower = cholesky_factor(covariance[np.ix_(where, where)])
     before, after = (scipy.linalg.solve_triangular(lower, rows.residual[where], lower=True) for rows in (base, final))
     apart = float(np.linalg.norm(after - before))
     rise = float(after @ after - before @ before)
@@ -88,7 +90,7 @@ def is_worse(base: Observations, final: Observations, where: Mask) -> bool:
     old, new = (ReplayErrors.of(rows, where).force for rows in (base, final))
     forces = where & final.is_force
     size = float((final.measured[forces] ** 2).sum())
-    noise = float(np.diag(final.noise)[forces].sum()) / size if size > 0 else 0.0
+    noise = float(np.diag(covariance)[forces].sum()) / size if size > 0 else 0.0
     return bool(new > LOAD_CELL and new**2 > max(old**2 - noise, 0.0) + 2 * noise)
 
 

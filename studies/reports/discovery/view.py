@@ -40,9 +40,9 @@ class View:
 
     @property
     def inclusion(self) -> dict[str, float]:
-        """Probability that each effect is there; nothing where explanations were not fitted, as linear probabilities are none."""
+        """See `Weighing.inclusion`."""
         found = self.discovery.weighing
-        return {} if found is None or not found.fitted else found.alternatives.inclusion
+        return {} if found is None else found.inclusion
 
     @property
     def unit(self) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from made_up_replay import FORCE_STD, INCREMENTS, check, observations, only_held
 
-from calibrate.diagnosis.replayed.band import BEYOND, FORMULA, NOISE, Alternative, band_of
+from calibrate.diagnosis.replayed.band import BEYOND, FORMULA, NOISE, Alternative, band_of, discretisation
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, replay_record
 from calibrate.diagnosis.replayed.observations import ReplayErrors, level_of
 from calibrate.diagnosis.replayed.replay_rule import LEVEL, is_worse, judge
@@ -95,6 +95,23 @@ def test_a_right_model_is_hardly_ever_called_worse_than_one_that_is_wrong_by(apa
     worse = [is_worse(observations(e + wrong), observations(e), judged) for e in draws()]
     assert np.mean(worse) < 0.01 + 3 * np.sqrt(0.01 / len(worse))
     assert not is_worse(observations(), observations(), judged)
+
+
+def test_errors_of_the_mesh_that_both_replays_have_make_no_right_model_worse():
+    """The base is wrong by one deviation of these errors, beside which the noise is nothing; by noise alone one of ten right models would be worse."""
+    clean = observations()
+    quiet = replace(clean, noise=clean.noise * 1e-6)
+    mesh = np.sqrt(np.diag(discretisation(quiet)))
+    wrong = np.where(clean.held, mesh, 0.0)
+    worse, rises = [], []
+    for errors in draws():
+        final = replace(quiet, measured=quiet.replayed + errors * mesh)
+        base = replace(final, measured=final.measured + wrong)
+        worse.append(is_worse(base, final, clean.judged))
+        rise = (final.residual**2 - base.residual**2) / np.diag(quiet.noise)
+        rises.append(rise[clean.judged].sum() > 0)
+    assert np.mean(worse) < 0.01 + 3 * np.sqrt(0.01 / len(worse))
+    assert np.mean(rises) > 0.05
 
 
 def test_a_test_that_has_something_for_itself_judges_no_model_of_all():
