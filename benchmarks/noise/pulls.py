@@ -1,7 +1,7 @@
 """Errors of fitted amplitudes over their stated deviations, each effect by itself: `python -m benchmarks.noise.pulls -o results/pulls`.
 
 In: --trials blind trials of every effect that is hidden alone, seeds from --first, noise stated as it is (--only: some effects), --jobs side by side.
-The hidden effect, and no other, is tested beside the base, its shape refined and fitted, as in a round of the diagnosis. Out, in a folder:
+Each is diagnosed as `discover` does, with the hidden effect for a catalogue. Out, in a folder:
 ``trials/``, one file a trial, ``pulls.csv`` (effect, trials, strong ones, amplitudes, rms and mean pull, its size at the median over that of a normal
 number, share within 95 %), ``trials.csv``, ``pulls.json``, a manifest. A run that was stopped goes on with the same command. Strong: a score above 10;
 others are not counted. Amplitudes of a warp or a stiffness field are those of the series closest to the bend or patch.
@@ -19,22 +19,18 @@ from typing import Any
 import numpy as np
 
 from benchmarks.noise.kept_records import records
-from calibrate.diagnosis.base_fit import prepare
-from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.score_tests import score
-from calibrate.diagnosis.selection.candidate_fit import Model, at_best_shape, fitted
-from calibrate.diagnosis.selection.rounds import Candidate
-from calibrate.diagnosis.selection.thresholds import DEFAULT
+from calibrate.diagnosis.discovery import discover
 from calibrate.effects import CATALOGUE
 from calibrate.errors import EquigapError
-from calibrate.fitting.noise.noise_check import with_checked_noise
 from studies.output.folder import open_output_folder
 from studies.output.manifest import Manifest
 from studies.output.writing import write_csv, write_json
-from studies.trials.blind_case import GLOBAL_LIMIT
+from studies.replay.twin_replay import twin_replay
+from studies.trials.blind_case import GLOBAL_LIMIT, described
 from studies.trials.blind_data import draw
 from studies.trials.blind_data import make as blind
 from studies.trials.blind_effects import FREQUENT
+from studies.trials.judgement import judged_amplitude
 
 FIRST, STRIDE = 988000, 100  # seed; between effects: no two share a test
 NORMAL = 0.6745  # median of |y| of normal numbers
@@ -80,40 +76,27 @@ def record(trial: Trial) -> dict[str, Any]:
     """Score, amplitudes and pulls of the hidden effect; an error of the data or the fit is a result, too."""
     data, label = blind(draw(trial.seed, trial.effect))
     known = {"effect": trial.effect, "seed": trial.seed}
+    effect = next(e for e in CATALOGUE if e.name == trial.effect)
     began = time.process_time()
     try:
-        checked, check = with_checked_noise(data)
-        model = Model(*prepare([checked], [HoldOut.default(data.n_increments, False).training]))
-        effect = next(e for e in CATALOGUE if e.name == trial.effect)
-        found = score(model.problem, model.fit, (effect,))[0]
-        if not found.is_tested:
-            return {**known, "score": 0.0, "status": str(found.status)}
-        best = fitted(model, Candidate(at_best_shape(model, found)), DEFAULT)
+        found = discover([data], effects=(effect,), replay=twin_replay, few_effects=False)
+        content = described(found)
     except EquigapError as error:
         return {**known, "error": f"{type(error).__name__}: {error}"}
-    assert check.used is not None
     seconds = time.process_time() - began
-    noise = {"noise_factor": check.factor, "pattern": check.used.pattern_std / check.used.displacement_std}
-    amplitudes = _amplitudes(best, label["effects"][0])
-    return {**known, "score": found.score, "seconds": seconds, **noise, "amplitudes": amplitudes}
+    score = content["rounds"][0]["scores"].get(trial.effect, {}).get("score", 0.0)
+    return {**known, "score": score, "seconds": seconds, "amplitudes": _amplitudes(content, label["effects"][0])}
 
 
-def _amplitudes(found: Candidate, hidden: dict[str, Any]) -> dict[str, Any]:
-    """{name: true, fitted, deviation, pull}; none where there is no fit."""
-    if found.addition is None:
+def _amplitudes(found: dict[str, Any], hidden: dict[str, Any]) -> dict[str, Any]:
+    """{name: true, fitted, deviation, pull}; none where the effect was not added."""
+    one = judged_amplitude(hidden, found["additions"])
+    if one is None:
         return {}
-    addition = found.addition
-    rows = zip(addition.effect.amplitudes, addition.amplitudes, found.deviations, strict=True)
-    result = {}
-    for amplitude, value, deviation in rows:
-        true = hidden["amplitudes"][amplitude.name]
-        result[amplitude.name] = {
-            "true": true,
-            "fitted": value,
-            "deviation": deviation,
-            "pull": (value - true) / max(deviation, 1e-300),
-        }
-    return result
+    return {
+        name: {"true": one.true[name], "fitted": one.amplitudes[name], "deviation": one.deviations[name], "pull": pull}
+        for name, pull in one.pulls.items()
+    }
 
 
 def row(effect: str, own: Sequence[dict[str, Any]]) -> list[Any]:

@@ -61,7 +61,8 @@ class OneFibreFamily(Effect):
 
 @dataclass(frozen=True)
 class TwoFibreFamilies(Effect):
-    """Two families at `axis` +- `half`, of equal stiffness."""
+    """Two families at `axis` +- `half`, of equal stiffness. Those about the axis across, at pi / 2 - `half`, are the same: a fit may go on beyond pi / 4, up to where the
+    families are one along that axis."""
 
     name = "two fibre families"
     stage = "energy"
@@ -69,7 +70,7 @@ class TwoFibreFamilies(Effect):
     formula = f"psi + k / (2 k2) sum (exp(k2 E^2) - 1) of two directions, {STRAIN}"
     source = SOURCE
     amplitudes = (Parameter("k", "MPa", lower=0.0, typical=0.02),)
-    shapes = (Parameter("axis", "rad"), Parameter("half", "rad", lower=0.0, upper=np.pi / 4), STIFFENING, DISPERSION)
+    shapes = (Parameter("axis", "rad"), Parameter("half", "rad", lower=0.0, upper=np.pi / 2), STIFFENING, DISPERSION)
     former_shape = WITHOUT
     decided_by = "the same sheet cut and pulled in two other directions"
 
@@ -86,11 +87,11 @@ class TwoFibreFamilies(Effect):
         return shape[0] + shape[1], shape[0] - shape[1]
 
     def is_degenerate(self, shape):
-        return shape[1] < CLOSED
+        return min(shape[1], np.pi / 2 - shape[1]) < CLOSED
 
     def as_simpler(self, a, shape):
-        axis, _, *of_each = shape
-        return OneFibreFamily(), (2 * a[0],), (axis, *of_each)
+        axis, half, *of_each = shape
+        return OneFibreFamily(), (2 * a[0],), (axis if half < np.pi / 4 else axis + np.pi / 2, *of_each)
 
     def stress(self, data, F, P, a, shape):
         return P + self.stress_formed(data, F, None, a, shape)

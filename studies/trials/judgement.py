@@ -116,7 +116,7 @@ def judge(home: Path) -> JudgedTrial:
         strong=bool(names) and min((beside or scores).values()) > GLOBAL_LIMIT,
         hit=[any(n in group for group in groups) for n in names],
         exact=[n in named for n in names],
-        amplitudes=[None if _is_foreign(h, label) else _amplitude(h, full["additions"]) for h in hidden],
+        amplitudes=[None if _is_foreign(h, label) else judged_amplitude(h, full["additions"]) for h in hidden],
         field=[_field(h, full["additions"], home) for h in hidden],
         seconds=content["seconds"],
         absent=_without(content["absent"], first.get(names[0], {}).get("like", {})) if "absent" in content else None,
@@ -195,7 +195,7 @@ def hidden_stiffness(patch: Mapping[str, float], places: Array) -> Array:
     return patch["height"] * inside
 
 
-def _amplitude(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]]) -> JudgedAmplitude | None:
+def judged_amplitude(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]]) -> JudgedAmplitude | None:
     """Of an effect that is in the model, else None."""
     for addition in additions:
         if addition["effect"] == hidden["name"]:

@@ -134,8 +134,8 @@ def test_a_doubt_takes_the_name_away():
 
 def test_two_families_closed_to_one_are_degenerate():
     both = TwoFibreFamilies()
-    assert both.is_degenerate((0.3, 0.0)) and both.is_degenerate((0.3, 0.05))
-    assert not both.is_degenerate((0.0, np.pi / 8))
+    assert both.is_degenerate((0.3, 0.0)) and both.is_degenerate((0.3, 0.05)) and both.is_degenerate((0.3, 1.5))
+    assert not both.is_degenerate((0.0, np.pi / 8)) and not both.is_degenerate((0.0, 0.9))
     assert not effect("second invariant").is_degenerate(())
 
 

@@ -328,8 +328,10 @@ def test_fibre_stress_is_the_slope_of_its_energy(kappa, formed):
     assert float((found * H).sum()) == pytest.approx(slope, rel=1e-8)
 
 
-def test_two_families_in_one_direction_are_one_of_twice_the_stiffness(chain, c):
-    one = Addition(TwoFibreFamilies(), (0.02,), (0.4, 0.0, 0.3, 0.1))
+@pytest.mark.parametrize("half", [0.0, np.pi / 2])
+def test_two_families_in_one_direction_are_one_of_twice_the_stiffness(chain, c, half):
+    """Along the axis, or along the one across."""
+    one = Addition(TwoFibreFamilies(), (0.02,), (0.4, half, 0.3, 0.1))
     assert one.effect.is_degenerate(one.shape)
     simpler = Addition(*one.effect.as_simpler(one.amplitudes, one.shape))
     np.testing.assert_allclose(chain.stress(c, (simpler,)), chain.stress(c, (one,)), rtol=1e-10)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from calibrate.diagnosis import base_fit, score_tests, weighted_fit
@@ -22,11 +23,8 @@ CASES = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
-def test_amplitude_and_shape_are_found_from_another_start(name: str) -> None:
-    """A plate pulled to a nominal stretch of 1.5, its noise 1e-4 of its length; from a tenth of the amplitude."""
-    amplitudes, shape, start = CASES[name]
+def fitted_from(name, amplitudes, shape, start):
+    """Fit of an effect of this amplitude and shape, from a tenth of the amplitude and the start of the shape."""
     drawn = next(trial for trial in (draw(seed, name) for seed in range(40)) if trial.specimen == "plate")
     (hidden,) = drawn.effects
     hidden = replace(hidden, amplitudes=amplitudes, shape=shape)
@@ -35,6 +33,29 @@ def test_amplitude_and_shape_are_found_from_another_start(name: str) -> None:
     problem, base = base_fit.prepare([record(trial, clean_experiment(trial))], [HoldOut().training])
     (true,) = amplitudes.values()
     _, fit = weighted_fit.fit_with_own_weights(problem, base.c, (Addition(effect, (0.1 * true,), start),))
+    return fit
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", [0.3, 0.3 + np.pi / 2])
+def test_two_families_are_found_about_either_of_their_axes(axis: float) -> None:
+    """42 degrees from the one axis are 48 from the one across: a fit that starts about that one goes on beyond 45."""
+    shape = {"axis": 0.3, "half": 0.74, "k2": 0.0, "kappa": 0.0}
+    fit = fitted_from("two fibre families", {"k": 0.02}, shape, (axis, 0.7, 0.1, 0.0))
+    (found,) = fit.additions
+    assert fit.reduced_chi_square < 1.3
+    assert abs(found.amplitudes[0] - 0.02) < max(3 * fit.errors[0][0], 0.0006)
+    families = sorted((found.shape[0] + sign * found.shape[1]) % np.pi for sign in (1, -1))
+    assert families == pytest.approx(sorted([0.3 + 0.74, (0.3 - 0.74) % np.pi]), abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_amplitude_and_shape_are_found_from_another_start(name: str) -> None:
+    """A plate pulled to a nominal stretch of 1.5, its noise 1e-4 of its length; from a tenth of the amplitude."""
+    amplitudes, shape, start = CASES[name]
+    (true,) = amplitudes.values()
+    fit = fitted_from(name, amplitudes, shape, start)
     (found,) = fit.additions
     assert fit.reduced_chi_square < 1.3
     assert abs(found.amplitudes[0] - true) < max(3 * fit.errors[0][0], 0.03 * true)
