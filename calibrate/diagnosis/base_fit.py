@@ -16,7 +16,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_functions, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.model_weights import weighted_part
-from calibrate.diagnosis.problem import Mask, Problem, Rows, all_rows, residual
+from calibrate.diagnosis.problem import Mask, Problem, Rows, Unweighted, all_rows, residual
 from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Chain
 from calibrate.equations import reduction
@@ -85,7 +85,9 @@ def prepare(
 
     c, heavy = _base(used, basis, start, cone, prior)
     parts = [
-        weighted_part(t.chain, t.assembled, basis, heavy, t.mask, all_rows(t.system) & ~t.mask, with_discrepancy)
+        weighted_part(
+            Unweighted(t.chain, t.assembled), basis, heavy, t.mask, all_rows(t.system) & ~t.mask, with_discrepancy
+        )
         for t in tests
     ]
     noise_is_known = all(test.assembled.noise_is_known for test in tests)

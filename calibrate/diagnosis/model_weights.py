@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis import base_functions
 from calibrate.diagnosis import problem as equations
-from calibrate.diagnosis.problem import OwnSignature, Part, Problem, loads, residual
+from calibrate.diagnosis.problem import Part, Problem, Unweighted, loads, residual
 from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Additions, Chain
 from calibrate.effects.chain.true_surface import is_expressed
 from calibrate.equations import discretisation_error
 from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.equations.noise_covariance import EquationNoise
-from calibrate.equations.reduction import Assembled, coefficients_of_weights, stacked
+from calibrate.equations.reduction import coefficients_of_weights, stacked
 from calibrate.equations.weights import Sources, Weights, weights_of
 
 Array = NDArray[np.float64]
@@ -29,31 +29,33 @@ Mask = NDArray[np.bool_]
 
 
 def weighted_part(
-    chain: Chain,
-    assembled: Assembled,
+    test: Unweighted,
     basis: SingleBasis | PlaneStrainBasis,
     c: Array,
     train: Mask,
     held: Mask,
     with_discrepancy: bool,
     additions: Additions = (),
-    twin: Array | None = None,
-    own: tuple[OwnSignature, ...] = (),
-    denoised: Array | None = None,
 ) -> Part:
-    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both. twin, own, denoised: see `Part`."""
-    sources = [Sources.of(one.sources) for one in own]
+    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both."""
+    sources = [Sources.of(one.sources) for one in test.own]
     if with_discrepancy:
-        given = chain.system, basis, c
-        sources.append(
-            discretisation_error.sources(*given) if twin is None else discretisation_error.remainder(*given, twin)
+        given = test.system, basis, c
+        found = (
+            discretisation_error.sources(*given)
+            if test.twin is None
+            else discretisation_error.remainder(*given, test.twin)
         )
+        sources.append(found)
     common = reduce(Sources.beside, sources) if sources else None
-    noise = noise_of(chain, assembled, c, additions if train.any() else (), denoised)
-    chain = chain.remembering()
-    shift = chain.noise_shift(c, assembled.noise_axes, assembled.variances)
-    weights = *_weights(noise, train, held, common), shift, common, _together(noise, train, held, common)
-    return Part(chain, assembled, *weights, twin, own, denoised)
+    noise = noise_of(test, c, additions if train.any() else ())
+    chain = test.chain.remembering()
+    fitted, kept = _weights(noise, train, held, common)
+    return Part(
+        chain, test.assembled, test.twin, test.own, test.denoised, train=fitted, held=kept,
+        shift=chain.noise_shift(c, test.assembled.noise_axes, test.assembled.variances), common=common,
+        together=_together(noise, train, held, common),
+    )  # fmt: skip
 
 
 def amplified(problem: Problem, additions: Additions) -> Problem:
@@ -71,8 +73,7 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
     parts = []
     for part in problem.parts:
         known = found if part.train.size else ()
-        noise = noise_of(part.chain, part.assembled, problem.weights_c, known, part.denoised)
-        parts.append(_weighted_by(part, noise))
+        parts.append(_weighted_by(part, noise_of(part, problem.weights_c, known)))
     return replace(problem, parts=tuple(parts), amplifying=found)
 
 
@@ -111,17 +112,16 @@ def _together(noise: EquationNoise, train: Mask, held: Mask, common: Sources | N
     return _Together(noise, train | held, common)
 
 
-def noise_of(
-    chain: Chain, assembled: Assembled, c: Array, additions: Additions, denoised: Array | None = None
-) -> EquationNoise:
-    """What noise does to the equations of a material as stiff as with coefficients c (n,); denoised: see `Part`.
+def noise_of(test: Unweighted, c: Array, additions: Additions) -> EquationNoise:
+    """What noise does to the equations of a material as stiff as with coefficients c (n,) and effects.
 
     An effect that remembers meets the measured displacements: from which picture a softened place has its largest strain is a matter of noise, which a tangent at the true ones does not know.
     """
+    chain, assembled = test.chain, test.assembled
     if not additions:
-        return assembled.noise_at(c, denoised)
-    if denoised is not None and not any(a.effect.remembers for a in additions):
-        chain = chain.disturbed(denoised - np.asarray(chain.data.u))
+        return assembled.noise_at(c, test.denoised)
+    if test.denoised is not None and not any(a.effect.remembers for a in additions):
+        chain = chain.disturbed(test.denoised - np.asarray(chain.data.u))
     c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
     each = chain.spread_of_noise(c, additions, assembled.fewest_sources, increments)
@@ -188,19 +188,7 @@ def without_own_effects(problem: Problem) -> Problem:
 def _of_coefficients(problem: Problem, c: Array, known: Additions) -> Problem:
     """With the weights that belong to coefficients c (n,) as stiff as the material is, and to effects."""
     parts = [
-        weighted_part(
-            p.chain,
-            p.assembled,
-            problem.basis,
-            c,
-            p.train.rows,
-            p.held.rows,
-            problem.with_discrepancy,
-            known,
-            p.twin,
-            p.own,
-            p.denoised,
-        )
+        weighted_part(p, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy, known)
         for p in problem.parts
     ]
     return replace(problem, parts=tuple(parts), weights_c=c, amplifying=known)

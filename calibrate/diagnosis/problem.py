@@ -41,25 +41,43 @@ class OwnSignature:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """One Experiment in a diagnosis: its chain, weights, and the equations (t, 2 v) used for fitting and held out.
+class Unweighted:
+    """The equations of one Experiment, and what their weights depend on.
 
-    shift (t, 2 v), N: see `Chain.noise_shift`. common: see `discretisation_error`. together: weights of both, where what is held out
-    has noise in common with what is fitted; None: it is independent. twin (t, 2 v), N: the discretisation error in the residual; None: unknown.
-    own: effects that the weights allow for, see `evidence.own_effects`. denoised (t, n, 2), mm: displacements at which the weights know what noise does (None: those measured),
-    see `model_weights.reweighted`.
+    twin (t, 2 v), N: the discretisation error in the residual; None: unknown. own: effects that the weights allow for, see `evidence.own_effects`.
+    denoised (t, n, 2), mm: displacements at which the weights know what noise does (None: those measured), see `model_weights.reweighted`.
     """
 
     chain: Chain
     assembled: Assembled = field(repr=False)
+    twin: Array | None = field(default=None, repr=False)
+    own: tuple[OwnSignature, ...] = field(default=(), repr=False)
+    denoised: Array | None = field(default=None, repr=False)
+
+    @property
+    def experiment(self) -> Experiment:
+        """The Experiment of the chain."""
+        return self.chain.system.experiment
+
+    @property
+    def system(self) -> Equilibrium:
+        """The virtual-work equations of the chain."""
+        return self.chain.system
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Part(Unweighted):
+    """One Experiment in a diagnosis, with weights of the equations (t, 2 v) used for fitting and held out.
+
+    shift (t, 2 v), N: see `Chain.noise_shift`. common: see `discretisation_error`. together: weights of both, where what is held out
+    has noise in common with what is fitted; None: it is independent.
+    """
+
     train: Weights
     held: Weights
     shift: Array = field(repr=False)
     common: Sources | None = field(repr=False)
     together: Callable[[], Weights] | None = field(default=None, repr=False)
-    twin: Array | None = field(default=None, repr=False)
-    own: tuple[OwnSignature, ...] = field(default=(), repr=False)
-    denoised: Array | None = field(default=None, repr=False)
 
     @property
     def inside(self) -> Mask:
@@ -94,16 +112,6 @@ class Part:
     def valid(self, additions: Additions) -> Additions:
         """Those that hold for this experiment: of the material, and all where it took part in the fit."""
         return additions if self.train.size else tuple(a for a in additions if a.effect.of_material)
-
-    @property
-    def experiment(self) -> Experiment:
-        """The Experiment of the chain."""
-        return self.chain.system.experiment
-
-    @property
-    def system(self) -> Equilibrium:
-        """The virtual-work equations of the chain."""
-        return self.chain.system
 
 
 @dataclass(frozen=True, eq=False)

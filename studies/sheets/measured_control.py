@@ -89,7 +89,7 @@ def _with_noise(problem: Problem, c: Array, e: Experiment) -> Problem:
     rows = all_rows(system)
     noise = assembled.noise_at(c)
     part = Part(
-        Chain(system, problem.basis), assembled, weights_of(noise, rows), weights_of(noise, rows & False),
-        np.zeros(system.loads.shape), None,
+        Chain(system, problem.basis), assembled, train=weights_of(noise, rows), held=weights_of(noise, rows & False),
+        shift=np.zeros(system.loads.shape), common=None,
     )  # fmt: skip
     return replace(problem, parts=(part,), noise_is_known=True)

@@ -111,7 +111,7 @@ def decorrelated(problem: Problem, part: Part, fits: Sequence[Fit]) -> list[Arra
 
     With s the standard deviations and R the correlations of an increment, R^-1/2 r / s (Kessy, Lewin and Strimmer 2018).
     """
-    noise = noise_of(part.chain, part.assembled, problem.weights_c, problem.amplifying, part.denoised)
+    noise = noise_of(part, problem.weights_c, problem.amplifying)
     residuals = np.array([residual(part, fit) for fit in fits])
     result = np.full(residuals.shape, np.nan)
     for i, used in [(i, w.rows[i]) for w in (part.train, part.held) for i in range(len(w.rows)) if w.rows[i].any()]:

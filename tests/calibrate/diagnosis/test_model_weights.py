@@ -24,7 +24,7 @@ NOISE = Noise(0.01, 3.0)
 def inside(problem, c, additions=()):
     """Chi-square of the equations of virtual fields that vanish where forces act, which hold for every stiffness."""
     (part,) = problem.parts
-    noise = model_weights.noise_of(part.chain, part.assembled, problem.weights_c, (), part.denoised)
+    noise = model_weights.noise_of(part, problem.weights_c, ())
     white = weights_of(noise, part.train.rows & part.inside)(part.chain.residual(c, additions))
     return float(white @ white)
 

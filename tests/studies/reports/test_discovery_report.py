@@ -90,7 +90,7 @@ def test_sum_of_squares_is_the_chi_square_where_nothing_is_common_to_increments(
     """Whitening by a symmetric root or by Cholesky's: the same size."""
     problem = explained().problem
     part = problem.parts[0]
-    noise = noise_of(part.chain, part.assembled, problem.weights_c, problem.amplifying, part.denoised)
+    noise = noise_of(part, problem.weights_c, problem.amplifying)
     train, held_out = (weights_of(noise, weights.rows) for weights in (part.train, part.held))
     plain = replace(part, common=None, train=train, held=held_out)
     fit = explained().base
