@@ -125,9 +125,15 @@ def boundary_edges(cells: Indices, cell_type: str) -> tuple[Indices, Indices]:
     n = element.corners
     columns = [(i, (i + 1) % n, *([n + i] if element.edges_have_middles else [])) for i in range(n)]
     edges = np.concatenate([cells[:, c] for c in columns])
-    _, first, count = np.unique(np.sort(edges[:, :2], axis=1), axis=0, return_index=True, return_counts=True)
+    _, first, count = np.unique(edge_keys(edges), return_index=True, return_counts=True)
     single = first[count == 1]
     return edges[single], single % len(cells)
+
+
+def edge_keys(edges: Indices) -> Indices:
+    """A number (e,) for each edge (e, 2 or more), the same for both directions; in the order of the smaller, then of the larger node."""
+    ends = np.sort(edges[:, :2], axis=1).astype(np.int64)
+    return np.asarray(ends[:, 0] * (ends.max(initial=0) + 1) + ends[:, 1])
 
 
 def signed_areas(points: Array, triangles: Indices) -> Array:

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
 from calibrate.errors import FitError
 from calibrate.fitting.calibration import Options, calibrate
-from calibrate.fitting.classical_fit import weights_at
 from meshes import Mesh, quads
 from meshes.specimens import PlateWithHole
 
@@ -104,7 +103,7 @@ def identify(experiment: Experiment) -> list[dict[str, Any]]:
     rows = [{"method": "network", "cpu_seconds": seconds, **constants(mu, kappa)}]
     law = replace(CLASSICAL[0], start=(mu, kappa))
     start = time.process_time()
-    fit = classical_fit.fit(law, found, weights_at(found.system, found))
+    fit = classical_fit.fit(law, found, found.weights)
     seconds = time.process_time() - start
     return [*rows, {"method": "two constants", "cpu_seconds": seconds, **constants(*fit.parameters)}]
 

@@ -18,8 +18,8 @@ from beside.published_laws import CLASSICAL, FIBROUS, TRUTHS
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
+from calibrate.equations.reduction import assemble
 from calibrate.fitting.calibration import Calibration, Options, calibrate
-from calibrate.fitting.classical_fit import weights_at
 from studies.commands.import_data import import_experiment
 
 Array = NDArray[np.float64]
@@ -119,7 +119,8 @@ def classical(experiment: Experiment, judge: Judge, laws: tuple[Any, ...]) -> li
     """Classical laws with the weights of the network of both invariants; their time includes one assembly."""
     found: Calibration = calibrate(experiment, Options(inputs="I1I2", starts=1))
     start = time.process_time()
-    weighting = weights_at(found.system, found)
+    assert found.spline is not None
+    weighting = assemble(found.system, found.basis).weights(found.spline)
     assembly = time.process_time() - start
     rows = []
     for law in laws:

@@ -138,7 +138,7 @@ class Experiment:
         """Of `clock`."""
         return "increments" if self.time is None else "s"
 
-    @property
+    @cached_property
     def has_rim(self) -> bool:
         """Whether part of the boundary is neither loaded nor free: an unknown traction may act there."""
         held = np.concatenate([self.free_nodes, *(b.nodes for b in self.loaded)])

@@ -22,8 +22,9 @@ def half_edges(triangles: Indices) -> Indices:
 
 def unique_edges(triangles: Indices) -> tuple[Indices, Indices]:
     """Every edge once, (e, 2) with the smaller node first, and the number (3, m) of the edge behind each corner."""
-    edges, number = np.unique(np.sort(half_edges(triangles), axis=1), axis=0, return_inverse=True)
-    return edges, number.reshape(3, len(triangles))
+    every = half_edges(triangles)
+    _, first, number = np.unique(mesh.edge_keys(every), return_index=True, return_inverse=True)
+    return np.sort(every[first], axis=1), number.reshape(3, len(triangles))
 
 
 def boundary_edges(triangles: Indices) -> tuple[Indices, Indices]:

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from calibrate.effects import Effect, Parameter
 from calibrate.effects.chain import Addition, Additions
 from calibrate.effects.support.effect_data import Data
+from calibrate.models.parameter_covariance import Z95
 
 Array = NDArray[np.float64]
 ANGLE = 0.5  # rad, by which an angle is uncertain before a test
 
 
 def not_distinct_from_null(addition: Addition, deviations: Sequence[float]) -> bool:
-    """Whether no amplitude differs from its null value by two standard deviations."""
+    """Whether no amplitude differs from its null value by more than its 95 % interval."""
     return all(
-        abs(a - p.null) < 2 * d or a == p.null
+        abs(a - p.null) < Z95 * d or a == p.null
         for a, d, p in zip(addition.amplitudes, deviations, addition.effect.amplitudes, strict=True)
     )
 

@@ -102,15 +102,24 @@ def share_of_loading(u: Any) -> Any:
 class Effect:
     """Base of the effects; a subclass states its class variables and overrides the links it changes.
 
-    name; stage: one of STAGES, in whose order effects act on the stress, whichever was found first; formula: for the report; source: of the formula;
-    amplitudes; shapes; former_shape: values of the last shapes in model files that were written without them, or without some of them; shapes_vary: False where they only choose a
-    derivative at the null value and mean nothing once the amplitude is known; nested_in: the effect that has it as a special case, or nearly; beside: the effect
-    that it is more of, as a second relaxation time, and beside which alone it is a candidate; confounded_with: what it can never be told
-    from, or nothing; decided_by: the experiment that tells it from its likes; measured_by: why it is no candidate where it is `excluded`; of_material: holds for
-    every specimen of a material, not of one test alone; of_rig: of a camera and grips that several tests share; rough: adds second derivatives of the displacements to them, whose
-    noise the weights of a model with it must know (`adjoint`); reads_twin: takes from `Data.twin`, where there is one, what triangles of the camera cannot
-    tell; truncated: its formula is the beginning of a series, so that a small part
-    of what it explains is left for others; has_spring: its stress in time is that of a spring of its own, and not of the stress so far.
+    - name.
+    - stage: one of `STAGES`, in whose order effects act on the stress, whichever was found first.
+    - formula: for the report. source: of the formula.
+    - amplitudes: what is tested and fitted.
+    - shapes: what means nothing at the null value.
+    - former_shape: values of the last shapes in model files that were written without them, or without some of them.
+    - shapes_vary: False where shapes only choose a derivative at the null value and mean nothing once the amplitude is known.
+    - nested_in: the effect that has it as a special case, or nearly.
+    - beside: the effect that it is more of, as a second relaxation time, and beside which alone it is a candidate.
+    - confounded_with: what it can never be told from, or nothing.
+    - decided_by: the experiment that tells it from its likes.
+    - measured_by: why it is no candidate where it is `excluded`.
+    - of_material: holds for every specimen of a material, not of one test alone.
+    - of_rig: of a camera and grips that several tests share.
+    - rough: adds second derivatives of the displacements to them, whose noise the weights of a model with it must know (`adjoint`).
+    - reads_twin: takes from `Data.twin`, where there is one, what triangles of the camera cannot tell.
+    - truncated: its formula is the beginning of a series, so that a small part of what it explains is left for others.
+    - has_spring: its stress in time is that of a spring of its own, and not of the stress so far.
 
     In the links below a (p,) are the values of the amplitudes, shape those of the shapes, in the units of `Parameter`.
     """

@@ -28,7 +28,7 @@ from calibrate.equations import kinematics, noise_covariance
 from calibrate.equations.basis import Basis, PlaneStrainBasis
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke
 from calibrate.equations.noise_covariance import EquationNoise, cholesky_factor
-from calibrate.equations.weights import weights_of
+from calibrate.equations.weights import Weights, weights_of
 
 Array = NDArray[np.float64]
 SAMPLES = 100  # of noise, for what it adds to squares on average: to sqrt(2 / (100 N)) of N equations
@@ -164,14 +164,17 @@ class Assembled:
         each = zip(linear.deformation_gradients, self.matrices, strict=True)
         return np.array([linear.matrix(self.basis, F) - G for F, G in each])
 
-    def quadratic(self, c: Array) -> Quadratic:
-        """The noise-weighted loss, weights taken at coefficients c (n_functions,)."""
-        G, load = self.weighted_equations(c)
+    def weights(self, c: Array) -> Weights:
+        """Of all equations that are measured, by what noise does to them at coefficients c (n_functions,)."""
+        return weights_of(self.noise_at(c), np.isfinite(self.system.loads))
+
+    def quadratic(self, weights: Weights) -> Quadratic:
+        """The noise-weighted loss."""
+        G, load = self.weighted_equations(weights)
         return Quadratic(self.basis, G.T @ G, G.T @ load, float(load @ load), len(load))
 
-    def weighted_equations(self, c: Array) -> tuple[Array, Array]:
-        """G (N, n_functions) and load (N,) of all equations, with residuals of unit covariance; unmeasured rows left out."""
-        weights = weights_of(self.noise_at(c), np.isfinite(self.system.loads))
+    def weighted_equations(self, weights: Weights) -> tuple[Array, Array]:
+        """G (N, n_functions) and load (N,) of the weighted equations, with residuals of unit covariance."""
         return weights(np.moveaxis(np.array(self.matrices), -1, 0)).T, weights(np.nan_to_num(self.system.loads))
 
     def noise_at(self, c: Array, u: Array | None = None) -> EquationNoise:

@@ -20,6 +20,7 @@ from calibrate.equations import reduction
 from calibrate.equations.basis import Basis, basis_for, energy_basis
 from calibrate.equations.equilibrium import Equilibrium, equilibrium
 from calibrate.equations.inputs import INPUT_SETS
+from calibrate.equations.weights import Weights
 from calibrate.fitting import network_fit, paper_loss, uncertainty
 from calibrate.fitting.calibrated_range import calibrated_range, mode_ranges
 from calibrate.models import pann
@@ -68,7 +69,7 @@ class Calibration:
     attenuation: factor by which the stiffness was raised, as noise in the strain lowers it; 1 without noise. dead_network: the
     energy is a straight line although a convex one that bends meets the data clearly better.
     predicted_forces, measured_forces: {boundary: (n_increments, 2)} N.
-    imbalance (n_increments, 2, n_fields): unexplained virtual work of the virtual fields, N.
+    imbalance (n_increments, 2, n_fields): unexplained virtual work of the virtual fields, N. weights: of the equations in the loss; None for the paper's.
     """
 
     experiment: Experiment
@@ -86,6 +87,7 @@ class Calibration:
     system: Equilibrium = field(repr=False)
     attenuation: float = 1.0
     dead_network: bool = False
+    weights: Weights | None = field(default=None, repr=False)
 
     def summary(self) -> dict[str, Any]:
         """Numbers for a manifest."""
@@ -172,20 +174,21 @@ def calibrate(
         return _calibrate_slsqp(system, basis, options)
     if options.loss == "paper":
         quadratic = paper_loss.reduced(paper_loss.nodal_system(experiment), basis)
-        spline = network_fit.convex_spline(quadratic, options.inputs)
+        spline, weighted = network_fit.convex_spline(quadratic, options.inputs), None
         known = False
     else:
         assembled = reduction.assemble(system, basis, progress)
         passes = options.passes if experiment.plane == "stress" else max(options.passes, STRAIN_PASSES)
-        weights, quadratic, spline = network_fit.reweighted_spline(assembled, options.inputs, passes)
+        weighted = network_fit.reweighted_spline(assembled, options.inputs, passes)
+        quadratic, spline = weighted.loss, weighted.coefficients
         known = assembled.noise_is_known
     architecture, result = network_fit.fit_network(
         quadratic, options.inputs, options.layers, spline, options.starts, options.seed
     )
     confidence, bulk, factor, loss = None, None, 1.0, result.loss
-    if options.loss == "weighted":
+    if weighted is not None:
         confidence = uncertainty.parameter_uncertainty(quadratic, architecture, result.parameters, known)
-        right = reduction.corrected(quadratic, result.coefficients, weights, [assembled])
+        right = reduction.corrected(quadratic, result.coefficients, weighted.weights_c, [assembled])
         if experiment.plane == "strain":
             deviation = uncertainty.bulk_modulus_deviation(quadratic, architecture, result.parameters, confidence)
             bulk = _bulk_modulus(experiment, float(right[-1]), deviation * float(right[-1] / result.coefficients[-1]))
@@ -209,6 +212,7 @@ def calibrate(
         bulk,
         factor,
         result.dead,
+        None if weighted is None else weighted.weights,
     )
 
 
@@ -253,6 +257,7 @@ def _collect(
     bulk: tuple[float, float] | None = None,
     attenuation: float = 1.0,
     dead_network: bool = False,
+    weights: Weights | None = None,
 ) -> Calibration:
     experiment = system.experiment
     bulk_modulus, deviation = bulk or (None, None)
@@ -286,4 +291,5 @@ def _collect(
         system,
         attenuation,
         dead_network,
+        weights,
     )

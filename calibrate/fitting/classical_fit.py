@@ -2,7 +2,7 @@
 
 In: a calibration with the weighted loss. Out: `Comparison`: parameters of least squares of the whitened residual (exact derivatives,
 bounds where a limit of extension has one), chi-square and Bayesian information criterion (Schwarz 1978) of each law and of the network
-under the same weights, those of the network's last spline. A fit that did not converge is in it, and says so.
+under the same weights, those of the network's loss. A fit that did not converge is in it, and says so.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from calibrate.equations.equilibrium import Equilibrium
-from calibrate.equations.reduction import assemble, stiffness_factor
-from calibrate.equations.weights import Weights, weights_of
+from calibrate.equations.reduction import stiffness_factor
+from calibrate.equations.weights import Weights
 from calibrate.errors import FitError
 from calibrate.fitting.calibration import Calibration
 from calibrate.fitting.stopping import Stop
@@ -134,13 +134,6 @@ class Comparison:
         return Verdict.BETTER if max(best.chi_square, best.criterion) < -TOLD_APART else Verdict.ENOUGH
 
 
-def weights_at(system: Equilibrium, calibration: Calibration) -> Weights:
-    """Of the equations of `system`, at the last spline of a calibration."""
-    assert calibration.spline is not None
-    noise = assemble(system, calibration.basis).noise_at(calibration.spline)
-    return weights_of(noise, np.isfinite(system.loads))
-
-
 def fit_law(
     law: StressLaw, system: Equilibrium, weights: Weights, start: Array, lower: Array | float = -np.inf
 ) -> LeastSquares:
@@ -207,10 +200,9 @@ def _covariance(J: Array) -> Array:
 
 def compare(calibration: Calibration, laws: Sequence[Law] = CLASSICAL_LAWS) -> Comparison | None:
     """Every law against the network; None where there is nothing to compare by: the paper's loss, or plane strain."""
-    system = calibration.system
-    if calibration.spline is None or calibration.options.loss != "weighted" or system.experiment.plane != "stress":
+    system, weights = calibration.system, calibration.weights
+    if weights is None or system.experiment.plane != "stress":
         return None
-    weights = weights_at(system, calibration)
     b = weights(np.nan_to_num(system.loads))
     network, mu = _network(calibration, weights, b)
     tops = tuple(calibration.model.calibrated_range[k][1] for k in ("I1", "I2"))

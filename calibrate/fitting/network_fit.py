@@ -23,6 +23,7 @@ from calibrate import errors
 from calibrate.equations.basis import Basis, PlaneStrainBasis, Spline, energy_basis
 from calibrate.equations.inputs import INPUT_SETS
 from calibrate.equations.reduction import Assembled, Quadratic, corrected
+from calibrate.equations.weights import Weights
 from calibrate.fitting.levenberg_marquardt import TOLERANCE, levenberg_marquardt
 from calibrate.fitting.stopping import Stop
 from calibrate.models import pann
@@ -133,15 +134,26 @@ class NetworkResidual:
         return jnp.zeros(2).at[index].set(gradient * scales[index])
 
 
-def reweighted_spline(assembled: Assembled, inputs: str, passes: int) -> tuple[Array, Quadratic, Array]:
-    """Coefficients of the last weights, the loss with these, and its spline (n_functions,)."""
+@dataclass(frozen=True)
+class WeightedSpline:
+    """coefficients (n_functions,): of a convex spline. weights: of the equations it was fitted to, which belong to weights_c (n_functions,). loss: with them."""
+
+    coefficients: Array
+    weights: Weights
+    weights_c: Array
+    loss: Quadratic
+
+
+def reweighted_spline(assembled: Assembled, inputs: str, passes: int) -> WeightedSpline:
+    """Of the last pass: each has the weights that belong to the spline of the one before, the first those of neo-Hooke."""
     following = neo_hooke = assembled.first_guess()
     for _ in range(passes):
-        weights, quadratic = following, assembled.quadratic(following)
+        c, weights = following, assembled.weights(following)
+        quadratic = assembled.quadratic(weights)
         spline = convex_spline(quadratic, inputs)
-        spline = corrected(quadratic, spline, weights, [assembled])
+        spline = corrected(quadratic, spline, c, [assembled])
         following = quadratic.coefficients_of_weights(spline, neo_hooke)
-    return weights, quadratic, spline
+    return WeightedSpline(spline, weights, c, quadratic)
 
 
 def fit_network(

@@ -15,7 +15,6 @@ from calibrate.data.experiment import Experiment
 from calibrate.equations.basis import PlaneStrainBasis
 from calibrate.errors import ConfigError
 from calibrate.fitting.calibration import Calibration, predict_forces, relative_force_error
-from calibrate.fitting.classical_fit import weights_at
 from calibrate.fitting.uncertainty import parameter_uncertainty
 from calibrate.models.network_model import Model
 from forward.errors import ConvergenceError, LoadingError, MaterialError
@@ -110,9 +109,9 @@ def _errors(test: ReplayedTest, found: Equations) -> ReplayErrors:
 
 def _with_model(calibration: Calibration, model: Model) -> Calibration:
     """The calibration with another model, judged by its own equations."""
-    system = calibration.system
+    system, weights = calibration.system, calibration.weights
+    assert weights is not None
     forces, residuals = predict_forces(system, model)
-    weights = weights_at(system, calibration)
     white = weights(np.nan_to_num(residuals))
     loss = float(white @ white)
     freedom = max(1, weights.size - model.architecture.n_parameters)

@@ -180,7 +180,7 @@ def material(experiment: Experiment) -> tuple[Basis, Array]:
     neo_hooke = assembled.first_guess()
     c = weights = neo_hooke
     for _ in range(PASSES):
-        quadratic = assembled.quadratic(weights)
+        quadratic = assembled.quadratic(assembled.weights(weights))
         c = convex_spline(quadratic, INPUTS)
         weights = quadratic.coefficients_of_weights(c, neo_hooke)
     return basis, c

@@ -123,7 +123,8 @@ def _pull(experiment):
     system = equations.equilibrium(experiment, SPACING)
     basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
     c = true_coefficients(basis)
-    quadratic = reduction.assemble(system, basis).quadratic(c)
+    assembled = reduction.assemble(system, basis)
+    quadratic = assembled.quadratic(assembled.weights(c))
     return (quadratic.stiffness_factor(c) - 1) * np.sqrt(c @ quadratic.Q @ c)
 
 
@@ -166,7 +167,8 @@ def test_loss_of_the_true_model_is_a_chi_square(common):
     for seed in range(6):
         system = equations.equilibrium(with_noise(clean, stated, seed), SPACING)
         basis = bases.basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2))
-        quadratic = reduction.assemble(system, basis).quadratic(true_coefficients(basis))
+        assembled = reduction.assemble(system, basis)
+        quadratic = assembled.quadratic(assembled.weights(true_coefficients(basis)))
         ratios.append(quadratic.loss(true_coefficients(basis)) / quadratic.n_rows)
     standard_error = np.sqrt(2 / quadratic.n_rows / len(ratios))
     assert abs(np.mean(ratios) - 1) < 5 * standard_error

@@ -11,7 +11,7 @@ from calibrate.equations.kinematics import nominal_stress
 from calibrate.errors import FitError
 from calibrate.fitting import classical_fit
 from calibrate.fitting.calibration import Options, calibrate
-from calibrate.fitting.classical_fit import Verdict, compare, fit_law, weights_at
+from calibrate.fitting.classical_fit import Verdict, compare, fit_law
 from calibrate.fitting.stopping import Stop
 from calibrate.models.classical_laws import CLASSICAL_LAWS, NO_LIMIT
 from forward.materials import ArrudaBoyce as ForwardArrudaBoyce
@@ -76,7 +76,7 @@ def test_stability_is_that_of_the_hessian_at_rest_and_falls_where_a_law_softens(
 
 def test_parameters_are_found_again_without_noise():
     found = calibrate(plate_experiment(ArrudaBoyce(), n_increments=5), FAST)
-    weights, law = weights_at(found.system, found), LAWS["Arruda-Boyce"]
+    weights, law = found.weights, LAWS["Arruda-Boyce"]
     fit = fit_law(law, found.system, weights, law.start(0.2, 3.0), law.lower)
     np.testing.assert_allclose(fit.parameters, [0.2698, 1 / 21.49], rtol=1e-6)
 

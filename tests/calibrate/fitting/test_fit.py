@@ -30,7 +30,7 @@ def fitted_spline(energy, inputs):
     equations_of_all = assembled(energy, inputs)
     c = equations_of_all.first_guess()
     for _ in range(2):
-        quadratic = equations_of_all.quadratic(c)
+        quadratic = equations_of_all.quadratic(equations_of_all.weights(c))
         c = network_fit.convex_spline(quadratic, inputs)
     return c, quadratic, equations_of_all
 
@@ -54,9 +54,9 @@ def stress_error(c, energy, system, basis):
 
 def test_quadratic_is_the_sum_of_squares_of_the_whitened_equations(arruda_boyce):
     c, _, equations_of_all = arruda_boyce
-    quadratic = equations_of_all.quadratic(c)
+    quadratic = equations_of_all.quadratic(equations_of_all.weights(c))
     other = c * np.linspace(0.5, 1.5, c.size)
-    G, load = equations_of_all.weighted_equations(c)
+    G, load = equations_of_all.weighted_equations(equations_of_all.weights(c))
     assert quadratic.loss(other) == pytest.approx(((G @ other - load) ** 2).sum(), rel=1e-9)
     assert quadratic.n_rows == load.size
 
@@ -145,7 +145,7 @@ def test_both_inputs_do_not_spoil_a_fit_that_needs_one():
         system = equations.equilibrium(with_noise(plate_experiment(), noise, 0), SPACING)
         basis = bases.basis_for(inputs, system.deformation_gradients.reshape(-1, 2, 2))
         noisy = reduction.assemble(system, basis)
-        c = network_fit.convex_spline(noisy.quadratic(noisy.first_guess()), inputs)
+        c = network_fit.convex_spline(noisy.quadratic(noisy.weights(noisy.first_guess())), inputs)
         exact = equations.equilibrium(plate_experiment(), SPACING)
         errors_of[inputs] = stress_error(c, ArrudaBoyce(), exact, basis)
     assert errors_of["I1I2"] < 2 * errors_of["I1"]

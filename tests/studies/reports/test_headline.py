@@ -136,7 +136,7 @@ def test_a_network_that_died_is_started_again(monkeypatch):
     """All starts of the first run are straight lines: a second run from the convex spline bends as the data do."""
     system = equilibrium(with_noise(clean(), Noise(0.01, 3.0, 1e-3, 1e-3), 1))
     assembled = assemble(system, basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2)))
-    quadratic = assembled.quadratic(assembled.first_guess())
+    quadratic = assembled.quadratic(assembled.weights(assembled.first_guess()))
     spline = network_fit.convex_spline(quadratic, "I1")
     straight = assembled.first_guess()
     whole, calls = network_fit._fit_network, []

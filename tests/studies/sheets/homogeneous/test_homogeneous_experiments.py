@@ -101,7 +101,8 @@ def test_force_noise_is_the_variance_of_an_equation(mode):
     counts one reading once although it has two forces."""
     std = 0.03
     experiment = neo_hookean(mode, uncertainty=tests.noise(std, 1e-9))
-    quadratic = reduction.assemble(equilibrium(experiment), basis()).quadratic(neo_hooke(basis(), MU))
+    assembled = reduction.assemble(equilibrium(experiment), basis())
+    quadratic = assembled.quadratic(assembled.weights(neo_hooke(basis(), MU)))
     c = neo_hooke(basis(), 1.0)
     information = np.sum((STRETCH - STRETCH ** -POWER[mode]) ** 2) / std**2
     assert c @ quadratic.Q @ c == pytest.approx(information, rel=1e-6)
@@ -115,7 +116,7 @@ def test_stretch_noise_is_the_slope_times_its_deviation(monkeypatch):
     system = equilibrium(experiment)
     assembled = reduction.assemble(system, basis())
     c = neo_hooke(basis(), MU)
-    load = assembled.weighted_equations(c)[1].reshape(len(STRETCH), -1)[:, 0]
+    load = assembled.weighted_equations(assembled.weights(c))[1].reshape(len(STRETCH), -1)[:, 0]
     for white, x, force in zip(load, STRETCH, system.loads[:, 1], strict=True):
         y = x**-0.5
         along, across = 1 + 3 / (x**4 * y**2), 2 / (x**3 * y**3)  # of P = mu (x - 1 / (x^3 y^2))
@@ -141,7 +142,7 @@ def test_the_spline_fit_finds_neo_hooke():
     system = equilibrium(neo_hookean("pure_shear", uncertainty=tests.noise(1e-3, 1e-4)))
     assembled = reduction.assemble(system, basis())
     assert assembled.noise_is_known
-    c = convex_spline(assembled.quadratic(assembled.first_guess()), "I1")
+    c = convex_spline(assembled.quadratic(assembled.weights(assembled.first_guess())), "I1")
     known = np.isfinite(system.loads)
     predicted = np.array([system.matrix(basis(), F) @ c for F in system.deformation_gradients])
     np.testing.assert_allclose(predicted[known], system.loads[known], rtol=1e-5)
