@@ -134,6 +134,11 @@ def shape_records(effect: Effect, values: tuple[float, ...], unit: str) -> list[
     return [ShapeRecord(p.name, amplitude_unit(p, unit), v) for p, v in zip(effect.shapes, values, strict=True)]
 
 
+def told_shapes(effect: Effect, values: tuple[float, ...], unit: str) -> list[ShapeRecord]:
+    """Those that mean something beside a known amplitude."""
+    return shape_records(effect, values, unit) if effect.shapes_vary else []
+
+
 def candidate_record(
     candidate: Candidate, now: Round, unit: str, thresholds: Thresholds = DEFAULT, level: float = 1.0
 ) -> CandidateRecord:

@@ -17,7 +17,7 @@ from studies.output.words import plus_minus, with_unit
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words
 from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.few_effects_table import few_data
-from studies.reports.discovery.records import shape_records
+from studies.reports.discovery.records import told_shapes
 from studies.reports.discovery.replay_section import recommendation
 from studies.reports.discovery.view import View
 
@@ -168,7 +168,7 @@ def effect_values(fit: Fit, i: int, unit: str, level: float = 1.0) -> list[str]:
     if place:
         return [*values, place]
     return values + [with_unit(f"{s.name} = {s.value:.3g}", s.unit) for s in
-                     shape_records(addition.effect, addition.shape, unit)]  # fmt: skip
+                     told_shapes(addition.effect, addition.shape, unit)]  # fmt: skip
 
 
 def _errors(view: View) -> ErrorChange:

@@ -14,7 +14,7 @@ from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.parameter_covariance import Z95
 from studies.output.words import with_unit
 from studies.reports.discovery.candidate_outcome import WORDS, indistinguishable, outcome_words
-from studies.reports.discovery.records import amplitude_records, model_name, shape_records
+from studies.reports.discovery.records import amplitude_records, model_name, told_shapes
 from studies.reports.discovery.statement import LISTED, effect_values
 from studies.reports.discovery.view import View
 
@@ -132,5 +132,5 @@ def amplitude_text(candidate: Candidate, unit: str, level: float = 1.0) -> str:
     if score.degrees < len(everything):
         texts.append(WORDS.independent(degrees=score.degrees, n=len(everything)))
     values = score.shape if candidate.addition is None else candidate.addition.shape
-    shapes = shape_records(score.effect, values, unit)
+    shapes = told_shapes(score.effect, values, unit)
     return "; ".join(texts + [with_unit(f"{s.name} = {s.value:.3g}", s.unit) for s in shapes])
