@@ -63,10 +63,11 @@ def _columns(stress: Any) -> Any:
 
 
 def blocks(data: Data, virtual: sp.csr_array, most: float = BYTES, of_one_size: int = OF_ONE_SIZE) -> tuple[Block, ...]:
-    """All triangles of virtual fields (v, 2 m), in as few blocks as `most` bytes a tensor allow, whose sizes are multiples of `of_one_size`."""
+    """All triangles of virtual fields (v, 2 m), in as few blocks as `most` bytes a tensor allow, whose sizes are multiples of `of_one_size`, of fewer triangles a power of two."""
     m = virtual.shape[1] // 2
     count = max(1, int(np.ceil(m * len(data.u) * 32 / most)))
-    size = of_one_size * int(np.ceil(m / count / of_one_size))
+    multiple = min(of_one_size, 2 ** int(np.ceil(np.log2(m))))
+    size = multiple * int(np.ceil(m / count / multiple))
     columns = sp.csc_array(virtual)
     return tuple(_block(data, columns, np.arange(first, first + size)) for first in range(0, m, size))
 

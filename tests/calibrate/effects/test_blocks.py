@@ -50,6 +50,14 @@ def test_blocks_are_of_few_sizes_and_no_triangle_is_twice_in_the_whole():
     np.testing.assert_array_equal(every.places, np.arange(m))
 
 
+@pytest.mark.parametrize("m", [1, 2, 3, 10, 200])
+def test_a_homogeneous_test_of_few_triangles_is_not_filled_up_to_hundreds(m):
+    """Two triangles in a block of 256 made a weight of a long history a hundred times dearer."""
+    chain = made_up_chain()
+    (block,) = blocks(chain.data, chain.system.virtual_gradients[:, : 2 * m])
+    assert block.used == m <= len(block.places) < 2 * m
+
+
 @pytest.mark.parametrize("names", CASES.values(), ids=CASES)
 def test_residual_stress_and_derivatives(both, names):
     whole, parts = both
