@@ -47,8 +47,7 @@ def findings(found: Transferred) -> list[Finding]:
         lines.append((TransferCode.WORSE, {
             "name": name, "model": best.held_out.to_dict(), "neo_hooke": reference.held_out.to_dict(),
         }))  # fmt: skip
-    without, with_it = found.map.unseen
-    share = {"name": name, "share": 1 - with_it / without if without > 0 else 0.0}
+    share = {"name": name, "share": found.map.gain}
     if found.map.is_real:
         low, high = np.quantile(found.map.values, [0.05, 0.95])
         after = found.row(MAP).held_out.to_dict()
@@ -77,8 +76,8 @@ def record(found: Transferred) -> dict[str, Any]:
         "fitted_increments": np.flatnonzero(found.fitted).tolist(), "virtual_fields_mm": found.spacing,
         "models": [row.to_dict() for row in found.rows], "left_out": list(found.left_out),
         "map": {
-            "is_real": found.map.is_real, "weight": found.map.weight, "unseen_without": found.map.without.tolist(),
-            "unseen_with_it": found.map.with_it.tolist(),
+            "is_real": found.map.is_real, "weight": found.map.weight, "unseen_without": found.map.without,
+            "unseen_with_it": found.map.with_it,
         },
     }  # fmt: skip
 
