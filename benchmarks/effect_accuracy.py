@@ -84,14 +84,17 @@ def observed(case: Case, size: float, specimen: str, seed: int = SEED) -> Any:
 
 
 def fitted(experiment: Any, name: str) -> tuple[Any, Any]:
-    """Base alone, and base and effect fitted together from the best shape of the effect's grid."""
+    """With the twin of a diagnosis: base alone, and base and effect fitted together from the best shape of the effect's grid."""
     from calibrate.diagnosis import base_fit, score_tests, weighted_fit
     from calibrate.diagnosis.hold_out import HoldOut
+    from calibrate.diagnosis.twin import with_twins
     from calibrate.effects import CATALOGUE
     from calibrate.effects.chain import Addition
+    from studies.replay.twin_replay import twin_replay
 
     effect = next(e for e in CATALOGUE if e.name == name)
-    problem, base = base_fit.prepare([experiment], [HoldOut().training])
+    problem, base, without = with_twins(*base_fit.prepare([experiment], [HoldOut().training]), twin_replay)
+    assert not without, without
     U = base.columns
     r = base.residual - U @ (U.T @ base.residual)
     one, _ = score_tests.examine(problem, base, effect, U, r)

@@ -1,6 +1,6 @@
 """Effects against independent forward models: amplitudes fitted to clean data are those that were hidden.
 
-The stated noise is a tenth of a blind trial's and none is added; base energy and amplitude are fitted together.
+The stated noise is a tenth of a blind trial's and none is added; base energy and amplitude are fitted together, with the twin of a diagnosis.
 """
 
 import sys
@@ -21,8 +21,8 @@ TOLERANCE = {
     "lens distortion": 0.01,
     "out-of-plane motion": 0.03,
     "magnification drift": 0.03,
-    "subset smoothing": 0.15,  # recovered second derivatives are 5 to 10 % too small on such a mesh
-    "unmeasured strip": 0.06,
+    "subset smoothing": 0.03,
+    "unmeasured strip": 0.03,
 }
 
 
