@@ -1,6 +1,6 @@
 """Result files that follow from others: rates of the blind trials, the catalogue of effects, the alerts (`make numbers`).
 
-In: the judged trials of `SETS` and `FOREIGN_SETS`, the classes of `calibrate.effects`, `studies/output/alerts.toml`. Out: `trials.json`, `foreign_trials.json`, `trial_sets.json`, `catalogue.json` and
+In: the judged trials of `SETS` and `FOREIGN_SETS`, the classes of `calibrate.effects`, `studies/output/alerts.toml`. Out: `trials.json`, `foreign_trials.json`, `trial_sets.json`, `probabilities.json`, `catalogue.json` and
 `alerts.json` in `docs/results`.
 
 The definitions of the rates are those of `studies.trials.trial_summary`. A strong effect is one with a score above 10. Of these are told apart:
@@ -18,6 +18,7 @@ from typing import Any
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.effects import CATALOGUE, Effect
 from studies.output.alerts import Alert, registry
+from studies.output.words import percent
 from studies.trials.foreign import FOREIGN as FOREIGN_FORMS
 from studies.trials.foreign import NEARLY
 from studies.trials.judgement import JudgedTrial, read
@@ -168,6 +169,13 @@ FOREIGN_SETS = (
         "revision 0d85193, in the order of the plan; stopped for time, looked at when 23 and 36 were there and at the end",
         frozenset(NEARLY),
     ),
+    TrialSet(
+        "foreign_92000.json",
+        FOREIGN.format(92000),
+        "run on from an explanation three times as probable, two fibre families of one chart",
+        "revision 6e62e547, in the order of the plan; stopped for time, looked at once",
+        frozenset(NEARLY),
+    ),
 )
 
 
@@ -293,6 +301,22 @@ def trial_sets() -> dict[str, Any]:
     }
 
 
+def probabilities() -> dict[str, Any]:
+    """`probabilities.json`: how often what has a probability is there, of the last set whose trials have them."""
+    today = next(one for one in reversed(FOREIGN_SETS) if any(trial.probabilities for trial in one.judged))
+    found = summary(today.judged)
+    rows = [
+        [f"{one.low:.0%} to {one.high:.0%}", str(one.effects), percent(one.mean), str(one.there), percent(one.there / one.effects)]
+        for one in found.reliability
+    ]  # fmt: skip
+    head = ["probability of an effect", "effects, over all trials", "mean probability", "of these hidden", "share"]
+    return {
+        "command": f"python docs/derive_numbers.py, from docs/{today.file} of {today.command}",
+        "numbers": {**asdict(found.replaced), "told": sum(trial.probabilities is not None for trial in today.judged)},
+        "tables": {"reliability": [head, *rows]},
+    }
+
+
 def catalogue() -> dict[str, Any]:
     """`catalogue.json`: a row for each effect that is tested."""
     rows = [["effect", "stage", "formula", "amplitudes and shapes (unit)", "decided by", "source"]]
@@ -349,6 +373,7 @@ def main() -> dict[str, dict[str, Any]]:
         "trials": trials(SETS[0]),
         "foreign_trials": foreign_trials(),
         "trial_sets": trial_sets(),
+        "probabilities": probabilities(),
         "catalogue": catalogue(),
         "alerts": alerts(),
     }
