@@ -80,8 +80,8 @@ class TwinKinematics:
     bend: Bend | None = None
 
     def doubted(self) -> TwinKinematics:
-        """The same, wrong by a standard deviation, but for the bend: with a share of it the deviations of thicknesses would be up to four times as large, and without it they
-        are right (pulls of seven tests: 1.1, root mean square)."""
+        """The same, wrong by a standard deviation, but for the bend, of which the formula itself is in doubt (`finite_thickness.NEXT_ORDER`): with a share of what triangles
+        miss of it the deviations of thicknesses would be up to four times as large."""
         return replace(self, subsets=self.subsets.doubted(), missed=(1 + self.doubt) * self.missed)
 
     def of_mean_gradients(self) -> TwinKinematics:
