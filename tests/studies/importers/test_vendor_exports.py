@@ -128,6 +128,7 @@ def test_a_real_export_with_a_record_goes_through_and_its_map_again(tmp_path):
     assert min(spans) > 0.9  # rows are not parallel to the axes, and all of the section is loaded
 
 
+@needs_exports
 def test_the_crosshead_of_a_record_is_recognised(tmp_path):
     """By its name; of two such columns none is taken."""
     for header, crosshead in (
