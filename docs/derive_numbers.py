@@ -183,7 +183,7 @@ def numbers(trials: list[JudgedTrial]) -> dict[str, Any]:
     """What the pages state."""
     found = summary(trials)
     plain, endings, removed = found.to_dict(), found.endings, found.removed
-    for name in ("effects", "endings", "removed"):
+    for name in ("effects", "endings", "removed", "reliability", "replaced"):
         del plain[name]
     return {
         **plain,
@@ -306,7 +306,7 @@ def probabilities() -> dict[str, Any]:
     today = next(one for one in reversed(FOREIGN_SETS) if any(trial.probabilities for trial in one.judged))
     found = summary(today.judged)
     rows = [
-        [f"{one.low:.0%} to {one.high:.0%}", str(one.effects), percent(one.mean), str(one.there), percent(one.there / one.effects)]
+        [f"{100 * one.low:.0f} to {100 * one.high:.0f} %", str(one.effects), percent(one.mean), str(one.there), percent(one.there / one.effects)]
         for one in found.reliability
     ]  # fmt: skip
     head = ["probability of an effect", "effects, over all trials", "mean probability", "of these hidden", "share"]

@@ -43,6 +43,11 @@ class _Test:
     assembled: Assembled
     mask: Mask
 
+    @property
+    def held(self) -> Mask:
+        """Rows that are held out."""
+        return all_rows(self.system) & ~self.mask
+
 
 def prepare(
     experiments: Sequence[Experiment],
@@ -85,10 +90,7 @@ def prepare(
 
     c, heavy = _base(used, basis, start, cone, prior)
     parts = [
-        weighted_part(
-            Unweighted(t.chain, t.assembled), basis, heavy, t.mask, all_rows(t.system) & ~t.mask, with_discrepancy
-        )
-        for t in tests
+        weighted_part(Unweighted(t.chain, t.assembled), basis, heavy, t.mask, t.held, with_discrepancy) for t in tests
     ]
     noise_is_known = all(test.assembled.noise_is_known for test in tests)
     problem = Problem(
