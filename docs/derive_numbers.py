@@ -310,9 +310,10 @@ def probabilities() -> dict[str, Any]:
         for one in found.reliability
     ]  # fmt: skip
     head = ["probability of an effect", "effects, over all trials", "mean probability", "of these hidden", "share"]
+    certain, told = found.reliability[-1], sum(trial.probabilities is not None for trial in today.judged)
     return {
         "command": f"python docs/derive_numbers.py, from docs/{today.file} of {today.command}",
-        "numbers": {**asdict(found.replaced), "told": sum(trial.probabilities is not None for trial in today.judged)},
+        "numbers": {**asdict(found.replaced), "told": told, "certain": certain.effects, "certain_there": certain.there},
         "tables": {"reliability": [head, *rows]},
     }
 

@@ -125,12 +125,24 @@ def boundary_edges(cells: Indices, cell_type: str) -> tuple[Indices, Indices]:
     n = element.corners
     columns = [(i, (i + 1) % n, *([n + i] if element.edges_have_middles else [])) for i in range(n)]
     edges = np.concatenate([cells[:, c] for c in columns])
-    _, first, count = np.unique(edge_keys(edges), return_index=True, return_counts=True)
+    _, first, count = np.unique(_edge_keys(edges), return_index=True, return_counts=True)
     single = first[count == 1]
     return edges[single], single % len(cells)
 
 
-def edge_keys(edges: Indices) -> Indices:
+def half_edges(triangles: Indices) -> Indices:
+    """(3 m, 2): edge a m + e runs from corner a to the next corner of triangle e, so that the triangle is on its left."""
+    return np.concatenate([triangles[:, [a, (a + 1) % 3]] for a in range(3)])
+
+
+def unique_edges(triangles: Indices) -> tuple[Indices, Indices]:
+    """Every edge once, (e, 2) with the smaller node first, and the number (3, m) of the edge behind each corner."""
+    every = half_edges(triangles)
+    _, first, number = np.unique(_edge_keys(every), return_index=True, return_inverse=True)
+    return np.sort(every[first], axis=1), number.reshape(3, len(triangles))
+
+
+def _edge_keys(edges: Indices) -> Indices:
     """A number (e,) for each edge (e, 2 or more), the same for both directions; in the order of the smaller, then of the larger node."""
     ends = np.sort(edges[:, :2], axis=1).astype(np.int64)
     return np.asarray(ends[:, 0] * (ends.max(initial=0) + 1) + ends[:, 1])

@@ -1,7 +1,7 @@
 """Classical laws in plane strain fitted to the equations of a calibration with its weights, and the time that takes.
 
-In: a calibration. Out: parameters of `calibrate.fitting.classical_fit.fit_law`. The weights are those of the calibration's last spline;
-what noise adds to the squares is not taken off.
+In: a calibration. Out: parameters of `calibrate.fitting.classical_fit.fit_law`. The weights are those of the calibration's last spline, made anew, as
+a law that is fitted by itself has to make them; what noise adds to the squares is not taken off.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from beside.published_laws import Law
 from numpy.typing import NDArray
 
+from calibrate.equations.reduction import assemble
 from calibrate.equations.weights import Weights
 from calibrate.fitting.calibration import Calibration
 from calibrate.fitting.classical_fit import fit_law
@@ -32,6 +33,12 @@ class ClassicalFit:
     def stress(self, F: Array) -> Array:
         """P (..., 2, 2) at F (..., 2, 2)."""
         return self.law.stress(F, self.parameters)
+
+
+def weights_made_anew(calibration: Calibration) -> Weights:
+    """Of the equations, at the last spline."""
+    assert calibration.spline is not None
+    return assemble(calibration.system, calibration.basis).weights(calibration.spline)
 
 
 def fit(law: Law, calibration: Calibration, weighting: Weights) -> ClassicalFit:

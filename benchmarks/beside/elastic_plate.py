@@ -103,7 +103,7 @@ def identify(experiment: Experiment) -> list[dict[str, Any]]:
     rows = [{"method": "network", "cpu_seconds": seconds, **constants(mu, kappa)}]
     law = replace(CLASSICAL[0], start=(mu, kappa))
     start = time.process_time()
-    fit = classical_fit.fit(law, found, found.weights)
+    fit = classical_fit.fit(law, found, classical_fit.weights_made_anew(found))
     seconds = time.process_time() - start
     return [*rows, {"method": "two constants", "cpu_seconds": seconds, **constants(*fit.parameters)}]
 

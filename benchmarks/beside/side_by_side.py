@@ -18,7 +18,6 @@ from beside.published_laws import CLASSICAL, FIBROUS, TRUTHS
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
-from calibrate.equations.reduction import assemble
 from calibrate.fitting.calibration import Calibration, Options, calibrate
 from studies.commands.import_data import import_experiment
 
@@ -119,8 +118,7 @@ def classical(experiment: Experiment, judge: Judge, laws: tuple[Any, ...]) -> li
     """Classical laws with the weights of the network of both invariants; their time includes one assembly."""
     found: Calibration = calibrate(experiment, Options(inputs="I1I2", starts=1))
     start = time.process_time()
-    assert found.spline is not None
-    weighting = assemble(found.system, found.basis).weights(found.spline)
+    weighting = classical_fit.weights_made_anew(found)
     assembly = time.process_time() - start
     rows = []
     for law in laws:

@@ -26,7 +26,8 @@ FAR, GOAL = 4.0, 1.3  # of a pull; of an rms
 def take(folder: Path) -> dict[str, Any]:
     """Numbers and table."""
     found = json.loads((folder / "pulls.json").read_text())
-    settings = json.loads((folder / "pulls.manifest.json").read_text())["settings"]
+    manifest = json.loads((folder / "pulls.manifest.json").read_text())
+    settings = manifest["settings"]
     lines = [dict(zip(found["columns"], row, strict=True)) for row in found["rows"]]
     with (folder / "trials.csv").open() as file:
         far = [(r["effect"], r["seed"]) for r in csv.DictReader(file) if abs(float(r["pull"])) > FAR]
@@ -45,7 +46,7 @@ def take(folder: Path) -> dict[str, Any]:
     }
     return {
         "command": "python -m benchmarks.noise.pulls --first {first} --trials {each}".format(**numbers),
-        "how": "run once, revision 4f3be0c6, stopped for time; beyond 4: seeds of trials with a pull of more than 4",
+        "how": f"run once, revision {manifest['revision']}; beyond 4: seeds of trials with a pull of more than 4",
         "numbers": numbers,
         "tables": {"pulls": [COLUMNS, *table]},
     }

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from meshes.errors import MeshDataError
-from meshes.mesh import Mesh, boundary_edges
+from meshes.mesh import Mesh, boundary_edges, unique_edges
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -81,13 +81,12 @@ def _boundaries(cells: Indices, carried: sp.csr_array, named: Mapping[str, Indic
 
 def _middles(triangles: Indices, n: int) -> tuple[Indices, sp.csr_array]:
     """Nodes (m, 3) in the middles of the edges 01, 12, 20, numbered from n on; and the interpolation from n points to all nodes."""
-    pairs = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    edges, which = np.unique(pairs, axis=0, return_inverse=True)
+    edges, which = unique_edges(triangles)
     rows = np.concatenate([np.arange(n), n + np.repeat(np.arange(len(edges)), 2)])
     weights = np.concatenate([np.ones(n), np.full(2 * len(edges), 0.5)])
     columns = np.concatenate([np.arange(n), edges.ravel()])
     carried = sp.csr_array((weights, (rows, columns)), shape=(n + len(edges), n))
-    return (n + which.reshape(3, -1)).astype(np.int64).T, carried
+    return (n + which).astype(np.int64).T, carried
 
 
 def _refined(triangles: Indices, n: int, nodes: Indices) -> tuple[Indices, sp.csr_array]:

@@ -25,6 +25,7 @@ from studies.trials.blind_effects import ALSO
 from studies.trials.foreign import FOREIGN, INCLUSION
 
 Array = NDArray[np.float64]
+DIGITS = 4  # of a probability that is kept
 ALIKE = 0.9  # signatures above this correlation are look-alikes
 
 
@@ -140,7 +141,7 @@ def _probabilities(found: Mapping[str, float] | None, hidden: Sequence[str]) -> 
     for name, p in found.items():
         (known,) = _as_hidden([name], hidden)
         result[known] = min(1.0, result.get(known, 0.0) + p)
-    return result
+    return {name: round(p, DIGITS) for name, p in result.items() if round(p, DIGITS) > 0}
 
 
 def _is_foreign(hidden: Mapping[str, Any], label: Mapping[str, Any]) -> bool:

@@ -80,10 +80,10 @@ def test_an_even_sheet_has_no_map():
 
 
 @pytest.mark.slow
-def test_an_even_sheet_has_a_map_in_less_than_one_of_a_hundred():
-    """docs/transfer.md states none of 200."""
-    found = [transfer(noisy(uniaxial(), seed=seed), material(), AFTER, 8.0).map.is_real for seed in range(200)]
-    assert sum(found) <= 1
+def test_none_of_many_even_sheets_has_a_map():
+    """As docs/transfer.md states; the largest gain is half of what counts."""
+    gains = [transfer(noisy(uniaxial(), seed=seed), material(), AFTER, 8.0).map.gain for seed in range(200)]
+    assert max(gains) < 0.03
 
 
 def test_effects_of_another_test_are_left_out():
