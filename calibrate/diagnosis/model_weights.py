@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis import base_functions
 from calibrate.diagnosis import problem as equations
-from calibrate.diagnosis.problem import Part, Problem, Unweighted, loads, residual
+from calibrate.diagnosis.problem import Part, Problem, Unweighted, residual
 from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Additions, Chain
 from calibrate.effects.chain.true_surface import is_expressed
@@ -122,17 +122,17 @@ def noise_of(test: Unweighted, c: Array, additions: Additions) -> EquationNoise:
         return assembled.noise_at(c, test.denoised)
     if test.denoised is not None and not any(a.effect.remembers for a in additions):
         chain = chain.disturbed(test.denoised - np.asarray(chain.data.u))
-    c = c / _stiffening(chain, c, tuple(a for a in additions if a.effect.in_material))
+    c = c * _work([chain], c, ()) / _work([chain], c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
     each = chain.spread_of_noise(c, additions, assembled.fewest_sources, increments)
     return EquationNoise.of(chain.system, assembled.noise, stacked(each, len(increments)), shares)
 
 
-def _stiffening(chain: Chain, c: Array, additions: Additions) -> float:
-    """Factor by which effects raise the work of the measured loads."""
-    load = chain.external()
-    works = [float((load * (chain.residual(c, some) + load)).sum()) for some in ((), additions)]
-    return works[1] / works[0]
+def _work(chains: Sequence[Chain], c: Array, additions: Additions) -> float:
+    """Of the measured loads on what the material has inside, N^2, by which its stiffness is measured."""
+    loads = [chain.external() for chain in chains]
+    inside = (chain.residual(c, additions) + load for chain, load in zip(chains, loads, strict=True))
+    return sum(float((load * one).sum()) for load, one in zip(loads, inside, strict=True))
 
 
 def amplifying(problem: Problem, additions: Additions) -> Additions:
@@ -168,13 +168,12 @@ def as_stiff(problem: Problem, c: Array, additions: Additions) -> Problem:
 def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions) -> Problem:
     """With weights of a fit, as the effects amplify the noise that are known. Effects of the measurement make no material stiffer."""
     measured = tuple(a for a in additions if is_expressed(a.effect))
-    fitted, load = c, loads(problem, additions)
-    whole = residual(problem, c, additions) + load
-    base = residual(problem, c, measured) + load
-    c = c * float(load @ whole) / float(load @ base)
+    chains = [part.chain for part in problem.trained]
+    whole, fitted, r = _work(chains, c, additions), c, residual(problem, c, additions)
+    c = c * whole / _work(chains, c, measured)
     neo_hooke = base_functions.first_guess([(part.assembled, part.train.rows) for part in problem.trained])
-    neo_hooke *= float(load @ whole) / float(load @ (residual(problem, neo_hooke, measured) + load))
-    c = coefficients_of_weights(problem.basis, c, neo_hooke, equations.dispersion(problem, whole - load))
+    neo_hooke *= whole / _work(chains, neo_hooke, measured)
+    c = coefficients_of_weights(problem.basis, c, neo_hooke, equations.dispersion(problem, r))
     heavier = _of_coefficients(problem, c, known)
     return replace(heavier, dispersion=rough_dispersion(heavier, residual(heavier, fitted, additions)))
 

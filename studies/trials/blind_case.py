@@ -20,6 +20,7 @@ from calibrate.diagnosis.replayed.checked_replay import replay_record
 from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
 from calibrate.diagnosis.selection import Discovery
 from calibrate.diagnosis.selection.rounds import Round
+from calibrate.diagnosis.twin import with_own_twins, with_twins
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.chain import Addition
 from studies.output.writing import write_json
@@ -69,7 +70,7 @@ def run(plan: Plan, folder: str | Path) -> str:
 
 
 def beside(home: Path) -> dict[str, float]:
-    """Score of every hidden effect in a model that has the other hidden ones, fitted from their true values.
+    """Score of every hidden effect in a model that has the other hidden ones, fitted from their true values, with a twin as every diagnosis has.
 
     Tested against the base alone, an effect may get its score from another that it resembles.
     """
@@ -85,11 +86,12 @@ def beside(home: Path) -> dict[str, float]:
         }  # a shape that the amplitude itself tells is not drawn, and matters not
         hidden.append(Addition(effect, amplitudes, tuple(known_shapes.get(p.name, 0.0) for p in effect.shapes)))
     problem, base = base_fit.prepare([Experiment.load(home / "experiment.npz")], [HoldOut().training])
+    problem, base, _ = with_twins(problem, base, twin_replay)
     result = {}
     for one in hidden:
         others = tuple(other for other in hidden if other is not one)
         _, fit = weighted_fit.fit_with_weights(problem, base.c, others)
-        weighted, fit = weighted_fit.refitted(problem, fit)
+        weighted, fit = with_own_twins(*weighted_fit.refitted(problem, fit))
         result[one.effect.name] = score_tests.score(weighted, fit, (one.effect,))[0].score
     return result
 

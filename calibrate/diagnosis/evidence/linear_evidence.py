@@ -8,7 +8,7 @@ Out: log evidence of subsets. With amplitudes a ~ N(0, 1) and everything project
 up to what all subsets share (MacKay 1992; Bishop 2006, 3.5). An amplitude with a bound at its null value has a half-normal prior: its
 factor is twice the posterior probability of the admissible side. Smooth disturbances D of no particular kind are two things:
 
-- the formula of an effect is itself wrong by some share eps of what it explains: D with variance eps^2 |S a|^2 over its number of columns;
+- the formula of an effect is itself wrong by some share eps of what it explains: D with variance sum eps_i^2 |S_i a_i|^2 over its number of columns;
 - 'none of these': D with a variance of its own, averaged over a logarithmic grid (a Gaussian process over place and load).
 """
 
@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR
+
 Array = NDArray[np.float64]
-FORMULA_ERROR = 0.02  # relative, of what an effect explains
 MOST = 3  # effects in a subset
 BEAM = 40  # subsets of one size that are extended
 GRID = 12  # variances of a discrepancy that are tried
@@ -47,7 +48,7 @@ class Signature:
     """Signature (N, p) of an effect with one shape, outside what the base adjusts, for amplitudes of one prior standard deviation.
 
     prior: share of the prior probability of the effect that this shape has. one_sided (p,): amplitudes that cannot be below null. beside: the effect without
-    which it is none.
+    which it is none. error: of its formula, relative.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Signature:
     prior: float
     one_sided: NDArray[np.bool_] = field(repr=False)
     beside: str = ""
+    error: float = FORMULA_ERROR
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,13 @@ class Evidence:
         """S^T S, and S^T D D^T S."""
         cross = self._S.T @ self.D
         return self._S.T @ self._S, cross @ cross.T
+
+    @cached_property
+    def _doubted(self) -> Array:
+        """S^T S of each effect by itself, times the square of the error of its formula."""
+        owner = np.concatenate([np.full(len(own), i) for i, own in enumerate(self._slices)] or [np.zeros(0, int)])
+        error = np.array([s.error for s in self.signatures])[owner] if len(owner) else np.zeros(0)
+        return np.where(owner[:, None] == owner, self._gram[0] * error**2, 0.0)
 
     @cached_property
     def _b(self) -> tuple[Array, Array, float]:
@@ -147,8 +156,8 @@ class Evidence:
     def _with_formula_error(self, index: NDArray[np.int64]) -> tuple[Array, Array, Array, Array]:
         """Log evidence (n,), amplitudes (n, k) and their covariance (n, k, k) of columns (n, k) each; and -1/2 ln |M| (n,) without the error of the formulas."""
         _, a, _, volumes = self._solve(index, np.zeros(len(index)))
-        strength = np.einsum("nk,nkl,nl->n", a, _blocks(self._gram[0], index), a)
-        values, a, covariance, _ = self._solve(index, FORMULA_ERROR**2 * strength / max(self.D.shape[1], 1))
+        squares = np.einsum("nk,nkl,nl->n", a, _blocks(self._doubted, index), a)
+        values, a, covariance, _ = self._solve(index, squares / max(self.D.shape[1], 1))
         return values, a, covariance, volumes
 
     def discrepancy(self) -> float:

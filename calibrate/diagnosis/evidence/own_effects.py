@@ -30,8 +30,9 @@ from calibrate.diagnosis import model_weights
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.evidence.explanations import CERTAIN
+from calibrate.diagnosis.evidence.formula_error import formula_error
 from calibrate.diagnosis.evidence.levels import Level, StiffnessLevel, have_unknown_levels
-from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, Evidence, Signature, Subset
+from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature, Subset
 from calibrate.diagnosis.evidence.priors import FAR, Priors
 from calibrate.diagnosis.evidence.signatures import EXPECTED, disturbances, prior_deviations
 from calibrate.diagnosis.problem import OwnSignature, Problem
@@ -82,7 +83,7 @@ def _signature(
 class OwnEffect:
     """An effect of each test beside a joint model. tests (n): those that may have it. own, common: probability that each test has its own, and that all have
     the same; `common` is 0 where its shapes are other ones in other tests. prior (p,): standard deviations of its amplitudes, in their units. values, deviations
-    (n, p): amplitudes, the sum over shapes, alike where it is common, else each its own; deviations of noise and of the formula, which may be wrong by 2 %.
+    (n, p): amplitudes, the sum over shapes, alike where it is common, else each its own; deviations of noise and of the formula, see `formula_error`.
     limit: deviations from none beyond which an amplitude is seen."""
 
     effect: Effect
@@ -213,7 +214,9 @@ class OwnSignatures(NamedTuple):
         if len(own) > 1 and len({S.shape for _, S in own}) == 1:
             ways.append(np.sum([S for _, S in own], axis=0))
         bounded = [p.lower == p.null for p in own[0][0].effect.amplitudes]
-        return [Signature(name, (), S, 1 / len(ways), np.tile(bounded, S.shape[1] // len(bounded))) for S in ways]
+        error = formula_error(own[0][0].effect)
+        sided = (np.tile(bounded, S.shape[1] // len(bounded)) for S in ways)
+        return [Signature(name, (), S, 1 / len(ways), one, "", error) for S, one in zip(ways, sided, strict=True)]
 
     def _told(
         self, name: str, evidence: Evidence, subsets: Sequence[Subset], chances: Array, limit: float
@@ -226,6 +229,8 @@ class OwnSignatures(NamedTuple):
         members = next(one.members for one in sorted(subsets, key=lambda one: -one.log_evidence) if way in one.members)
         mean, covariance = evidence.posterior(members)
         start = sum(evidence.signatures[i].columns.shape[1] for i in members[: members.index(way)])
+        first = next(one for _, one, _ in self.cells if one.effect.name == name)
+        wrong = formula_error(first.effect)
         tests, values, deviations = [], [], []
         for test, one, S in self.cells:
             if one.effect.name == name:
@@ -235,9 +240,8 @@ class OwnSignatures(NamedTuple):
                 a, variance = sums @ mean[place], np.diag(sums @ covariance[place, place] @ sums.T)
                 tests.append(test)
                 values.append(tuple(map(float, a)))
-                deviations.append(tuple(map(float, np.sqrt(variance + (FORMULA_ERROR * a) ** 2))))
+                deviations.append(tuple(map(float, np.sqrt(variance + (wrong * a) ** 2))))
                 start += 0 if alike else S.shape[1]
-        first = next(one for _, one, _ in self.cells if one.effect.name == name)
         chance = float(own), float(common[0]) if common else 0.0
         prior = tuple(map(float, first.deviation))
         return OwnEffect(first.effect, tuple(tests), *chance, prior, tuple(values), tuple(deviations), limit)

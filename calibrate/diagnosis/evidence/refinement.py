@@ -1,29 +1,31 @@
 """The best subsets fitted without linearisation, and their probabilities.
 
 In: the base, subsets ranked by `linear_evidence`. Out: `Alternatives`. Each subset is fitted with the weights that belong to it, and its
-evidence is Laplace's approximation there (MacKay 1992):
-
-    ln Z = -1/2 chi^2 - 1/2 |a / L|^2 - 1/2 ln |1 + L S^T S L| + ln prior odds
-
-with chi^2 of what the base cannot absorb, allowing for the error of the formulas. All have weights and columns of one model, that which leaves
+evidence is Laplace's approximation there, see `formula_error`. All have weights and columns of one model, that which leaves
 least, and are refitted: with its own, a model would judge itself. But noise of the displacements makes errors of the equations in proportion to the stiffness: each
-model has the stiffness of its own base in them, or a softer one would win.
+model has the stiffness of its own base in them, or a softer one would win. The determinant of the covariance does not enter: what was measured are displacements, and the
+equations are functions of them that follow the model.
+
+A fit of several effects is evidence for its parts, too: what a part lacks may be an error of its formulas that looks like it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from calibrate import errors
 from calibrate.diagnosis import effect_fit, model_weights, weighted_fit
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
-from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR, Evidence, Subset, over_variances
+from calibrate.diagnosis.evidence.formula_error import FittedEffect, SecondOrder, formula_error
+from calibrate.diagnosis.evidence.linear_evidence import Evidence, Subset, over_variances
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
 from calibrate.diagnosis.problem import Problem
@@ -39,29 +41,30 @@ START, SHARES = (
     4,
 )  # share of the linear estimate that a fit starts from where the whole has a larger misfit, taken so often
 STAGE = "explanation"
+NEAR = 7.0  # log evidence behind the best, within which a part of a set is fitted
 WORSE = 2.0  # times the misfit of the base: the fit ran away
 
 
 @dataclass(frozen=True, eq=False)
 class _Refit:
-    """A subset fitted. chi_square: of what the base cannot absorb; smooth (k,): the squares along smooth disturbances in it; strength:
-    |S a|^2 of its effects; occam: logarithm of prior and volume."""
+    """A subset fitted, and that fit to second order."""
 
     fit: Fit
-    chi_square: float
-    smooth: Array
-    strength: float
-    occam: float = 0.0
-
-    def log_evidence(self, noise: float, variance: float | None = None) -> float:
-        """noise: variance of all residuals. variance: of smooth disturbances (None: of the error of the formulas)."""
-        v = FORMULA_ERROR**2 * self.strength / noise / len(self.smooth) if variance is None else variance
-        chi_square = self.chi_square / noise - v / (1 + v) * float(self.smooth.sum()) / noise
-        return -0.5 * (chi_square + len(self.smooth) * np.log1p(v)) + self.occam
+    weighed: SecondOrder
 
     def with_discrepancy(self, noise: float) -> float:
-        """The variance of smooth disturbances averaged over a logarithmic grid."""
-        return over_variances(lambda v: self.log_evidence(noise, v), float(self.smooth.sum()))
+        """Log evidence, the variance of smooth disturbances averaged over a logarithmic grid."""
+        smooth = self.weighed.smooth
+        return over_variances(lambda v: self.weighed.with_discrepancy(noise, v), float(smooth @ smooth))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fits:
+    """The best fit of every set of effects, but of none, and the equations with the weights of the best of all. tried: sets that fits were started from."""
+
+    weights: Problem
+    found: Mapping[frozenset[str], Fit] = field(default_factory=dict)
+    tried: frozenset[frozenset[str]] = frozenset()
 
 
 def alternatives(
@@ -69,27 +72,68 @@ def alternatives(
     say: Resumable = SILENT,
 ) -> Alternatives:  # fmt: skip
     """Fits of the subsets and of none, each with and without a discrepancy, and their probabilities. Fits that run away are left out, effects
-    that a fit leaves at none as well: it is that of the smaller subset."""
+    that a fit leaves at none as well: it is that of the smaller subset. Parts of these sets are fitted, too, where what they lack may be an error of their formulas."""
     known = {effect.name: effect for effect in effects}
     shares = {s.name: s.prior for s in linear.signatures}
     chosen = [_additions(problem, linear, one, known, priors) for one in subsets if one.members]
-    weights, own = _best_of_each(problem, base, chosen, known, say)
-    best = min(own, key=lambda fit: fit.free_loss, default=base)
+    fits: _Fits = say.load(STAGE) or _Fits(problem)
+    while True:
+        fits = _best_of_each(fits, problem, base, chosen, known, say)
+        refits = _refitted(fits, base, shares, linear.log_odds, priors)
+        noise = max(1.0, min(one.fit.reduced_chi_square for one in refits))
+        evidence = _with_errors_of_formulas([one.weighed for one in refits], noise)
+        chosen = _competing_parts(refits, evidence, fits.tried | set(fits.found))
+        if not chosen:
+            break
     say.discard(STAGE)
-    refits = []
-    for fit in (base, *own):
-        its = model_weights.as_stiff(weights, fit.c, fit.additions)
-        again = effect_fit.refit(its, fit.c, fit.additions)
-        refits.append(_measured(its, best.chains, again, shares, linear.log_odds, priors))
-    noise = max(1.0, min(one.fit.reduced_chi_square for one in refits))
     found = []
     for refit in refits:
         additions, deviations, names = refit.fit.additions, refit.fit.errors, tuple(sorted(refit.fit.names))
         c = refit.fit.c
-        found.append(Explanation(names, refit.log_evidence(noise), False, 0.0, additions, deviations, c))
+        found.append(Explanation(names, evidence[frozenset(names)], False, 0.0, additions, deviations, c))
         more = refit.with_discrepancy(noise) + linear.log_odds
         found.append(Explanation(names, more, True, 0.0, additions, deviations, c))
     return Alternatives.of(found)
+
+
+def _with_errors_of_formulas(fits: Sequence[SecondOrder], noise: float) -> dict[frozenset[str], float]:
+    """Log evidence of every set of effects that was fitted, or is a part of one: with smooth errors of their formulas, or errors that look like what a larger set has beside it, all equally probable."""
+    found: dict[frozenset[str], list[float]] = {}
+    for one in fits:
+        for size in range(min(len(one.names), 1), len(one.names) + 1):
+            for kept in combinations(sorted(one.names), size):
+                found.setdefault(frozenset(kept), []).append(one.log_evidence(noise, kept))
+    return {names: float(special.logsumexp(each) - np.log(len(each))) for names, each in found.items()}
+
+
+def _competing_parts(
+    refits: Sequence[_Refit], evidence: Mapping[frozenset[str], float], known: Collection[frozenset[str]]
+) -> list[Additions]:
+    """Sets that are not `known` and compete with the best, as a larger set has them."""
+    found, best = {}, max(evidence.values())
+    for refit in refits:
+        for names in evidence.keys() - known:
+            if names < refit.weighed.names and evidence[names] > best - NEAR:
+                found[names] = tuple(one for one in refit.fit.additions if one.effect.name in names)
+    return [additions for additions in found.values() if _is_complete(additions)]
+
+
+def _is_complete(additions: Additions) -> bool:
+    """Whether it has the effect that another is more of."""
+    names = {one.effect.name for one in additions}
+    return all(one.effect.beside is None or one.effect.beside.name in names for one in additions)
+
+
+def _refitted(fits: _Fits, base: Fit, shares: Mapping[str, float], log_odds: float, priors: Priors) -> list[_Refit]:
+    """All of them, and none, in the weights of the best, each as stiff as it is itself."""
+    own = list(fits.found.values())
+    best = min(own, key=lambda fit: fit.free_loss, default=base)
+    refits = []
+    for fit in (base, *own):
+        its = model_weights.as_stiff(fits.weights, fit.c, fit.additions)
+        again = effect_fit.refit(its, fit.c, fit.additions)
+        refits.append(_Refit(again, _second_order(its, best.chains, again, shares, log_odds, priors)))
+    return refits
 
 
 def _additions(
@@ -144,48 +188,44 @@ def _simpler(additions: Additions, known: Mapping[str, Effect]) -> Additions:
 
 
 def _best_of_each(
-    problem: Problem, base: Fit, chosen: Sequence[Additions], known: Mapping[str, Effect], say: Resumable
-) -> tuple[Problem, list[Fit]]:
-    """The best fit of every set of effects, but of none, and the equations with the weights of the best of all. Each takes a minute with a large test."""
-    reached: tuple[Problem, dict[frozenset[str], Fit], int] | None = say.load(STAGE)
-    weights, found, done = reached or (problem, {}, 0)
-    for i, additions in enumerate(chosen[done:], done + 1):
-        say(f"{STAGE} {i}: {' and '.join(a.effect.name for a in additions)}")
+    fits: _Fits, problem: Problem, base: Fit, chosen: Sequence[Additions], known: Mapping[str, Effect], say: Resumable
+) -> _Fits:
+    """With fits from those that were not tried yet. Each takes a minute with a large test."""
+    for additions in chosen:
+        start = frozenset(a.effect.name for a in additions)
+        if start in fits.tried:
+            continue
+        say(f"{STAGE} {len(fits.tried) + 1}: {' and '.join(a.effect.name for a in additions)}")
+        weights, found = fits.weights, fits.found
         pair = _fitted(problem, base, additions, known)
         if pair is not None and (names := frozenset(pair[1].names)):
-            least = min((fit.free_loss for fit in found.values()), default=np.inf)
+            if pair[1].free_loss < min((fit.free_loss for fit in found.values()), default=np.inf):
+                weights = pair[0]
             if names not in found or pair[1].free_loss < found[names].free_loss:
                 found = {**found, names: pair[1]}
-            if pair[1].free_loss < least:
-                weights = pair[0]
-        say.save(STAGE, (weights, found, i))
-    return weights, list(found.values())
+        fits = _Fits(weights, found, fits.tried | {start})
+        say.save(STAGE, fits)
+    return fits
 
 
-def _measured(
+def _second_order(
     problem: Problem, chains: Sequence[Chain], fit: Fit, shares: Mapping[str, float], log_odds: float, priors: Priors
-) -> _Refit:
-    """What the evidence of a fit is made of, with columns of the base and signatures at these chains."""
+) -> SecondOrder:
+    """Of a fit, with columns of the base and signatures at these chains."""
     U = base_span(problem, chains)
-    r = fit.residual - U @ (U.T @ fit.residual)
-    smooth = (disturbances(problem, U).T @ r) ** 2
-    chi_square = float(r @ r)
-    if not fit.additions:
-        return _Refit(fit, chi_square, smooth, 0.0)
-    outside = [s - U @ (U.T @ s) for s in (_signature(problem, chains, fit, i) for i in range(len(fit.additions)))]
-    L = [prior_deviations(problem, a.effect, priors) for a in fit.additions]
-    scaled = np.concatenate([s * one for s, one in zip(outside, L, strict=True)], axis=1)
-    change = [np.array(a.amplitudes) - [p.null for p in a.effect.amplitudes] for a in fit.additions]
-    strength = float(np.linalg.norm(sum(s @ a for s, a in zip(outside, change, strict=True))) ** 2)
-    M = np.eye(scaled.shape[1]) + scaled.T @ scaled
-    a = np.concatenate([c / one for c, one in zip(change, L, strict=True)])
-    one_sided = sum(p.lower == p.null for addition in fit.additions for p in addition.effect.amplitudes)
-    prior = sum(log_odds + np.log(shares.get(addition.effect.name, 1.0)) for addition in fit.additions)
-    occam = -0.5 * float(a @ a) - 0.5 * float(np.linalg.slogdet(M)[1]) + one_sided * np.log(2) + prior
-    return _Refit(fit, chi_square, smooth, strength, float(occam))
-
-
-def _signature(problem: Problem, chains: Sequence[Chain], fit: Fit, i: int) -> Array:
-    """Whitened (N, p) of the effect i beside the others."""
-    others = fit.additions[:i] + fit.additions[i + 1 :]
-    return equations.signature(problem, chains, fit.c, (*others, fit.additions[i]))
+    r, D = fit.residual - U @ (U.T @ fit.residual), disturbances(problem, U)
+    effects, shapes = [], [U]
+    S = equations.signatures(problem, chains, fit.c, fit.additions) if fit.additions else U
+    S = S - U @ (U.T @ S)
+    start = 0
+    for one in fit.additions:
+        p = len(one.amplitudes)
+        change = np.array(one.amplitudes) - [parameter.null for parameter in one.effect.amplitudes]
+        one_sided = sum(parameter.lower == parameter.null for parameter in one.effect.amplitudes)
+        log_prior = log_odds + np.log(shares.get(one.effect.name, 1.0)) + one_sided * np.log(2)
+        L = prior_deviations(problem, one.effect, priors)
+        own = S[:, start : start + p]
+        effects.append(FittedEffect(one.effect.name, change, own, L, formula_error(one.effect), float(log_prior)))
+        shapes.append(S[:, start + p : start + p + len(one.shape)])
+        start += p + len(one.shape)
+    return SecondOrder(float(r @ r), D.T @ r, tuple(effects), np.concatenate(shapes, axis=1))

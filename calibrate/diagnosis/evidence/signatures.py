@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis import residual_tests, score_tests
 from calibrate.diagnosis.effect_fit import Fit
+from calibrate.diagnosis.evidence.formula_error import formula_error
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature
 from calibrate.diagnosis.evidence.priors import Priors, Scales, deviations
 from calibrate.diagnosis.problem import Problem
@@ -98,5 +99,9 @@ def _of_effect(
     for shape in shapes:
         S = equations.signature(problem, chains, c, (Addition(effect, null, shape),)) * deviation
         if np.isfinite(S).all():
-            found.append(Signature(effect.name, shape, S - U @ (U.T @ S), 1 / len(shapes), one_sided, beside))
+            found.append(
+                Signature(
+                    effect.name, shape, S - U @ (U.T @ S), 1 / len(shapes), one_sided, beside, formula_error(effect)
+                )
+            )
     return found

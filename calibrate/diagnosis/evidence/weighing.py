@@ -1,8 +1,8 @@
 """All explanations of a test weighed against each other, and what it shows of every effect.
 
 In: a `Discovery`. Out: `Weighing`: alternatives with probabilities and the power of the test. The subsets of effects are ranked by
-`linear_evidence` at the base; those that no smaller one explains as well are fitted without linearisation (`refinement`); a larger one differs
-from the smaller within it as in the linear evidence, but gains nothing: what it gains there may be what the smaller one gains by its fit.
+`linear_evidence` at the base; those that no smaller one explains as well are fitted without linearisation (`refinement`); a larger one costs as much more than
+the smaller within it as in the linear evidence, and gains nothing.
 """
 
 from __future__ import annotations
@@ -104,14 +104,13 @@ def _fitted(
         inside = [parent for parent in level if parent < own and parent in linear_of and parent]
         if own not in level and inside:
             parent = max(inside, key=lambda p: level[p])
-            more.append(_explanation(linear, one, level[parent] + difference(one, linear_of[parent])))
+            more.append(_explanation(linear, one, level[parent] + cost(one, linear_of[parent])))
     return Alternatives.of([*fits.explanations, *more])
 
 
-def difference(larger: Subset, smaller: Subset) -> float:
-    """Of log evidence; where the larger has more of it linearly, what its further effects cost."""
-    linear = larger.log_evidence - smaller.log_evidence
-    return linear if linear < 0 else min(larger.charge - smaller.charge, 0.0)
+def cost(larger: Subset, smaller: Subset) -> float:
+    """Log evidence that further effects cost: what they gain linearly may be what the smaller subset has gained by its fit."""
+    return min(larger.charge - smaller.charge, 0.0)
 
 
 def _minimal(linear: Evidence, ranked: Sequence[Subset]) -> list[Subset]:

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR
+from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR
 from calibrate.diagnosis.replayed.observations import Level, Observations
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.evidence.linear_evidence import FORMULA_ERROR
+from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR
 from calibrate.diagnosis.parameters import Variables
 from calibrate.effects.chain import Additions
 from calibrate.models.diagnosed_law import DiagnosedLaw
