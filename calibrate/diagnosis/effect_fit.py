@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calibrate import errors
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis import residual_tests
-from calibrate.diagnosis.parameters import Variables
+from calibrate.diagnosis.parameters import Variables, not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.signature_noise import denoised, excess, hidden_noise
@@ -36,7 +36,7 @@ class Fit:
 
     c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. unexplained: of the part that
     neither the base (within its prior) nor the amplitudes could change. additions: effects; errors: a standard deviation for each
-    amplitude. columns (N, k): orthonormal, what the fit can adjust. residual (N,): whitened, rows of the prior last. log_determinant: of the
+    amplitude; null_errors: the same without what the formula of the effect itself leaves, which is in proportion to it. columns (N, k): orthonormal, what the fit can adjust. residual (N,): whitened, rows of the prior last. log_determinant: of the
     covariance that the weights come from. last_step: norm of what the last step changed, in standard deviations of an
     equation; above 1 the fit has not converged. stop: why the iteration ended.
     """
@@ -51,6 +51,7 @@ class Fit:
     chains: tuple[Chain, ...] = field(repr=False)
     log_determinant: float
     errors: tuple[tuple[float, ...], ...] = ()
+    null_errors: tuple[tuple[float, ...], ...] = ()
     last_step: float = 0.0
     stop: Stop = Stop.CONVERGED
 
@@ -58,6 +59,12 @@ class Fit:
     def names(self) -> tuple[str, ...]:
         """Of the effects."""
         return tuple(a.effect.name for a in self.additions)
+
+    @property
+    def distinct(self) -> Additions:
+        """Effects that differ from none."""
+        pairs = zip(self.additions, self.null_errors, strict=True)
+        return tuple(a for a, d in pairs if not not_distinct_from_null(a, d))
 
     def remembering(self) -> Fit:
         """The same with chains that keep what they make without effects, for many signatures, see `Chain.remembering`."""
@@ -247,12 +254,11 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
     n_rows = len(r) - len(problem.prior)
     loss = float(r[:n_rows] @ r[:n_rows])
     fit = Fit(c, additions, loss, unexplained, n_rows, U, r, linear.chains, determinant)
-    return replace(fit, errors=_errors(problem, linear, fit)) if additions else fit
+    return _with_errors(problem, linear, fit) if additions else fit
 
 
-def _errors(problem: Problem, linear: _Linearised, fit: Fit) -> tuple[tuple[float, ...], ...]:
-    """A standard deviation of each amplitude: of noise, times the dispersion, and of what the kinematics may miss; shapes are as uncertain as before
-    the test at most (`Variables.shape_deviations`)."""
+def _with_errors(problem: Problem, linear: _Linearised, fit: Fit) -> Fit:
+    """With a standard deviation of each amplitude: of noise, times the dispersion, and of what the kinematics may miss; shapes are as uncertain as before it at most (`Variables.shape_deviations`)."""
     base, scale, sizes = linear.base, linear.scale, linear.variables.sizes
     dispersion = max(1.0, fit.free_loss / max(fit.degrees, 1))
     known = np.diag(np.sqrt(dispersion) * scale / linear.variables.shape_deviations)
@@ -262,13 +268,21 @@ def _errors(problem: Problem, linear: _Linearised, fit: Fit) -> tuple[tuple[floa
     inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
     spread = np.linalg.norm(outside @ inverse, axis=0) * scale * np.sqrt(dispersion)
     free, nothing = np.full(len(scale), np.inf), np.zeros(len(scale))
-    shifts = [
-        bounded(outside, np.concatenate([wrong - base @ (base.T @ wrong), nothing]), -free, free) * scale
-        for wrong in residual_tests.kinematic_errors(problem, linear.chains, fit.c, fit.additions)
-    ]
-    deviations = np.linalg.norm([spread, *shifts], axis=0)
-    parts = np.split(deviations, np.cumsum(sizes)[:-1])
-    return tuple(tuple(map(float, part[: len(a.amplitudes)])) for a, part in zip(fit.additions, parts, strict=True))
+
+    def of(wrong: list[Array]) -> tuple[tuple[float, ...], ...]:
+        outside_base = (np.concatenate([one - base @ (base.T @ one), nothing]) for one in wrong)
+        shifts = [bounded(outside, one, -free, free) * scale for one in outside_base]
+        parts = np.split(np.linalg.norm([spread, *shifts], axis=0), np.cumsum(sizes)[:-1])
+        return tuple(tuple(map(float, d[: len(a.amplitudes)])) for a, d in zip(fit.additions, parts, strict=True))
+
+    given = problem, linear.chains, fit.c
+    kinematic = residual_tests.kinematic_errors(*given, fit.additions)
+    found, null = of(kinematic), []
+    for i, one in enumerate(fit.additions):
+        others = fit.additions[:i] + fit.additions[i + 1 :]
+        beside = kinematic[1:] if not one.effect.truncated else residual_tests.formula_errors(*given, others)
+        null.append(of([kinematic[0], *beside])[i])
+    return replace(fit, errors=found, null_errors=tuple(null))
 
 
 def _noise_of_signatures(problem: Problem, linear: _Linearised, fit: Fit) -> Array:

@@ -71,17 +71,21 @@ def misfits(problem: Problem, residual: Array, columns: Array) -> Misfits:
 
 
 def kinematic_errors(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[Array]:
-    """Whitened changes (N,) of the residual: of the base when the triangles are taken for linear again, or what a twin may be wrong by; of
-    effects when gradients at the nodes, which they continue to an edge or differentiate again, are means of those around, or what the twin knows
-    of them is wrong; and of effects when their formulas are wrong by the next order that is left out.
+    """Whitened changes (N,) of the residual: of the base when the triangles are taken for linear again, or what a twin may be wrong by; and those of `formula_errors`.
 
     Each is a standard deviation of what the recovered kinematics still miss. Its effect on an amplitude is added to that of
     noise, because errors of neighbouring edges are less independent than the weights assume, and those of the effect's own
     gradients are not among them.
     """
     of_base = [p.assembled.linear_change @ c if p.twin is None else REMAINDER * p.twin for p in problem.trained]
-    found = [of_base]
-    for change in (Chain.with_mean_gradients, Chain.with_doubted_formulas):
+    return [problem.whiten(of_base), *formula_errors(problem, chains, c, additions)]
+
+
+def formula_errors(problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions) -> list[Array]:
+    """Whitened changes (N,) of the residual: of effects when gradients at the nodes, which they continue to an edge or differentiate again, are means of those around, or what the twin knows
+    of them is wrong; and of effects when their formulas are wrong by the next order that is left out. Both are in proportion to the effects."""
+    found = []
+    for change in (Chain.with_mean_gradients, Chain.with_doubted_formulas) if additions else ():
         found.append([change(chain).residual(c, additions) - chain.residual(c, additions) for chain in chains])
     return [problem.whiten(one) for one in found]
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis import effect_fit, model_weights
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.effects.chain import Addition, Additions
 from calibrate.errors import FitError
@@ -74,7 +73,7 @@ def refitted(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
 
 def without_superfluous(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     """The fit without effects that do not differ from none in it, as others make them superfluous; itself where there are none."""
-    kept = tuple(a for a, d in zip(fit.additions, fit.errors, strict=True) if not not_distinct_from_null(a, d))
+    kept = fit.distinct
     if len(kept) == len(fit.additions):
         return problem, fit
     return fit_with_weights(problem, fit.c, tuple(_as_first(a, kept) for a in kept))

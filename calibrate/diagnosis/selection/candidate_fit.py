@@ -17,7 +17,7 @@ from calibrate.diagnosis import effect_fit, score_tests, weighted_fit
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit
-from calibrate.diagnosis.parameters import at_bounds, not_distinct_from_null
+from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.rounds import Candidate, RefusalReason, Round
@@ -95,7 +95,7 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
     """
     if candidate.fit is None or candidate.addition is None or candidate.train is None:
         return RefusalReason.NO_BETTER_FIT
-    if not_distinct_from_null(candidate.addition, candidate.deviations):
+    if candidate.addition not in candidate.fit.distinct:
         return RefusalReason.NULL_AMPLITUDE
     if any(at_bounds(one, model.problem.tests) for one in candidate.fit.additions):
         return RefusalReason.INADMISSIBLE

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from calibrate.diagnosis import score_tests, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.parameters import at_bounds, not_distinct_from_null
+from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection import candidate_fit
@@ -73,9 +73,7 @@ def is_sound(candidate: Candidate, problem: Problem) -> bool:
         at_bounds(one, problem.tests) or not candidate_fit.is_possible(problem, one) for one in candidate.fit.additions
     ):
         return False
-    return not addition.effect.is_degenerate(addition.shape) and not not_distinct_from_null(
-        addition, candidate.deviations
-    )
+    return not addition.effect.is_degenerate(addition.shape) and addition in candidate.fit.distinct
 
 
 def _place(

@@ -15,7 +15,7 @@ from made_up import made_up_chain
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, effect_fit, model_weights, signature_noise, weighted_fit
 from calibrate.diagnosis.problem import all_rows, signature
-from calibrate.effects import Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
+from calibrate.effects import CATALOGUE, Mullins, PermanentSet, SecondInvariant, SubsetSmoothing, Thickness, Viscosity
 from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.support.effect_data import Data
 from calibrate.equations import noise_covariance
@@ -193,3 +193,31 @@ def test_the_adjoint_of_a_rough_effect_is_the_transpose_of_its_derivative(effect
     expected = np.array([np.asarray(back(jnp.asarray(row[None]))[0][0]) for row in rows])
     found = effect.adjoint(data, np.asarray(places), np.asarray(a), np.asarray(shape))(np.asarray(data.u[-1]), rows)
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_what_a_formula_leaves_in_proportion_to_an_effect_is_no_reason_for_none(monkeypatch):
+    """Its interval holds it, and that of an effect beside it; whether it is there does not depend on it: were there none, it would leave nothing."""
+    problem, base = prepared(0)
+    gain = Addition(next(effect for effect in CATALOGUE if effect.name == "load cell nonlinearity"), (0.01,))
+
+    def errors(problem, chains, c, additions):
+        """Of smoothing by all of it, and of nothing else."""
+        own = [a for a in additions if a.effect.name == "subset smoothing"]
+        return [signature(problem, chains, c, (a,))[:, 0] * a.amplitudes[0] for a in own]
+
+    def none(problem, chains, c, additions):
+        return []
+
+    def fitted(errors):
+        nothing = np.zeros(len(base.residual))
+        monkeypatch.setattr(effect_fit.residual_tests, "formula_errors", errors)
+        monkeypatch.setattr(effect_fit.residual_tests, "kinematic_errors", lambda *given: [nothing, *errors(*given)])
+        return effect_fit.refit(problem, base.c, (addition(), gain))
+
+    exact, found = fitted(none), fitted(errors)
+    assert found.additions == exact.additions and exact.null_errors == exact.errors
+    smoothing, of_gain = ((one.errors[i][0], one.null_errors[i][0]) for i in range(2) for one in (found,))
+    assert smoothing[0] > 0.9 * found.additions[0].amplitudes[0] > 3 * smoothing[1]
+    assert smoothing[1] == pytest.approx(exact.errors[0][0], rel=1e-6)
+    assert of_gain[0] == of_gain[1] > exact.errors[1][0]  # beside smoothing it may be what that leaves
+    assert found.additions[0] in found.distinct
