@@ -271,7 +271,8 @@ class InelasticProblem(PlaneStressProblem):
         self._set("F33", np.where(np.isfinite(last), last, 1.0))
         for _ in range(THICKNESS_STEPS):
             values = self._at_points(self._thinning)
-            change = -values[..., 0] / values[..., 1]
+            with np.errstate(divide="ignore", invalid="ignore"):  # of a step that is given up
+                change = -values[..., 0] / values[..., 1]
             before = self._get("F33")
             self._set("F33", np.maximum(before + change, before / 2))
             if not np.abs(change).max() > THICKNESS_TOLERANCE:

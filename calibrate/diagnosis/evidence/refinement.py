@@ -112,8 +112,8 @@ def _competing_parts(
     """Sets that are not `known` and compete with the best, as a larger set has them."""
     found, best = {}, max(evidence.values())
     for refit in refits:
-        for names in evidence.keys() - known:
-            if names < refit.weighed.names and evidence[names] > best - NEAR:
+        for names, value in evidence.items():
+            if names not in known and names < refit.weighed.names and value > best - NEAR:
                 found[names] = tuple(one for one in refit.fit.additions if one.effect.name in names)
     return [additions for additions in found.values() if _is_complete(additions)]
 
