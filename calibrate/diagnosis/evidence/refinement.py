@@ -47,8 +47,9 @@ WORSE = 2.0  # times the misfit of the base: the fit ran away
 
 @dataclass(frozen=True, eq=False)
 class _Refit:
-    """A subset fitted, and that fit to second order."""
+    """A subset fitted, and that fit to second order. own: as it was fitted with its own weights."""
 
+    own: Fit
     fit: Fit
     weighed: SecondOrder
 
@@ -77,9 +78,11 @@ def alternatives(
     shares = {s.name: s.prior for s in linear.signatures}
     chosen = [_additions(problem, linear, one, known, priors) for one in subsets if one.members]
     fits: _Fits = say.load(STAGE) or _Fits(problem)
+    reached: _Refits | None = None
     while True:
         fits = _best_of_each(fits, problem, base, chosen, known, say)
-        refits = _refitted(fits, base, shares, linear.log_odds, priors)
+        reached = _Refits.of(fits, base, shares, linear.log_odds, priors, reached)
+        refits = list(reached.found.values())
         noise = max(1.0, min(one.fit.reduced_chi_square for one in refits))
         evidence = _with_errors_of_formulas([one.weighed for one in refits], noise)
         chosen = _competing_parts(refits, evidence, fits.tried | set(fits.found))
@@ -124,16 +127,35 @@ def _is_complete(additions: Additions) -> bool:
     return all(one.effect.beside is None or one.effect.beside.name in names for one in additions)
 
 
-def _refitted(fits: _Fits, base: Fit, shares: Mapping[str, float], log_odds: float, priors: Priors) -> list[_Refit]:
-    """All of them, and none, in the weights of the best, each as stiff as it is itself."""
-    own = list(fits.found.values())
-    best = min(own, key=lambda fit: fit.free_loss, default=base)
-    refits = []
-    for fit in (base, *own):
-        its = model_weights.as_stiff(fits.weights, fit.c, fit.additions)
-        again = effect_fit.refit(its, fit.c, fit.additions)
-        refits.append(_Refit(again, _second_order(its, best.chains, again, shares, log_odds, priors)))
-    return refits
+@dataclass(frozen=True, eq=False)
+class _Refits:
+    """All fits, and none, in the weights of the best, each as stiff as it is itself, with columns at its chains."""
+
+    best: Fit
+    found: Mapping[frozenset[str], _Refit]
+
+    @classmethod
+    def of(
+        cls,
+        fits: _Fits,
+        base: Fit,
+        shares: Mapping[str, float],
+        log_odds: float,
+        priors: Priors,
+        before: _Refits | None,
+    ) -> _Refits:
+        """before: those of some of them, which stay as they are where the best is the same."""
+        best = min(fits.found.values(), key=lambda fit: fit.free_loss, default=base)
+        known = before.found if before is not None and before.best is best else {}
+        found = {}
+        for names, fit in {frozenset[str](): base, **fits.found}.items():
+            if names in known and known[names].own is fit:
+                found[names] = known[names]
+            else:
+                its = model_weights.as_stiff(fits.weights, fit.c, fit.additions)
+                again = effect_fit.refit(its, fit.c, fit.additions)
+                found[names] = _Refit(fit, again, _second_order(its, best.chains, again, shares, log_odds, priors))
+        return cls(best, found)
 
 
 def _additions(
