@@ -41,7 +41,7 @@ START, SHARES = (
     4,
 )  # share of the linear estimate that a fit starts from where the whole has a larger misfit, taken so often
 STAGE = "explanation"
-NEAR = 7.0  # log evidence behind the best, within which a part of a set is fitted
+NEAR = 3.0  # log evidence behind the best, within which a part of a set is fitted: one of 5 %
 WORSE = 2.0  # times the misfit of the base: the fit ran away
 
 
