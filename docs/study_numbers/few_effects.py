@@ -14,6 +14,10 @@ from studies.output.words import percent, plus_minus, with_unit
 
 TOGETHER, LISTED = "all three together", 4  # sets of a sheet
 INTERVAL = 1.96  # standard deviations of half a 95 % interval
+PAIR = (
+    "compressibility",
+    "stiffness gradient",
+)  # the most probable set of all three together, whose amplitudes are compared
 
 
 def take(folder: Path, joint: Path | None = None) -> dict[str, Any]:
@@ -42,11 +46,11 @@ def take(folder: Path, joint: Path | None = None) -> dict[str, Any]:
         numbers |= {f"{short}_p_{key.replace(' ', '_')}": _probability(p) for key, p in few["inclusion"].items()}
         numbers |= {
             f"{short}_best": " and ".join(few["sets"][0]["effects"]) or "none",
-            f"{short}_p": _probability(few["sets"][0]["probability"]),
+            f"{short}_best_p": _probability(few["sets"][0]["probability"]),
+            f"{short}_p": _probability(sum(one["probability"] for one in few["sets"] if tuple(one["effects"]) == PAIR)),
         }
         numbers[f"{short}_neo_hooke_mm"] = f"{few['neo_hooke_fitted']['field']:.3f}"
-        best = fitted.get(tuple(few["sets"][0]["effects"]))
-        for effect in [] if best is None else best["effects"]:
+        for effect in fitted[PAIR]["effects"] if PAIR in fitted else ():
             for p, value, deviation in zip(EFFECTS[effect["effect"]].amplitudes, effect["amplitudes"], effect["standard_deviations"], strict=True):  # fmt: skip
                 numbers[f"{short}_{p.name}"] = plus_minus(value, INTERVAL * deviation)
         numbers |= {f"{short}_{key}": value for key, value in _updated(few["updated"]).items()}

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -41,15 +42,17 @@ START, SHARES = (
     4,
 )  # share of the linear estimate that a fit starts from where the whole has a larger misfit, taken so often
 STAGE = "explanation"
-NEAR = 3.0  # log evidence behind the best, within which a part of a set is fitted: one of 5 %
+NEAR, PARTS = (
+    3.0,
+    3,
+)  # log evidence behind the best, within which a part of a set is fitted: one of 5 %; so many at most
 WORSE = 2.0  # times the misfit of the base: the fit ran away
 
 
 @dataclass(frozen=True, eq=False)
 class _Refit:
-    """A subset fitted, and that fit to second order. own: as it was fitted with its own weights."""
+    """A subset fitted, and that fit to second order."""
 
-    own: Fit
     fit: Fit
     weighed: SecondOrder
 
@@ -77,20 +80,18 @@ def alternatives(
     known = {effect.name: effect for effect in effects}
     shares = {s.name: s.prior for s in linear.signatures}
     chosen = [_additions(problem, linear, one, known, priors) for one in subsets if one.members]
-    fits: _Fits = say.load(STAGE) or _Fits(problem)
-    reached: _Refits | None = None
-    while True:
-        fits = _best_of_each(fits, problem, base, chosen, known, say)
-        reached = _Refits.of(fits, base, shares, linear.log_odds, priors, reached)
-        refits = list(reached.found.values())
-        noise = max(1.0, min(one.fit.reduced_chi_square for one in refits))
-        evidence = _with_errors_of_formulas([one.weighed for one in refits], noise)
-        chosen = _competing_parts(refits, evidence, fits.tried | set(fits.found))
-        if not chosen:
-            break
+    fits: _Fits = _best_of_each(say.load(STAGE) or _Fits(problem), problem, base, chosen, known, say)
+    best = min(fits.found.values(), key=lambda fit: fit.free_loss, default=base)
+    again = partial(_refitted, fits.weights, best.chains, shares, linear.log_odds, priors)
+    refits = {names: again(fit) for names, fit in {frozenset[str](): base, **fits.found}.items()}
+    noise = max(1.0, min(one.fit.reduced_chi_square for one in refits.values()))
+    parts = _competing_parts(refits, _with_errors_of_formulas(refits, noise), fits.tried | set(fits.found))
+    fits = _best_of_each(fits, problem, base, parts, known, say)
+    refits |= {names: again(fit) for names, fit in fits.found.items() if names not in refits}
+    evidence = _with_errors_of_formulas(refits, noise)
     say.discard(STAGE)
     found = []
-    for refit in refits:
+    for refit in refits.values():
         additions, deviations, names = refit.fit.additions, refit.fit.errors, tuple(sorted(refit.fit.names))
         c = refit.fit.c
         found.append(Explanation(names, evidence[frozenset(names)], False, 0.0, additions, deviations, c))
@@ -99,26 +100,30 @@ def alternatives(
     return Alternatives.of(found)
 
 
-def _with_errors_of_formulas(fits: Sequence[SecondOrder], noise: float) -> dict[frozenset[str], float]:
+def _with_errors_of_formulas(refits: Mapping[frozenset[str], _Refit], noise: float) -> dict[frozenset[str], float]:
     """Log evidence of every set of effects that was fitted, or is a part of one: with smooth errors of their formulas, or errors that look like what a larger set has beside it, all equally probable."""
     found: dict[frozenset[str], list[float]] = {}
-    for one in fits:
-        for size in range(min(len(one.names), 1), len(one.names) + 1):
-            for kept in combinations(sorted(one.names), size):
-                found.setdefault(frozenset(kept), []).append(one.log_evidence(noise, kept))
+    for names, one in refits.items():
+        for size in range(min(len(names), 1), len(names) + 1):
+            for kept in combinations(sorted(names), size):
+                found.setdefault(frozenset(kept), []).append(one.weighed.log_evidence(noise, kept))
     return {names: float(special.logsumexp(each) - np.log(len(each))) for names, each in found.items()}
 
 
 def _competing_parts(
-    refits: Sequence[_Refit], evidence: Mapping[frozenset[str], float], known: Collection[frozenset[str]]
+    refits: Mapping[frozenset[str], _Refit],
+    evidence: Mapping[frozenset[str], float],
+    known: Collection[frozenset[str]],
 ) -> list[Additions]:
-    """Sets that are not `known` and compete with the best, as a larger set has them."""
-    found, best = {}, max(evidence.values())
-    for refit in refits:
-        for names, value in evidence.items():
-            if names not in known and names < refit.weighed.names and value > best - NEAR:
-                found[names] = tuple(one for one in refit.fit.additions if one.effect.name in names)
-    return [additions for additions in found.values() if _is_complete(additions)]
+    """Sets that are not `known` and compete with the best, as a larger set has them; the best of them."""
+    least = max(evidence.values()) - NEAR
+    ranked = sorted((names for names in evidence if evidence[names] > least), key=lambda names: -evidence[names])
+    found = []
+    for names in ranked:
+        whole = next((one for larger, one in refits.items() if names < larger), None)
+        if names not in known and whole is not None:
+            found.append(tuple(one for one in whole.fit.additions if one.effect.name in names))
+    return [additions for additions in found if _is_complete(additions)][:PARTS]
 
 
 def _is_complete(additions: Additions) -> bool:
@@ -127,35 +132,13 @@ def _is_complete(additions: Additions) -> bool:
     return all(one.effect.beside is None or one.effect.beside.name in names for one in additions)
 
 
-@dataclass(frozen=True, eq=False)
-class _Refits:
-    """All fits, and none, in the weights of the best, each as stiff as it is itself, with columns at its chains."""
-
-    best: Fit
-    found: Mapping[frozenset[str], _Refit]
-
-    @classmethod
-    def of(
-        cls,
-        fits: _Fits,
-        base: Fit,
-        shares: Mapping[str, float],
-        log_odds: float,
-        priors: Priors,
-        before: _Refits | None,
-    ) -> _Refits:
-        """before: those of some of them, which stay as they are where the best is the same."""
-        best = min(fits.found.values(), key=lambda fit: fit.free_loss, default=base)
-        known = before.found if before is not None and before.best is best else {}
-        found = {}
-        for names, fit in {frozenset[str](): base, **fits.found}.items():
-            if names in known and known[names].own is fit:
-                found[names] = known[names]
-            else:
-                its = model_weights.as_stiff(fits.weights, fit.c, fit.additions)
-                again = effect_fit.refit(its, fit.c, fit.additions)
-                found[names] = _Refit(fit, again, _second_order(its, best.chains, again, shares, log_odds, priors))
-        return cls(best, found)
+def _refitted(
+    weights: Problem, chains: Sequence[Chain], shares: Mapping[str, float], log_odds: float, priors: Priors, fit: Fit
+) -> _Refit:
+    """In the weights of the best, as stiff as it is itself, with columns at its chains."""
+    its = model_weights.as_stiff(weights, fit.c, fit.additions)
+    again = effect_fit.refit(its, fit.c, fit.additions)
+    return _Refit(again, _second_order(its, chains, again, shares, log_odds, priors))
 
 
 def _additions(
