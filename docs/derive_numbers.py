@@ -176,13 +176,6 @@ FOREIGN_SETS = (
         "revision 6e62e547, in the order of the plan; stopped for time, looked at once",
         frozenset(NEARLY),
     ),
-    TrialSet(
-        "foreign_93000.json",
-        FOREIGN.format(93000),
-        "errors of formulas that look like another effect, weights of a model that do not depend on those before; strength of pairs with a twin",
-        "revisions 3767c843 (4) and d22cc96e, the diagnosis the same, in the order of the plan; stopped for time, looked at once",
-        frozenset(NEARLY),
-    ),
 )
 
 
@@ -310,8 +303,8 @@ def trial_sets() -> dict[str, Any]:
 
 def probabilities() -> dict[str, Any]:
     """`probabilities.json`: how often what has a probability is there, of the last set whose trials have them."""
-    *_, before, today = (one for one in FOREIGN_SETS if any(trial.probabilities for trial in one.judged))
-    found, earlier = summary(today.judged), summary(before.judged).reliability[-1]
+    today = next(one for one in reversed(FOREIGN_SETS) if any(trial.probabilities for trial in one.judged))
+    found = summary(today.judged)
     rows = [
         [f"{100 * one.low:.0f} to {100 * one.high:.0f} %", str(one.effects), percent(one.mean), str(one.there), percent(one.there / one.effects)]
         for one in found.reliability
@@ -320,10 +313,9 @@ def probabilities() -> dict[str, Any]:
     certain, told = found.reliability[-1], sum(trial.probabilities is not None for trial in today.judged)
     return {
         "command": f"python docs/derive_numbers.py, from docs/{today.file} of {today.command}",
-        "numbers": {**asdict(found.replaced), "told": told, "certain": certain.effects, "certain_there": certain.there,
-                    "before_certain": earlier.effects, "before_certain_there": earlier.there},
+        "numbers": {**asdict(found.replaced), "told": told, "certain": certain.effects, "certain_there": certain.there},
         "tables": {"reliability": [head, *rows]},
-    }  # fmt: skip
+    }
 
 
 def catalogue() -> dict[str, Any]:
