@@ -85,10 +85,11 @@ def alternatives(
     again = partial(_refitted, fits.weights, best.chains, shares, linear.log_odds, priors)
     refits = {names: again(fit) for names, fit in {frozenset[str](): base, **fits.found}.items()}
     noise = max(1.0, min(one.fit.reduced_chi_square for one in refits.values()))
-    parts = _competing_parts(refits, _with_errors_of_formulas(refits, noise), fits.tried | set(fits.found))
+    ranked = _with_errors_of_formulas([one.weighed for one in refits.values()], noise)
+    parts = _competing_parts(refits, ranked, fits.tried | set(fits.found))
     fits = _best_of_each(fits, problem, base, parts, known, say)
     refits |= {names: again(fit) for names, fit in fits.found.items() if names not in refits}
-    evidence = _with_errors_of_formulas(refits, noise)
+    evidence = _with_errors_of_formulas([one.weighed for one in refits.values()], noise)
     say.discard(STAGE)
     found = []
     for refit in refits.values():
@@ -100,13 +101,13 @@ def alternatives(
     return Alternatives.of(found)
 
 
-def _with_errors_of_formulas(refits: Mapping[frozenset[str], _Refit], noise: float) -> dict[frozenset[str], float]:
+def _with_errors_of_formulas(fits: Sequence[SecondOrder], noise: float) -> dict[frozenset[str], float]:
     """Log evidence of every set of effects that was fitted, or is a part of one: with smooth errors of their formulas, or errors that look like what a larger set has beside it, all equally probable."""
     found: dict[frozenset[str], list[float]] = {}
-    for names, one in refits.items():
-        for size in range(min(len(names), 1), len(names) + 1):
-            for kept in combinations(sorted(names), size):
-                found.setdefault(frozenset(kept), []).append(one.weighed.log_evidence(noise, kept))
+    for one in fits:
+        for size in range(min(len(one.names), 1), len(one.names) + 1):
+            for kept in combinations(sorted(one.names), size):
+                found.setdefault(frozenset(kept), []).append(one.log_evidence(noise, kept))
     return {names: float(special.logsumexp(each) - np.log(len(each))) for names, each in found.items()}
 
 
