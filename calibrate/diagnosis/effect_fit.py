@@ -36,8 +36,8 @@ class Fit:
 
     c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. unexplained: of the part that
     neither the base (within its prior) nor the amplitudes could change. additions: effects; errors: a standard deviation for each
-    amplitude; null_errors: the same without what the formula of the effect itself leaves, which is in proportion to it. columns (N, k): orthonormal, what the fit can adjust. residual (N,): whitened, rows of the prior last. log_determinant: of the
-    covariance that the weights come from. last_step: norm of what the last step changed, in standard deviations of an
+    amplitude; null_errors: the same without what the formula of the effect itself leaves, which is in proportion to it. columns (N, k): orthonormal, what the fit can adjust.
+    residual (N,): whitened, rows of the prior last. log_determinant: of the covariance that the weights come from. last_step: norm of what the last step changed, in standard deviations of an
     equation; above 1 the fit has not converged. stop: why the iteration ended.
     """
 
@@ -258,7 +258,7 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
 
 
 def _with_errors(problem: Problem, linear: _Linearised, fit: Fit) -> Fit:
-    """With a standard deviation of each amplitude: of noise, times the dispersion, and of what the kinematics may miss; shapes are as uncertain as before it at most (`Variables.shape_deviations`)."""
+    """With a standard deviation of each amplitude: of noise, times the dispersion, and of what the kinematics may miss; shapes are as uncertain as before the test at most (`Variables.shape_deviations`)."""
     base, scale, sizes = linear.base, linear.scale, linear.variables.sizes
     dispersion = max(1.0, fit.free_loss / max(fit.degrees, 1))
     known = np.diag(np.sqrt(dispersion) * scale / linear.variables.shape_deviations)
@@ -277,11 +277,11 @@ def _with_errors(problem: Problem, linear: _Linearised, fit: Fit) -> Fit:
 
     given = problem, linear.chains, fit.c
     kinematic = residual_tests.kinematic_errors(*given, fit.additions)
-    found, null = of(kinematic), []
+    null = list(found := of(kinematic))
     for i, one in enumerate(fit.additions):
-        others = fit.additions[:i] + fit.additions[i + 1 :]
-        beside = kinematic[1:] if not one.effect.truncated else residual_tests.formula_errors(*given, others)
-        null.append(of([kinematic[0], *beside])[i])
+        if one.effect.truncated:
+            others = fit.additions[:i] + fit.additions[i + 1 :]
+            null[i] = of([kinematic[0], *residual_tests.formula_errors(*given, others)])[i]
     return replace(fit, errors=found, null_errors=tuple(null))
 
 

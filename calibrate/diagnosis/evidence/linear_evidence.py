@@ -98,8 +98,9 @@ class Evidence:
     @cached_property
     def _doubted(self) -> Array:
         """S^T S of each effect by itself, times the square of the error of its formula."""
-        owner = np.concatenate([np.full(len(own), i) for i, own in enumerate(self._slices)] or [np.zeros(0, int)])
-        error = np.array([s.error for s in self.signatures])[owner] if len(owner) else np.zeros(0)
+        sizes = [len(own) for own in self._slices]
+        owner = np.repeat(np.arange(len(sizes)), sizes)
+        error = np.repeat([s.error for s in self.signatures], sizes)
         return np.where(owner[:, None] == owner, self._gram[0] * error**2, 0.0)
 
     @cached_property
