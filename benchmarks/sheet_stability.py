@@ -91,7 +91,7 @@ def found_of(case: Case) -> tuple[FewEffects, Updated]:
     problem, base = base_fit.prepare([experiment], [fitted], spacing, base="neo-Hooke")
     effects, priors = distinct(CATALOGUE), read_priors()
     few = few_by_fields(problem, base.c, effects, priors)
-    return few, with_forces(problem, few, effects, priors)
+    return few, with_forces(problem, few, few.best, effects, priors)
 
 
 def told(case: Case, folder: Path) -> None:

@@ -14,7 +14,7 @@ def take(folder: Path) -> dict[str, Any]:
     found = json.loads((folder / "discovery.json").read_text())
     record = json.loads((folder / "report.json").read_text())
     few, noise = found["few_effects"], found["noise"][0]["found_std_mm"]
-    updated = few["updated"]["replay"]
+    updated = few["models"][0]["replay"]
     replays = {
         "neo_hooke": few["neo_hooke"],
         "final": found["replay"].get("final"),
@@ -39,7 +39,7 @@ def take(folder: Path) -> dict[str, Any]:
         numbers[f"p_{name.split()[-1]}"] = percent(few["inclusion"].get(name, 0.0))
     numbers["best"] = " and ".join(few["sets"][0]["effects"]) or "none"
     numbers["added"] = ", ".join(now["added"] for now in found["rounds"] if now["added"]) or "none"
-    for one in few["updated"]["effects"]:
+    for one in few["models"][0]["effects"]:
         if one["effect"] == "viscoelasticity":
             numbers |= {"g": f"{one['amplitudes'][0]:.2f}", "tau": f"{one['shape'][0]:.1f}"}
     return {

@@ -53,7 +53,7 @@ def take(folder: Path, joint: Path | None = None) -> dict[str, Any]:
         for effect in fitted[PAIR]["effects"] if PAIR in fitted else ():
             for p, value, deviation in zip(EFFECTS[effect["effect"]].amplitudes, effect["amplitudes"], effect["standard_deviations"], strict=True):  # fmt: skip
                 numbers[f"{short}_{p.name}"] = plus_minus(value, INTERVAL * deviation)
-        numbers |= {f"{short}_{key}": value for key, value in _updated(few["updated"]).items()}
+        numbers |= {f"{short}_{key}": value for key, value in _updated(few["models"][0]).items()}
     return {
         "command": "equigap measured; equigap discover Soft_Homo.npz Stiff2_Homo.npz Stiff2_Hetero.npz --hold-out after:15",
         "how": "24 pictures a sheet, the first 15 s fitted; rule committed before what comes after was looked at once; that a gradient and compressibility leave less had been found by hand before",
@@ -76,9 +76,9 @@ def _amplitudes(one: dict[str, Any], unit: str) -> str:
     return ", ".join(said)
 
 
-def _updated(new: dict[str, Any] | None) -> dict[str, str]:
+def _updated(new: dict[str, Any]) -> dict[str, str]:
     """Errors of its replay, with the band, and relaxation."""
-    if new is None or "not_made" in new or not new["replay"]:
+    if "not_made" in new or not new["replay"]:
         return {}
     final, band = new["replay"]["final"], new["replay"]["band"]
     numbers = {

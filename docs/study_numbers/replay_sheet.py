@@ -49,7 +49,7 @@ def take(folder: Path) -> dict[str, Any]:
 def _replays(found: dict[str, Any]) -> dict[str, tuple[dict[str, Any], float | None]]:
     """Replays by the keys of `MODELS`, with half of the band of the force error; those that were made."""
     check, few = found["replay"], found["few_effects"]
-    updated = (few.get("updated") or {}).get("replay") or {}
+    updated = (few.get("models") or [{}])[0].get("replay") or {}
     band, only_base = check.get("band", {}).get("force"), check.get("base") == check.get("final")
     made = {
         "neo_hooke": (few["neo_hooke"], None),

@@ -45,7 +45,7 @@ from studies.reports.discovery.discovery_findings import no_time
 from studies.reports.discovery.discovery_findings import remarks as all_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.model_files import extended, unexplained
-from studies.reports.discovery.replay_section import to_predict_with
+from studies.reports.discovery.replays.replayed_models import to_predict_with
 from studies.reports.discovery.report import write
 from studies.reports.discovery.statement import clauses, use_of_models
 from studies.reports.discovery.view import View

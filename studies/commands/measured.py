@@ -29,7 +29,7 @@ from studies.output.folder import CHECKPOINT
 from studies.output.plain import StepResult
 from studies.output.run_progress import RunProgress
 from studies.output.writing import write_json
-from studies.reports.discovery.replay_section import FEW_FILE
+from studies.reports.discovery.replays.replayed_models import FEW_FILES
 from studies.sheets import measured_control
 from studies.sheets.homogeneous import measured_homogeneous
 from studies.sheets.homogeneous.homogeneous_loops import Loop, loops
@@ -157,7 +157,7 @@ class Steps:
 
     def transferred(self, name: str) -> TransferResult:
         """What `equigap transfer` says of a sheet with the first one's model: of few effects, where nothing explains it."""
-        candidates = [self.folder / SHEETS[0] / file for file in (FEW_FILE, "model.json")]
+        candidates = [self.folder / SHEETS[0] / file for file in (FEW_FILES[0], "model.json")]
         model = next(path for path in candidates if path.exists())
         output = self.folder / f"transfer_{name}"
         done = transfer(model, self.sheet(name), hold_out=self.options.hold_out, output=output, overwrite=True)

@@ -5,11 +5,9 @@ In: a `Discovery` whose explanations were fitted. Out: models with their probabi
 
 from __future__ import annotations
 
-from calibrate.diagnosis.evidence.explanations import TIE
+from calibrate.diagnosis.evidence.explanations import RIVALS, TIE
 from calibrate.diagnosis.selection.rounds import Discovery
 from studies.replay.compared_test import ReplayedModel
-
-RIVALS = 2  # alternatives that are replayed
 
 
 def own_probability(found: Discovery) -> float:

@@ -15,7 +15,7 @@ from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import prior_deviations
 from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
-from calibrate.diagnosis.replayed.few_effects import Candidate, FewEffects, few_effects
+from calibrate.diagnosis.replayed.few_effects import Candidate, FewEffects, FittedSet, few_effects
 from calibrate.diagnosis.replayed.updating import Priors as UpdatePriors
 from calibrate.diagnosis.replayed.updating import Updated, update
 from calibrate.diagnosis.score_tests import untestable
@@ -47,16 +47,21 @@ def few_by_fields(
 
 
 def with_forces(
-    problem: Problem, found: FewEffects, effects: Sequence[Effect], priors: Priors, say: Resumable = SILENT
+    problem: Problem,
+    found: FewEffects,
+    best: FittedSet | None,
+    effects: Sequence[Effect],
+    priors: Priors,
+    say: Resumable = SILENT,
 ) -> Updated:
-    """The best of them, updated by forces: the first of these that does not take the fields further from what was measured than they were, or than neo-Hooke has them. All, with effects
+    """One of their sets, or neo-Hooke alone, updated by forces: the first of these that does not take the fields further from what was measured than they were, or than neo-Hooke has them. All, with effects
     with a memory beside them; those with a memory alone, as the rest stays; the factor alone. Raises `FitError` where no force is known, `OptionError` without an equilibrium."""
     remembered = [
         one for one in _candidates(problem, effects, priors) if one.effect.remembers and not one.effect.has_spring
     ]
-    best = () if found.best is None else found.best.additions
-    additions = (*best, *(one.at_null(one.shapes[0]) for one in remembered))
-    known = {} if found.best is None else dict(found.best.priors)
+    fitted = () if best is None else best.additions
+    additions = (*fitted, *(one.at_null(one.shapes[0]) for one in remembered))
+    known = {} if best is None else dict(best.priors)
     known |= {one.effect.name: (np.array([p.null for p in one.effect.amplitudes]), one.deviations) for one in remembered}  # fmt: skip
     replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
 
@@ -75,7 +80,7 @@ def with_forces(
     if remembered and not is_kept(new):
         start = _with_memory_of(everything.additions, additions)
         new = _without_weak(replays, updated(2, additions, [start], True), known, True)
-    return new if is_kept(new) else updated(3, best, (), True)
+    return new if is_kept(new) else updated(3, fitted, (), True)
 
 
 def _with_memory_of(found: Additions, additions: Additions) -> Additions:

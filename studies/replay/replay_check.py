@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed import replay_rule
 from calibrate.diagnosis.replayed.band import Alternative, band_of, level_deviation
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
-from calibrate.diagnosis.replayed.few_effects import FewEffects
+from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel, FittedSet
 from calibrate.diagnosis.replayed.observations import Observations, level_of
 from calibrate.diagnosis.replayed.parameter_spread import Spread, spread_of
 from calibrate.diagnosis.replayed.updating import Updated
@@ -69,12 +69,20 @@ class FiniteElementCheck:
             few = few_effects_replay.few_by_fields(problem, c, effects, priors, say)
         except FAILURES as error:
             return NoReplayCheck(str(error))
-        few = replace(few, neo_hooke=self._at_own_level(found, few.c))
+        models = []
+        for names, probability, one in few.to_update:
+            stage = f"forces of replays of neo-Hooke{' with ' * bool(names)}{' and '.join(names)}"
+            new = say.checkpointed(stage, partial(self._updated, problem, few, one, effects, priors, say))
+            models.append(FewModel(names, probability, new))
+        return replace(few, models=_Check(found).of_few(models), neo_hooke=self._at_own_level(found, few.c))
+
+    def _updated(
+        self, problem: Problem, few: FewEffects, one: FittedSet | None, effects: Sequence[Effect], priors: Priors, say: Resumable
+    ) -> Updated | NoReplayCheck:  # fmt: skip
         try:
-            new = few_effects_replay.with_forces(problem, few, effects, priors, say)
-            return replace(few, updated=replace(new, check=_Check(found).of_updated(new)))
+            return few_effects_replay.with_forces(problem, few, one, effects, priors, say)
         except FAILURES as error:
-            return replace(few, updated=NoReplayCheck(str(error)))
+            return NoReplayCheck(str(error))
 
     def _at_own_level(self, found: Discovery, c: Array) -> Replayed | NoReplayCheck:
         """A base alone, on the rows that base and final model are compared on."""
@@ -82,6 +90,15 @@ class FiniteElementCheck:
             return _Check(found).at_own_level(ReplayedModel(c, ()))
         except FAILURES as error:
             return NoReplayCheck(str(error))
+
+
+@dataclass(frozen=True, eq=False)
+class _FewReplay:
+    """A model of few effects with its replays of every test, and their rows at its level; nothing of one that has none."""
+
+    model: FewModel
+    pairs: Sequence[tuple[SheetRows, LawChanges]] = ()
+    rows: Observations | None = None
 
 
 @dataclass(eq=False)
@@ -110,11 +127,41 @@ class _Check:
         base_fit, final_fit = (any(one is fit for one in self.convex) for fit in (self.found.base, final))
         return replace(found, without=without, stand_ins=(base_fit, final_fit))
 
-    def of_updated(self, new: Updated) -> ReplayCheck:
-        """Beside the base of the diagnosis, where it was replayed. Raises what the replay raises."""
+    def of_few(self, models: Sequence[FewModel]) -> tuple[FewModel, ...]:
+        """Each with its replay beside the base of the diagnosis, where that was replayed, and the others in its band. One that has no replay says why."""
         known = self.found.replay_check
         base = known.base if isinstance(known, ReplayCheck) else None
-        return self._judged(self._linearised(ReplayedModel(new.c, new.present[0])), new.spread, base)
+        replays = [self._replayed(one) for one in models]
+        whole = sum(one.model.probability for one in replays if one.rows is not None)
+        result = []
+        for one in replays:
+            others = [
+                Alternative(other.model.effects, other.model.probability / whole, other.rows)
+                for other in replays
+                if other is not one and other.rows is not None
+            ]
+            result.append(self._with_band(one, base, others))
+        return tuple(result)
+
+    def _replayed(self, model: FewModel) -> _FewReplay:
+        new = model.updated
+        if not isinstance(new, Updated):
+            return _FewReplay(model)
+        try:
+            pairs = self._linearised(ReplayedModel(new.c, new.present[0]))
+            raw = self._rows([rows for rows, _ in pairs])
+            return _FewReplay(model, pairs, raw.scaled(level_of(raw).factor))
+        except FAILURES as error:
+            return _FewReplay(replace(model, updated=NoReplayCheck(str(error))))
+
+    def _with_band(self, one: _FewReplay, base: Replayed | None, others: Sequence[Alternative]) -> FewModel:
+        new = one.model.updated
+        if not isinstance(new, Updated):
+            return one.model
+        try:
+            return replace(one.model, updated=replace(new, check=self._judged(one.pairs, new.spread, base, others)))
+        except FAILURES as error:
+            return replace(one.model, updated=NoReplayCheck(str(error)))
 
     def _judged(
         self,

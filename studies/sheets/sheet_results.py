@@ -47,7 +47,8 @@ class ReplayedErrors(Plain):
         neo_hooke = (few or {}).get("neo_hooke")
         if neo_hooke is not None and "not_made" not in neo_hooke:
             pairs.append((NEO_HOOKE, neo_hooke, None))
-        replay = ((few or {}).get("updated") or {}).get("replay")
+        models = (few or {}).get("models") or [{}]
+        replay = models[0].get("replay")
         pairs += [(FEW, replay["final"], replay["band"]["force"])] if replay else []
         return [
             cls(

@@ -19,6 +19,7 @@ CERTAIN, TIE, UNKNOWN = (
     0.05,
     0.5,
 )  # probability from which an effect is there, an explanation competes, and something in no catalogue is the more probable
+RIVALS = 2  # competing explanations that are replayed beside the best
 
 
 @dataclass(frozen=True, eq=False)

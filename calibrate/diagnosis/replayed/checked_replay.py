@@ -81,14 +81,14 @@ class ReplayCheck:
         forces, fields = rows.judged & rows.is_force, rows.judged & ~rows.is_force
         size = float(np.linalg.norm(rows.measured[forces]))
         force = Z95 * float(np.sqrt(variance[forces].sum())) / size if size > 0 else float("nan")
-        return ReplayErrors(force, Z95 * _smooth(rows, fields, variance))
+        return ReplayErrors(force, Z95 * smooth_error(rows, fields, variance))
 
     @property
     def smooth(self) -> tuple[float, float]:
         """Smooth part of the field error before and after, mm."""
         rows = self.final.rows
         where = rows.judged & ~rows.is_force
-        before, after = (_smooth(one.rows, where, one.rows.residual**2) for one in (self.base, self.final))
+        before, after = (smooth_error(one.rows, where, one.rows.residual**2) for one in (self.base, self.final))
         return before, after
 
     def to_dict(self) -> dict[str, Any]:
@@ -117,7 +117,7 @@ class ReplayCheck:
         }  # fmt: skip
 
 
-def _smooth(rows: Observations, where: NDArray[np.bool_], squares: Array) -> float:
+def smooth_error(rows: Observations, where: NDArray[np.bool_], squares: Array) -> float:
     """Root mean square over points, components and increments, mm, of rows of unit weight with these squares (N,)."""
     pairs = set(zip(rows.test[where].tolist(), rows.increment[where].tolist(), strict=True))
     values = sum(2 * int(rows.points[test]) for test, _ in pairs)

@@ -3,7 +3,7 @@
 The equilibrium gap weighs equations by noise. Where a model is wrong by far more than that it refuses every effect: beside what else is missing, none leaves less. A replay weighs what
 a user sees, displacements, and its evidence (`field_evidence`) has a discrepancy as large as what is left. So here all sets of up to three effects beside neo-Hooke are ranked, to first order about the
 replay of neo-Hooke; the most probable are fitted to replays (`field_fit`), none beyond its prior, and weighed once more. With displacements prescribed the level of a neo-Hookean sheet changes no
-field, and relaxation hardly: forces are left to `updating`.
+field, and relaxation hardly: forces are left to `updating`, of the best set and of those that compete with it.
 
 In: replays, computed elsewhere. Out: `FewEffects`. Nothing that is held out is used.
 """
@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
+from calibrate.diagnosis.evidence.explanations import RIVALS, TIE, Alternatives, Explanation
 from calibrate.diagnosis.evidence.linear_evidence import Signature
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
@@ -83,15 +83,35 @@ class Usable:
 
 
 @dataclass(frozen=True, eq=False)
+class FewModel:
+    """A set and its probability, with what the forces add to its model; or why they could not."""
+
+    effects: Names
+    probability: float
+    updated: Updated | NoReplayCheck
+
+    @property
+    def usable(self) -> Usable | None:
+        """The model to predict with; None where it was not updated."""
+        new = self.updated
+        return Usable(new.c, *new.present, new.replayed) if isinstance(new, Updated) else None
+
+    @property
+    def replayed(self) -> Replayed | NoReplayCheck | None:
+        """With what was held out."""
+        return self.updated.replayed if isinstance(self.updated, Updated) else self.updated
+
+
+@dataclass(frozen=True, eq=False)
 class FewEffects:
     """c (n,), MPa: neo-Hooke, at the level of the forces of its replay; base: its errors in pictures that were fitted. alternatives: all sets; fitted: the most probable, after their fits, best first.
-    updated: the best with its forces, and relaxation. neo_hooke: its replay, with what was held out."""
+    models: the best with its forces and relaxation, then those that compete with it. neo_hooke: its replay, with what was held out."""
 
     c: Array
     base: ReplayErrors
     alternatives: Alternatives
     fitted: tuple[FittedSet, ...]
-    updated: Updated | NoReplayCheck | None = None
+    models: tuple[FewModel, ...] = ()
     neo_hooke: Replayed | NoReplayCheck | None = None
 
     @property
@@ -112,20 +132,18 @@ class FewEffects:
         return self.fitted[0] if self.fitted and self.fitted[0].log_odds > 0 else None
 
     @property
-    def usable(self) -> Usable | None:
-        """The model to predict with; None where it was not updated."""
-        new = self.updated
-        return Usable(new.c, *new.present, new.replayed) if isinstance(new, Updated) else None
+    def to_update(self) -> tuple[tuple[Names, float, FittedSet | None], ...]:
+        """Effects and probability of the best, and of at most `RIVALS` that compete with it, with their fits; of neo-Hooke alone there is none."""
+        known = {one.effects: one for one in self.fitted}
+        first = () if self.best is None else self.best.effects
+        others = [names for names, p in self.sets if p > TIE and names != first and (not names or names in known)]
+        probability = {one.names: one.probability for one in self.alternatives.explanations}
+        return tuple((names, probability.get(names, 0.0), known.get(names)) for names in (first, *others[:RIVALS]))
 
     @property
     def usable_neo_hooke(self) -> Usable:
         """The base alone."""
         return Usable(self.c, (), (), self.neo_hooke)
-
-    @property
-    def replayed(self) -> Replayed | NoReplayCheck | None:
-        """Of the best, with what was held out."""
-        return self.updated.replayed if isinstance(self.updated, Updated) else self.updated
 
 
 def few_effects(

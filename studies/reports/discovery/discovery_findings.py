@@ -26,7 +26,9 @@ from studies.reports.alert_table import merged
 from studies.reports.discovery.candidate_outcome import round_remarks
 from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
 from studies.reports.discovery.own_effects_table import alike, seen, stand_ins
-from studies.reports.discovery.replay_section import few_findings, neo_hooke_replay, replay_findings, use_finding
+from studies.reports.discovery.replays.few_effects_section import few_findings
+from studies.reports.discovery.replays.replay_section import replay_findings
+from studies.reports.discovery.replays.replayed_models import neo_hooke_replay, use_finding
 from studies.reports.discovery.view import View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found

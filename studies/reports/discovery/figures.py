@@ -19,8 +19,9 @@ from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.parameter_covariance import Z95
 from studies.output import style
 from studies.reports.discovery.candidate_outcome import WORDS
-from studies.reports.discovery.replay_section import BASE, FEW, FINAL, NEO_HOOKE
-from studies.reports.discovery.replayed_forces import force_courses
+from studies.reports.discovery.replays.replay_section import BASE, FINAL, NEO_HOOKE
+from studies.reports.discovery.replays.replayed_forces import force_courses
+from studies.reports.discovery.replays.replayed_models import FEW
 from studies.reports.discovery.view import View, held_increments
 from studies.reports.force_record import COMPONENTS, worth_drawing
 

@@ -11,13 +11,13 @@ from typing import Any
 from calibrate.diagnosis import distillation
 from calibrate.diagnosis.distillation import bulk_modulus
 from calibrate.diagnosis.replayed.checked_replay import replay_record
-from calibrate.diagnosis.replayed.few_effects import FewEffects, Usable
+from calibrate.diagnosis.replayed.few_effects import Usable
 from calibrate.diagnosis.replayed.replay_verdict import replayed_level, stiffness_level
 from calibrate.diagnosis.selection import Discovery
 from calibrate.effects.chain import Additions
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.fitness import Fitness, Use
-from studies.reports.discovery.replay_section import FEW_FILE, NEO_HOOKE_FILE
+from studies.reports.discovery.replays.replayed_models import usable_models
 from studies.reports.discovery.statement import network_words
 from studies.reports.headline import WORDS as HEADLINE
 
@@ -41,10 +41,7 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
 
 def unexplained(found: Discovery, hold_out: str, record: dict[str, Any]) -> dict[str, ExtendedModel]:
     """Models of a test that nothing explains, without a network, by their files: few effects, where they were updated by forces, and neo-Hooke."""
-    if not isinstance(found.few, FewEffects):
-        return {}
-    fits = {FEW_FILE: found.few.usable, NEO_HOOKE_FILE: found.few.usable_neo_hooke}
-    return {name: _without_network(found, one, hold_out, record) for name, one in fits.items() if one is not None}
+    return {file: _without_network(found, one, hold_out, record) for file, one in usable_models(found).items()}
 
 
 def _without_network(found: Discovery, use: Usable, hold_out: str, record: dict[str, Any]) -> ExtendedModel:

@@ -25,8 +25,8 @@ from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.parameter_covariance import Z95
 from studies.reports.discovery.candidate_outcome import indistinguishable, outcome_words, round_remarks
-from studies.reports.discovery.few_effects_table import few_record
 from studies.reports.discovery.own_effects_table import own_effects_record
+from studies.reports.discovery.replays.few_effects_table import few_record
 from studies.reports.discovery.view import View, held_increments
 from studies.reports.discovery.weighing_tables import weighing_record
 

@@ -22,18 +22,19 @@ from studies.reports.discovery import figures
 from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
-from studies.reports.discovery.few_effects_table import few_table
 from studies.reports.discovery.own_effects_table import own_effects_table
 from studies.reports.discovery.records import ExperimentRecord, content, model_name
-from studies.reports.discovery.replay_section import (
-    FEW_FILE,
+from studies.reports.discovery.replays.few_effects_table import few_table
+from studies.reports.discovery.replays.replay_section import replay_table
+from studies.reports.discovery.replays.replayed_forces import band_fields, band_rows, course_rows, force_courses
+from studies.reports.discovery.replays.replayed_models import (
+    FEW_FILES,
     NEO_HOOKE_FILE,
-    replay_table,
+    average_of_few,
     replayed_models,
     to_predict_with,
     updated_bands,
 )
-from studies.reports.discovery.replayed_forces import band_fields, band_rows, course_rows, force_courses
 from studies.reports.discovery.statement import clauses, untestable, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
 from studies.reports.discovery.view import View, held_increments
@@ -51,7 +52,7 @@ def write(
     names of their files."""
     files = [folder / "report.html", folder / "model.json", *_data(folder, view)]
     model.save(files[1])
-    for name in (FEW_FILE, NEO_HOOKE_FILE, PICTURE, TABLE):  # of an earlier version, if they are there
+    for name in (*FEW_FILES, NEO_HOOKE_FILE, PICTURE, TABLE):  # of an earlier version, if they are there
         (folder / name).unlink(missing_ok=True)
     for name, other in (beside or {}).items():
         files.append(folder / name)
@@ -88,10 +89,9 @@ def _results(report: Report, folder: Path, view: View) -> None:
     report.heading("Models").table(*model_table(view), WORDS.model_caption())
     if view.discovery.problem.noise_is_known:
         report.heading("Residual against noise").table(*misfit_table(view), WORDS.misfit_caption())
-    if isinstance(view.discovery.replay_check, ReplayCheck):
-        table = replay_table(
-            view.discovery.replay_check, replayed_models(view.discovery), updated_bands(view.discovery)
-        )
+    found, check = view.discovery, view.discovery.replay_check
+    if isinstance(check, ReplayCheck):
+        table = replay_table(check, replayed_models(found), updated_bands(found), average_of_few(found))
         report.heading("Replay").table(*table, WORDS.replay_caption())
     if view.weighing is not None and discovery_headline(view).verdict is not Use.NOT:
         report.heading("All explanations").table(*alternatives_table(view.weighing), WORDS.alternatives_caption())

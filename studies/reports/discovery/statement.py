@@ -16,9 +16,9 @@ from calibrate.models.parameter_covariance import Z95
 from studies.output.words import plus_minus, with_unit
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words
 from studies.reports.discovery.discovery_quality import discovery_headline
-from studies.reports.discovery.few_effects_table import few_data
 from studies.reports.discovery.records import told_shapes
-from studies.reports.discovery.replay_section import recommendation
+from studies.reports.discovery.replays.few_effects_table import few_data
+from studies.reports.discovery.replays.replayed_models import recommendation
 from studies.reports.discovery.view import View
 
 LISTED = 3  # amplitudes that a cell of the table can hold

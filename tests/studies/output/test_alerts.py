@@ -27,7 +27,7 @@ from calibrate.diagnosis.evidence.levels import Level
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.evidence.power import Finding as Power
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
-from calibrate.diagnosis.replayed.few_effects import FewEffects, FittedSet
+from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel, FittedSet
 from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
 from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.updating import Updated
@@ -269,6 +269,7 @@ def of_few(
     names: tuple[str, ...] = ("second invariant",),
     neo_hooke: float | None = 20.0,
     converged: bool = True,
+    competing: tuple[tuple[str, ...], ...] = (),
 ) -> Findings:
     """Few effects by the fields, whose replay with relaxation misses forces held out by `wrong` standard deviations (None: it was not made), beside neo-Hooke with `neo_hooke`, of which 20 are 5 %, and a
     final model with 10."""
@@ -280,7 +281,8 @@ def of_few(
     sets = Explanation(names, 0.0, probability=0.7), Explanation(("compressibility",), 0.0, probability=0.02)
     force = NoReplayCheck("no force is known") if wrong is None else updated
     base = NoReplayCheck("no equilibrium") if neo_hooke is None else check(observations(only_held(neo_hooke))).final
-    few = FewEffects(np.ones(4), ErrorsOfReplay(0.05, 0.06), Alternatives(sets), (best,), force, base)
+    models = (FewModel(names, 0.7, force), *(FewModel(one, 0.2, force) for one in competing))
+    few = FewEffects(np.ones(4), ErrorsOfReplay(0.05, 0.06), Alternatives(sets), (best,), models, base)
     return of_nothing(verdict=Verdict.NOT_EXPLAINED, replay_check=check(observations(only_held(10.0))), few=few)
 
 
@@ -365,6 +367,7 @@ OF_DISCOVERY: dict[str, Callable[[], Findings]] = {
     "discovery.model_to_use": of_few,
     "discovery.few_effects": of_few,
     "discovery.no_few_effects": lambda: of_few(None),
+    "discovery.competing_few_effects": lambda: of_few(competing=(("compressibility",),)),
     "discovery.plane_strain": lambda: with_patch("bulk_modulus", lambda problem, fit: (100.0, 5.0)),
 }
 
@@ -736,7 +739,17 @@ def test_few_effects_are_offered_where_their_replay_is_the_best() -> None:
     none = {one.alert.code: one.text for one in of_few(names=())}
     assert "none (probability 70 %); neo-Hooke alone leaves 0.06 mm" in none["R619"]
     refused = {one.alert.code: one.text for one in of_few(None)}
+    assert "R621" not in told
     assert "no force is known" in refused["R620"] and "model_few_effects" not in refused["R614"] + refused["R619"]
+
+
+def test_few_effects_that_compete_are_told_with_what_they_predict() -> None:
+    """Each by its own file, and the average of all; neo-Hooke alone may be one of them."""
+    told = {one.alert.code: one.text for one in of_few(4.0, competing=(("compressibility", "lens distortion"), ()))}
+    said = told["R621"]
+    assert "compressibility and lens distortion (probability 20 %), with what the forces add (viscoelasticity" in said
+    assert "model_few_effects_2.json; none (probability 20 %)" in said and said.count("forces by 1 %") == 3
+    assert "Averaged by their probabilities, they miss forces by 1 % and" in said
 
 
 def test_a_model_that_replays_worse_than_neo_hooke_is_not_offered() -> None:

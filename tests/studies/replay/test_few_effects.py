@@ -13,7 +13,7 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis import base_fit
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.replayed.few_effects import FewEffects
+from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel
 from calibrate.diagnosis.replayed.observations import ReplayErrors
 from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.updating import Updated
@@ -27,7 +27,7 @@ from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
 from studies.replay import few_effects_replay
 from studies.replay.few_effects_replay import few_by_fields, with_forces
-from studies.reports.discovery.few_effects_table import few_record, few_table
+from studies.reports.discovery.replays.few_effects_table import few_record, few_table
 from studies.synthetic import camera, effect_laws
 
 STRIP = SPECIMENS["strip"]()
@@ -61,7 +61,7 @@ def found(gradient: float, later: float = 1.0) -> tuple[FewEffects, Updated]:
     test = replace(test, loaded=loaded, displacements=factor[..., None] * test.displacements)
     problem, base = base_fit.prepare([test], [HoldOut.parse(f"after:{FITTED:g}", 0).training], base="neo-Hooke")
     few = few_by_fields(problem, base.c, EFFECTS, read_priors())
-    return few, with_forces(problem, few, EFFECTS, read_priors())
+    return few, with_forces(problem, few, few.best, EFFECTS, read_priors())
 
 
 def test_a_gradient_and_the_relaxation_beside_it_are_found():
@@ -92,8 +92,8 @@ def test_table_and_record_have_what_was_found():
     few, updated = found(GX)
     columns, rows = few_table(few, "MPa")
     assert rows[0][0] == "stiffness gradient" and "gx = -0.199" in rows[0][2] and len(rows[0]) == len(columns)
-    record = few_record(replace(few, updated=updated))
-    assert record["sets"][0]["effects"] == ["stiffness gradient"] and record["updated"]["converged"]
+    record = few_record(replace(few, models=(FewModel(few.best.effects, 0.9, updated),)))
+    assert record["sets"][0]["effects"] == ["stiffness gradient"] and record["models"][0]["converged"]
     assert few_record(None) is None
 
 
@@ -112,7 +112,7 @@ def test_forces_do_not_take_the_fields_further_off(monkeypatch, fields, tried):
 
     monkeypatch.setattr(few_effects_replay, "update", update)
     monkeypatch.setattr(few_effects_replay, "ComparedTest", lambda part, pictures, base: SimpleNamespace(part=part))
-    assert with_forces(problem, few, EFFECTS, read_priors()).after.field == 0.1
+    assert with_forces(problem, few, few.best, EFFECTS, read_priors()).after.field == 0.1
     assert asked == [(False, True, True), (True, True, True), (True, False, False)][:tried]
 
 

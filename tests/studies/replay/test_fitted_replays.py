@@ -22,7 +22,7 @@ from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
 from studies.replay.compared_test import ComparedTest
 from studies.replay.fitted_replays import EACH, Replays, other_times
-from studies.reports.discovery.few_effects_table import update_record
+from studies.reports.discovery.replays.few_effects_table import update_record
 from studies.synthetic import camera
 
 STRIP = SPECIMENS["strip"]()

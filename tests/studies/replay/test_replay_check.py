@@ -19,9 +19,14 @@ from calibrate.diagnosis.evidence.levels import StiffnessLevel
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.replayed.averaged import averaged
+from calibrate.diagnosis.replayed.band import ALTERNATIVES
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
-from calibrate.diagnosis.replayed.parameter_spread import spread_of
+from calibrate.diagnosis.replayed.few_effects import FewModel
+from calibrate.diagnosis.replayed.observations import ReplayErrors
+from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread, spread_of
 from calibrate.diagnosis.replayed.replay_verdict import judged_by_replay, replayed_level, stiffness_level
+from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.diagnosis.selection.rounds import Doubt
 from calibrate.effects import CATALOGUE
@@ -215,6 +220,29 @@ def test_amplitudes_are_as_uncertain_as_the_fit_says():
     c, additions = spread.directions.moved(len(spread.directions.sizes) - 1)
     assert additions[0].amplitudes[0] > found(True).final.additions[0].amplitudes[0]
     np.testing.assert_array_equal(c, found(True).final.c)
+
+
+def test_few_effects_that_compete_are_in_the_bands_of_each_other():
+    """With and without the second invariant, 3 to 1: each differs from the other by as much, and its band holds that by the probability of the other. One without an equilibrium says so, and is in no band."""
+    one = found(True)
+    fits = [(one.final.c, one.final.additions), (one.base.c, ()), (0 * one.base.c, ())]
+    errors = ReplayErrors(0.01, 0.01)
+    spreads = [Spread(Directions.of(c, additions, c[:, None], 1.0), np.zeros((1 + len(additions), 1))) for c, additions in fits]  # fmt: skip
+    sets = [(("second invariant",), 0.6), ((), 0.2), (("compressibility",), 0.2)]
+    models = [FewModel(*of, Updated(s, errors, errors, True, 6)) for of, s in zip(sets, spreads, strict=True)]
+    few = _Check(one).of_few(models)
+    own, other = (model.updated.check for model in few[:2])
+    change = own.final.rows.residual - other.final.rows.residual
+    assert np.abs(change).max() > 0
+    np.testing.assert_allclose(own.band.parts[ALTERNATIVES], 0.25 * np.outer(change, change), atol=1e-15)
+    np.testing.assert_allclose(other.band.parts[ALTERNATIVES], 0.75 * np.outer(change, change), atol=1e-15)
+    assert own.alternatives == ((),) and other.alternatives == (("second invariant",),)
+    assert isinstance(few[2].updated, NoReplayCheck) and few[2].updated.reason
+    both = averaged([(model.probability, model.updated.check) for model in few[:2]])
+    mean = 0.75 * own.final.rows.residual + 0.25 * other.final.rows.residual
+    forces = own.final.rows.judged & own.final.rows.is_force
+    assert both.judged == pytest.approx(np.linalg.norm(mean[forces]) / np.linalg.norm(own.final.rows.measured[forces]))
+    assert both.smooth < max(check.smooth[1] for check in (own, other)) and averaged([(1.0, own)]) is None
 
 
 # --- verdict --------------------------------------------------------------------------------------------------

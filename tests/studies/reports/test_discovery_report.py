@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.model_weights import noise_of
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
-from calibrate.diagnosis.replayed.few_effects import FewEffects, FittedSet
+from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel, FittedSet
 from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
 from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
 from calibrate.diagnosis.replayed.updating import Updated
@@ -39,13 +39,9 @@ from studies.reports.discovery.candidate_outcome import Outcome, outcome, outcom
 from studies.reports.discovery.discovery_findings import DiscoveryCode, remarks
 from studies.reports.discovery.model_files import unexplained
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
-from studies.reports.discovery.replay_section import (
-    ReplayCode,
-    recommendation,
-    replay_table,
-    to_predict_with,
-)
-from studies.reports.discovery.replayed_forces import band_fields, band_rows, course_rows, force_courses
+from studies.reports.discovery.replays.replay_section import ReplayCode, replay_table
+from studies.reports.discovery.replays.replayed_forces import band_fields, band_rows, course_rows, force_courses
+from studies.reports.discovery.replays.replayed_models import recommendation, to_predict_with
 from studies.reports.discovery.statement import Statement, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, model_table
 from studies.reports.discovery.view import decorrelated, deviations, forces, held_increments, nodal
@@ -406,7 +402,7 @@ def few_effects(replayed: Any, neo_hooke: Any, c: Any = None) -> FewEffects:
     errors = ErrorsOfReplay(0.05, 0.02)
     made = SimpleNamespace(final=replayed, expected=errors, judgement=SimpleNamespace(force=None, field=None))
     updated = Updated(spread, errors, errors, True, 6, check=made)
-    return FewEffects(c, errors, Alternatives(()), (), updated, neo_hooke)
+    return FewEffects(c, errors, Alternatives(()), (), (FewModel((), 1.0, updated),), neo_hooke)
 
 
 def test_a_model_that_is_recommended_is_a_file(tmp_path):
@@ -422,7 +418,9 @@ def test_a_model_that_is_recommended_is_a_file(tmp_path):
     models[file].save(tmp_path / file)
     loaded = ExtendedModel.load(tmp_path / file)
     assert loaded.additions == () and loaded.c == pytest.approx(good.final.level.factor * neo_hooke)
-    alone = replace(open_one, replay_check=None, few=replace(few, updated=NoReplayCheck("no equilibrium")))
+    alone = replace(
+        open_one, replay_check=None, few=replace(few, models=(FewModel((), 1.0, NoReplayCheck("no equilibrium")),))
+    )
     assert "no other model was replayed" in recommendation(alone)
     assert unexplained(replace(open_one, few=None), "half", record) == {}
 

@@ -52,5 +52,5 @@ def test_every_replayed_model_is_drawn_and_written(tmp_path):
     record = json.loads((tmp_path / "discovery.json").read_text())["few_effects"]
     assert record["inclusion"] == pytest.approx(found.few.inclusion)
     model = ExtendedModel.load(tmp_path / "model_few_effects.json")
-    assert model.additions == () and model.c[0] == pytest.approx(record["updated"]["replay"]["final"]["level"] * found.few.usable.c[0])  # fmt: skip
+    assert model.additions == () and model.c[0] == pytest.approx(record["models"][0]["replay"]["final"]["level"] * found.few.models[0].usable.c[0])  # fmt: skip
     assert "R619" in {one.alert.code for one in remarks(view)}

@@ -14,7 +14,8 @@ from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.replayed.observations import Observations
 from calibrate.diagnosis.selection import Discovery
 from calibrate.models.parameter_covariance import Z95
-from studies.reports.discovery.replay_section import Table, models_of, replayed_models
+from studies.reports.discovery.replays.replay_section import Table, models_of
+from studies.reports.discovery.replays.replayed_models import replayed_models
 
 Array = NDArray[np.float64]
 

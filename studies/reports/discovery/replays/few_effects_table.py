@@ -79,7 +79,10 @@ def few_record(found: FewEffects | NoReplayCheck | None) -> dict[str, Any] | Non
         "sets": [{"effects": list(names), "probability": p} for names, p in found.sets],
         "inclusion": found.inclusion,
         "fitted": fitted,
-        "updated": None if found.updated is None else update_record(found.updated),
+        "models": [
+            {"set": list(one.effects), "probability": one.probability, **update_record(one.updated)}
+            for one in found.models
+        ],
         "neo_hooke": _replayed(found.neo_hooke),
     }
 
