@@ -29,7 +29,7 @@ EQUAL = 1e-5  # relative difference of two eigenvalues below which their limit i
 
 
 @dataclass(frozen=True)
-class Branch:
+class MaxwellBranch:
     """A spring of shear modulus mu, MPa, in series with a dashpot; tau: its relaxation time at small strain, s. Raises `MaterialError`."""
 
     mu: float
@@ -51,7 +51,7 @@ class BranchStep:
     past: Array
 
 
-def flowed(branch: Branch, F: Array, past: Array, duration: float) -> Array:
+def flowed(branch: MaxwellBranch, F: Array, past: Array, duration: float) -> Array:
     """In-plane A (..., 2, 2) after `duration`, s, at F (..., 2, 2), from `past` (..., 2, 2); NaN where no strains are found."""
     F, past = _components(F), _components(past)
     squares, axes = _principal(_pushed(F, past))
@@ -60,7 +60,7 @@ def flowed(branch: Branch, F: Array, past: Array, duration: float) -> Array:
     return _points(_pushed(_inverse(F), _tensor(np.exp(2 * strains), axes)))
 
 
-def step(branch: Branch, F: Array, past: Array, duration: float) -> BranchStep:
+def step(branch: MaxwellBranch, F: Array, past: Array, duration: float) -> BranchStep:
     """From `past`, the in-plane A (..., 2, 2) before the step, `flowed` for half of it, to F (..., 2, 2), in `duration`, s.
 
     Where F is not finite or no strains are found the stress is NaN, so that the step fails.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forward._dolfinx import ufl
-from forward.sheet.multiplicative_viscosity import Branch, flowed, step
+from forward.sheet.multiplicative_viscosity import MaxwellBranch, flowed, step
 from forward.sheet.quadrature_fields import (
     evaluate,
     get_values,
@@ -27,7 +27,9 @@ Array = NDArray[np.float64]
 class OverstressFields:
     """Branches of a sheet with the deformation gradient F (2, 2) in UFL; `new_variable` makes a state variable (name, shape, start)."""
 
-    def __init__(self, branches: Sequence[Branch], F: Any, domain: Any, new_variable: Callable[..., Any]) -> None:
+    def __init__(
+        self, branches: Sequence[MaxwellBranch], F: Any, domain: Any, new_variable: Callable[..., Any]
+    ) -> None:
         self.branches, self.domain, self.duration = branches, domain, 0.0
         self._F = quadrature_expression(F, domain)
         self._past = [new_variable(f"branch_{i}", (2, 2), np.eye(2)) for i in range(len(branches))]

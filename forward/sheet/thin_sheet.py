@@ -14,7 +14,7 @@ from typing import Any
 from forward.errors import MaterialError
 from forward.materials import Material
 from forward.sheet.additions import Addition
-from forward.sheet.multiplicative_viscosity import Branch
+from forward.sheet.multiplicative_viscosity import MaxwellBranch
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Sheet:
     prony: tuple[Prony, ...] = ()
     permanent_set: PermanentSet | None = None
     bulk_modulus: float | None = None
-    branches: tuple[Branch, ...] = ()
+    branches: tuple[MaxwellBranch, ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.thickness) and self.thickness > 0):

@@ -23,6 +23,7 @@ from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.network_model import Model
 from forward.materials import ArrudaBoyce, Carroll, Material, MooneyRivlin, NeoHooke, Yeoh
 from forward.materials.arruda_boyce import COEFFICIENTS
+from forward.sheet.multiplicative_viscosity import MaxwellBranch
 from studies.errors import ExportError
 from studies.exporters.energy_terms import NetworkTerm, PowerTerm, SplineTerm, Term
 from studies.exporters.reference import stress_of_energy, stress_of_extended
@@ -54,14 +55,6 @@ class PronyBranch:
     """S gains g int exp(-(t - s) / tau) dS of the elastic stress; tau in s."""
 
     g: float
-    tau: float
-
-
-@dataclass(frozen=True)
-class MaxwellBranch:
-    """A spring of shear modulus mu in series with a dashpot of relaxation time tau, s; see `calibrate.effects.finite_viscoelasticity`."""
-
-    mu: float
     tau: float
 
 

@@ -13,7 +13,7 @@ from calibrate.effects.inclusion import half_axes
 from forward.materials import Material
 from forward.sheet import additions as laws
 from forward.sheet.damage_and_dispersion import EllipticInclusion
-from forward.sheet.multiplicative_viscosity import Branch
+from forward.sheet.multiplicative_viscosity import MaxwellBranch
 from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 
 Values = Mapping[str, float]
@@ -67,7 +67,7 @@ def sheet(
     """
     additions = list(more)
     prony: list[Prony] = []
-    branches: list[Branch] = []
+    branches: list[MaxwellBranch] = []
     changes: dict[str, Any] = {}
     for name, amplitudes, shape in effects:
         if name in ADDITIONS:
@@ -75,7 +75,7 @@ def sheet(
         elif name in RELAXING:
             prony.append(Prony(amplitudes["g"], shape["tau"]))
         elif name in FLOWING:
-            branches.append(Branch(amplitudes["mu"], shape["tau"]))
+            branches.append(MaxwellBranch(amplitudes["mu"], shape["tau"]))
         else:
             changes |= CHANGES[name](amplitudes, shape)
     return Sheet(material, thickness, tuple(additions), tuple(prony), branches=tuple(branches), **changes)

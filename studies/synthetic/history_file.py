@@ -19,7 +19,7 @@ from forward.errors import MaterialError
 from forward.materials import Material
 from forward.sheet import additions as laws
 from forward.sheet.damage_and_dispersion import DispersedFibres, OgdenRoxburgh
-from forward.sheet.multiplicative_viscosity import Branch
+from forward.sheet.multiplicative_viscosity import MaxwellBranch
 from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 from studies.commandline.option_types import nearest
 from studies.errors import OptionError
@@ -74,7 +74,7 @@ class History(BaseModel):
             () if self.viscosity is None else (_made("[viscosity]", Prony, self.viscosity),),
             None if self.permanent_set is None else _made("[permanent_set]", PermanentSet, self.permanent_set),
             self.bulk_modulus,
-            tuple(_made("[[branch]]", Branch, table) for table in self.branch),
+            tuple(_made("[[branch]]", MaxwellBranch, table) for table in self.branch),
         )
 
 

@@ -30,7 +30,7 @@ from calibrate.data.experiment import Experiment, Noise
 from forward.materials import Gent
 from forward.sheet.additions import Addition
 from forward.sheet.damage_and_dispersion import DispersedFibres, OgdenPart, OgdenRoxburgh, RectangularInclusion
-from forward.sheet.multiplicative_viscosity import Branch
+from forward.sheet.multiplicative_viscosity import MaxwellBranch
 from studies.synthetic.camera import GaussianField, stream
 from studies.trials.blind_effects import Hidden, log_uniform
 from studies.trials.blind_trial import FIELD_RESOLUTION, ForeignNoise, Trial
@@ -94,14 +94,14 @@ class Laws:
     """Of a foreign trial, for a `forward.sheet.thin_sheet.Sheet`; solved: names of the effects that they are."""
 
     additions: tuple[Addition, ...]
-    branches: tuple[Branch, ...]
+    branches: tuple[MaxwellBranch, ...]
     solved: frozenset[str]
 
 
 def laws(trial: Trial) -> Laws:
     """The foreign laws of what is hidden; none of a trial that is not foreign."""
     additions: list[Addition] = []
-    branches: tuple[Branch, ...] = ()
+    branches: tuple[MaxwellBranch, ...] = ()
     solved = set()
     for one in trial.effects if trial.foreign is not None else ():
         a, more = one.amplitudes, one.more
@@ -120,7 +120,7 @@ def laws(trial: Trial) -> Laws:
         elif one.name == "viscoelasticity":
             mu, tau = a["g"] * trial.material.shear_modulus, one.shape["tau"]
             branches = (
-                Branch(more["share"] * mu, more["faster"] * tau), Branch((1 - more["share"]) * mu, more["slower"] * tau)
+                MaxwellBranch(more["share"] * mu, more["faster"] * tau), MaxwellBranch((1 - more["share"]) * mu, more["slower"] * tau)
             )  # fmt: skip
         else:
             solved.discard(one.name)

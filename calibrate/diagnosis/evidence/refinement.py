@@ -37,7 +37,7 @@ from calibrate.effects.chain import Addition, Additions, Chain
 from calibrate.fitting.resumable import SILENT, Resumable
 
 Array = NDArray[np.float64]
-START, SHARES = (
+START, TIMES = (
     0.5,
     4,
 )  # share of the linear estimate that a fit starts from where the whole has a larger misfit, taken so often
@@ -162,7 +162,7 @@ def _fitted(
     """With its own weights, from the linear estimate, or a share of it where that is better; None where the fit runs away, or effects take the place of the material. An effect that
     ends as a simpler one is fitted on as that, where it is `known`."""
     start = additions
-    for _ in range(SHARES):
+    for _ in range(TIMES):
         if equations.loss(problem, base.c, start) < base.loss:
             break
         start = tuple(a.nearer_null(START) for a in start)

@@ -20,7 +20,7 @@ from calibrate.errors import FitError
 from forward.loading import Loading
 from forward.materials import NeoHooke
 from forward.sheet.inelastic import solve_history
-from forward.sheet.multiplicative_viscosity import Branch
+from forward.sheet.multiplicative_viscosity import MaxwellBranch
 from forward.sheet.thin_sheet import Sheet
 from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
@@ -35,7 +35,7 @@ FIRST, SECOND = (next(e for e in CATALOGUE if e.name == name) for name in ("visc
 
 def held(*branches: tuple[float, float]):
     """A ramp, a pause and the way back, by 8 % of strain; branches with a multiplicative split, which both forms of the catalogue are at so small a strain."""
-    sheet = Sheet(NeoHooke(MU), 1.0, branches=tuple(Branch(g * MU, tau) for g, tau in branches))
+    sheet = Sheet(NeoHooke(MU), 1.0, branches=tuple(MaxwellBranch(g * MU, tau) for g, tau in branches))
     pull = Loading.clamped(PLATE.loaded, 10.0)
     true = solve_history(quads(PLATE, size_factor=3.0), sheet, pull, FACTORS, TIMES, substeps=8)
     return camera.observe(true, triangles(PLATE, n_nodes=500), camera.Camera(relative_noise=4e-5, force_noise=2e-4), 3)

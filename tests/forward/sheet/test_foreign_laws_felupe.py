@@ -13,7 +13,7 @@ from forward import Loading, NeoHooke
 from forward.materials import Ogden
 from forward.sheet.damage_and_dispersion import DispersedFibres, OgdenRoxburgh
 from forward.sheet.inelastic import solve_history
-from forward.sheet.multiplicative_viscosity import Branch
+from forward.sheet.multiplicative_viscosity import MaxwellBranch
 from forward.sheet.thin_sheet import Sheet
 from meshes import PlateWithHole, quads
 
@@ -113,7 +113,7 @@ def runge_kutta(A, start, end, tau, duration, steps=4):
 
 def test_two_branches_with_a_multiplicative_split(mesh):
     """A ramp and a rest: what the nodes are out of balance falls with the second power of the step."""
-    base, branches = NeoHooke(0.4), (Branch(0.3, 1.3), Branch(0.15, 0.4))
+    base, branches = NeoHooke(0.4), (MaxwellBranch(0.3, 1.3), MaxwellBranch(0.15, 0.4))
 
     def errors(n):
         times = np.arange(1, n + 1) * 3.0 / n

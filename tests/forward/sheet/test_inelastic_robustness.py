@@ -15,7 +15,7 @@ from forward.sheet.additions import MooneyPart, Mullins, Patch
 from forward.sheet.damage_and_dispersion import EllipticInclusion
 from forward.sheet.inelastic import solve_history
 from forward.sheet.inelastic_problem import InelasticProblem
-from forward.sheet.multiplicative_viscosity import Branch
+from forward.sheet.multiplicative_viscosity import MaxwellBranch
 from forward.sheet.sheet_run import Options
 from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 from meshes import PlateWithHole, quads
@@ -54,7 +54,7 @@ def check_same(found, expected):
 
 ALL_KINDS = {
     **SHEETS,
-    "of branches": Sheet(NeoHooke(0.4), 1.2, branches=(Branch(0.3, 0.5),)),
+    "of branches": Sheet(NeoHooke(0.4), 1.2, branches=(MaxwellBranch(0.3, 0.5),)),
     "viscous": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), (Prony(0.9, 2.0),)),
     "compressible and elastic": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), bulk_modulus=2.0),
     "compressible and viscous": Sheet(NeoHooke(0.4), 1.2, (MooneyPart(0.03),), (Prony(0.9, 2.0),), bulk_modulus=2.0),

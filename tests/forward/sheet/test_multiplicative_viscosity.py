@@ -13,12 +13,12 @@ from forward import Loading, NeoHooke
 from forward.errors import MaterialError
 from forward.loading import MeasuredMotion
 from forward.sheet.inelastic import solve_history
-from forward.sheet.multiplicative_viscosity import Branch, flowed, step
+from forward.sheet.multiplicative_viscosity import MaxwellBranch, flowed, step
 from forward.sheet.thin_sheet import Prony, Sheet
 from meshes import PlateWithHole, SquareSheet, quads
 
 NEO, H, SIDE = NeoHooke(0.4), 1.5, 5.0
-BRANCHES = (Branch(0.3, 1.3), Branch(0.15, 0.2))
+BRANCHES = (MaxwellBranch(0.3, 1.3), MaxwellBranch(0.15, 0.2))
 LATERAL = {"uniaxial": -0.5, "pure shear": 0.0, "equi-biaxial": 1.0}
 RATE, RAMP = 0.4, 2.0  # 1/s, s: to a stretch of 1.8, then held
 
@@ -137,7 +137,7 @@ def test_fast_and_slow():
     """All of a branch's spring in a step that is short beside tau, nothing of it after a long rest."""
     F = np.diag([1.8, 0.7])
     spring = np.array(nominal_stresses(NeoHooke(0.3), 1.8, 0.7))
-    fast, slow = (step(Branch(0.3, tau), F, np.eye(2), 1.0) for tau in (1e9, 1e-9))
+    fast, slow = (step(MaxwellBranch(0.3, tau), F, np.eye(2), 1.0) for tau in (1e9, 1e-9))
     np.testing.assert_allclose(np.diag(fast.stress), spring, rtol=1e-8)
     np.testing.assert_allclose(slow.stress, 0, atol=1e-8)
     np.testing.assert_allclose(F @ slow.past @ F.T, np.eye(2), atol=1e-8)
@@ -146,7 +146,7 @@ def test_fast_and_slow():
 def test_a_small_step_is_the_linear_law():
     """A Maxwell element after a jump and half a step, backward Euler extrapolated, to the first order in the strain."""
     F = np.eye(2) + 1e-6 * np.array([[0.7, 0.2], [-0.4, 0.1]])
-    found, spring = (step(Branch(0.3, tau), F, np.eye(2), 0.5).stress for tau in (1.3, 1e12))
+    found, spring = (step(MaxwellBranch(0.3, tau), F, np.eye(2), 0.5).stress for tau in (1.3, 1e12))
     z = 0.25 / 1.3
     np.testing.assert_allclose(found, (2 / (1 + z / 2) ** 2 - 1 / (1 + z)) * spring, rtol=1e-5, atol=1e-12)
 
@@ -156,7 +156,7 @@ def test_small_strain_is_the_finite_linear_law():
     """Simo's law with g = mu of the branch / mu of the base: the overstresses differ by the square of the strain in pure shear, whose stress is odd in it."""
     times = np.arange(1, 41) * 0.1
     mesh = quads(SquareSheet(SIDE, SIDE, far_size=2 * SIDE), quarter=True)
-    split, linear = Sheet(NEO, H, branches=(Branch(0.3, 1.3),)), Sheet(NEO, H, prony=(Prony(0.75, 1.3),))
+    split, linear = Sheet(NEO, H, branches=(MaxwellBranch(0.3, 1.3),)), Sheet(NEO, H, prony=(Prony(0.75, 1.3),))
 
     def difference(size):
         loading = Loading({"right": (size * SIDE, None), "top": (None, 0.0)})
@@ -197,8 +197,8 @@ def test_a_plate_with_a_hole_relaxes_and_a_run_that_was_cut_off_goes_on(tmp_path
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Branch(-0.1, 1.0),
-        lambda: Branch(0.1, 0.0),
+        lambda: MaxwellBranch(-0.1, 1.0),
+        lambda: MaxwellBranch(0.1, 0.0),
         lambda: Sheet(NEO, bulk_modulus=100.0, branches=BRANCHES),
     ],
 )

@@ -11,7 +11,7 @@ import pytest
 from calibrate.data.experiment import Experiment
 from forward import NeoHooke
 from forward.sheet.damage_and_dispersion import DispersedFibres, OgdenRoxburgh
-from forward.sheet.multiplicative_viscosity import Branch
+from forward.sheet.multiplicative_viscosity import MaxwellBranch
 from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 from studies import cli
 from studies.errors import OptionError
@@ -53,7 +53,9 @@ def test_every_part_of_a_sheet_is_read(tmp_path: Path) -> None:
     history = read_history(path)
     assert (history.times, history.factors, history.substeps) == ((4, 9, 12), (1.0, 1.0, 0.5), 3)
     additions = (OgdenRoxburgh(2.0, 0.05), DispersedFibres(0.05, 0.5, 0.1, (0.6, -0.6)))
-    expected = Sheet(NeoHooke(), 1.5, additions, (Prony(0.3, 5.0),), PermanentSet(0.02), None, (Branch(0.2, 2.0),))
+    expected = Sheet(
+        NeoHooke(), 1.5, additions, (Prony(0.3, 5.0),), PermanentSet(0.02), None, (MaxwellBranch(0.2, 2.0),)
+    )
     assert sheet_of(path, history, NeoHooke(), 1.5) == expected
 
 
