@@ -22,7 +22,7 @@ from studies.output.words import percent
 from studies.trials.foreign import FOREIGN as FOREIGN_FORMS
 from studies.trials.foreign import NEARLY
 from studies.trials.judgement import JudgedTrial, read
-from studies.trials.trial_summary import FIELD, Ending, ending, summary
+from studies.trials.trial_summary import FIELD, summary
 
 FOLDER = Path(__file__).parent
 FEW, NONE = 5, "none"
@@ -33,7 +33,7 @@ NEVER = "never: a common factor of modulus, force, thickness and DIC scale"
 
 @dataclass(frozen=True)
 class TrialSet:
-    """Judged trials in a file of docs, of the command with these options. version: what the diagnosis had that the one before had not; how: what was known. nearly: foreign forms that
+    """Judged trials in a file of docs/trials, of the command with these options. version: what the diagnosis had that the one before had not; how: what was known. nearly: foreign forms that
     the catalogue nearly had then."""
 
     file: str
@@ -45,7 +45,7 @@ class TrialSet:
     @property
     def judged(self) -> list[JudgedTrial]:
         """Its trials."""
-        return read(FOLDER / self.file)
+        return read(FOLDER / "trials" / self.file)
 
     @property
     def seed(self) -> str:
@@ -63,6 +63,7 @@ FOREIGN = "--foreign --seed {} --trials 6 --nulls 46 --pairs 40"
 BEFORE_FINITE = frozenset(NEARLY) - {
     "viscoelasticity"
 }  # branches with a multiplicative split were not in the catalogue then
+RECENT = 84000  # first seed of the sets that are counted together
 BEFORE_INCLUSIONS = BEFORE_FINITE - {"stiffness field"}  # nor was an inclusion
 SETS = (
     TrialSet("blind.json", "--seed 20000", "verdicts of the rounds alone", FIXED),
@@ -206,9 +207,16 @@ def share(part: int, whole: int) -> str:
     return f"{part} of {whole} ({100 * part / whole:.0f} %)" if whole else NONE
 
 
-def rates(n: dict[str, Any], sought: dict[str, str]) -> list[list[str]]:
-    """The table of all trials, with what is sought."""
-    aims = [
+def rates(columns: dict[str, dict[str, Any]], sought: dict[str, str]) -> list[list[str]]:
+    """The table of all trials, a column for each of these numbers, with what is sought."""
+    each = [_rates(n, sought) for n in columns.values()]
+    rows = [[question, *(one[k][1] for one in each), aim] for k, (question, _, aim) in enumerate(each[0])]
+    return [["question", *columns, "aim"], *(row for row in rows if set(row[1:-1]) != {NONE})]
+
+
+def _rates(n: dict[str, Any], sought: dict[str, str]) -> list[list[str]]:
+    """Question, rate and aim."""
+    return [
         ["nothing hidden: something called significant", share(n["null_detections"], n["nulls"]), "at most 5 %"],
         ["one strong effect: its group named", share(n["strong_group_named"], n["strong"]), sought["group"]],
         ["- named right, and nothing else", share(n["right"], n["strong"]), ""],
@@ -228,7 +236,6 @@ def rates(n: dict[str, Any], sought: dict[str, str]) -> list[list[str]]:
         ["stiffness field: correlation with the hidden one, median", NONE if n["field_correlation"] is None else f"{n['field_correlation']:.2f}", ""],
         ["CPU time of a diagnosis, median", f"{n['seconds']:.0f} s", ""],
     ]  # fmt: skip
-    return [["question", "found", "aim"], *(row for row in aims if row[1] != NONE)]
 
 
 def effects(trials: list[JudgedTrial]) -> list[list[str]]:
@@ -252,34 +259,49 @@ def trials(one: TrialSet) -> dict[str, Any]:
     """`trials.json`."""
     n = numbers(one.judged)
     return {
-        "command": f"python docs/derive_numbers.py, from docs/{one.file} of {one.command}",
+        "command": f"python docs/derive_numbers.py, from docs/trials/{one.file} of {one.command}",
         "how": one.how,
         "numbers": n,
-        "tables": {"rates": rates(n, AIMS), "effects": effects(one.judged)},
+        "tables": {"rates": rates({"found": n}, AIMS), "effects": effects(one.judged)},
     }
 
 
 def foreign_trials() -> dict[str, Any]:
-    """`foreign_trials.json`: of the largest set. Told apart are forms that are foreign, those that are nearly the catalogue's, and those that are foreign in base and noise alone."""
-    today = max(FOREIGN_SETS, key=lambda one: len(one.judged))
-    n = numbers(today.judged)
-    single = [one for one in today.judged if one.strong and len(one.hidden) == 1]
-    kinds = {
-        "foreign_form": set(FOREIGN_FORMS) - today.nearly,
-        "near_form": set(today.nearly),
-        "own_form": {one.hidden[0] for one in single} - set(FOREIGN_FORMS),
+    """`foreign_trials.json`: of the largest set, and of all since `RECENT`, each of the version of its day. Told apart are forms that are foreign, those that are nearly the catalogue's, and those that are foreign
+    in base and noise alone."""
+    largest = max(FOREIGN_SETS, key=lambda one: len(one.judged))
+    recent = [one for one in FOREIGN_SETS if int(one.seed) >= RECENT]
+    pooled = [trial for one in recent for trial in one.judged]
+    n, since = numbers(largest.judged) | _by_form([largest]), numbers(pooled) | _by_form(recent)
+    columns = {
+        f"one version, {n['trials']} trials": n,
+        f"the last {len(recent)} versions, {since['trials']} trials": since,
     }
-    for name, effects_of_kind in kinds.items():
-        ones = [one for one in single if one.hidden[0] in effects_of_kind]
-        n[name] = len(ones)
-        n[f"{name}_named"] = sum(one.hit[0] for one in ones)
-        n[f"{name}_dominant"] = sum(ending(one) == Ending.DOMINANT for one in ones)
     return {
-        "command": f"python docs/derive_numbers.py, from docs/{today.file} of {today.command}",
-        "how": today.how,
-        "numbers": n,
-        "tables": {"rates": rates(n, AIMS_OF_FOREIGN), "effects": effects(today.judged)},
+        "command": f"python docs/derive_numbers.py, from docs/trials/{largest.file} of {largest.command}, and {', '.join(one.file for one in recent)}",
+        "how": largest.how,
+        "numbers": n | {f"recent_{name}": value for name, value in since.items()} | {"recent_sets": len(recent)},
+        "tables": {"rates": rates(columns, AIMS_OF_FOREIGN), "effects": effects(pooled)},
     }
+
+
+def _by_form(sets: list[TrialSet]) -> dict[str, int]:
+    """Strong effects by how foreign their form is, and those of them whose group is named."""
+    found: dict[str, int] = {}
+    for kind in ("foreign_form", "near_form", "own_form"):
+        ones = [trial for one in sets for trial in one.judged if _kind(trial, one) == kind]
+        found |= {kind: len(ones), f"{kind}_named": sum(one.hit[0] for one in ones)}
+    return found
+
+
+def _kind(trial: JudgedTrial, of: TrialSet) -> str | None:
+    """How foreign the form of the one strong effect is; None of other trials."""
+    if not trial.strong or len(trial.hidden) != 1:
+        return None
+    (effect,) = trial.hidden
+    if effect in of.nearly:
+        return "near_form"
+    return "foreign_form" if effect in FOREIGN_FORMS else "own_form"
 
 
 def trial_sets() -> dict[str, Any]:
@@ -295,7 +317,7 @@ def trial_sets() -> dict[str, Any]:
 
     groups = {"own": SETS, "foreign": (DEVELOPED, *FOREIGN_SETS)}
     return {
-        "command": "python docs/derive_numbers.py, from the files of `docs` that it names",
+        "command": "python docs/derive_numbers.py, from the files of `docs/trials` that it names",
         "numbers": {},
         "tables": {name: [head, *map(row, some)] for name, some in groups.items()},
     }
@@ -312,7 +334,7 @@ def probabilities() -> dict[str, Any]:
     head = ["probability of an effect", "effects, over all trials", "mean probability", "of these hidden", "share"]
     certain, told = found.reliability[-1], sum(trial.probabilities is not None for trial in today.judged)
     return {
-        "command": f"python docs/derive_numbers.py, from docs/{today.file} of {today.command}",
+        "command": f"python docs/derive_numbers.py, from docs/trials/{today.file} of {today.command}",
         "numbers": {**asdict(found.replaced), "told": told, "certain": certain.effects, "certain_there": certain.there},
         "tables": {"reliability": [head, *rows]},
     }

@@ -111,7 +111,7 @@ def discover(
 
     Args:
         experiments: tests of one material (.npz), fitted together
-        quick: fit no explanations, which `equigap decide` needs, look for no few effects, draw fewer pictures; minutes all the same
+        quick: fit no explanations, which `equigap decide` needs, look for no few effects, draw fewer figures; minutes all the same
 
     Raises:
         OptionError: no experiment, unknown effect.

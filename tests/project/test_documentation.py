@@ -93,7 +93,7 @@ def test_a_stale_number_is_replaced_and_a_missing_one_is_named() -> None:
 
 def test_every_trial_is_counted_once() -> None:
     """And how the strong effects ended adds up."""
-    trials = judgement.read(DOCS / "blind.json")
+    trials = judgement.read(DOCS / "trials" / "blind.json")
     assert len({one.trial for one in trials}) == len(trials)
     n = script("derive_numbers").numbers(trials)
     assert n["right"] + n["beside"] + n["group"] + n["dominant"] + n["missed"] + n["wrong"] == n["strong"]
