@@ -36,8 +36,9 @@ def weighted_part(
     held: Mask,
     with_discrepancy: bool,
     additions: Additions = (),
+    others: Sequence[Unweighted] = (),
 ) -> Part:
-    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both."""
+    """One Experiment with the weights that belong to the material with coefficients c (n,) and effects; c as stiff as both. others: see `noise_of`."""
     sources = [Sources.of(one.sources) for one in test.own]
     if with_discrepancy:
         given = test.system, basis, c
@@ -48,7 +49,7 @@ def weighted_part(
         )
         sources.append(found)
     common = reduce(Sources.beside, sources) if sources else None
-    noise = noise_of(test, c, additions if train.any() else ())
+    noise = noise_of(test, c, additions if train.any() else (), others)
     chain = test.chain.remembering()
     fitted, kept = _weights(noise, train, held, common)
     return Part(
@@ -73,7 +74,7 @@ def amplified(problem: Problem, additions: Additions) -> Problem:
     parts = []
     for part in problem.parts:
         known = found if part.train.size else ()
-        parts.append(_weighted_by(part, noise_of(part, problem.weights_c, known)))
+        parts.append(_weighted_by(part, noise_of(part, problem.weights_c, known, problem.trained)))
     return replace(problem, parts=tuple(parts), amplifying=found)
 
 
@@ -112,20 +113,28 @@ def _together(noise: EquationNoise, train: Mask, held: Mask, common: Sources | N
     return _Together(noise, train | held, common)
 
 
-def noise_of(test: Unweighted, c: Array, additions: Additions) -> EquationNoise:
-    """What noise does to the equations of a material as stiff as with coefficients c (n,) and effects.
+def noise_of(test: Unweighted, c: Array, additions: Additions, others: Sequence[Unweighted] = ()) -> EquationNoise:
+    """What noise does to the equations of a material as stiff as with coefficients c (n,) and effects. others: tests of the same material, whose loads tell how stiff effects make it where this one has no load.
 
     An effect that remembers meets the measured displacements: from which picture a softened place has its largest strain is a matter of noise, which a tangent at the true ones does not know.
     """
-    chain, assembled = test.chain, test.assembled
+    chain, assembled = _chain(test, additions), test.assembled
     if not additions:
         return assembled.noise_at(c, test.denoised)
-    if test.denoised is not None and not any(a.effect.remembers for a in additions):
-        chain = chain.disturbed(test.denoised - np.asarray(chain.data.u))
-    c = c * _work([chain], c, ()) / _work([chain], c, tuple(a for a in additions if a.effect.in_material))
+    loaded = [one for one in (chain, *(_chain(other, additions) for other in others)) if one.external().any()]
+    if loaded:
+        some = [chain] if loaded[0] is chain else loaded
+        c = c * _work(some, c, ()) / _work(some, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
     each = chain.spread_of_noise(c, additions, assembled.fewest_sources, increments)
     return EquationNoise.of(chain.system, assembled.noise, stacked(each, len(increments)), shares)
+
+
+def _chain(test: Unweighted, additions: Additions) -> Chain:
+    """At displacements without the noise that shows in the residual, where these are known and nothing remembers."""
+    if test.denoised is None or any(a.effect.remembers for a in additions):
+        return test.chain
+    return test.chain.disturbed(test.denoised - np.asarray(test.chain.data.u))
 
 
 def _work(chains: Sequence[Chain], c: Array, additions: Additions) -> float:
@@ -187,7 +196,7 @@ def without_own_effects(problem: Problem) -> Problem:
 def _of_coefficients(problem: Problem, c: Array, known: Additions) -> Problem:
     """With the weights that belong to coefficients c (n,) as stiff as the material is, and to effects."""
     parts = [
-        weighted_part(p, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy, known)
+        weighted_part(p, problem.basis, c, p.train.rows, p.held.rows, problem.with_discrepancy, known, problem.trained)
         for p in problem.parts
     ]
     return replace(problem, parts=tuple(parts), weights_c=c, amplifying=known)

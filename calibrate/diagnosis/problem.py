@@ -85,6 +85,11 @@ class Part(Unweighted):
         return np.tile(self.system.fields.boundary < 0, 2)
 
     @property
+    def fitted_increments(self) -> Mask:
+        """Increments (t,) with an equation that is fitted, beside one that fixes a nominal level."""
+        return np.asarray((self.train.rows & ~self.system.level_equation).any(axis=1))
+
+    @property
     def known(self) -> Array:
         """What is no misfit in the residual of the chain (t, 2 v), N: the mean that noise brings into it, and the discretisation error."""
         return self.shift if self.twin is None else self.shift + self.twin

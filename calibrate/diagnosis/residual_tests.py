@@ -162,16 +162,16 @@ def prediction_test(problem: Problem, c: Array, additions: Additions) -> ChiSqua
 
 
 def _columns(problem: Problem, part: Part, c: Array, additions: Additions) -> Array:
-    """Derivatives (n + k, t, 2 v) of the residual of one experiment by base and amplitudes; zero of effects of other tests."""
+    """Derivatives (n + k, t, 2 v) of the residual of one experiment by base, amplitudes and shapes; zero of effects of other tests."""
     own = part.valid(additions)
     G = np.array([part.system.matrix(problem.basis, F) for F in part.system.deformation_gradients])
-    S = []
-    for addition in additions:
-        if addition in own:
-            S.append(part.chain.derivative(c, (*(a for a in own if a is not addition), addition)))
-        else:
-            S.append(np.zeros((len(addition.amplitudes), *G.shape[:2])))
-    return np.concatenate([np.moveaxis(G, -1, 0), *S])
+    if not additions:
+        return np.moveaxis(G, -1, 0)
+    here = np.concatenate([np.full(len(a.amplitudes) + len(a.shape), a in own) for a in additions])
+    S = np.zeros((len(here), *G.shape[:2]))
+    if own:
+        S[here] = part.chain.jacobian(c, own)
+    return np.concatenate([np.moveaxis(G, -1, 0), S])
 
 
 def _left(parts: Sequence[tuple[Weights, Array, Array]]) -> tuple[float, int]:

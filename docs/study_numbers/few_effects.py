@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sheets import EFFECTS, SHORT
+from sheets import EFFECTS, SHORT, modulus
 from wording import share
 
 from calibrate.models.addition_json import amplitude_unit
@@ -53,6 +53,8 @@ def take(folder: Path, joint: Path | None = None) -> dict[str, Any]:
         for effect in fitted[PAIR]["effects"] if PAIR in fitted else ():
             for p, value, deviation in zip(EFFECTS[effect["effect"]].amplitudes, effect["amplitudes"], effect["standard_deviations"], strict=True):  # fmt: skip
                 numbers[f"{short}_{p.name}"] = plus_minus(value, INTERVAL * deviation)
+                if p.name == "beta":
+                    numbers[f"{short}_nu"] = f"{poisson(value * modulus(home)):.2f}"
         numbers |= {f"{short}_{key}": value for key, value in _updated(few["models"][0]).items()}
     return {
         "command": "equigap measured; equigap discover Soft_Homo.npz Stiff2_Homo.npz Stiff2_Hetero.npz --hold-out after:15",
@@ -60,6 +62,11 @@ def take(folder: Path, joint: Path | None = None) -> dict[str, Any]:
         "numbers": numbers,
         "tables": {"sets": sets, "inclusion": _inclusion(inclusion)},
     }  # fmt: skip
+
+
+def poisson(ratio: float) -> float:
+    """Poisson's ratio at rest, of the shear over the bulk modulus."""
+    return (3 - 2 * ratio) / (6 + 2 * ratio)
 
 
 def _probability(p: float) -> str:

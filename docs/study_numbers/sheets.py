@@ -12,7 +12,10 @@ from typing import Any
 import numpy as np
 from wording import share
 
+from calibrate.data.experiment import Experiment
 from calibrate.effects import CATALOGUE
+from calibrate.equations.basis import energy_basis
+from calibrate.models.extended_model import ExtendedModel
 
 SHORT = {"Soft_Homo": "soft", "Stiff2_Homo": "stiff", "Stiff2_Hetero": "hetero"}
 MODELS = {
@@ -43,6 +46,7 @@ def take(folder: Path, replay: Path, neo_hooke: Path) -> dict[str, Any]:
     numbers["control_smallest_p"] = f"{min(one['smallest_adjusted_p'] for one in controls):.2f}"
     tables = {name: list(csv.reader((folder / f"{name}.csv").read_text().splitlines()))
               for name in ("verdicts", "errors", "transfers", "homogeneous", "control")}  # fmt: skip
+    tables["sheets"] = the_sheets(folder)
     numbers |= forces(replay)
     numbers |= {f"{name}_mm": last_field(one) for name, one in (("replay", replay), ("replay_neo_hooke", neo_hooke))}
     return {
@@ -51,6 +55,47 @@ def take(folder: Path, replay: Path, neo_hooke: Path) -> dict[str, Any]:
         "numbers": numbers,
         "tables": tables,
     }
+
+
+def the_sheets(folder: Path) -> list[list[str]]:
+    """Size, points, stretch and speed of every sheet, and the modulus of neo-Hooke by its forces."""
+    rows = [
+        [
+            "sheet",
+            "between the grips, mm",
+            "points",
+            "stretch after 15 s",
+            "at the end",
+            "speed, mm/s",
+            "neo-Hookean shear modulus, N/mm",
+        ]
+    ]
+    for name in SHORT:
+        test = Experiment.load(folder / f"{name}.npz")
+        ends = [next(b.nodes for b in test.loaded if b.name == side) for side in ("top", "bottom")]
+        height = float(np.subtract(*(test.points[nodes, 1].mean() for nodes in ends)))
+        pulled = np.subtract(*(test.displacements[:, nodes, 1].mean(axis=1) for nodes in ends))
+        assert test.time is not None
+        stretch = 1 + np.array([np.interp(UNTIL, test.time, pulled), pulled[-1]]) / height
+        width = float(np.ptp(test.points[:, 0]))
+        rows.append(
+            [
+                name,
+                f"{width:.1f} x {height:.1f}",
+                str(len(test.points)),
+                *(f"{v:.2f}" for v in stretch),
+                f"{pulled[-1] / test.time[-1]:.2f}",
+                f"{modulus(folder / name):.2f}",
+            ]
+        )
+    return rows
+
+
+def modulus(home: Path) -> float:
+    """Shear modulus of neo-Hooke at the level of its replay, of a diagnosis that explains nothing."""
+    model = ExtendedModel.load(home / "model_neo_hooke.json")
+    psi, _ = energy_basis(model.basis).second(np.eye(2)[None] * 1.001, model.c)
+    return float(2 * psi[0, 0])
 
 
 def forces(replay: Path) -> dict[str, str]:

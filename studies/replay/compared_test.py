@@ -2,7 +2,7 @@
 
 In: a `Part` and a model. Out: rows, and what a change of the law does to them. What the camera, the clock and the load cell do in the model is taken out of what was measured
 (`calibrate.effects.chain.true_surface`); its law is replayed with the motion of the grips that is left. All models of a test are compared at the same increments: six held out and six fitted,
-at most. A law with a history is replayed at all up to the last of these, an elastic one at these.
+at most, with all their forces where such are there. A law with a history is replayed at all up to the last of these, an elastic one at these.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from forward.sheet.sheet_run import Options
 from studies.errors import OptionError
 from studies.replay.law_changes import LawChanges
 from studies.replay.model_law import Law, is_solved, law_of
-from studies.replay.replay_rows import Layout, SheetRows, sheet_rows
+from studies.replay.replay_rows import Layout, SheetRows, forces_known, sheet_rows
 from studies.replay.replayed_experiment import TOLERANCE, BoundaryValues, replay
 from studies.replay.twin_replay import MOST_TRIANGLES
 
@@ -58,13 +58,15 @@ class ComparedTest:
 
     @cached_property
     def held(self) -> NDArray[np.bool_]:
-        """Pictures (t,) no equation of which was fitted."""
-        return ~self.part.train.rows.any(axis=1)[self.part.experiment.pictures]
+        """Pictures (t,) no equation of which was fitted, but one that fixes a nominal level."""
+        return ~self.part.fitted_increments[self.part.experiment.pictures]
 
     @cached_property
     def layout(self) -> Layout:
         kinds = (~self.held, self.held) if self.with_held else (~self.held,)
-        some = [_spread(np.flatnonzero(which), self.each) for which in kinds]
+        known = forces_known(self.experiment)
+        best = [which & known if (which & known).any() else which for which in kinds]
+        some = [_spread(np.flatnonzero(which), self.each) for which in best]
         judged = BoundaryValues.of(self.experiment).judged
         return Layout.of(self.experiment, np.unique(np.concatenate(some)), judged)
 

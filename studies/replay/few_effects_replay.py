@@ -5,7 +5,7 @@ In: the `Problem` of a diagnosis, a neo-Hookean base, effects and priors. Out: `
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from calibrate.diagnosis.evidence.signatures import prior_deviations
 from calibrate.diagnosis.parameters import not_distinct_from_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed.few_effects import Candidate, FewEffects, FittedSet, few_effects
+from calibrate.diagnosis.replayed.observations import ReplayErrors
 from calibrate.diagnosis.replayed.updating import Priors as UpdatePriors
 from calibrate.diagnosis.replayed.updating import Updated, update
 from calibrate.diagnosis.score_tests import untestable
@@ -35,10 +36,18 @@ FEW = 2  # amplitudes, at most: more are a series that describes any smooth fiel
 
 
 def few_by_fields(
-    problem: Problem, c: Array, effects: Sequence[Effect], priors: Priors, say: Resumable = SILENT
+    problem: Problem,
+    c: Array,
+    effects: Sequence[Effect],
+    priors: Priors,
+    levels: Collection[str] = (),
+    say: Resumable = SILENT,
 ) -> FewEffects:
-    """Beside neo-Hooke, c (n,), MPa. Raises `OptionError` where it has no equilibrium, and the errors of `ComparedTest.replayed`."""
-    replays = Replays([ComparedTest(part, PICTURES, False) for part in problem.trained])
+    """Beside neo-Hooke, c (n,), MPa; levels: see `with_forces`. Raises `OptionError` where it has no equilibrium, and the errors of `ComparedTest.replayed`."""
+    tests = [ComparedTest(part, PICTURES, False) for part in problem.trained]
+    if not any(len(test.layout.weights) for test in tests):
+        raise OptionError("the motion of the grips prescribes every point, so that no displacement tells effects apart")
+    replays = Replays(tests, levels)
     candidates = [one for one in _candidates(problem, effects, priors) if not one.effect.remembers and len(one.deviations) <= FEW]  # fmt: skip
     found = few_effects(replays, c, candidates, say)
     if found is None:
@@ -52,10 +61,11 @@ def with_forces(
     best: FittedSet | None,
     effects: Sequence[Effect],
     priors: Priors,
+    levels: Collection[str] = (),
     say: Resumable = SILENT,
 ) -> Updated:
     """One of their sets, or neo-Hooke alone, updated by forces: the first of these that does not take the fields further from what was measured than they were, or than neo-Hooke has them. All, with effects
-    with a memory beside them; those with a memory alone, as the rest stays; the factor alone. Raises `FitError` where no force is known, `OptionError` without an equilibrium."""
+    with a memory beside them; those with a memory alone, as the rest stays; the factor alone. levels: names of tests whose forces do not count, as they have a level of their own. Raises `FitError` where no force is known, `OptionError` without an equilibrium."""
     remembered = [
         one for one in _candidates(problem, effects, priors) if one.effect.remembers and not one.effect.has_spring
     ]
@@ -63,7 +73,11 @@ def with_forces(
     additions = (*fitted, *(one.at_null(one.shapes[0]) for one in remembered))
     known = {} if best is None else dict(best.priors)
     known |= {one.effect.name: (np.array([p.null for p in one.effect.amplitudes]), one.deviations) for one in remembered}  # fmt: skip
-    replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained])
+    replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained], levels)
+    neo_hooke = replays(found.c, ())
+    if neo_hooke is None:
+        raise OptionError(f"neo-Hooke has no equilibrium in all pictures: {replays.failure}")
+    nearest = ReplayErrors.of(neo_hooke.rows, ~neo_hooke.rows.held).field
 
     def updated(way: int, some: Additions, others: Sequence[Additions], of_memory: bool) -> Updated:
         say(f"few effects updated by the forces of their replays, way {way} of at most 3")
@@ -73,7 +87,7 @@ def with_forces(
         return new
 
     def is_kept(new: Updated) -> bool:
-        return new.after.field <= WORSE * max(new.before.field, found.base.field)
+        return new.after.field <= WORSE * max(new.before.field, nearest)
 
     everything = updated(1, additions, other_times(additions, problem), False)
     new = _without_weak(replays, everything, known, False)

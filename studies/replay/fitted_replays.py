@@ -5,6 +5,7 @@ In: tests. Out: `Replays`, a function of base and effects. Only increments that 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,9 +39,10 @@ def other_times(additions: Additions, problem: Problem) -> list[Additions]:
 
 @dataclass(eq=False)
 class Replays:
-    """As `update` calls them."""
+    """As `update` calls them. levels: names of tests whose forces set no level and are not fitted."""
 
     tests: list[ComparedTest]
+    levels: Collection[str] = ()
     failure: str = field(default="", init=False)
 
     def __call__(self, c: Array, additions: Additions) -> ReplayedRows | None:
@@ -52,6 +54,9 @@ class Replays:
             self.failure = str(error)
             return None
         rows = observations(self.tests, [rows for rows, _ in pairs])
+        if self.levels:
+            own = np.isin([test.part.experiment.name for test in self.tests], list(self.levels))
+            rows = replace(rows, judges=~(own[rows.test] & rows.is_force))
         each = list(zip(self.tests, (changes for _, changes in pairs), strict=True))
         starts = [Departure(*one, c, additions) for one in each]
 

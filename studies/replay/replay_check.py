@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.evidence.levels import StiffnessLevel
-from calibrate.diagnosis.evidence.own_effects import apart
+from calibrate.diagnosis.evidence.own_effects import apart, of_own_level
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed import replay_rule
@@ -64,23 +63,23 @@ class FiniteElementCheck:
         """Beside neo-Hooke, those that leave least of the fields, with the forces of their replays; of tests that have nothing for themselves, if there are."""
         others = tuple(part for part in found.problem.parts if part.experiment.name not in apart(found.own))
         alike = replace(found.problem, parts=others)
-        problem = alike if alike.trained else found.problem
+        problem, levels = alike if alike.trained else found.problem, of_own_level(found.own)
         try:
-            few = few_effects_replay.few_by_fields(problem, c, effects, priors, say)
+            few = few_effects_replay.few_by_fields(problem, c, effects, priors, levels, say)
         except FAILURES as error:
             return NoReplayCheck(str(error))
         models = []
         for names, probability, one in few.to_update:
             stage = f"forces of replays of neo-Hooke{' with ' * bool(names)}{' and '.join(names)}"
-            new = say.checkpointed(stage, partial(self._updated, problem, few, one, effects, priors, say))
+            new = say.checkpointed(stage, partial(self._updated, problem, few, one, effects, priors, levels, say))
             models.append(FewModel(names, probability, new))
         return replace(few, models=_Check(found).of_few(models), neo_hooke=self._at_own_level(found, few.c))
 
     def _updated(
-        self, problem: Problem, few: FewEffects, one: FittedSet | None, effects: Sequence[Effect], priors: Priors, say: Resumable
+        self, problem: Problem, few: FewEffects, one: FittedSet | None, effects: Sequence[Effect], priors: Priors, levels: frozenset[str], say: Resumable
     ) -> Updated | NoReplayCheck:  # fmt: skip
         try:
-            return few_effects_replay.with_forces(problem, few, one, effects, priors, say)
+            return few_effects_replay.with_forces(problem, few, one, effects, priors, levels, say)
         except FAILURES as error:
             return NoReplayCheck(str(error))
 
@@ -189,9 +188,8 @@ class _Check:
     def _judges(self, rows: Observations) -> NDArray[np.bool_]:
         """Rows (N,) of tests that have nothing beside a joint model that its replay lacks: of a level the forces alone."""
         own = self.found.own
-        levels = [name for one in own if isinstance(one.effect, StiffnessLevel) for name in one.lacking]
         names = [test.part.experiment.name for test in self.tests]
-        alone, of_level = (np.isin(names, list(some))[rows.test] for some in (apart(own), levels))
+        alone, of_level = (np.isin(names, list(some))[rows.test] for some in (apart(own), of_own_level(own)))
         return np.asarray(~alone & ~(of_level & rows.is_force))
 
     def at_own_level(self, model: ReplayedModel) -> Replayed:

@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 COSINES = 3  # over each side of the specimen
 SOFTEST, STIFFEST = 0.2, 5.0  # force of a model over that of its elastic part, at one deformation
+SAME = 1e-9  # part of a wave that the ones before it do not have, of the root of the number of points: none
 NOTHING = 1e-3  # of the largest force: a component of this size in all increments is none
 
 
@@ -46,7 +47,7 @@ class Layout:
     @classmethod
     def of(cls, experiment: Experiment, chosen: NDArray[np.int64], judged: Mask) -> Layout:
         """judged (n,): points that are not prescribed."""
-        return cls(chosen, _sides(experiment), smooth_weights(experiment.points, judged))
+        return cls(chosen, _sides(experiment, chosen), smooth_weights(experiment.points, judged))
 
     @property
     def rows(self) -> int:
@@ -98,7 +99,8 @@ def sheet_rows(
     forces = [found.forces[b.name][own] for b in seen.loaded]
     measured = layout.observe([b.force for b in seen.loaded], seen.displacements)
     replayed = layout.observe(forces, found.displacements[own])
-    squares = ((seen.displacements - found.displacements[own])[:, found.judged] ** 2).mean(axis=(1, 2))
+    left = (seen.displacements - found.displacements[own])[:, found.judged]
+    squares = (left**2).sum(axis=(1, 2)) / max(2 * left.shape[1], 1)
     k = len(layout.chosen)
     if not linear:
         none = np.zeros((k * layout.rows,) * 2)
@@ -196,8 +198,15 @@ def _one_cell(forces: Array) -> Array:
     return found - (sums < noise_covariance.ONE_CELL * np.abs(forces).max(axis=0, initial=0.0))
 
 
-def _sides(experiment: Experiment) -> tuple[tuple[int, int], ...]:
-    """Boundaries and components whose force is measured, that of its section, and not nothing; of two read by one cell the first."""
+def forces_known(experiment: Experiment) -> Mask:
+    """Increments (t,) in which each component of a force was read that is ever read."""
+    forces = np.stack([b.force[:, axis] for b in experiment.loaded for axis in (0, 1)], axis=1)
+    read = np.isfinite(forces)
+    return np.asarray((read | ~read.any(axis=0)).all(axis=1))
+
+
+def _sides(experiment: Experiment, chosen: NDArray[np.int64]) -> tuple[tuple[int, int], ...]:
+    """Boundaries and components whose force is measured in the chosen increments, that of its section, and not nothing; of two read by one cell the first."""
     if experiment.level_is_nominal:
         return ()
     found: list[tuple[int, int]] = []
@@ -205,19 +214,25 @@ def _sides(experiment: Experiment) -> tuple[tuple[int, int], ...]:
     for i, b in enumerate(experiment.loaded):
         for axis in (0, 1):
             force = b.force[:, axis]
-            if not b.held[axis] or not np.isfinite(force).all() or np.abs(force).max() <= NOTHING * largest:
+            if (
+                not b.held[axis]
+                or not np.isfinite(force[chosen]).all()
+                or np.nanmax(np.abs(force)) <= NOTHING * largest
+            ):
                 continue
             others = [experiment.loaded[j].force[:, a] for j, a in found if a == axis]
             if not any(
-                np.abs(force + other).max() < noise_covariance.ONE_CELL * np.abs(force).max() for other in others
+                np.nanmax(np.abs(force + other)) < noise_covariance.ONE_CELL * np.nanmax(np.abs(force))
+                for other in others
             ):
                 found.append((i, axis))
     return tuple(found)
 
 
 def smooth_weights(points: Array, judged: Mask) -> Array:
-    """Orthonormal combinations (w, n) of cosines over the specimen, at the points (n, 2) that are judged (n,)."""
+    """Orthonormal combinations (w, n) of cosines over the specimen, at the points (n, 2) that are judged (n,); none where all are prescribed."""
     low, high = points.min(axis=0), points.max(axis=0)
     x = np.pi * (points - low) / (high - low)
     waves = [np.cos(k * x[:, 0]) * np.cos(l * x[:, 1]) for k in range(COSINES) for l in range(COSINES)]
-    return np.linalg.qr((np.array(waves) * judged).T)[0].T
+    Q, R = np.linalg.qr((np.array(waves) * judged).T)
+    return Q.T[np.abs(np.diag(R)) > SAME * np.sqrt(judged.sum())]

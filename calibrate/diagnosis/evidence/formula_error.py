@@ -2,7 +2,9 @@
 
 In: a fit to second order. Out: its log evidence by Laplace's approximation (MacKay 1992), with all effects, or with some of them taken for an error of the formulas of the others:
 
-    ln Z = -1/2 r^T V^-1 r - 1/2 ln |V| - 1/2 |a / L|^2 - 1/2 ln |1 + L S^T S L| + ln prior odds
+    ln Z = -1/2 r^T V^-1 r - 1/2 ln |V| - 1/2 a^T (L^2 + I^-1)^-1 a - 1/2 ln |1 + L I L| + ln prior odds,   I = S^T S
+
+The fit has no prior on amplitudes a, so that the second term is that of the posterior mode seen from there: what the data do not tell of an amplitude costs nothing. All is over the variance of the residuals.
 
 The formula of an effect is wrong by a share eps of what it explains, at most, so that the squares of all errors add up to w = sum eps_i^2 |S_i a_i|^2, or less: Z is averaged over a
 logarithmic grid of w. Errors are smooth over place and load,
@@ -12,7 +14,7 @@ logarithmic grid of w. Errors are smooth over place and load,
 with D (N, k) orthonormal; and they may look like another effect j. What that does outside of all else that the fit adjusts, S_j, then has amplitudes of the size L_j = sqrt(w) / |S_j| instead of its prior ones, and
 no prior odds:
 
-    -1/2 a_j^T (L_j^2 + I^-1)^-1 a_j - 1/2 ln |1 + L_j^2 I|,  I = S_j^T S_j
+    -1/2 a_j^T (L_j^2 + I_j^-1)^-1 a_j - 1/2 ln |1 + L_j^2 I_j|,   I_j = S_j^T S_j
 
 So an effect that is no larger than what the formula of another may be wrong by is no more probable than that error.
 """
@@ -77,14 +79,14 @@ class SecondOrder:
         errors = [one for one in self.effects if one.name not in kept]
         w = sum(one.error**2 * one.square for one in inside) / noise
         if w <= 0:
-            return self.with_smooth(noise, 0.0) + _occam(inside) if not errors else -np.inf
+            return self.with_smooth(noise, 0.0) + _occam(inside, noise) if not errors else -np.inf
         like = self._like(inside, errors)
         each = [self._with_error(noise, share * w, like) for share in SHARES]
-        return float(special.logsumexp(each) - np.log(len(SHARES))) + _occam(inside)
+        return float(special.logsumexp(each) - np.log(len(SHARES))) + _occam(inside, noise)
 
     def with_discrepancy(self, noise: float, v: float) -> float:
         """The same of all effects with smooth disturbances of a variance v over the noise."""
-        return self.with_smooth(noise, v) + _occam(self.effects)
+        return self.with_smooth(noise, v) + _occam(self.effects, noise)
 
     def with_smooth(self, noise: float, v: float) -> float:
         """Of the residual alone, with such disturbances."""
@@ -114,11 +116,13 @@ class SecondOrder:
         return value - 0.5 * (squares + float(np.linalg.slogdet(M)[1]))
 
 
-def _occam(effects: Sequence[FittedEffect]) -> float:
+def _occam(effects: Sequence[FittedEffect], noise: float) -> float:
     """What they cost: prior and volume."""
     if not effects:
         return 0.0
     scaled = np.concatenate([one.S * one.L for one in effects], axis=1)
     a = np.concatenate([one.a / one.L for one in effects])
-    volume = float(np.linalg.slogdet(np.eye(len(a)) + scaled.T @ scaled)[1])
-    return -0.5 * (float(a @ a) + volume) + sum(one.log_prior for one in effects)
+    information = scaled.T @ scaled / noise
+    M = np.eye(len(a)) + information
+    prior = float(a @ (information @ np.linalg.solve(M, a)))  # a^T (1 + I^-1)^-1 a
+    return -0.5 * (prior + float(np.linalg.slogdet(M)[1])) + sum(one.log_prior for one in effects)

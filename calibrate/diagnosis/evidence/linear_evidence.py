@@ -14,10 +14,10 @@ factor is twice the posterior probability of the admissible side. Smooth disturb
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import batched, islice, pairwise
+from itertools import batched, islice, pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,14 +182,15 @@ class Evidence:
         return value, -removed, inverse, volume  # r = residual + S a: the amplitude that removes it
 
     def best(self, most: int = MOST) -> list[Subset]:
-        """Subsets of up to `most` different effects, the best first: all single ones, and beams of the larger."""
+        """Subsets of up to `most` different effects, the best first: all single ones, and beams of the larger, of the best subsets and of the best of every set of names."""
         found: dict[tuple[int, ...], Subset] = {(): self.subset(())}
         beam = [self.subset(())]
         for _ in range(most):
             new = [m for m in dict.fromkeys(self._extensions(beam)) if m not in found]
             larger = dict(zip(new, self.subsets(new), strict=True))
             found |= larger
-            beam = sorted(larger.values(), key=lambda s: -s.log_evidence)[:BEAM]
+            ranked = sorted(larger.values(), key=lambda s: -s.log_evidence)
+            beam = list({one.members: one for one in (*ranked[:BEAM], *self.by_names(ranked, BEAM))}.values())
         return sorted(found.values(), key=lambda s: -s.log_evidence)
 
     def _extensions(self, beam: Sequence[Subset]) -> Iterator[tuple[int, ...]]:
@@ -202,6 +203,13 @@ class Evidence:
     def names(self, one: Subset) -> frozenset[str]:
         """Of the effects of a subset."""
         return frozenset(self.signatures[i].name for i in one.members)
+
+    def of_names(self, names: Collection[str]) -> Subset | None:
+        """The best subset of these effects; None where one of them has no signature."""
+        shapes = [[i for i, s in enumerate(self.signatures) if s.name == name] for name in names]
+        if not all(shapes):
+            return None
+        return max(self.subsets([tuple(sorted(some)) for some in product(*shapes)]), key=lambda one: one.log_evidence)
 
     def by_names(self, subsets: Sequence[Subset], count: int) -> list[Subset]:
         """The best of every set of names, the first `count`."""

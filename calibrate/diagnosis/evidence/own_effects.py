@@ -145,6 +145,11 @@ def apart(own: Sequence[OwnEffect]) -> frozenset[str]:
     return frozenset(name for one in own if not isinstance(one.effect, StiffnessLevel) for name in one.lacking)
 
 
+def of_own_level(own: Sequence[OwnEffect]) -> frozenset[str]:
+    """Tests with a level of their own beside a joint model."""
+    return frozenset(name for one in own if isinstance(one.effect, StiffnessLevel) for name in one.lacking)
+
+
 def refined_levels(levels: Sequence[Level], own: Sequence[OwnEffect]) -> tuple[Level, ...]:
     """Levels with what each test was found to have of a `StiffnessLevel`; where that is beyond what may be left of one, the joint fit misses the forces, and the level is as uncertain as
     before it."""

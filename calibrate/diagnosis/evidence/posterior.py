@@ -43,7 +43,7 @@ def uncertainty_of(found: Discovery, priors: Priors) -> ModelUncertainty | None:
     p = columns.base.shape[1]
     root = np.concatenate([columns.base @ spread.root[:p], spread.root[p:]])
     competitors = (*_fitted(found), *_of_other_forms(found.problem, columns), *_undetected(found, columns, priors))
-    times = [_last_time(part.train.rows, part.experiment.time) for part in found.problem.trained]
+    times = [_last_time(part.fitted_increments, part.experiment.time) for part in found.problem.trained]
     replayed = found.replay_check.final if isinstance(found.replay_check, ReplayCheck) else None
     return ModelUncertainty(
         root,
@@ -58,9 +58,9 @@ def _known(error: float) -> float:
     return error if np.isfinite(error) else 0.0
 
 
-def _last_time(rows: NDArray[np.bool_], time: Array | None) -> float | None:
-    """Of the increments with equations that were fitted, rows (t, 2 v)."""
-    return None if time is None or not rows.any() else float(time[rows.any(axis=1)].max())
+def _last_time(fitted: NDArray[np.bool_], time: Array | None) -> float | None:
+    """Of the increments (t,) that were fitted."""
+    return None if time is None or not fitted.any() else float(time[fitted].max())
 
 
 def _fitted(found: Discovery) -> Iterator[Competitor]:

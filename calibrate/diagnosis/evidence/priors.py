@@ -50,7 +50,7 @@ class Scales:
         spacing = spacing_of(experiment.points)
         forces = np.concatenate([np.abs(boundary.force).ravel() for boundary in experiment.loaded])
         force = float(np.nanmax(forces)) if np.isfinite(forces).any() else np.nan
-        duration = np.nan if experiment.time is None else float(experiment.time[-1])
+        duration = np.nan if experiment.time is None or not experiment.time[-1] > 0 else float(experiment.time[-1])
         return cls(modulus, force, spacing, experiment.thickness or SHEET, duration)
 
     def size(self, of: str) -> float:

@@ -48,9 +48,9 @@ def weigh(
     say("evidence of all explanations")
     problem, first, effects = found.start, found.rounds[0], distinct(effects)
     linear = signatures.evidence(problem, first.fit, found.final.chains, effects, priors, _shapes(problem, first))
-    ranked = linear.by_names(linear.best(), SHOWN)
-    result = _linear(linear, ranked)
     final = frozenset(found.final.names)
+    ranked = _ranked(linear, final)
+    result = _linear(linear, ranked)
     significant = found.verdict is not Verdict.NOTHING_SIGNIFICANT
     fitted = fitted and significant
     if fitted:
@@ -67,6 +67,15 @@ def _shapes(problem: Problem, first: Round) -> dict[str, tuple[float, ...]]:
     scores = [c.score for c in first.candidates if c.score.is_tested and c.score.shape and c.score.effect.shapes_vary]
     best = [s for s in scores if s.adjusted < 0.05][:SHAPED]
     return {s.effect.name: candidate_fit.at_best_shape(model, s).shape for s in best}
+
+
+def _ranked(linear: Evidence, final: frozenset[str]) -> list[Subset]:
+    """The best sets of names, the best first, the final model among them."""
+    ranked = linear.by_names(linear.best(), SHOWN)
+    if any(linear.names(one) == final for one in ranked):
+        return ranked
+    own = linear.of_names(final)
+    return ranked if own is None else sorted((*ranked, own), key=lambda one: -one.log_evidence)
 
 
 def _explanation(linear: Evidence, one: Subset, log_evidence: float) -> Explanation:

@@ -130,9 +130,9 @@ def _extrapolation(rows: Observations, beyond: Array) -> Array:
     change = np.where(force, _force_error(rows, force & fitted) * rows.replayed, _rms(rows.residual[~force & fitted]))
     change *= beyond
     sizes = change.copy()
-    for increment in np.unique(rows.increment):  # transverse forces as much as those along the pull
-        here = force & (rows.increment == increment)
-        sizes[here] = _rms(change[here])
+    for test, increment in set(zip(rows.test.tolist(), rows.increment.tolist(), strict=True)):
+        here = force & (rows.test == test) & (rows.increment == increment)
+        sizes[here] = _rms(change[here])  # transverse forces as much as those along the pull
     return 0.5 * np.outer(change, change) + 0.5 * np.diag(sizes**2)
 
 

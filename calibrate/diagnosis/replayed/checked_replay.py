@@ -121,7 +121,7 @@ def smooth_error(rows: Observations, where: NDArray[np.bool_], squares: Array) -
     """Root mean square over points, components and increments, mm, of rows of unit weight with these squares (N,)."""
     pairs = set(zip(rows.test[where].tolist(), rows.increment[where].tolist(), strict=True))
     values = sum(2 * int(rows.points[test]) for test, _ in pairs)
-    return float(np.sqrt(squares[where].sum() / values)) if values else float("nan")
+    return float(np.sqrt(squares[where].sum() / max(values, 1)))
 
 
 @dataclass(frozen=True)

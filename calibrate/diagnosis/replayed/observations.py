@@ -104,7 +104,7 @@ def level_of(rows: Observations) -> Level:
 @dataclass(frozen=True)
 class ReplayErrors:
     """Of a replay. force: norm of the force errors over that of the measured forces, NaN where none is known; field: root mean square of measured
-    minus replayed displacement of a component, mm."""
+    minus replayed displacement of a component, mm, at points that are not prescribed: zero where all are."""
 
     force: float
     field: float
@@ -118,7 +118,7 @@ class ReplayErrors:
         pairs = sorted(set(zip(rows.test[where].tolist(), rows.increment[where].tolist(), strict=True)))
         squares = np.array([rows.squares[pair] for pair in pairs])
         weights = np.array([float(rows.points[i]) for i, _ in pairs])
-        return cls(force, float(np.sqrt(np.average(squares, weights=weights))))
+        return cls(force, float(np.sqrt(weights @ squares / max(float(weights.sum()), 1.0))))
 
     def to_dict(self) -> dict[str, float | None]:
         """As files hold it."""

@@ -288,5 +288,5 @@ def covariance(rows: Observations) -> Array:
 
 
 def _used(rows: Observations) -> NDArray[np.bool_]:
-    """Forces (N,) of increments that were fitted."""
-    return rows.is_force & ~rows.held
+    """Forces (N,) of increments that were fitted, of tests that may set the level."""
+    return rows.may_judge(rows.is_force & ~rows.held)

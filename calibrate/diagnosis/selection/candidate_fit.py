@@ -43,8 +43,8 @@ def model(candidate: Candidate) -> Model:
     return Model(candidate.problem, candidate.fit)
 
 
-def fitted(now: Model, candidate: Candidate, thresholds: Thresholds) -> Candidate:
-    """The candidate with a refit of base and effect and its errors.
+def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, scored: Model | None = None) -> Candidate:
+    """The candidate with a refit of base and effect and its errors. scored: the model that it was scored beside, where that is not `now`.
 
     It has the weights that belong to it: those of a base that makes up for the effect are wrong. It starts from the best shape and from another
     (`Score.other`); the more likely of both is taken.
@@ -53,7 +53,7 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds) -> Candidat
     state, score = now.fit, candidate.score
     starts = [score]
     if score.other is not None and candidate.is_significant(thresholds):
-        starts.append(at_best_shape(now, score.other))
+        starts.append(at_best_shape(scored or now, score.other))
     found = [_fit(now, replace(candidate, score=one), thresholds) for one in starts]
     limit = thresholds.worse * state.free_loss + len(score.amplitudes)
     kept = [pair for pair in found if pair is not None and pair[1].free_loss < limit]
@@ -149,9 +149,12 @@ def grows(now: Round, train: Misfit | None, held: Misfit | None, thresholds: Thr
 
 def penalised_misfit(candidate: Candidate) -> float:
     """Minus twice the log-likelihood of a fit with an effect, and the penalty on its amplitudes and shapes (BIC; Schwarz 1978)."""
-    fit = candidate.fit
-    assert fit is not None
-    n_parameters = candidate.score.degrees + len(candidate.score.shape)
+    assert candidate.fit is not None
+    return with_penalty(candidate.fit, candidate.score.degrees + len(candidate.score.shape))
+
+
+def with_penalty(fit: Fit, n_parameters: int) -> float:
+    """The same of a fit, of so many amplitudes and shapes."""
     return fit.likelihood + n_parameters * float(np.log(fit.n_rows))
 
 

@@ -14,7 +14,7 @@ from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection import candidate_fit
-from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
+from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit, with_penalty
 from calibrate.diagnosis.selection.rounds import Candidate, Exchange, Review, Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects import Effect
@@ -84,15 +84,18 @@ def _place(
     others = tuple(a for a in state.additions if a is not one)
     weighted, without = weighted_fit.fit_with_weights(model.problem, state.c, others)
     scores = [s for s in score_tests.score(weighted, without, effects, seed) if s.is_tested]
-    scores = [candidate_fit.at_best_shape(Model(weighted, without), s) for s in scores[: thresholds.refined]]
+    scored = Model(weighted, without)
+    scores = [candidate_fit.at_best_shape(scored, s) for s in scores[: thresholds.refined]]
     own = next((s for s in scores if s.effect.name == one.effect.name), None)
     # the others as they were beside this one
     start = Model(model.problem, replace(state, additions=others, loss=without.loss, unexplained=without.unexplained))
     candidates = [
-        candidate_fit.fitted(start, Candidate(s), thresholds) for s in _rivals(scores, own, one.effect.name, thresholds)
+        candidate_fit.fitted(start, Candidate(s), thresholds, scored)
+        for s in _rivals(scores, own, one.effect.name, thresholds)
     ]
     kept = [c for c in candidates if c.fit is not None and not candidate_fit.grows(now, c.train, c.held, thresholds)]
-    return _Place(without, penalised_misfit(Candidate(own, state)) if own else state.likelihood, kept)
+    degrees = own.degrees if own else len(one.amplitudes)
+    return _Place(without, with_penalty(state, degrees + len(one.shape)), kept)
 
 
 def _rivals(scores: Sequence[Score], own: Score | None, name: str, thresholds: Thresholds) -> list[Score]:

@@ -82,7 +82,7 @@ def residual(part: Part, fit: Fit) -> Array:
 
 def held_increments(part: Part) -> NDArray[np.bool_]:
     """(t,): increments no equation of which was used for fitting."""
-    return ~part.train.rows.any(axis=1)
+    return ~part.fitted_increments
 
 
 def forces(part: Part, fit: Fit, level: float = 1.0) -> dict[str, tuple[Array, Array, Array]]:
@@ -111,7 +111,7 @@ def decorrelated(problem: Problem, part: Part, fits: Sequence[Fit]) -> list[Arra
 
     With s the standard deviations and R the correlations of an increment, R^-1/2 r / s (Kessy, Lewin and Strimmer 2018).
     """
-    noise = noise_of(part, problem.weights_c, problem.amplifying)
+    noise = noise_of(part, problem.weights_c, problem.amplifying, problem.trained)
     residuals = np.array([residual(part, fit) for fit in fits])
     result = np.full(residuals.shape, np.nan)
     for i, used in [(i, w.rows[i]) for w in (part.train, part.held) for i in range(len(w.rows)) if w.rows[i].any()]:

@@ -15,7 +15,7 @@ from calibrate.diagnosis import base_fit, effect_fit, model_weights, residual_te
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit
 from calibrate.diagnosis.parameters import at_bounds, limits
-from calibrate.diagnosis.selection import Verdict
+from calibrate.diagnosis.selection import Verdict, exchange
 from calibrate.diagnosis.selection.candidate_fit import Model, falls_in_either_weights
 from calibrate.diagnosis.selection.confirmation import allowed_force_error, confirm, errors_grow
 from calibrate.diagnosis.selection.rounds import Confirmation, Doubt, Review, Round
@@ -70,6 +70,26 @@ def test_the_prediction_of_what_is_held_out_knows_the_noise_that_it_shares_with_
         assert part.together().size == part.train.size + part.held.size
         p.append(residual_tests.prediction_test(problem, fit.c, ()).p_value)
     assert stats.kstest(p, "uniform").pvalue > 0.01
+
+
+def test_the_prediction_of_what_is_held_out_knows_that_times_are_uncertain():
+    """Derivatives by shapes are among what the model may adjust: those of a relaxation time are differences of two residuals."""
+    problem, fit = base_fit.prepare([replace(noisy_plate(), time=np.arange(1.0, 5.0))], [HoldOut().training])
+    (part,) = problem.parts
+    one, longer = (Addition(effect("viscoelasticity"), (0.5,), (tau,)) for tau in (2.0, 2.0 + 1e-4))
+    columns = residual_tests._columns(problem, part, fit.c, (one,))
+    change = (part.chain.residual(fit.c, (longer,)) - part.chain.residual(fit.c, (one,))) / 1e-4
+    assert len(columns) == len(fit.c) + 2 and np.abs(change).max() > 0
+    np.testing.assert_allclose(columns[-1], change, atol=1e-3 * np.abs(change).max())
+
+
+def test_an_effect_pays_for_its_parameters_in_its_own_place_whether_it_scores_or_not(monkeypatch):
+    """Its rivals do. Without a penalty of its own the weakest effect would have been the hardest to exchange."""
+    model, one = base(), Addition(effect("one fibre family"), (0.1,), (0.3, 0.0, 0.0))
+    state = replace(model.fit, additions=(one,))
+    monkeypatch.setattr(exchange.score_tests, "score", lambda *given: [])
+    place = exchange._place(Model(model.problem, state), None, one, (), DEFAULT, 0)
+    assert place.misfit == pytest.approx(state.likelihood + 4 * np.log(state.n_rows))
 
 
 @pytest.mark.parametrize("factor", [2.0, 10.0, 1000.0])

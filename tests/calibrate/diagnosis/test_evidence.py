@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import synthetic
 from scipy import special, stats
 
 from calibrate import errors
 from calibrate.diagnosis.base_fit import prepare
-from calibrate.diagnosis.evidence import refinement
+from calibrate.diagnosis.evidence import refinement, weighing
 from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR, SHARES, FittedEffect, SecondOrder
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature
@@ -135,6 +136,24 @@ def test_priors_are_in_the_units_of_the_test_and_read_from_a_file(tmp_path):
             read_priors(tmp_path / "bad.toml")
 
 
+def test_the_final_model_is_weighed_though_many_others_seem_better():
+    """A strong pair beside thirty effects: the one that the rounds have ended at comes after hundreds of sets with the pair."""
+    rng = np.random.default_rng(5)
+    columns = {name: rng.standard_normal((N, 1)) for name in ("a", "b", *(f"x{i}" for i in range(28)))}
+    r = 30 * columns["a"][:, 0] + 30 * columns["b"][:, 0] + rng.standard_normal(N)
+    linear = Evidence(tuple(signature(name, S) for name, S in columns.items()), r, EMPTY, -4.0)
+    final = frozenset({"x0"})
+    assert final not in map(linear.names, linear.by_names(linear.best(), weighing.SHOWN))
+    ranked = weighing._ranked(linear, final)
+    assert final in map(linear.names, ranked) and ranked == sorted(ranked, key=lambda one: -one.log_evidence)
+    assert linear.of_names(["none of these"]) is None
+
+
+def test_a_test_of_one_instant_has_no_duration():
+    scales = Scales.of_test(replace(synthetic.plate_experiment(n_increments=1), time=np.zeros(1)), 0.3)
+    assert np.isnan(scales.size("duration")) and scales.size("force") > 0
+
+
 @pytest.mark.slow
 def test_an_explanation_that_ends_as_a_simpler_effect_is_fitted_on_as_that():
     """Two fibre families that close up, of one hidden; but not where the one is left out of the catalogue."""
@@ -165,6 +184,19 @@ def fitted(r, signatures, L=100.0, log_prior=-4.0):
     return SecondOrder(float(left @ left), left[:3], effects, np.zeros((N, 0)))
 
 
+@pytest.mark.parametrize("noise", [1.0, 30.0])
+@pytest.mark.parametrize("L", [0.02, 1.0, 100.0])
+def test_a_fit_to_second_order_has_the_evidence_of_its_linear_model(noise, L):
+    """Though the fit knows no prior: of amplitudes that the data hardly tell (L = 0.02 times one that is 0.13 uncertain), and of residuals that are larger than what is described."""
+    rng = np.random.default_rng(11)
+    S, r = rng.standard_normal((N, 6)), np.sqrt(noise) * rng.standard_normal(N)
+    none, one = fitted(r, {}), fitted(r, {"a": S}, L)
+    exact = replace(one, effects=tuple(replace(effect, error=0.0) for effect in one.effects))
+    linear = Evidence((signature("a", L * S / np.sqrt(noise)),), r / np.sqrt(noise), EMPTY, -4.0).subset((0,))
+    gained = exact.log_evidence(noise, ("a",)) - none.log_evidence(noise, ())
+    assert gained == pytest.approx(linear.log_evidence, abs=1e-8)
+
+
 def test_an_effect_taken_for_an_error_has_its_size_as_a_prior():
     """Of two columns, beside an effect that explains much: the density of their amplitudes, of noise and an error of the largest size, over that of noise alone."""
     rng = np.random.default_rng(7)
@@ -182,8 +214,12 @@ def test_an_effect_taken_for_an_error_has_its_size_as_a_prior():
     alone = one.log_evidence(1.0, ("a", "b")) - one.log_evidence(1.0, ("a",))
     both = sum(e.error**2 * e.square for e in one.effects)
     all_smooth = special.logsumexp([one.with_smooth(1.0, share * both / 3) for share in SHARES])
-    volumes = [np.linalg.slogdet(np.eye(S.shape[1]) + 100**2 * S.T @ S)[1] for S in (A, np.concatenate([A, B], axis=1))]
-    cost = -0.5 * (error.a @ error.a / 100**2 + volumes[1] - volumes[0]) - 4.0
+    costs = []
+    for S, a in ((A, inside.a), (np.concatenate([A, B], axis=1), np.concatenate([inside.a, error.a]))):
+        information = S.T @ S
+        prior = a @ np.linalg.solve(100**2 * np.eye(len(a)) + np.linalg.inv(information), a)
+        costs.append(-0.5 * (prior + np.linalg.slogdet(np.eye(len(a)) + 100**2 * information)[1]))
+    cost = costs[1] - costs[0] - 4.0
     wanted = all_smooth + cost - special.logsumexp(np.add(densities, smooth))
     assert alone == pytest.approx(wanted, rel=1e-9)
 

@@ -95,6 +95,19 @@ def test_weights_of_a_softened_law_are_those_of_its_tangent():
     np.testing.assert_allclose(variances, wanted, atol=1e-9)
 
 
+def test_a_window_beside_a_measured_test_takes_its_stiffness_from_that():
+    """It has no load that tells by how much effects of the material make it stiffer: its noise is that beside the loads of the other."""
+    e = synthetic.with_noise(synthetic.plate_experiment(n_increments=3), NOISE, 1)
+    window = replace(e, name="window", provenance={**e.provenance, "rim": True})
+    problem, base = base_fit.prepare([window, e], [all_rows, all_rows], with_discrepancy=False)
+    second = Addition(EFFECTS["second invariant"], (0.2 * base.c[0],))
+    assert not problem.parts[0].chain.external().any()
+    of_window, of_test = model_weights.reweighted(problem, base.c, (second,)).trained
+    inside = np.broadcast_to(of_test.inside, of_test.train.rows.shape)
+    both = inside & of_window.train.rows & of_test.train.rows
+    assert of_window.train.variance[both] == pytest.approx(of_test.train.variance[both], rel=0.01) and both.any()
+
+
 def test_an_explanation_keeps_what_the_best_one_does_to_noise(prepared):
     problem, base = prepared
     rough = Addition(EFFECTS["subset smoothing"], (0.5,), (1.0,))

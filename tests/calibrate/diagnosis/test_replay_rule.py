@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from made_up_replay import FORCE_STD, INCREMENTS, check, observations, only_held
 
+from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR
+from calibrate.diagnosis.replayed import updating
 from calibrate.diagnosis.replayed.band import BEYOND, FORMULA, NOISE, Alternative, band_of, discretisation
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, replay_record
-from calibrate.diagnosis.replayed.observations import ReplayErrors, level_of
+from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors, level_of
 from calibrate.diagnosis.replayed.replay_rule import LEVEL, is_worse, judge
 
 
@@ -126,10 +128,9 @@ def test_a_test_that_has_something_for_itself_judges_no_model_of_all():
     assert judge(both, replace(second, judges=second.test > 1), covariance).p_value == 1.0
 
 
-def test_a_test_that_has_something_for_itself_sets_no_level():
-    """The second of two tests is softer by 20 %, as one with a soft half: the level is that of the first, whose errors are told."""
-    first, second = observations(), observations(stiffness=1.2)
-    rows = replace(
+def two_tests(first: Observations, second: Observations) -> Observations:
+    """One after the other."""
+    return replace(
         first,
         test=np.concatenate([first.test, second.test + 1]),
         **{key: np.concatenate([getattr(first, key), getattr(second, key)]) for key in ("increment", "held", "is_force", "measured", "replayed")},
@@ -138,7 +139,32 @@ def test_a_test_that_has_something_for_itself_sets_no_level():
         squares=np.tile(first.squares, (2, 1)),
         points=np.tile(first.points, 2),
     )  # fmt: skip
+
+
+def test_a_band_beyond_what_was_fitted_opens_for_each_test_by_itself():
+    """The second of two is held out, and twice as far: what it does not know is no doubt about the first, of the same increments."""
+    first = replace(observations(), held=np.zeros(len(observations().held), bool))
+    second = replace(first, held=~first.held)
+    rows = two_tests(first, second)
+    beyond = np.where(rows.held, 1.0, 0.0)
+    band = band_of(rows, rows, level_of(rows), np.zeros((len(beyond), 0)), (), beyond)
+    opened = np.sqrt(np.diag(band.parts[BEYOND]))
+    assert not opened[~rows.held].any()
+    forces = rows.held & rows.is_force
+    assert opened[forces] == pytest.approx(FORMULA_ERROR * rows.replayed[forces])
+
+
+def test_where_all_points_are_prescribed_no_displacement_is_missed():
+    rows = replace(observations(only_held(1.0)), squares=np.zeros((1, INCREMENTS)), points=np.array([0]))
+    assert ReplayErrors.of(rows, rows.judged).field == 0.0 and ReplayErrors.of(rows, rows.judged).force > 0
+
+
+def test_a_test_that_has_something_for_itself_sets_no_level():
+    """The second of two tests is softer by 20 %, as one with a soft half: the level is that of the first, whose errors are told, and whose forces alone update a model."""
+    first, second = observations(), observations(stiffness=1.2)
+    rows = two_tests(first, second)
     own = replace(rows, judges=rows.test == 0)
+    assert updating.covariance(own).shape == updating.covariance(first).shape != updating.covariance(rows).shape
     assert level_of(rows).factor < 0.95
     assert level_of(own).factor == level_of(first).factor
     assert ReplayErrors.of(rows, rows.judged).force > 0.05

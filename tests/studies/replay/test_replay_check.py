@@ -44,7 +44,7 @@ from meshes import PlateWithHole, quads, triangles
 from studies.replay.compared_test import ComparedTest, ReplayedModel
 from studies.replay.model_law import law_of, material_law
 from studies.replay.replay_check import FiniteElementCheck, _Check
-from studies.replay.replay_rows import Layout, sheet_rows
+from studies.replay.replay_rows import Layout, sheet_rows, smooth_weights
 from studies.replay.replayed_experiment import replay
 from studies.replay.twin_replay import twin_replay
 from studies.synthetic import camera
@@ -149,6 +149,29 @@ def test_a_base_without_an_equilibrium_has_a_stand_in_and_keeps_its_level():
     judged = judged_by_replay(one, check)
     assert stiffness_level(judged, judged.final) == 1.0
     assert stiffness_level(judged, judged.base) == check.base.level.factor != 1.0
+
+
+def test_a_reading_that_is_missing_takes_its_increment_out_and_no_force():
+    """Where others are there; and where it is the only one that was held out, the force of all is unknown there."""
+    whole = exact(True)
+    forces = [b.force.copy() for b in whole.loaded]
+    for force in forces:
+        force[1] = np.nan
+    broken = replace(whole, loaded=tuple(replace(b, force=f) for b, f in zip(whole.loaded, forces, strict=True)))
+    layouts = []
+    for test in (whole, broken):
+        problem, _ = base_fit.prepare([test], [HoldOut("every", 3).training])
+        layouts.append(ComparedTest(problem.parts[0]).layout)
+    assert layouts[1].sides == layouts[0].sides and layouts[0].sides
+    assert set(layouts[0].chosen) - set(layouts[1].chosen) == {1}
+    judged = np.ones(len(whole.points), bool)
+    assert Layout.of(broken, np.array([1]), judged).sides == () != Layout.of(broken, np.array([0]), judged).sides
+
+
+def test_where_the_grips_prescribe_every_point_there_are_no_fields_to_judge_by():
+    """As of a homogeneous test: no combination of cosines, and no few effects by the displacements."""
+    assert not len(smooth_weights(exact(True).points, np.zeros(len(exact(True).points), bool)))
+    assert len(smooth_weights(exact(True).points, np.arange(len(exact(True).points)) < 5)) == 5
 
 
 # --- bands ----------------------------------------------------------------------------------------------------
