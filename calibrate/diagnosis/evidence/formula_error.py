@@ -4,7 +4,8 @@ In: a fit to second order. Out: its log evidence by Laplace's approximation (Mac
 
     ln Z = -1/2 r^T V^-1 r - 1/2 ln |V| - 1/2 a^T (L^2 + I^-1)^-1 a - 1/2 ln |1 + L I L| + ln prior odds,   I = S^T S
 
-The fit has no prior on amplitudes a, so that the second term is that of the posterior mode seen from there: what the data do not tell of an amplitude costs nothing. All is over the variance of the residuals.
+The fit has no prior on amplitudes a, so that the second term is that of the posterior mode seen from there: what the data do not tell of an amplitude costs nothing. All is over the variance of the residuals. An amplitude with a bound at its
+null value has a half-normal prior, as in `linear_evidence`.
 
 The formula of an effect is wrong by a share eps of what it explains, at most, so that the squares of all errors add up to w = sum eps_i^2 |S_i a_i|^2, or less: Z is averaged over a
 logarithmic grid of w. Errors are smooth over place and load,
@@ -43,8 +44,8 @@ def formula_error(effect: Effect) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FittedEffect:
-    """Amplitudes a (p,) from null as they were fitted, with signatures S (N, p) outside of what the base adjusts, and prior deviations L (p,). error: of its formula, relative. log_prior: of its odds, bounds and
-    shapes."""
+    """Amplitudes a (p,) from null as they were fitted, with signatures S (N, p) outside of what the base adjusts, and prior deviations L (p,). error: of its formula, relative. log_prior: of its odds and shapes. one_sided (p,): amplitudes that
+    cannot be below null, whose prior is half-normal."""
 
     name: str
     a: Array
@@ -52,6 +53,7 @@ class FittedEffect:
     L: Array
     error: float
     log_prior: float
+    one_sided: NDArray[np.bool_]
 
     @property
     def square(self) -> float:
@@ -124,5 +126,12 @@ def _occam(effects: Sequence[FittedEffect], noise: float) -> float:
     a = np.concatenate([one.a / one.L for one in effects])
     information = scaled.T @ scaled / noise
     M = np.eye(len(a)) + information
-    prior = float(a @ (information @ np.linalg.solve(M, a)))  # a^T (1 + I^-1)^-1 a
-    return -0.5 * (prior + float(np.linalg.slogdet(M)[1])) + sum(one.log_prior for one in effects)
+    mean, covariance = np.linalg.solve(M, information @ a), np.linalg.inv(M)
+    prior = float(a @ (information @ (a - mean)))  # a^T (1 + I^-1)^-1 a
+    sided = np.concatenate([one.one_sided for one in effects])
+    admissible = np.log(2) + special.log_ndtr(mean / np.sqrt(np.diag(covariance)))[sided]
+    return (
+        -0.5 * (prior + float(np.linalg.slogdet(M)[1]))
+        + float(admissible.sum())
+        + sum(one.log_prior for one in effects)
+    )

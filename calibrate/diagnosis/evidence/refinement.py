@@ -227,11 +227,11 @@ def _second_order(
     for one in fit.additions:
         p = len(one.amplitudes)
         change = np.array(one.amplitudes) - [parameter.null for parameter in one.effect.amplitudes]
-        one_sided = sum(parameter.lower == parameter.null for parameter in one.effect.amplitudes)
-        log_prior = log_odds + np.log(shares.get(one.effect.name, 1.0)) + one_sided * np.log(2)
+        one_sided = np.array([parameter.lower == parameter.null for parameter in one.effect.amplitudes])
+        log_prior = log_odds + float(np.log(shares.get(one.effect.name, 1.0)))
         L = prior_deviations(problem, one.effect, priors)
         own = S[:, start : start + p]
-        effects.append(FittedEffect(one.effect.name, change, own, L, formula_error(one.effect), float(log_prior)))
+        effects.append(FittedEffect(one.effect.name, change, own, L, formula_error(one.effect), log_prior, one_sided))
         shapes.append(S[:, start + p : start + p + len(one.shape)])
         start += p + len(one.shape)
     return SecondOrder(float(r @ r), D.T @ r, tuple(effects), np.concatenate(shapes, axis=1))

@@ -171,28 +171,34 @@ def test_an_explanation_that_ends_as_a_simpler_effect_is_fitted_on_as_that():
     assert refinement._fitted(problem, base, closed, {"two fibre families": known["two fibre families"]}) is None
 
 
-def fitted(r, signatures, L=100.0, log_prior=-4.0):
+def fitted(r, signatures, L=100.0, log_prior=-4.0, one_sided=False):
     """Least squares of effects (names to columns (N, p)) to second order, with three smooth disturbances."""
     S = np.concatenate([np.zeros((N, 0)), *signatures.values()], axis=1)
     a = np.linalg.lstsq(S, r, rcond=None)[0] if signatures else np.zeros(0)
     left = r - S @ a
     ends = np.cumsum([0, *(one.shape[1] for one in signatures.values())])
     effects = tuple(
-        FittedEffect(name, a[start:end], one, np.full(end - start, L), FORMULA_ERROR, log_prior)
+        FittedEffect(
+            name, a[start:end], one, np.full(end - start, L), FORMULA_ERROR, log_prior, np.full(end - start, one_sided)
+        )
         for (name, one), start, end in zip(signatures.items(), ends[:-1], ends[1:], strict=True)
     )
     return SecondOrder(float(left @ left), left[:3], effects, np.zeros((N, 0)))
 
 
+@pytest.mark.parametrize("one_sided", [False, True])
 @pytest.mark.parametrize("noise", [1.0, 30.0])
 @pytest.mark.parametrize("L", [0.02, 1.0, 100.0])
-def test_a_fit_to_second_order_has_the_evidence_of_its_linear_model(noise, L):
+def test_a_fit_to_second_order_has_the_evidence_of_its_linear_model(noise, L, one_sided):
     """Though the fit knows no prior: of amplitudes that the data hardly tell (L = 0.02 times one that is 0.13 uncertain), and of residuals that are larger than what is described."""
     rng = np.random.default_rng(11)
     S, r = rng.standard_normal((N, 6)), np.sqrt(noise) * rng.standard_normal(N)
-    none, one = fitted(r, {}), fitted(r, {"a": S}, L)
+    r += S @ np.full(6, 0.3)
+    none, one = fitted(r, {}), fitted(r, {"a": S}, L, one_sided=one_sided)
     exact = replace(one, effects=tuple(replace(effect, error=0.0) for effect in one.effects))
-    linear = Evidence((signature("a", L * S / np.sqrt(noise)),), r / np.sqrt(noise), EMPTY, -4.0).subset((0,))
+    linear = Evidence((signature("a", -L * S / np.sqrt(noise), one_sided),), r / np.sqrt(noise), EMPTY, -4.0).subset(
+        (0,)
+    )
     gained = exact.log_evidence(noise, ("a",)) - none.log_evidence(noise, ())
     assert gained == pytest.approx(linear.log_evidence, abs=1e-8)
 
