@@ -121,10 +121,10 @@ def noise_of(test: Unweighted, c: Array, additions: Additions, others: Sequence[
     chain, assembled = _chain(test, additions), test.assembled
     if not additions:
         return assembled.noise_at(c, test.denoised)
-    loaded = [one for one in (chain, *(_chain(other, additions) for other in others)) if one.external().any()]
+    has_load = bool(chain.external().any())
+    loaded = [chain] if has_load else [_chain(one, additions) for one in others if one.chain.external().any()]
     if loaded:
-        some = [chain] if loaded[0] is chain else loaded
-        c = c * _work(some, c, ()) / _work(some, c, tuple(a for a in additions if a.effect.in_material))
+        c = c * _work(loaded, c, ()) / _work(loaded, c, tuple(a for a in additions if a.effect.in_material))
     increments, shares = assembled.samples
     each = chain.spread_of_noise(c, additions, assembled.fewest_sources, increments)
     return EquationNoise.of(chain.system, assembled.noise, stacked(each, len(increments)), shares)

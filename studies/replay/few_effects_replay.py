@@ -74,10 +74,7 @@ def with_forces(
     known = {} if best is None else dict(best.priors)
     known |= {one.effect.name: (np.array([p.null for p in one.effect.amplitudes]), one.deviations) for one in remembered}  # fmt: skip
     replays = Replays([ComparedTest(part, EACH, False) for part in problem.trained], levels)
-    neo_hooke = replays(found.c, ())
-    if neo_hooke is None:
-        raise OptionError(f"neo-Hooke has no equilibrium in all pictures: {replays.failure}")
-    nearest = ReplayErrors.of(neo_hooke.rows, ~neo_hooke.rows.held).field
+    nearest = _field_error(replays, found.c)
 
     def updated(way: int, some: Additions, others: Sequence[Additions], of_memory: bool) -> Updated:
         say(f"few effects updated by the forces of their replays, way {way} of at most 3")
@@ -95,6 +92,14 @@ def with_forces(
         start = _with_memory_of(everything.additions, additions)
         new = _without_weak(replays, updated(2, additions, [start], True), known, True)
     return new if is_kept(new) else updated(3, fitted, (), True)
+
+
+def _field_error(replays: Replays, c: Array) -> float:
+    """Of neo-Hooke, c (n,), in the pictures that models are updated by, mm."""
+    replayed = replays(c, ())
+    if replayed is None:
+        raise OptionError(f"neo-Hooke has no equilibrium in all pictures: {replays.failure}")
+    return ReplayErrors.of(replayed.rows, ~replayed.rows.held).field
 
 
 def _with_memory_of(found: Additions, additions: Additions) -> Additions:

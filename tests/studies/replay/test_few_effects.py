@@ -111,6 +111,7 @@ def test_forces_do_not_take_the_fields_further_off(monkeypatch, fields, tried):
         return SimpleNamespace(additions=there, deviations=tuple((0.0,) * len(a.amplitudes) for a in there), **errors)
 
     monkeypatch.setattr(few_effects_replay, "update", update)
+    monkeypatch.setattr(few_effects_replay, "_field_error", lambda replays, c: few.base.field)
     monkeypatch.setattr(few_effects_replay, "ComparedTest", lambda part, pictures, base: SimpleNamespace(part=part))
     assert with_forces(problem, few, few.best, EFFECTS, read_priors()).after.field == 0.1
     assert asked == [(False, True, True), (True, True, True), (True, False, False)][:tried]

@@ -83,12 +83,12 @@ def band_rows(check: ReplayCheck, names: list[str], times: list[Any]) -> Table:
 
 
 def band_fields(check: ReplayCheck, names: list[str]) -> Table:
-    """Smooth part of measured minus replayed displacement of every increment that was compared, mm, with half its 95 % band."""
+    """Smooth part of measured minus replayed displacement of every increment that was compared, mm, with half its 95 % band; of tests that have points which the grips do not prescribe."""
     base, final, variance = check.base.rows, check.final.rows, check.band.deviation**2
     columns = ["experiment", "increment", "held_out", "residual_rms", "smooth_base", "smooth_final", "half_band"]
     rows = []
     pairs = sorted(set(zip(final.test.tolist(), final.increment.tolist(), strict=True)))
-    for test, k in pairs:
+    for test, k in ((test, k) for test, k in pairs if final.points[test]):
         where = (final.test == test) & (final.increment == k) & ~final.is_force
         size = np.sqrt(2 * final.points[test])
         smooth = [float(np.sqrt((one.residual[where] ** 2).sum()) / size) for one in (base, final)]
