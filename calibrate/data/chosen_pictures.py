@@ -34,6 +34,8 @@ def chosen(experiment: Experiment, wanted: Wanted = None) -> Experiment:
     Raises `ConfigError` for numbers that do not rise, or of no picture.
     """
     n = experiment.n_increments
+    if isinstance(wanted, int) and wanted < 1:
+        raise errors.ConfigError(f"pictures = {wanted}: give how many are used, at least 1, 'all', or their numbers")
     index = _listed(wanted, experiment) if isinstance(wanted, tuple) else spread(experiment, _most(experiment, wanted))
     if len(index) == n:
         return experiment

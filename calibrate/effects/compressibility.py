@@ -6,7 +6,8 @@ of a sheet with in-plane F and volume ratio J is the incompressible sheet with J
     P = J^(-1/3) P0(J^(-1/3) F),    J = 1 + beta p / J,    p = P0(Fbar) : Fbar / 3,    beta = 1 / kappa,
 
 with P0 the stress of the incompressible sheet, of all energies and with its history: exact, whatever these are (relaxation as in
-Simo 1987). To first order psi falls by beta p^2 / 2. J is found by Newton's method with the slope of a neo-Hookean sheet.
+Simo 1987). To first order psi falls by beta p^2 / 2. J is found by the secant
+method, which begins with the slope of a neo-Hookean sheet (`calibrate.effects.chain.links_of_stress.VolumeRatio`).
 """
 
 from __future__ import annotations
@@ -32,9 +33,13 @@ class Compressibility(Effect):
     def missing(self, data):
         return lacks_plane_stress(data)
 
-    def volume(self, F, P, J, a, modulus):
+    def excess(self, F, P, J, a):
+        """By which the volume ratio J (t, m) should be larger at the stress P of F, which is that of an incompressible sheet; zero where the faces are free."""
+        pressure = Tensors.of(F).dot(Tensors.of(P)) / 3.0
+        return 1.0 + a[0] * pressure / J - J
+
+    def slope(self, F, a, modulus):
+        """Fall of the excess by J, of neo-Hooke at J = 1."""
         F = Tensors.of(F)
-        pressure = F.dot(Tensors.of(P)) / 3.0
         inside, across = F.dot(F), 1.0 / F.det**2
-        slope = a[0] * modulus * (2.0 / 9.0) * (inside + 4.0 * across)  # - d/dJ of beta p / J, of neo-Hooke at J = 1
-        return J + (1.0 + a[0] * pressure / J - J) / (1.0 + slope)
+        return 1.0 + a[0] * modulus * (2.0 / 9.0) * (inside + 4.0 * across)

@@ -237,8 +237,8 @@ def _raised(
 
 def ranked(network: float, numbers: float, fits: list[ClassicalFit], equations: int, known: bool) -> Comparison:
     """network: its chi-square; numbers: its effective parameters; known: whether the noise is."""
-    best = [network / (equations - numbers)]
-    best += [f.found.chi_square / (equations - len(f.law.parameters)) for f in fits if f.reason.is_success]
+    pairs = [(network, numbers), *((f.found.chi_square, len(f.law.parameters)) for f in fits if f.reason.is_success)]
+    best = [chi / (equations - k) for chi, k in pairs if equations > k] or [1.0]
     scale = max(1.0, min(best)) if known else min(best)
     criterion: Callable[[float, float], float] = lambda chi, k: chi / scale + k * np.log(equations)  # noqa: E731
     laws = [

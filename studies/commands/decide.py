@@ -14,7 +14,7 @@ import jax
 
 from calibrate.diagnosis.evidence.priors import Priors, read_priors
 from calibrate.errors import EquigapError
-from forward.errors import ForwardError
+from forward.errors import FormsCacheError, ForwardError, MissingSolverError
 from meshes.errors import MeshError
 from studies.commandline.option_types import OutputFolder, Overwrite, Positive, default_folder
 from studies.commandline.outcome import Outcome
@@ -108,6 +108,8 @@ def _judged(table: SpecimenTable, undecided: Undecided, plan: Plan, time: float,
             str(programme): expected(loaded(ramp, programme, time), undecided.rivals, undecided.modulus, priors)
             for programme in Programme
         }
+    except (FormsCacheError, MissingSolverError):
+        raise  # of the machine, and of no specimen
     except (DesignError, MeshError, ForwardError, EquigapError) as error:
         return SpecimenResult(table.title, {}, str(error))
     return SpecimenResult(table.title, values)

@@ -72,7 +72,7 @@ class Decision:
         found = [
             Test(one.name, programme, values) for one in self.specimens for programme, values in one.values.items()
         ]
-        return sorted(found, key=lambda test: -min((v for v in test.values if v is not None), default=-np.inf))
+        return sorted(found, key=lambda test: -min((v or 0.0 for v in test.values), default=-np.inf))
 
     def best(self, i: int) -> tuple[Test, float] | None:
         """The test that tells most of the i-th pair; None where none shows it."""

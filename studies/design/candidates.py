@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calibrate.equations.kinematics import invariants_and_derivatives
 from calibrate.errors import EquigapError
-from forward.errors import ForwardError
+from forward.errors import FormsCacheError, ForwardError, MissingSolverError
 from meshes import Specimen, specimen_from_dict
 from meshes.errors import MeshError
 from studies.design.design_plan import Plan
@@ -85,6 +85,8 @@ def judge(title: str, specimen: Specimen, plan: Plan, tested: bool = False, equa
         pull = limited_pull(specimen, family.base, plan)
         test = test_information(pull, family.base, family, plan)
         calibration = equation_information(pull, family, plan) if equations else None
+    except (FormsCacheError, MissingSolverError):
+        raise  # of the machine, and of no specimen
     except (DesignError, MeshError, ForwardError, EquigapError) as error:
         return Candidate(title, specimen, tested, reason=str(error))
     return Candidate(title, specimen, tested, End.of(pull), test, calibration, reached_states(pull))

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from calibrate import errors
 from calibrate.data.triangulation import boundary_edges, boundary_nodes, signed_areas
@@ -182,7 +182,12 @@ def _at_sides(points: Array, sides: Sequence[str], tolerance: float | None = Non
 
 def _triangles(points: Array, max_edge: float | None) -> Index:
     """Delaunay triangles whose edges are no longer than `max_edge` mm (default 2.2 times the spacing)."""
-    triangles = Delaunay(points).simplices.astype(np.int64)
+    try:
+        triangles = Delaunay(points).simplices.astype(np.int64)
+    except QhullError:
+        raise errors.DegenerateMeshError(
+            f"the {len(points)} points that are left span no area, as points on a line; see points.x and points.y, and [mask]"
+        ) from None
     area = signed_areas(points, triangles)
     triangles[area < 0] = triangles[area < 0][:, ::-1]
     corners = points[triangles]

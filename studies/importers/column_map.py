@@ -87,6 +87,10 @@ class ColumnMap(Table):
             raise ValueError(
                 "give frames.rate_hz and force.time (or frames.times_s and force.time), or force.per_frame = true"
             )
+        if len(self.force) > 1 and self.frames.tare_N is not None:
+            raise ValueError(
+                "frames.tare_N is of one load cell; with several [[force]] each counts from its reading at the reference picture: leave it out"
+            )
         if len(self.force) > 1 and sorted(s for cell in self.force for s in cell.sides) != sorted(edges.loaded):
             raise ValueError("force.sides: every side of edges.loaded needs one load cell, and only one")
         return self
@@ -124,7 +128,7 @@ def read_map(path: str | Path) -> ColumnMap:
     """Read a TOML column map; FILE#NAME: one of its [[test]]. Raises `ConfigError` that names the key, `DataNotFoundError`."""
     file, _, name = str(path).partition("#")
     content = _toml(Path(file))
-    tests = {str(test.get("name")): test for test in content.pop("test", [])}
+    tests = {str(test.get("name")): test for test in _tests(file, content.pop("test", []))}
     if tests and name not in tests:
         raise errors.ConfigError(
             f"{file}: holds several tests; name one: " + ", ".join(f"{file}#{one}" for one in tests)
@@ -136,10 +140,17 @@ def read_map(path: str | Path) -> ColumnMap:
 
 def tests_of(path: str | Path) -> tuple[str, ...]:
     """Names of the [[test]] of a TOML file; none where it is one test. Raises what `read_map` does."""
-    names = [test.get("name") for test in _toml(Path(path)).get("test", [])]
+    names = [test.get("name") for test in _tests(str(path), _toml(Path(path)).get("test", []))]
     if None in names or len(set(names)) < len(names):
         raise errors.ConfigError(f"{path}: every [[test]] needs a name of its own")
     return tuple(map(str, names))
+
+
+def _tests(file: str, tests: Any) -> list[dict[str, Any]]:
+    """Those of a TOML file. Raises `ConfigError`."""
+    if not isinstance(tests, list) or not all(isinstance(test, dict) for test in tests):
+        raise errors.ConfigError(f"{file}: [test] is one table; write [[test]], once for each test")
+    return tests
 
 
 def _merged(common: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:

@@ -24,6 +24,16 @@ MODES = {
 }
 STRESS_UNITS = {"MPa": 1.0, "kPa": 1e-3, "Pa": 1e-6, "N/mm2": 1.0, "N/mm^2": 1.0, "psi": 6.894757293168e-3}
 SUFFIX = re.compile(r"[_ ](MPa|kPa|Pa|psi)$", re.IGNORECASE)
+OTHERS = (
+    "true",
+    "cauchy",
+    "kirchhoff",
+    "log",
+    "hencky",
+    "green",
+    "second",
+    "pk2",
+)  # in names of measures that are not nominal
 NOISE = 0.02  # of the largest stress, and of a stretch: smaller ones have any sign
 NEEDED = "columns mode, stretch (or strain), stress_MPa; mode is uniaxial, equibiaxial or pure_shear"
 
@@ -96,6 +106,11 @@ def _is_number(cell: str) -> bool:
 
 def _column(file: TextFile, *wanted: str) -> str:
     found = [name for name in file.names if any(w in SUFFIX.sub("", plain(name)).casefold() for w in wanted)]
+    for name in found:
+        if any(word in plain(name).casefold() for word in OTHERS):
+            raise errors.FileFormatError(
+                f"{file.path}, column '{name}': nominal ones are needed, change of length over the first length and force over the first area; convert it, and name it without that word"
+            )
     if len(found) != 1:
         several = f"several columns of {wanted[0]}: {', '.join(found)}" if found else f"no column of {wanted[0]}"
         raise errors.FileFormatError(f"{file.path}: {several} (columns: {', '.join(file.names)}); {NEEDED}")

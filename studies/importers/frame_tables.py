@@ -23,6 +23,7 @@ from studies.importers.map_tables import PointsTable
 from studies.importers.text_tables import read_table
 
 Array = NDArray[np.float64]
+MOVED = 0.02  # of the displacements of the last frame: more than noise
 Flags = NDArray[np.bool_]
 
 
@@ -60,6 +61,10 @@ def frame_files(p: PointsTable, folder: Path) -> tuple[list[Path], Order | None]
             if not path.is_file():
                 raise errors.DataNotFoundError(f"{path}: no such file; correct points.files or points.folder")
         return paths, None
+    if not p.files or Path(p.files).is_absolute():
+        raise errors.ConfigError(
+            f"points.files = '{p.files}': give a pattern relative to points.folder, such as '*.csv'"
+        )
     found = sorted(path for path in place.glob(p.files) if path.is_file())
     if len(found) + (p.reference == "separate") < 2:
         raise errors.DataNotFoundError(
@@ -93,6 +98,11 @@ def read_frames(p: PointsTable, folder: Path, mask: str | None = None) -> Frames
         raise errors.LostPointsError(_all_failed(p, paths))
     if not np.isfinite(moved[0]).any() and p.reference != "separate":
         moved[0] = 0.0  # displacements count from the reference, whatever its quality
+    if p.reference != "separate" and len(moved) > 1 and not _is_at_rest(moved):
+        raise errors.ConfigError(
+            f"{frames[0].source}: the points have moved in the first file, by a root mean square of {_size(moved[0]):.3g}, "
+            f"{_size(moved[-1]):.3g} in the last; where displacements count from a picture without a file, set points.reference = 'separate'"
+        )
     if p.reference == "separate":
         moved = np.concatenate([np.zeros_like(moved[:1]), moved])
     flagged = None if flags is None else flags[known]
@@ -103,6 +113,17 @@ def read_frames(p: PointsTable, folder: Path, mask: str | None = None) -> Frames
     height = plane.components(points - plane.origin)[:, 2]
     heights = np.concatenate([height[None], height + along[1:, :, 2]])
     return Frames(inside, along[..., :2], flagged, paths, order, heights, plane)
+
+
+def _is_at_rest(moved: Array) -> bool:
+    """Whether the first of displacements (t, n, 2 or 3) are no more than noise beside the last."""
+    return not _size(moved[0]) > MOVED * _size(moved[-1])
+
+
+def _size(moved: Array) -> float:
+    """Root mean square of displacements (n, 2 or 3); 0 where there are none."""
+    known = moved[np.isfinite(moved)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
 
 
 def frames_as_written(p: PointsTable, paths: list[Path]) -> Iterator[Frame]:
@@ -193,6 +214,12 @@ def _matched(points: Array, frame: Frame) -> Array:
         raise errors.MeshMismatchError(
             f"{frame.source}: {int((~near).sum())} of {near.size} points are not in the reference frame; if positions move "
             "with the specimen, set points.coordinates = 'current'"
+        )
+    found, times = np.unique(index[near], return_counts=True)
+    if (times > 1).any():
+        place = points[found[times > 1][0]]
+        raise errors.DegenerateMeshError(
+            f"{frame.source}: {int((times > 1).sum())} points are listed more than once, the first at {', '.join(f'{x:.4g}' for x in place)} mm; export each point once"
         )
     result[index[near]] = frame.moved[known][near]
     return result

@@ -25,7 +25,14 @@ def load_cells(m: ColumnMap, folder: Path, n_frames: int) -> tuple[list[ForceRec
     Raises the errors of tables and records, `MeshMismatchError` for another number of forces or times than frames.
     """
     found = [_load_cell(cell, m, folder, n_frames) for cell in m.force]
-    return [record for record, _ in found], found[0][1]
+    time = found[0][1]
+    for cell, (record, own) in zip(m.force, found, strict=True):
+        if not np.allclose(own, time, rtol=0.0, atol=1e-9 * max(1.0, float(np.ptp(time)))):
+            raise errors.TimeError(
+                f"{record.source}: '{cell.force}' puts the frames at other times than '{m.force[0].force}' "
+                f"(the last at {own[-1]:g} and {time[-1]:g} s); give every [[force]] that is per_frame its time, or none of them"
+            )
+    return [record for record, _ in found], time
 
 
 def _load_cell(cell: ForceTable, m: ColumnMap, folder: Path, n_frames: int) -> tuple[ForceRecord, Array]:
@@ -44,11 +51,15 @@ def _load_cell(cell: ForceTable, m: ColumnMap, folder: Path, n_frames: int) -> t
     time = scale * table[cell.time] if cell.time else None
     if len(force) == n_frames - 1 and m.points.reference == "separate":  # no row for a picture without a file
         force = np.concatenate([[0.0], force])
+        if time is not None and len(time) < 2:
+            raise errors.TimeError(
+                f"{path}: one reading does not tell when the reference picture was taken; add its row, with a force of 0"
+            )
         time = None if time is None else np.concatenate([[2 * time[0] - time[1]], time])
     if len(force) != n_frames:
         raise errors.MeshMismatchError(f"{path}: {len(force)} forces for {n_frames} frames; one row a frame is needed")
     time = _times(m.frames, n_frames) if time is None else time
-    return ForceRecord(time, force, str(path)), time
+    return ForceRecord(time, force, str(path), per_frame=True), time
 
 
 def _rows(cell: ForceTable, path: Path, m: ColumnMap, folder: Path) -> list[int]:

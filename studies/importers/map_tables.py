@@ -28,7 +28,7 @@ type Side = Literal["left", "right", "bottom", "top"]
 class Table(BaseModel):
     """A table of the TOML file: no other keys, and no value is converted but a whole number to a float."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class PointsTable(Table):
@@ -58,7 +58,7 @@ class PointsTable(Table):
     scale_mm_per_px: Positive | None = None
     y_axis: Literal["up", "down"] = "up"
     coordinates: Literal["reference", "current"] = "reference"
-    delimiter: str = ","
+    delimiter: Annotated[str, Field(min_length=1)] = ","
     decimal: Decimal = "."
     missing_words: tuple[str, ...] = Field(default=(), strict=False)
     header_line: NotNegativeNumber = 1
@@ -129,7 +129,7 @@ class ForceTable(Table):
     per_frame: bool = False
     picture: str | None = None
     sides: tuple[Side, ...] = Field(default=(), strict=False)
-    delimiter: str = ","
+    delimiter: Annotated[str, Field(min_length=1)] = ","
     decimal: Decimal = "."
     header_line: NotNegativeNumber = 1
     units_row: bool = False

@@ -252,11 +252,13 @@ def _say_times(order: Order, times: list[float] | None, separate: bool, options:
         why = f"s, {order.found}" + ("; 0 for the reference picture" if separate else "")
         found.say("frames.times_s", [0.0, *times] if separate else times, why)
     elif rate is not None and order.values is not None and (np.diff(order.values) != 1).any():
-        numbers = order.values - order.values[0] + (1 if separate else 0)
+        numbered, step = order.values - order.values[0], float(np.median(np.diff(order.values)))
+        apart = separate or len(order.values) < len(order.index)  # the reference picture has no number
         found.say(
             "frames.times_s",
-            [*([0.0] if separate else []), *(numbers / rate).tolist()],
-            "numbers of the files over the frame rate",
+            [0.0, *((numbered + step) / rate).tolist()] if apart else (numbered / rate).tolist(),
+            "numbers of the files over the frame rate"
+            + ("; the reference picture a step before the first: assumed" if apart else ""),
         )
     elif rate is not None:
         found.say("frames.rate_hz", rate, "as given")

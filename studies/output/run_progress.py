@@ -78,10 +78,19 @@ class RunProgress(Resumable):
             with atomic_path(self._checkpoint) as temporary, temporary.open("wb") as file:
                 pickle.dump(_header(), file, PROTOCOL)
                 _Pickler(file, PROTOCOL).dump({**self._stages, SECONDS: spent})
-        except (OutputWriteError, pickle.PicklingError, AttributeError, TypeError) as error:
-            print(f"equigap: no checkpoint ({error}); a run that is killed starts from the beginning", file=sys.stderr)
-            self.finished()
-            self._checkpoint = None
+        except (
+            OSError,
+            OutputWriteError,
+            pickle.PicklingError,
+            AttributeError,
+            TypeError,
+            ValueError,
+            RecursionError,
+        ) as error:
+            known = (
+                "goes on from the last one that is there" if self._checkpoint.exists() else "starts from the beginning"
+            )
+            print(f"equigap: no checkpoint of {stage} ({error}); a run that is killed {known}", file=sys.stderr)
 
     def discard(self, start: str) -> None:
         self._stages = {stage: value for stage, value in self._stages.items() if not stage.startswith(start)}

@@ -137,13 +137,14 @@ class StripDeformation(OfEffect):
 
 @dataclass(frozen=True)
 class Incompressible(Link):
-    """J = 1."""
+    """J = 1, and nothing before it."""
 
     reads: ClassVar[tuple[str, ...]] = (CURVED,)
     writes: ClassVar[str] = VOLUME
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
-        return jnp.ones(inputs[0].shape[:2])
+        J = jnp.ones(inputs[0].shape[:2])
+        return jnp.stack([J, J, jnp.zeros_like(J)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -154,8 +155,8 @@ class FreeOfVolume(Link):
     writes: ClassVar[str] = DEFORMATION
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
-        F, J = inputs
-        return F / jnp.cbrt(J)[..., None, None]
+        F, volume = inputs
+        return F / jnp.cbrt(volume[..., 0])[..., None, None]
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,12 @@ from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.equations import isochoric
 from calibrate.equations.tensors import Tensors
 
+SAME, FARTHEST, FOUND = (
+    1e-9,
+    0.3,
+    0.02,
+)  # steps of a volume ratio: none; at most, over J; the last one, beyond which J was not found
+
 
 @dataclass(frozen=True)
 class BaseStress(Link):
@@ -110,7 +116,7 @@ class FormedAnew(OfEffect):
 
 @dataclass(frozen=True)
 class VolumeRatio(OfEffect):
-    """J, nearer to that at which the faces are free of stress."""
+    """J, nearer to that at which the faces are free of stress, by the secant through the J before it; at first by the slope of neo-Hooke."""
 
     effect: Compressibility
     base: Base
@@ -119,19 +125,27 @@ class VolumeRatio(OfEffect):
     uses_coefficients: ClassVar[bool] = True
 
     def __call__(self, inputs: Inputs, constants: Constants, parameters: Parameters) -> Any:
-        F, P, J = inputs
-        return self.effect.volume(F, P, J, parameters[0][0], self.base.modulus(constants))
+        F, P, volume = inputs
+        a, (J, before, excess_before) = parameters[0][0], jnp.moveaxis(volume, -1, 0)
+        excess = self.effect.excess(F, P, J, a)
+        step, fall = J - before, excess_before - excess
+        steep = (jnp.abs(step) > SAME) & (fall / jnp.where(jnp.abs(step) > SAME, step, 1.0) > 0.0)
+        slope = jnp.where(
+            steep, fall / jnp.where(steep, step, 1.0), self.effect.slope(F, a, self.base.modulus(constants))
+        )
+        return jnp.stack([J + jnp.clip(excess / slope, -FARTHEST * J, FARTHEST * J), J, excess], axis=-1)
 
 
 @dataclass(frozen=True)
 class StressAtVolume(Link):
-    """P of F, of that at J^(-1/3) F."""
+    """P of F, of that at J^(-1/3) F; NaN where J was not found."""
 
     reads: ClassVar[tuple[str, ...]] = (STRESS, VOLUME)
     writes: ClassVar[str] = STRESS
 
     def __call__(self, inputs: Inputs, constants: Data, parameters: Parameters) -> Any:
-        P, J = inputs
+        P, volume = inputs
+        J = jnp.where(jnp.abs(volume[..., 0] - volume[..., 1]) < FOUND, volume[..., 0], jnp.nan)
         return P / jnp.cbrt(J)[..., None, None]
 
 

@@ -39,7 +39,7 @@ from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 
 Stages = tuple[Stage, ...]
 Names = Mapping[str, str]
-SWEEPS = 4  # of the volume ratio
+SWEEPS = 5  # of the volume ratio
 
 
 def displacement_stages(additions: Additions) -> Stages:

@@ -56,7 +56,7 @@ def frame_order(names: Sequence[str], rule: Rule = "auto") -> Order:
     chosen = [names[i] for i in numbered]
     order = _by_time(chosen) or _by_numbers(chosen, rule)
     index = (*plain, *(numbered[i] for i in order.index))
-    return Order(index, None if plain else order.values, order.seconds and not plain, order.found)
+    return Order(index, order.values, order.seconds and not plain, order.found)
 
 
 def _by_time(names: Sequence[str]) -> Order | None:

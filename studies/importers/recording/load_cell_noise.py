@@ -5,7 +5,8 @@ In: time (n,) s and force (n,) N of a record. Out: `ForceNoise`.
 A divided difference of order k over k + 1 neighbouring readings vanishes for every polynomial below degree k. Divided by the norm of
 its weights it has the standard deviation of one reading, if errors are independent. What is left of the curvature of the record falls
 with the order, what is left of noise does not: the order is raised until the estimate no longer falls. Where it still falls at the
-highest order that the readings allow, curvature cannot be told from noise, and the estimate is only an upper bound.
+highest order that the readings allow, curvature cannot be told from noise, and the estimate is only an upper bound. Coarse digits hide noise from it: it is no less
+than the rounding of the last digit, its step over sqrt(12).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from calibrate.robust_deviation import robust_std
 Array = NDArray[np.float64]
 ORDERS = (2, 3, 4)
 WINDOWS = 3  # fewest differences that an estimate is made of
+REPEATED = 0.5  # of the readings, as different values at most, where a last digit shows
 FALLS = 1.5  # factor between the estimates of two orders, from which the lower one holds curvature
 
 
@@ -54,11 +56,21 @@ def force_noise(time: Array, force: Array) -> ForceNoise:
     orders = [order for order in ORDERS if len(time) - order >= WINDOWS]
     if not orders:
         return ForceNoise(0.0, 0, False)
-    found = [_deviation(differences(time, force, order)) for order in orders]
+    least = _rounding(force)
+    found = [max(least, _deviation(differences(time, force, order))) for order in orders]
     for order, lower, higher in zip(orders, found, found[1:], strict=False):
         if lower <= FALLS * higher:
             return ForceNoise(lower, order, False)
     return ForceNoise(found[-1], orders[-1], True)
+
+
+def _rounding(force: Array) -> float:
+    """Standard deviation, N, of the error of the last digit: of readings (n,) that are few values over and over, the digit is the smallest step between these; 0 of others."""
+    values = np.unique(force)
+    steps = np.diff(values)
+    if len(values) < 2 or len(values) > REPEATED * len(force):
+        return 0.0
+    return float(steps.min() / np.sqrt(12.0))
 
 
 def differences(time: Array, force: Array, order: int) -> Array:

@@ -2,7 +2,7 @@
 
 In: a `Series` whose frames were taken at an even rate. Out: the same with the time of every frame after a gap corrected.
 
-A frame that was not stored shows as one step of the displacement that is two, three, ... times as long as its
+A force that was read with each frame stays with it. A frame that was not stored shows as one step of the displacement that is two, three, ... times as long as its
 neighbours and has the same field. Without the correction every later force belongs to another picture. A slip or a crack
 has another field than the motion before and after, and is left alone; so is a step that is no whole multiple.
 """
@@ -41,7 +41,12 @@ def with_missing_frames(series: Series) -> Series:
         "missing_frames": {str(frame): count for frame, count in gaps.items()},
         "notes": [*series.provenance.get("notes", []), *notes],
     }
-    return replace(series, time=time, provenance=provenance)
+    grips = tuple(
+        grip if grip.record is None else replace(grip, record=grip.record.moved(series.time, time))
+        for grip in series.grips
+    )
+    record = series.record.moved(series.time, time)
+    return replace(series, time=time, record=record, grips=grips, provenance=provenance)
 
 
 def missing_frames(time: Array, displacements: Array) -> dict[int, int]:

@@ -1,6 +1,6 @@
 """What an importer reads of a test: points, triangles, displacements of every frame, the machine's force record, what is gripped.
 
-Time of frame k on the clock of the machine: k / frame rate + offset. The force is that of the grip ON the
+Time of frame k on the clock of the machine: k / frame rate + offset; that of an Experiment counts from where the test begins. The force is that of the grip ON the
 specimen, along `direction` for each loaded boundary.
 """
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes.shapes import Rim
+from studies.importers.recording.static_frames import static_count
 from studies.importers.recording.synchronise import ForceRecord
 
 Array = NDArray[np.float64]
@@ -72,3 +73,7 @@ class Series:
     heights: Array | None = None
     rims: tuple[Rim, ...] = ()
     fits_holes: bool = False
+
+    def start(self, first: int) -> float:
+        """When the test begins, s on the clock of the machine: at the last static frame before the first increment, else at the reference."""
+        return float(self.time[min(static_count(self.points, self.displacements), first - 1)])

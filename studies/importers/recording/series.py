@@ -41,7 +41,7 @@ from studies.importers.recording.recorded_series import Grip, Series
 from studies.importers.recording.series_noise import noise_of
 from studies.importers.recording.stated_noise import StatedNoise
 from studies.importers.recording.synchronise import DEFAULT_SELECTION, Selection, choose_frames, forces_at
-from studies.importers.recording.whole_record import at_rest, whole_record
+from studies.importers.recording.whole_record import ROUNDING, at_rest, whole_record
 from studies.output.words import Words
 
 __all__ = ["Grip", "Series", "to_experiment"]
@@ -75,8 +75,11 @@ def to_experiment(
     notes += [WORDS.note_rim_continued(found=found, told=found.to_dict()) for found in rims.rims]
     notes += [WORDS.note_left_open(places=rims.left_open)] if rims.left_open else []
     found, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
-    record, thinned = whole_record(series, tare, broke)
+    start = series.start(int(frames[0]))
+    record, thinned = whole_record(series, tare, broke, start)
     notes += thinned
+    if series.has_clock and abs(start) > ROUNDING:
+        notes.append(WORDS.note_start(start=start))
     compared = clocks(series)
     notes += clock_notes(compared)
     notes += _force_notes(series, selection, tare, force) + noise_notes(report) + _spurious_notes(series, kept)
@@ -84,6 +87,7 @@ def to_experiment(
         **series.provenance,
         "frames": frames.tolist(),
         "frames_recorded": len(series.time),
+        "start_s": start,
         "tare_N": tare,
         "zeroed": selection.tare is None,
         "clocks": None if compared is None else {**asdict(compared), "agree": compared.agree},
@@ -100,7 +104,7 @@ def to_experiment(
         loaded=rims.kept.loaded,
         free_nodes=rims.kept.free_nodes,
         thickness=series.thickness,
-        time=series.time[frames] if series.has_clock else None,
+        time=series.time[frames] - start if series.has_clock else None,
         noise=found,
         provenance=provenance,
         plane=series.plane,
@@ -123,15 +127,36 @@ def _with_strain_notes(experiment: Experiment) -> Experiment:
 def _frames(series: Series, selection: Selection, broke: float | None) -> tuple[Index, list[str]]:
     """Frames that become increments, and notes on what was left out."""
     frames, notes = choose_frames(series.time, series.record, selection, broke, failed_frames(series))
+    frames, beyond = _read_by_all(series, frames)
+    notes += beyond
     if selection.frames is not None or selection.count is not None:
         return frames, notes
     frames, left_out = bridged_frames(series, frames)
     return frames, notes + left_out
 
 
+def _read_by_all(series: Series, frames: Index) -> tuple[Index, list[str]]:
+    """Of the frames (t,) those at which every load cell has a reading, and a note on the others. Raises `MissingForceError` where none is left."""
+    cells = [grip.record for grip in series.grips if grip.record is not None]
+    if not cells:
+        return frames, []
+    start, end = max(cell.time[0] for cell in cells), min(cell.time[-1] for cell in cells)
+    time = series.time[frames]
+    inside = (time >= start - ROUNDING) & (time <= end + ROUNDING)
+    if inside.all():
+        return frames, []
+    if not inside.any():
+        raise errors.MissingForceError(
+            f"no frame has a force of every load cell: all of them read from {start:g} to {end:g} s, the frames are from {time[0]:g} to {time[-1]:g} s; check the clocks of the load cells"
+        )
+    return frames[inside], [WORDS.note_beyond_record(frames=frames[~inside].tolist(), start=start, end=end)]
+
+
 def _force_notes(series: Series, selection: Selection, tare: float, force: Array) -> list[str]:
     """Of readings without a force, and of the one at the reference picture, where that is taken as zero."""
-    return record_notes(series.record) + (preload_notes(tare, force) if selection.tare is None else [])
+    cells = [grip.record for grip in series.grips if grip.record is not None] or [series.record]
+    blank = [note for cell in cells for note in record_notes(cell)]
+    return blank + (preload_notes(tare, force) if selection.tare is None else [])
 
 
 def _motion_notes(series: Series, frames: Index, force: Array) -> list[str]:

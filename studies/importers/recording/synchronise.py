@@ -5,7 +5,7 @@ In: times of the frames and a `ForceRecord`. Out: frame numbers, and the force a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ BREAK_LEVEL, BREAK_DURATION = 0.5, 0.05
 @dataclass(frozen=True)
 class ForceRecord:
     """Load-cell record: time (n,) s, increasing; force (n,) N, positive in tension; source: for messages; crosshead (n,): its position, in any
-    unit, where it was recorded.
+    unit, where it was recorded. per_frame: one reading was taken with each frame.
 
     Readings without a force (NaN) are left out; blank: their numbers, from 1. Raises `MissingForceError` for too few readings or none with a force,
     `TimeError`.
@@ -32,6 +32,7 @@ class ForceRecord:
     force: Array
     source: str = "force record"
     crosshead: Array | None = None
+    per_frame: bool = False
     blank: tuple[int, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
@@ -52,6 +53,14 @@ class ForceRecord:
                 f"{self.source}: time does not increase at reading {row + 1} ({self.time[row]:g} s after "
                 f"{self.time[row - 1]:g} s); sort the record or remove repeated readings"
             )
+
+    def moved(self, before: Array, after: Array) -> ForceRecord:
+        """With the frames, whose times (n_frames,), s, have changed, where it was read with these; else as it is."""
+        if not self.per_frame:
+            return self
+        found = replace(self, time=np.interp(self.time, before, after))
+        object.__setattr__(found, "blank", self.blank)
+        return found
 
 
 @dataclass(frozen=True)

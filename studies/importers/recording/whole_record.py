@@ -20,10 +20,12 @@ ROUNDING = 1e-9  # s
 MOST = 20_000  # readings, above which every second, third, ... is kept
 
 
-def whole_record(series: Series, tare: float, broke: float | None = None) -> tuple[LoadRecord | None, list[str]]:
+def whole_record(
+    series: Series, tare: float, broke: float | None = None, origin: float = 0.0
+) -> tuple[LoadRecord | None, list[str]]:
     """Every reading of the machine while all load cells read, up to a failure at `broke`, s; None where times only number the frames.
 
-    tare: of the machine, N; a load cell of its own counts from the first frame. Readings of several load cells are those at the times of the machine.
+    origin: when the test begins, s, from where its times count. tare: of the machine, N; a load cell of its own counts from the first frame. Readings of several load cells are those at the times of the machine.
     """
     if not series.has_clock:
         return None, []
@@ -47,7 +49,7 @@ def whole_record(series: Series, tare: float, broke: float | None = None) -> tup
     if crosshead is not None and not np.isfinite(crosshead).all():
         notes.append(WORDS.note_crosshead_incomplete())
         crosshead = None
-    return LoadRecord(time, np.array(forces), crosshead), notes
+    return LoadRecord(time - origin, np.array(forces), crosshead), notes
 
 
 def thinned(force: Array, most: int) -> Index:

@@ -86,10 +86,15 @@ def experiment(
         loaded=tuple(loaded),
         free_nodes=np.array([], np.int64),
         thickness=THICKNESS,
-        time=None if time is None else np.asarray(time, float)[~rest],
+        time=None if time is None else _from_rest(np.asarray(time, float), rest),
         noise=noise,
         provenance={"homogeneous": True, **(provenance or {})},
     )
+
+
+def _from_rest(time: Array, rest: NDArray[np.bool_]) -> Array:
+    """Times of the increments (t,), s, counted from the last row at rest; as they are where there is none."""
+    return time[~rest] - (float(time[rest][-1]) if rest.any() else 0.0)
 
 
 def stretches(test: Experiment) -> Array:

@@ -102,8 +102,12 @@ def test_frames_without_a_force_are_told(folder):
 
 def test_synchronisation_by_rate_and_offset(folder):
     e = sheet(folder, Selection(frames=(4,), tare=0.0), frame_rate=4.0, offset=0.3)
-    assert e.time.tolist() == [pytest.approx(1.3)]
+    assert e.time.tolist() == [
+        pytest.approx(1.0)
+    ]  # counts from the reference picture, at 0.3 s on the clock of the machine
     assert e.loaded[1].force[0, 1] == pytest.approx(force(1.3), abs=1e-4)
+    assert e.provenance["start_s"] == pytest.approx(0.3) and any("begins at 0.3 s" in n for n in e.provenance["notes"])
+    assert e.record.time[0] == pytest.approx(-0.3) and e.record.time[-1] > e.time[-1]
 
 
 def test_frames_spread_over_the_loading(folder):
