@@ -244,7 +244,8 @@ def _ran_away(additions: Additions) -> errors.FitError:
 def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
     """The fit at a point, its errors and tests from the problem linearised about the one before."""
     c, additions = problem.cone @ point.w, point.additions
-    c = (1 + (1 - 1 / linear.dispersion) * (equations.stiffness_factor(problem, c, additions) - 1)) * c
+    factor = 1 + (1 - 1 / linear.dispersion) * (equations.stiffness_factor(problem, c, additions) - 1)
+    c, additions = factor * c, tuple(a.stiffer(factor) for a in additions)
     _check(c, additions)
     r = equations.residual(problem, c, additions)
     _check(r, additions)

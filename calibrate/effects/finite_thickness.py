@@ -75,7 +75,7 @@ class Thickness(Effect):
     reads_twin = True
 
     def missing(self, data):
-        return lacks_plane_stress(data)
+        return lacks_plane_stress(data) or (None if data.thickness_is_known else "thickness")
 
     def of_the_mean(self, data, u, places, a):
         back = inverse(gradient(data, places[None]))

@@ -28,6 +28,8 @@ class ForceOffset(Effect):
         return None if len(data.u) > 2 else "more increments"  # with one it could be the whole force
 
     def loads(self, data, loads, a, shape):
+        if data.zeroed:  # beside another test that was not
+            return loads
         return loads - a[0] * largest_direction(loads)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 
 NEWTON = 4  # steps
+FOLDED = -4 / 27  # k r^2 / R^2, at which a picture has no place for what is farther out
 TRIED = (
     (0.0, 0.0),
     (-0.15, 0.0),
@@ -45,6 +46,10 @@ class LensDistortion(Effect):
 
     def shape_values(self, data):
         return list(TRIED)
+
+    def is_possible(self, data, a, shape):
+        far = float(jnp.sum((data.points - centre(data, shape)) ** 2, axis=-1).max())
+        return a[0] * far / (0.5 * float(data.size)) ** 2 > FOLDED
 
     def located(self, data, shape):
         x, y = np.asarray(data.centre) + float(data.size) * np.array(shape)

@@ -139,13 +139,21 @@ class ExtendedModel:
         system = equilibrium(experiment, spacing or fitted.get("spacing"))
         chain, additions = Chain(system, self.basis), self.for_test(experiment)
         for addition in additions:
-            if addition.effect.missing(chain.data) == "time":
+            lacking = addition.effect.missing(chain.data) or ""
+            if lacking == "time":
                 raise errors.ConfigError(
                     f"{experiment.name}: has no time, which {addition.effect.name} needs; import it with its times"
                 )
+            if lacking.startswith("time"):
+                raise errors.ConfigError(
+                    f"{experiment.name}: {addition.effect.name} needs {lacking}, and the first picture is at {experiment.time[0]:g} s; "  # type: ignore[index]
+                    "subtract the time of the picture before the loading"
+                )
         noise = Noise(**fitted["noise"]) if fitted.get("noise") else experiment.noise
-        if noise is None or not noise.displacement_std > 0:
-            noise = noise_covariance.default_noise(experiment, system.fields.spacing)
+        if (
+            noise is None or not noise.displacement_std > 0
+        ):  # a stand-in would shift the forces by the mean of a noise that nobody knows
+            return Applied(self.only(additions), chain, np.zeros(system.loads.shape))
         variances = np.diag(noise_covariance.between_increments(experiment, noise))
         factor = noise_covariance.noise_factor(experiment, noise)
         shift = chain.noise_shift(self.c, kinematics.gradient_axes(system.gradient, factor), variances)
@@ -161,7 +169,7 @@ class ExtendedModel:
         applied = self.applied_to(experiment, spacing)
         chain, system, additions = applied.chain, applied.chain.system, applied.model.additions
         residuals = applied.residual()
-        n, readings = system.fields.n_fields, residuals + np.nan_to_num(system.loads)
+        n, readings = system.fields.n_fields, residuals + chain.given(additions)
         forces = {}
         for v in np.flatnonzero(system.fields.boundary >= 0):
             boundary = experiment.loaded[system.fields.boundary[v]]

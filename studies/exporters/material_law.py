@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from calibrate.effects.chain import Addition, ordered
 from calibrate.equations.basis import SingleBasis, energy_basis
 from calibrate.equations.deformation_modes import MODES, largest_stretch
+from calibrate.fitting.calibrated_range import near
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.network_model import Model
 from forward.materials import ArrudaBoyce, Carroll, Material, MooneyRivlin, NeoHooke, Yeoh
@@ -62,7 +63,7 @@ class PronyBranch:
 class MaterialLaw:
     """terms: of W(I1, I2). bulk_modulus of kappa / 2 (J - 1)^2, None: incompressible.
 
-    fibres, prony, maxwell, mullins (r, m, beta), payne (r, x0): what is beside the energy. top: largest (I1, I2) of the calibration.
+    fibres, prony, maxwell, mullins (r, m, beta), payne (r, x0): what is beside the energy. top: largest (I1, I2) of the calibration; near: largest I1 near each mode, where the model states it.
     invariants_used: those that the range holds for. left_out: effects that are not of the material. origin: lines on the data.
     stress: P (t, n, 2, 2) of the model itself in plane stress, of histories F (t, n, 2, 2) at times (t,), s, as if incompressible,
     to be differentiated by JAX.
@@ -81,6 +82,7 @@ class MaterialLaw:
     payne: tuple[float, float] | None = None
     left_out: tuple[str, ...] = ()
     origin: tuple[str, ...] = ()
+    near: tuple[tuple[str, float], ...] = ()
 
     @property
     def beside(self) -> tuple[str, ...]:
@@ -102,6 +104,12 @@ class MaterialLaw:
     def stretches(self) -> dict[str, float]:
         """`largest_stretch` of every mode."""
         return {mode: self.largest_stretch(mode) for mode in MODES}
+
+    @property
+    def valid(self) -> dict[str, float]:
+        """Largest stretch of every mode that the calibration has seen: within the range of the invariants, and near the mode."""
+        ends = {mode: largest_stretch(mode, end) for mode, end in self.near}
+        return {mode: min(end, ends.get(mode, end)) for mode, end in self.stretches.items()}
 
 
 def law_of(model: Model | ExtendedModel | Material, name: str) -> MaterialLaw:
@@ -135,7 +143,7 @@ def _of_network(model: Model, name: str) -> MaterialLaw:
     experiment = model.provenance.get("experiment", "not stated")
     return MaterialLaw(
         name, model.unit, (NetworkTerm.of(model),), (top[0], top[1]), partial(stress_of_energy, model.energy),
-        model.bulk_modulus, origin=(f"calibrated on {experiment}", *_fitness(model)),
+        model.bulk_modulus, origin=(f"calibrated on {experiment}", *_fitness(model)), near=_near(model),
     )  # fmt: skip
 
 
@@ -154,12 +162,30 @@ def _of_extended(model: ExtendedModel, name: str) -> MaterialLaw:
         name, model.unit, (base,), top, partial(stress_of_extended, basis, c, material),
         float(model.c[-1]) if model.plane == "strain" else None,
         left_out=tuple(a.effect.name for a in model.additions if not a.effect.of_material),
-        origin=(f"found by a diagnosis of {names or 'tests that are not stated'}; verdict: {model.verdict or 'not stated'}", *_fitness(model)),
+        origin=(f"found by a diagnosis of {names or 'tests that are not stated'}; verdict: {model.verdict or 'not stated'}", *_fitness(model), *_fibre_range(model)),
+        near=_near(model),
     )  # fmt: skip
     unverified = [a.effect.name for a in material if a.effect.name not in ISOTROPIC]
+    if unverified and model.plane == "strain":
+        raise ExportError(
+            f"{law.name}: '{unverified[0]}' of a model in plane strain acts on the isochoric part of the deformation, which no target carries; "
+            f"diagnose again with --without '{unverified[0]}', or predict with `equigap predict --test`"
+        )
     for addition in material:
         law = _with_addition(law, addition, unverified)
     return law
+
+
+def _near(model: Model | ExtendedModel) -> tuple[tuple[str, float], ...]:
+    """Largest I1 near each mode, of those that the file states."""
+    known = model.calibrated_range
+    return tuple((mode, known[near(mode)][1]) for mode in MODES if near(mode) in known)
+
+
+def _fibre_range(model: ExtendedModel) -> tuple[str, ...]:
+    """A line on what fibres were stretched by."""
+    end = model.calibrated_range.get("I4")
+    return () if end is None else (f"fibres were stretched by {np.sqrt(end[1]):.4g} at most in these tests",)
 
 
 def _fitness(model: Model | ExtendedModel) -> tuple[str, ...]:

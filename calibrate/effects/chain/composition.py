@@ -160,6 +160,12 @@ class Chain:
         loads = self._run(load_stages(additions), (), {LOADS: self.measured}).quantities[LOADS]
         return self.spread(self._at_pictures(loads, additions))
 
+    def given(self, additions: Additions = ()) -> Array:
+        """Readings (t, 2 v), N, that `external` corrects: zero where one is missing, interpolated in time where effects of the clock need it."""
+        eye = np.eye(len(self.read))
+        beside = readings.are_of_the_clock(additions)
+        return self.spread(readings.at_pictures(eye, self.measured, self.read, self.data) if beside else self.measured)
+
     def signature(self, c: Any, effect: Effect, shape: tuple[float, ...], others: Additions = ()) -> Array:
         """d residual / d amplitude at the null value, (p, t, 2 v), beside effects that are in the model already."""
         null = tuple(p.null for p in effect.amplitudes)

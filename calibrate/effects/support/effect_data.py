@@ -60,6 +60,7 @@ class Data:
     rings: Any
     ring_slopes: Any
     plane: str = field(default="stress", metadata={"static": True})
+    thickness_is_known: bool = field(default=True, metadata={"static": True})
     reference_height: Any = None
     zeroed: bool = field(default=False, metadata={"static": True})
     synchronised: bool = field(default=False, metadata={"static": True})
@@ -95,6 +96,7 @@ class Data:
             jnp.asarray(rings),
             jnp.asarray(ring_slopes),
             experiment.plane,
+            experiment.thickness is not None,
             None if experiment.heights is None else jnp.asarray(experiment.heights[0]),
             experiment.is_zeroed,
             experiment.is_synchronised,

@@ -90,11 +90,12 @@ def forces(part: Part, fit: Fit, level: float = 1.0) -> dict[str, tuple[Array, A
     nominal stiffness is multiplied."""
     system, n = part.system, part.system.fields.n_fields
     r, spread = residual(part, fit), level * deviations(part)
+    given = part.chain.given(part.valid(fit.additions))
     result = {}
     for v in np.flatnonzero(system.fields.boundary >= 0):
         recorded = system.recorded[:, [v, n + v]]
         name = part.experiment.loaded[system.fields.boundary[v]].name
-        carried = np.nan_to_num(system.loads[:, [v, n + v]]) + r[:, [v, n + v]]
+        carried = (given + r)[:, [v, n + v]]
         result[name] = (recorded, level * carried, spread[:, [v, n + v]])
     return result
 
