@@ -34,6 +34,7 @@ LOOKS = {
     NEO_HOOKE: {"color": "0.5", "linestyle": ":", "marker": "+", "ms": 5},
     FEW: {"color": style.COLOURS["purple"], "linestyle": "--", "marker": "D", "ms": 3},
 }
+COMPETING = {"color": style.COLOURS["purple"], "linestyle": ":"}  # few effects that compete with the most probable
 
 
 def residual_map(view: View, part: Part) -> Figure:
@@ -193,8 +194,9 @@ def replayed_forces(view: View) -> Figure | None:
             x = times[pictures][own[0].pictures]
             top.plot(x, own[0].measured, "o", color="black", mfc="none", ms=6, label="measured")
             for one in own:
-                top.plot(x, one.replayed, lw=1.1, label=one.model, **LOOKS[one.model])
-                bottom.plot(x, 100 * one.difference, lw=0.9, **LOOKS[one.model])
+                look = LOOKS.get(one.model, COMPETING)
+                top.plot(x, one.replayed, lw=1.1, label=one.model, **look)
+                bottom.plot(x, 100 * one.difference, lw=0.9, **look)
             bottom.axhline(0, color="0.4", lw=0.6)
             for ax in (top, bottom):
                 _shade(ax, times[pictures], held_increments(part)[pictures])

@@ -41,7 +41,13 @@ from studies.reports.discovery.model_files import unexplained
 from studies.reports.discovery.records import amplitude_records, candidate_record, content
 from studies.reports.discovery.replays.replay_section import ReplayCode, replay_table
 from studies.reports.discovery.replays.replayed_forces import band_fields, band_rows, course_rows, force_courses
-from studies.reports.discovery.replays.replayed_models import recommendation, to_predict_with
+from studies.reports.discovery.replays.replayed_models import (
+    average_of_few,
+    recommendation,
+    replayed_models,
+    to_predict_with,
+    updated_bands,
+)
 from studies.reports.discovery.statement import Statement, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, model_table
 from studies.reports.discovery.view import decorrelated, deviations, forces, held_increments, nodal
@@ -336,6 +342,28 @@ def test_replayed_forces_of_every_model_are_drawn_beside_the_measured_ones():
         assert [row[columns.index("replayed")] for row in drawn] == pytest.approx(list(line.get_ydata()))
         assert [row[columns.index("increment")] for row in drawn] == list(range(1, INCREMENTS + 1))
         assert np.flatnonzero([row[columns.index("held_out")] for row in drawn]).tolist() == list(HELD)
+
+
+def test_few_effects_that_compete_are_drawn_and_in_the_table_with_their_average():
+    """Beside neo-Hooke and the most probable: each by its effects, and what all together miss."""
+    right, wrong = check(observations()), check(observations(only_held(30.0)))
+    few = few_effects(right.final, wrong.final)
+    second = replace(few.models[0], effects=("lens distortion",), probability=0.5)
+    models = tuple(replace(one, updated=replace(one.updated, check=checked)) for one, checked in zip((few.models[0], second), (right, wrong), strict=True))  # fmt: skip
+    found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=wrong, few=replace(few, models=models))
+    figure = figures.replayed_forces(view(found))
+    names = ["base model", "neo-Hooke", "few effects", "few effects: lens distortion"]
+    assert [line.get_label() for line in figure.axes[0].lines] == ["measured", *names]
+    average = average_of_few(found)
+    _, rows = replay_table(wrong, replayed_models(found), updated_bands(found), average)
+    assert [row[0] for row in rows][:5] == [*names, "few effects, averaged by their probabilities"]
+    first, other = right.final.rows, wrong.final.rows
+    forces, mean = first.judged & first.is_force, (first.residual + 0.5 * other.residual) / 1.5
+    assert average.judged == pytest.approx(np.linalg.norm(mean[forces]) / np.linalg.norm(first.measured[forces]))
+    files = set(
+        unexplained(found, "half", dict.fromkeys(("command", "settings", "inputs", "versions", "revision"), ""))
+    )
+    assert files == {"model_few_effects.json", "model_few_effects_2.json", "model_neo_hooke.json"}
 
 
 def test_a_model_that_corrects_the_load_cell_is_drawn_as_the_cell_reads():
