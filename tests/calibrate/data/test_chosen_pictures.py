@@ -100,3 +100,9 @@ def test_some_pictures_are_still_the_same_test():
     assert others.is_of(some.whole) and some.is_of(some.fingerprint) and chosen(test, "all").is_of(some.whole)
     assert not others.is_of(some.fingerprint) and not pulled(2 * RAMP).is_of(some.whole)
     assert chosen(some, 3).whole == test.fingerprint
+
+
+@pytest.mark.parametrize("wanted", [0, -5])
+def test_no_pictures_are_no_choice(wanted):
+    with pytest.raises(errors.ConfigError, match="at least 1"):
+        chosen(pulled(np.linspace(1.1, 1.6, 6)), wanted)

@@ -690,3 +690,25 @@ def test_a_field_of_stiffness_that_is_negative_somewhere_is_none():
     a[:2] = -0.7
     assert all(p.lower < v < p.upper for p, v in zip(effect.amplitudes, a, strict=True))
     assert not effect.is_possible(data, a, ())
+
+
+def test_what_a_test_cannot_have_is_not_put_into_it():
+    """A load cell that was zeroed has no offset, whatever another test beside it has; where no thickness is known, nothing is known of what it does; and a picture that a lens folds has no place for the outermost points."""
+    data = made_up_chain().data
+    loads = jnp.ones((4, 2, 2))
+    zeroed = dataclasses.replace(data, zeroed=True)
+    assert (ForceOffset().loads(zeroed, loads, (0.5,), ()) == loads).all()
+    assert (ForceOffset().loads(data, loads, (0.5,), ()) != loads).any()
+    assert Thickness().missing(dataclasses.replace(data, thickness_is_known=False)) == "thickness"
+    assert Thickness().missing(data) is None
+    far = float(jnp.sum((data.points - data.centre) ** 2, axis=-1).max()) / (0.5 * float(data.size)) ** 2
+    folds = -4 / 27 / far
+    assert LensDistortion().is_possible(data, (0.9 * folds,), (0.0, 0.0))
+    assert not LensDistortion().is_possible(data, (1.1 * folds,), (0.0, 0.0))
+
+
+def test_amplitudes_follow_the_stiffness():
+    second = Addition(next(e for e in CATALOGUE if e.name == "second invariant"), (0.2,))
+    assert second.stiffer(1.5).amplitudes == (pytest.approx(0.3),)
+    assert Addition(Compressibility(), (0.2,)).stiffer(2.0).amplitudes == (pytest.approx(0.1),)
+    assert Addition(Viscosity(), (0.2,), (1.0,)).stiffer(2.0).amplitudes == (0.2,)

@@ -231,3 +231,37 @@ def test_softening_of_a_file_written_before_it_had_a_shape_is_the_linear_one(tmp
     P = BY_NAME["Mullins softening"].stress(None, F, np.ones_like(F), (0.3,), LINEAR)
     x = stretch**2 + 2 / stretch - 3
     np.testing.assert_allclose(P[:, 0, 0, 0], 1 - 0.3 * (1 - x / np.maximum.accumulate(x)), atol=1e-5)
+
+
+def relaxing_test():
+    """The sheet with times, and readings of which one is missing."""
+    whole = replace(sheet(), time=np.arange(1.0, sheet().n_increments + 1))
+    forces = [b.force.copy() for b in whole.loaded]
+    for force in forces:
+        force[2] = np.nan
+    return whole, replace(whole, loaded=tuple(replace(b, force=f) for b, f in zip(whole.loaded, forces, strict=True)))
+
+
+def test_a_missing_reading_is_predicted_beside_a_lag():
+    """It is interpolated where the lag needs it, and no zero; where there is no lag it is not needed."""
+    for lag in (0.0, 0.2):
+        predicted = []
+        for test in relaxing_test():
+            model = neo_hookean(Addition(BY_NAME["lag between force and image"], (lag,), (0.0,)))
+            own = replace(model, training=({"name": "plate", "fingerprint": test.fingerprint},))
+            predicted.append(own.predict(test).forces["right"][:, 0])
+        assert predicted[1][2] == pytest.approx(predicted[0][2], rel=0.02 if lag else 1e-9)
+
+
+def test_times_of_a_clock_are_no_times_of_loading():
+    viscous = neo_hookean(Addition(BY_NAME["viscoelasticity"], (0.5,), (1.0,)))
+    whole, _ = relaxing_test()
+    viscous.predict(whole)
+    with pytest.raises(ConfigError, match="first picture is at 5001 s"):
+        viscous.predict(replace(whole, time=whole.time + 5000.0))
+
+
+def test_a_noise_that_nobody_knows_shifts_no_force():
+    quiet, unknown = (replace(sheet(), noise=noise) for noise in (Noise(1e-9, 2.0), None))
+    known, found = (neo_hookean().predict(test, spacing=6.0).forces["right"] for test in (quiet, unknown))
+    assert found == pytest.approx(known, rel=1e-9)

@@ -80,3 +80,12 @@ def test_wrong_tables_are_named(tmp_path, text, kind, message):
     write(tmp_path / "a.csv", text)
     with pytest.raises(kind, match=message):
         read_curves(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    "head", ["mode,true_strain,stress_MPa", "mode,stretch,Cauchy stress_MPa", "mode,log strain,stress_MPa"]
+)
+def test_measures_that_are_not_nominal_are_refused(tmp_path, head):
+    write(tmp_path / "a.csv", f"{head}\nut,0.1,0.1\nut,0.2,0.2\n")
+    with pytest.raises(errors.FileFormatError, match="nominal ones are needed"):
+        read_curves(tmp_path / "a.csv")

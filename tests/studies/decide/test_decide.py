@@ -26,7 +26,7 @@ from studies import cli
 from studies.commands.design import completed
 from studies.decide.expected_evidence import expected
 from studies.decide.programmes import Programme, loaded, recorded
-from studies.decide.report import DECISIVE
+from studies.decide.report import DECISIVE, Decision, SpecimenResult
 from studies.decide.rivals import Rivals, read
 from studies.design.pulls_within_limits import limited_pull
 
@@ -234,3 +234,9 @@ def test_nothing_open_and_nothing_possible_are_said(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "W904" in said
     assert "no test that is possible shows it" in said
+
+
+def test_a_test_that_cannot_show_a_pair_decides_nothing_of_it():
+    """It tells least of that pair: another that tells something of all comes first."""
+    one, other = SpecimenResult("a", {"ramp": [None, 50.0]}), SpecimenResult("b", {"ramp": [10.0, 10.0]})
+    assert [test.specimen for test in Decision("", (), (one, other)).tests] == ["b", "a"]

@@ -9,7 +9,7 @@ import pytest
 
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
-from calibrate.equations.basis import SingleBasis
+from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
 from calibrate.models import pann
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.network_model import Model
@@ -162,3 +162,25 @@ def test_targets_are_named_as_their_programs_spell_them(asked: str, name: str) -
     assert target_named(asked).name.replace("_", "") == name
     with pytest.raises(ExportError, match="choose from"):
         target_named("abaqus")
+
+
+def test_a_law_in_plane_strain_carries_nothing_that_its_targets_do_otherwise():
+    """There fibres, softening and relaxation act on the isochoric part, in a UMAT on the whole deformation."""
+
+    def strained(additions):
+        model = extended(additions)
+        basis = PlaneStrainBasis(model.basis)
+        return replace(model, basis=basis, c=np.append(model.c, 2.0))
+
+    assert law_of(strained(ENERGY), "law").bulk_modulus == 2.0
+    for one in HISTORY:
+        with pytest.raises(ExportError, match=f"'{one[0]}' of a model in plane strain"):
+            law_of(strained((one,)), "law")
+
+
+def test_a_header_says_what_was_seen_of_each_mode_and_of_fibres():
+    seen = {"I1": (3.0, 5.0), "I1 near equi-biaxial": (3.0, 3.0), "I1 near pure shear": (3.0, 3.3), "I4": (1.0, 1.21)}
+    law = law_of(replace(extended(HISTORY[:1]), calibrated_range=seen), "law")
+    assert law.valid["equibiaxial"] == pytest.approx(1.0) and law.valid["uniaxial"] == law.largest_stretch("uniaxial")
+    assert 1.0 < law.valid["pure_shear"] < law.largest_stretch("pure_shear")
+    assert any("stretched by 1.1 at most" in line for line in law.origin)

@@ -310,3 +310,111 @@ def test_edges_that_cannot_be_are_named(tmp_path, given, message):
     path = mapped(tmp_path, MAP.replace("[noise]", given + "\n[noise]"), keep=around((7.0, 6.0), 3.4))
     with pytest.raises(errors.ConfigError, match=message):
         from_map(path)
+
+
+def test_times_count_from_the_last_static_picture(tmp_path):
+    """The camera ran for 100 s before the machine's clock reads zero stretch, two pictures of which are static; the record is on the same clock."""
+    path = mapped(tmp_path, MAP.replace("rate_hz = 2.0\ncount = 4", "rate_hz = 2.0\noffset_s = 100.0\nlist = [4, 8]"))
+    for k in range(12):  # the pull begins at the third picture
+        rows = (tmp_path / "frames" / f"f_{max(k - 2, 0)}.csv").read_text()
+        write(tmp_path / "moved" / f"f_{k}.csv", rows)
+    text = path.read_text().replace('files = "frames/f*.csv"', 'files = "moved/f*.csv"')
+    times = np.linspace(100, 110, 101)
+    write(tmp_path / "load.csv", "t,F\n" + "\n".join(f"{t:.3f},{-1e-3 * force(t - 101):.7f}" for t in times))
+    e = from_map(write(tmp_path / "map.toml", text))
+    assert e.time.tolist() == [pytest.approx(1.0), pytest.approx(3.0)] and e.provenance["start_s"] == pytest.approx(
+        101.0
+    )
+    assert e.record.time[[0, -1]].tolist() == [pytest.approx(-1.0), pytest.approx(9.0)]
+    assert any("begins at 101 s" in note for note in e.provenance["notes"])
+    assert e.record.force[1, -1, 1] == pytest.approx(force(9.0), rel=1e-5)
+
+
+PER_FRAME = (
+    MAP[: MAP.index("[force]")]
+    + """
+[[force]]
+file = "one.csv"
+force = "F"
+unit = "N"
+per_frame = true
+sides = ["bottom"]
+[[force]]
+file = "other.csv"
+force = "F"
+unit = "N"
+per_frame = true
+sides = ["top"]
+[frames]
+rate_hz = 2.0
+[edges]
+loaded = ["bottom", "top"]
+free = ["left", "right", "holes"]
+[noise]
+displacement_std_mm = 0.001
+"""
+)
+
+
+def cells(tmp_path: Path, other: list[float | str]) -> Path:
+    write(tmp_path / "one.csv", "t,F\n" + "\n".join(f"{10 * k},{0.1 * k:.3f}" for k in range(12)))
+    write(tmp_path / "other.csv", "t,F\n" + "\n".join(f"{10 * k},{value}" for k, value in enumerate(other)))
+    return mapped(tmp_path, PER_FRAME)
+
+
+def test_a_picture_that_a_load_cell_did_not_read_is_no_increment(tmp_path):
+    """The second of two was switched off before the last three: nothing is made up for it, and the note says which."""
+    e = from_map(cells(tmp_path, [0.2 * k if k < 9 else "" for k in range(12)]))
+    assert e.n_increments == 8 and e.loaded[1].force[-1, 1] == pytest.approx(1.6)
+    notes = e.provenance["notes"]
+    assert any("without a force" in note and "9, 10, 11" in note for note in notes)
+    assert any("other.csv" in note for note in notes)
+
+
+def test_load_cells_that_put_the_pictures_at_other_times_are_refused(tmp_path):
+    path = cells(tmp_path, [0.2 * k for k in range(12)])
+    write(path, PER_FRAME.replace('force = "F"\nunit = "N"\nper_frame = true\nsides = ["bottom"]', 'force = "F"\ntime = "t"\nunit = "N"\nper_frame = true\nsides = ["bottom"]'))  # fmt: skip
+    with pytest.raises(errors.TimeError, match=r"other.csv.*5.5 and 110 s"):
+        from_map(path)
+
+
+def test_a_tare_is_of_one_load_cell(tmp_path):
+    path = cells(tmp_path, [0.2 * k for k in range(12)])
+    write(path, PER_FRAME.replace("rate_hz = 2.0", "rate_hz = 2.0\ntare_N = 0.0"))
+    with pytest.raises(errors.ConfigError, match="tare_N"):
+        from_map(path)
+
+
+def test_points_that_are_listed_twice_in_a_picture_are_refused(tmp_path):
+    """As where an older evaluation was appended: which of both is right, nobody knows."""
+    path = mapped(tmp_path)
+    old, last = (tmp_path / "frames" / f"f_{k}.csv" for k in (5, 11))
+    write(last, last.read_text() + old.read_text().split("\n", 1)[1])
+    with pytest.raises(errors.DegenerateMeshError, match=r"f_11.csv: \d+ points are listed more than once"):
+        from_map(path)
+
+
+def test_a_first_picture_that_has_moved_is_no_reference(tmp_path):
+    path = mapped(tmp_path)
+    (tmp_path / "frames" / "f_0.csv").unlink()
+    with pytest.raises(errors.ConfigError, match=r"f_1.csv: the points have moved .*reference = 'separate'"):
+        from_map(path)
+    write(path, MAP.replace("[points]", '[points]\nreference = "separate"'))
+    assert from_map(path).n_increments > 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("[points]", '[points]\ndelimiter = ""', "delimiter"),
+        ("tare_N = 0.0", "tare_N = nan", "tare_N"),
+        ("tare_N = 0.0", "until_s = nan", "until_s"),
+        ('files = "frames/f*.csv"', 'files = "/frames/f*.csv"', "relative to points.folder"),
+        ('files = "frames/f*.csv"', 'files = ""', "pattern"),
+        ("[points]", '[test]\nname = "a"\n[points]', r"\[\[test\]\]"),
+        ("[edges]", "[mask]\nboxes = [[-100.0, -100.0, 100.0, -5.5]]\n[edges]", "span no area"),
+    ],
+)
+def test_maps_that_say_nothing_of_use_are_refused_by_name(tmp_path, old, new, said):
+    with pytest.raises(errors.ConfigError if "area" not in said else errors.DegenerateMeshError, match=said):
+        from_map(mapped(tmp_path, MAP.replace(old, new, 1)))

@@ -40,3 +40,8 @@ def test_ambiguous_order_is_refused(names, message):
 def test_natural_order_may_be_chosen():
     names = ["t2_1", "t1_10", "t1_2"]
     assert [names[i] for i in frame_order(names, "natural").index] == ["t1_2", "t1_10", "t2_1"]
+
+
+def test_a_reference_without_a_number_leaves_the_others_theirs():
+    order = frame_order(["img_0010", "reference", "img_0005", "img_0020"])
+    assert order.index == (1, 2, 0, 3) and order.values.tolist() == [5.0, 10.0, 20.0]

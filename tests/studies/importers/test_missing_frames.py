@@ -1,8 +1,10 @@
 """Pictures that are missing from a series."""
 
 import numpy as np
+import pytest
 
 from studies.importers.recording.missing_frames import missing_frames
+from studies.importers.recording.synchronise import ForceRecord, forces_at
 
 
 def steady(n=60):
@@ -27,3 +29,13 @@ def test_a_slip_is_no_missing_frame():
     slip[30:] += 0.08 * np.stack([field[:, 1], field[:, 0]], axis=1) * 1.5
     assert missing_frames(0.2 * np.arange(60), slip) == {}
     assert missing_frames(np.cumsum(np.linspace(0.1, 0.3, 60)), u) == {}
+
+
+def test_a_force_that_was_read_with_a_picture_stays_with_it():
+    """A record with a row for each picture moves with them; that of a machine, which has its own clock, does not."""
+    before, after = 0.2 * np.arange(6), np.array([0.0, 0.2, 0.6, 0.8, 1.0, 1.2])
+    force = np.array([0.0, 1.0, np.nan, 3.0, 4.0, 5.0])
+    own = ForceRecord(before, force, per_frame=True).moved(before, after)
+    assert forces_at(own, after[[1, 3, 5]]) == pytest.approx([1.0, 3.0, 5.0]) and own.blank == (3,)
+    machine = ForceRecord(before, force)
+    assert machine.moved(before, after) is machine

@@ -167,3 +167,12 @@ def test_curvature_without_noise_is_an_upper_bound_far_below_it():
 def test_too_few_readings_have_no_noise_to_be_told():
     time, curve = elongation_curve(4)
     assert load_cell_noise.force_noise(time, curve).origin == Origin.UNKNOWN
+
+
+def test_coarse_digits_are_no_silence():
+    """A load cell of 0.01 N with noise of 0.002 N: most neighbouring readings are equal, and the error is that of the digit. Fine digits add nothing."""
+    rng, time = np.random.default_rng(0), np.arange(1700) / 50
+    force = 0.05 * time + 0.002 * rng.standard_normal(len(time))
+    coarse = load_cell_noise.force_noise(time, np.round(force / 0.01) * 0.01)
+    assert 0.999 * 0.01 / np.sqrt(12) < coarse.std < 0.006
+    assert load_cell_noise.force_noise(time, force).std == pytest.approx(0.002, rel=0.15)
