@@ -140,19 +140,12 @@ class ExtendedModel:
         chain, additions = Chain(system, self.basis), self.for_test(experiment)
         for addition in additions:
             lacking = addition.effect.missing(chain.data) or ""
-            if lacking == "time":
-                raise errors.ConfigError(
-                    f"{experiment.name}: has no time, which {addition.effect.name} needs; import it with its times"
-                )
             if lacking.startswith("time"):
                 raise errors.ConfigError(
-                    f"{experiment.name}: {addition.effect.name} needs {lacking}, and the first picture is at {experiment.time[0]:g} s; "  # type: ignore[index]
-                    "subtract the time of the picture before the loading"
+                    f"{experiment.name}: has no {lacking}, which {addition.effect.name} needs; import it with times that begin at 0 for the picture before the loading"
                 )
         noise = Noise(**fitted["noise"]) if fitted.get("noise") else experiment.noise
-        if (
-            noise is None or not noise.displacement_std > 0
-        ):  # a stand-in would shift the forces by the mean of a noise that nobody knows
+        if noise is None or not noise.displacement_std > 0:  # a stand-in would shift forces by its mean
             return Applied(self.only(additions), chain, np.zeros(system.loads.shape))
         variances = np.diag(noise_covariance.between_increments(experiment, noise))
         factor = noise_covariance.noise_factor(experiment, noise)

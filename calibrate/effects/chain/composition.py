@@ -158,13 +158,11 @@ class Chain:
     def external(self, additions: Additions = ()) -> Array:
         """Loads (t, 2 v), N, as the effects correct them: minus the residual of a material without stiffness."""
         loads = self._run(load_stages(additions), (), {LOADS: self.measured}).quantities[LOADS]
-        return self.spread(self._at_pictures(loads, additions))
+        return self.spread(readings.of_pictures(loads, self.read, self.data, additions))
 
     def given(self, additions: Additions = ()) -> Array:
-        """Readings (t, 2 v), N, that `external` corrects: zero where one is missing, interpolated in time where effects of the clock need it."""
-        eye = np.eye(len(self.read))
-        beside = readings.are_of_the_clock(additions)
-        return self.spread(readings.at_pictures(eye, self.measured, self.read, self.data) if beside else self.measured)
+        """Readings (t, 2 v), N, that `external` corrects: zero where one is missing, interpolated in time beside effects of the clock."""
+        return self.spread(readings.filled(self.measured, self.read, self.data, additions))
 
     def signature(self, c: Any, effect: Effect, shape: tuple[float, ...], others: Additions = ()) -> Array:
         """d residual / d amplitude at the null value, (p, t, 2 v), beside effects that are in the model already."""
@@ -220,12 +218,6 @@ class Chain:
         data = self.data
         found = {MEASURED: data.u, DISPLACEMENTS: data.u, PLACES: data.points, LOADS: self.measured}
         return found if data.time is None else found | {TIME: data.time}
-
-    def _at_pictures(self, loads: Any, additions: Additions) -> Any:
-        """Forces (..., t, 2, b), N, at the times of the pictures."""
-        if not readings.are_of_the_clock(additions):
-            return loads
-        return readings.at_pictures(readings.picture_weights(self.data, additions), loads, self.read, self.data)
 
     def _run(self, links: Sequence[Stage], c: Any, start: Quantities) -> Linearisation:
         return Linearisation.run(links, self.constants(c), start)
@@ -301,5 +293,5 @@ class Chain:
                 total[i] -= self.spread(readings.at_pictures(moves, loads.quantities[LOADS], self.read, self.data))
             changes = loads.by_parameters(place, with_shape, {})
             if LOADS in changes:
-                total[i] -= self.spread(self._at_pictures(changes[LOADS], additions))
+                total[i] -= self.spread(readings.of_pictures(changes[LOADS], self.read, self.data, additions))
         return np.concatenate(total)

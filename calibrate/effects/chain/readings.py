@@ -63,6 +63,18 @@ def at_pictures(weights: Array, loads: Any, read: Array, data: Data) -> Array:
     return np.einsum("...ts,...sib->...tib", weights, found)
 
 
+def of_pictures(loads: Any, read: Array, data: Data, additions: Additions) -> Any:
+    """Forces (..., t, 2, b), N, at the times of the pictures, of readings that effects correct."""
+    if not are_of_the_clock(additions):
+        return loads
+    return at_pictures(picture_weights(data, additions), loads, read, data)
+
+
+def filled(loads: Any, read: Array, data: Data, additions: Additions) -> Any:
+    """Readings (t, 2, b), N, as `at_pictures` takes them beside effects of the clock; else as they are."""
+    return at_pictures(np.eye(len(read)), loads, read, data) if are_of_the_clock(additions) else loads
+
+
 def _weights(data: Data, additions: Additions, of: Addition | None = None, a: Any = None) -> Any:
     """Weights (t, t) of what is at the pictures in what is at the readings, with other amplitudes a (p,) of one addition."""
     found = jnp.eye(len(data.u))

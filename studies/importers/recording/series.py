@@ -77,11 +77,8 @@ def to_experiment(
     found, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
     start = series.start(int(frames[0]))
     record, thinned = whole_record(series, tare, broke, start)
-    notes += thinned
-    if series.has_clock and abs(start) > ROUNDING:
-        notes.append(WORDS.note_start(start=start))
     compared = clocks(series)
-    notes += clock_notes(compared)
+    notes += thinned + clock_notes(compared)
     notes += _force_notes(series, selection, tare, force) + noise_notes(report) + _spurious_notes(series, kept)
     provenance = {
         **series.provenance,

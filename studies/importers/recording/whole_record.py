@@ -29,14 +29,14 @@ def whole_record(
     """
     if not series.has_clock:
         return None, []
+    notes = [WORDS.note_start(start=origin)] if abs(origin) > ROUNDING else []
     machine = series.record
     cells = [grip.record or machine for grip in series.grips]
     start, end = max(cell.time[0] for cell in cells), min(cell.time[-1] for cell in cells)
     end = end if broke is None else min(end, broke)
     inside = np.flatnonzero((machine.time >= start - ROUNDING) & (machine.time <= end + ROUNDING))
     if len(inside) < 2:
-        return None, []
-    notes: list[str] = []
+        return None, notes
     kept = thinned(machine.force[inside], MOST)
     if len(kept) < len(inside):
         notes.append(WORDS.note_record_thinned(kept=len(kept), readings=len(inside)))
