@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibrate import errors
 from calibrate.data import points
-from calibrate.data.continued_rims import with_continued_rims
+from calibrate.data.continued_rims import WithRims, with_continued_rims
 from calibrate.data.experiment import Experiment, LoadedBoundary, Noise
 from studies.importers.masking.masks import Masked
 from studies.importers.masking.outliers import outliers
@@ -72,8 +72,7 @@ def to_experiment(
     if kept.lost.size > series.lone:
         notes.append(WORDS.note_points_lost(lost=kept.lost.size - series.lone, points=len(series.points)))
     rims = with_continued_rims(kept, series.rims, series.fits_holes)
-    notes += [WORDS.note_rim_continued(found=found, told=found.to_dict()) for found in rims.rims]
-    notes += [WORDS.note_left_open(places=rims.left_open)] if rims.left_open else []
+    notes += _rim_notes(rims)
     found, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
     start = series.start(int(frames[0]))
     record, thinned = whole_record(series, tare, broke, start)
@@ -110,6 +109,12 @@ def to_experiment(
         continued=rims.continued,
     )
     return _with_strain_notes(experiment)
+
+
+def _rim_notes(rims: WithRims) -> list[str]:
+    """Of edges that points were continued to, and of those that are open."""
+    continued = [WORDS.note_rim_continued(found=found, told=found.to_dict()) for found in rims.rims]
+    return continued + ([WORDS.note_left_open(places=rims.left_open)] if rims.left_open else [])
 
 
 def _with_strain_notes(experiment: Experiment) -> Experiment:
