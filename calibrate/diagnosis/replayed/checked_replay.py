@@ -37,6 +37,11 @@ class Replayed:
         return ReplayErrors.of(self.rows, self.rows.judged)
 
     @property
+    def smooth(self) -> float:
+        """Smooth part of the field error of those held out, mm; of all where nothing is."""
+        return smooth_error(self.rows, self.rows.judged & ~self.rows.is_force, self.rows.residual**2)
+
+    @property
     def levels_disagree(self) -> bool:
         """Whether the factor is further from 1 than its uncertainty and the error of a load cell explain."""
         return abs(self.level.factor - 1) > max(DISAGREE * self.deviation, LOAD_CELL)
@@ -86,10 +91,7 @@ class ReplayCheck:
     @property
     def smooth(self) -> tuple[float, float]:
         """Smooth part of the field error before and after, mm."""
-        rows = self.final.rows
-        where = rows.judged & ~rows.is_force
-        before, after = (smooth_error(one.rows, where, one.rows.residual**2) for one in (self.base, self.final))
-        return before, after
+        return self.base.smooth, self.final.smooth
 
     def to_dict(self) -> dict[str, Any]:
         """As discovery.json and model.json hold it."""

@@ -114,7 +114,6 @@ def replay_table(
     """One line a model, and the bands. others, bands, average: see `replayed_models`."""
     where = "held out" if check.held_out else "fitted"
     columns = ["model", "level", "force error, fitted", f"force error, {where}", f"displacement error, {where}, mm", f"smooth part, {where}, mm"]  # fmt: skip
-    smooth = dict(zip((BASE, FINAL), check.smooth, strict=True))
     rows: list[list[Any]] = []
     for name, one in models_of(check, others):
         level = plus_minus(one.level.factor, Z95 * one.level.deviation) if one.level.deviation else "as it was"
@@ -126,7 +125,7 @@ def replay_table(
                 fitted,
                 _share(one.judged.force),
                 _mm(one.judged.field),
-                _mm(smooth[name]) if name in smooth else None,
+                _mm(one.smooth),
             ]
         )
     if average is not None:
