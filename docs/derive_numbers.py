@@ -177,13 +177,6 @@ FOREIGN_SETS = (
         "revision 6e62e547, in the order of the plan; stopped for time, looked at once",
         frozenset(NEARLY),
     ),
-    TrialSet(
-        "foreign_93000.json",
-        FOREIGN.format(93000),
-        "errors of formulas that look like effects; evidence of fits as of their linear models",
-        "revision a1a32975, in the order of the plan; stopped for time, looked at once",
-        frozenset(NEARLY),
-    ),
 )
 
 
