@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from calibrate.diagnosis.evidence.explanations import RIVALS, TIE, Alternatives, Explanation
 from calibrate.diagnosis.evidence.linear_evidence import Signature
 from calibrate.diagnosis.parameters import Variables
+from calibrate.diagnosis.replayed.averaged import Averaged, averaged
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
 from calibrate.diagnosis.replayed.field_evidence import FieldEvidence
 from calibrate.diagnosis.replayed.field_fit import FieldFit
@@ -139,6 +140,12 @@ class FewEffects:
         others = [names for names, p in self.sets if p > TIE and names != first and (not names or names in known)]
         probability = {one.names: one.probability for one in self.alternatives.explanations}
         return tuple((names, probability.get(names, 0.0), known.get(names)) for names in (first, *others[:RIVALS]))
+
+    @property
+    def average(self) -> Averaged | None:
+        """Of the models that compete, by their probabilities; None where there is one at most."""
+        pairs = [(one.probability, one.updated.check) for one in self.models if isinstance(one.updated, Updated)]
+        return averaged([(p, check) for p, check in pairs if check is not None])
 
     @property
     def usable_neo_hooke(self) -> Usable:

@@ -83,6 +83,7 @@ def few_record(found: FewEffects | NoReplayCheck | None) -> dict[str, Any] | Non
             {"set": list(one.effects), "probability": one.probability, **update_record(one.updated)}
             for one in found.models
         ],
+        "average": None if found.average is None else found.average.to_dict(),
         "neo_hooke": _replayed(found.neo_hooke),
     }
 

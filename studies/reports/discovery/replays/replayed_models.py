@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from calibrate.diagnosis.replayed.averaged import Averaged, averaged
+from calibrate.diagnosis.replayed.averaged import Averaged
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel, Usable
 from calibrate.diagnosis.replayed.observations import ReplayErrors
@@ -60,9 +60,8 @@ def updated_bands(found: Discovery) -> list[tuple[str, ReplayErrors]]:
 
 
 def average_of_few(found: Discovery) -> Averaged | None:
-    """Of few effects that compete, by their probabilities; None where there is one model of few effects at most."""
-    pairs = [(one.probability, check_of(one)) for _, _, one in few_models(found)]
-    return averaged([(p, check) for p, check in pairs if check is not None])
+    """Of few effects that compete; None where there is one model of few effects at most."""
+    return found.few.average if isinstance(found.few, FewEffects) else None
 
 
 def check_of(one: FewModel) -> ReplayCheck | None:
