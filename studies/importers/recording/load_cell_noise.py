@@ -22,7 +22,10 @@ from calibrate.robust_deviation import robust_std
 Array = NDArray[np.float64]
 ORDERS = (2, 3, 4)
 WINDOWS = 3  # fewest differences that an estimate is made of
-REPEATED = 0.5  # of the readings, as different values at most, where a last digit shows
+REPEATED, RETURNS = (
+    0.5,
+    0.02,
+)  # of the readings, where a last digit shows: different values at most; changes of direction at least
 FALLS = 1.5  # factor between the estimates of two orders, from which the lower one holds curvature
 
 
@@ -65,12 +68,14 @@ def force_noise(time: Array, force: Array) -> ForceNoise:
 
 
 def _rounding(force: Array) -> float:
-    """Standard deviation, N, of the error of the last digit: of readings (n,) that are few values over and over, the digit is the smallest step between these; 0 of others."""
-    values = np.unique(force)
-    steps = np.diff(values)
-    if len(values) < 2 or len(values) > REPEATED * len(force):
+    """Standard deviation, N, of the error of the last digit: of readings (n,) that are few values over and over, between which they go to and fro, the digit is the smallest step; 0 of others, as of a load
+    that is held without noise."""
+    values, moves = np.unique(force), np.diff(force)
+    moves = moves[moves != 0.0]
+    returns = np.sum(moves[1:] * moves[:-1] < 0)
+    if len(values) < 2 or len(values) > REPEATED * len(force) or returns < RETURNS * len(force):
         return 0.0
-    return float(steps.min() / np.sqrt(12.0))
+    return float(np.diff(values).min() / np.sqrt(12.0))
 
 
 def differences(time: Array, force: Array, order: int) -> Array:

@@ -176,3 +176,5 @@ def test_coarse_digits_are_no_silence():
     coarse = load_cell_noise.force_noise(time, np.round(force / 0.01) * 0.01)
     assert 0.999 * 0.01 / np.sqrt(12) < coarse.std < 0.006
     assert load_cell_noise.force_noise(time, force).std == pytest.approx(0.002, rel=0.15)
+    held = np.minimum(np.arange(200), 10.0)  # without noise, and then without motion
+    assert load_cell_noise.force_noise(np.arange(200.0), held).std < 1e-9
