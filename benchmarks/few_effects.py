@@ -27,7 +27,7 @@ from calibrate.fitting.noise.noise_check import with_checked_noise
 from studies.output.folder import open_output_folder
 from studies.output.manifest import Manifest
 from studies.output.writing import write_json
-from studies.replay.few_effects_replay import few_by_fields
+from studies.replay.few_effects_replay import FewEffectsReplays
 from studies.trials import blind_data
 from studies.trials.blind_effects import ALSO
 from studies.trials.blind_trial import Trial
@@ -73,7 +73,7 @@ def ranked(one: Test, folder: Path) -> None:
     trial = one.trial()
     experiment = with_checked_noise(blind_data.make(trial)[0])[0]
     problem, base = base_fit.prepare([experiment], [HoldOut().training], base="neo-Hooke")
-    found = few_by_fields(problem, base.c, distinct(CATALOGUE), read_priors())
+    found = FewEffectsReplays(problem, base.c, distinct(CATALOGUE), read_priors()).by_fields()
     right = {one.effect, *ALSO.get(one.effect, ())}
     named = [name for name, p in found.inclusion.items() if p > CERTAIN and name != OF_THE_BASE]
     write_json(folder / f"{one.name}.json", {

@@ -31,7 +31,7 @@ from studies.commands.measured import SHEETS
 from studies.output.folder import open_output_folder
 from studies.output.manifest import Manifest
 from studies.output.writing import write_json
-from studies.replay.few_effects_replay import few_by_fields, with_forces
+from studies.replay.few_effects_replay import FewEffectsReplays
 
 PAIR = ("stiffness gradient", "compressibility")
 
@@ -90,8 +90,9 @@ def found_of(case: Case) -> tuple[FewEffects, Updated]:
     fitted = HoldOut(Kind.AFTER, change.until).training
     problem, base = base_fit.prepare([experiment], [fitted], spacing, base="neo-Hooke")
     effects, priors = distinct(CATALOGUE), read_priors()
-    few = few_by_fields(problem, base.c, effects, priors)
-    return few, with_forces(problem, few, few.best, effects, priors)
+    replays = FewEffectsReplays(problem, base.c, effects, priors)
+    few = replays.by_fields()
+    return few, replays.with_forces(few, few.best)
 
 
 def told(case: Case, folder: Path) -> None:

@@ -332,9 +332,12 @@ def trial_sets() -> dict[str, Any]:
         return [one.seed, one.version, *counts, one.how]
 
     groups = {"own": SETS, "foreign": (DEVELOPED, *FOREIGN_SETS)}
+    before = {one.trial: one for of in FOREIGN_SETS if of.same_seeds for one in of.judged}
+    again = [(before[one.trial], one) for one in FOREIGN_SETS[-1].judged if one.trial in before]
+    alike = sum((a.verdict, a.named) == (b.verdict, b.named) for a, b in again)
     return {
         "command": "python docs/derive_numbers.py, from the files of `docs/trials` that it names",
-        "numbers": {},
+        "numbers": {"again": len(again), "alike": alike},
         "tables": {name: [head, *map(row, some)] for name, some in groups.items()},
     }
 

@@ -16,7 +16,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_functions, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.model_weights import weighted_part
-from calibrate.diagnosis.problem import Mask, Problem, Rows, Unweighted, all_rows, residual
+from calibrate.diagnosis.problem import Mask, Problem, Rows, Unweighted, all_rows, mean_of_noise, residual
 from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Chain
 from calibrate.equations import reduction
@@ -183,7 +183,7 @@ def _weighted(
     for test in tests:
         weights = weights_of(test.assembled.noise_at(c), test.mask)
         columns.append(weights(np.moveaxis(np.array(test.assembled.matrices), -1, 0)).T)
-        shift = test.chain.noise_shift(c, test.assembled.noise_axes, test.assembled.variances)
+        shift = mean_of_noise(test.chain, test.assembled, c)
         loads.append(weights(np.nan_to_num(test.system.loads) + shift))
     A, d = np.concatenate(columns), np.concatenate(loads)
     return Quadratic(basis, A.T @ A, A.T @ d, float(d @ d), len(d)), A, d

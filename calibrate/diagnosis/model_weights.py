@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis import base_functions
 from calibrate.diagnosis import problem as equations
-from calibrate.diagnosis.problem import Part, Problem, Unweighted, residual
+from calibrate.diagnosis.problem import Part, Problem, Unweighted, mean_of_noise, residual
 from calibrate.diagnosis.residual_tests import rough_dispersion
 from calibrate.effects.chain import Additions, Chain
 from calibrate.effects.chain.true_surface import is_expressed
@@ -54,7 +54,7 @@ def weighted_part(
     fitted, kept = _weights(noise, train, held, common)
     return Part(
         chain, test.assembled, test.twin, test.own, test.denoised, train=fitted, held=kept,
-        shift=chain.noise_shift(c, test.assembled.noise_axes, test.assembled.variances), common=common,
+        shift=mean_of_noise(chain, test.assembled, c), common=common,
         together=_together(noise, train, held, common),
     )  # fmt: skip
 

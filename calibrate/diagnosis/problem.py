@@ -29,6 +29,13 @@ SHAPE_STEP = 1e-3  # of a radian, or of the size of a time, for derivatives by s
 Rows = Callable[[Equilibrium], Mask]
 
 
+def mean_of_noise(chain: Chain, assembled: Assembled, c: Array) -> Array:
+    """Mean (t, 2 v), N, that noise brings into the residual of a base c (n,); none of a stand-in for a noise that nobody knows, which orders the equations alone."""
+    if not assembled.noise_is_known:
+        return np.zeros(chain.system.loads.shape)
+    return chain.noise_shift(c, assembled.noise_axes, assembled.variances)
+
+
 @dataclass(frozen=True, eq=False)
 class OwnSignature:
     """An effect that a test has for itself beside others. deviation (p,): standard deviations of its amplitudes before the test.
@@ -104,8 +111,11 @@ class Part(Unweighted):
         What every stated error is of, and what a model file predicts (`ExtendedModel.predict`), which does not know the discretisation
         error, nor what a twin tells of edges (`twin_kinematics`). In a fit the mean is held at that of the weights.
         """
-        shift = self.chain.noise_shift(c, self.assembled.noise_axes, self.assembled.variances)
-        return self.chain.residual(c, additions) - shift - (0.0 if self.twin is None else self.twin)
+        return (
+            self.chain.residual(c, additions)
+            - mean_of_noise(self.chain, self.assembled, c)
+            - (0.0 if self.twin is None else self.twin)
+        )
 
     def beside_own_effects(self, r: Array) -> Array:
         """A residual (t, 2 v), N, without what the test has for itself: best linear prediction from the training equations (Robinson 1991)."""

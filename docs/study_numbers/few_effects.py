@@ -56,6 +56,7 @@ def take(folder: Path, joint: Path | None = None) -> dict[str, Any]:
                 if p.name == "beta":
                     numbers[f"{short}_nu"] = f"{poisson(value * modulus(home)):.2f}"
         numbers |= {f"{short}_{key}": value for key, value in _updated(few["models"][0]).items()}
+        numbers |= {f"{short}_{key}": value for key, value in _competing(found["alerts"]).items()}
     return {
         "command": "equigap measured; equigap discover Soft_Homo.npz Stiff2_Homo.npz Stiff2_Hetero.npz --hold-out after:15",
         "how": "24 pictures a sheet, the first 15 s fitted; rule committed before what comes after was looked at once; that a gradient and compressibility leave less had been found by hand before",
@@ -101,6 +102,20 @@ def _updated(new: dict[str, Any]) -> dict[str, str]:
         if one["effect"] == "viscoelasticity":
             numbers |= {"g": f"{one['amplitudes'][0]:.2f}", "tau": f"{one['shape'][0]:.1f}"}
     return numbers
+
+
+def _competing(alerts: list[dict[str, Any]]) -> dict[str, str]:
+    """What the first of the sets that compete misses, and their average; nothing without one."""
+    told = next((one["data"] for one in alerts if one["code"] == "R621"), None)
+    if told is None or told["average"] is None:
+        return {}
+    missed = told["competing"][0]["model"]["missed"]
+    return {
+        "second_force": percent(missed["force"]),
+        "second_mm": f"{missed['field']:.3f}",
+        "average_force": percent(told["average"]["judged"]),
+        "average_smooth_mm": f"{told['average']['smooth']:.3f}",
+    }
 
 
 def _inclusion(found: dict[str, dict[str, float]]) -> list[list[str]]:

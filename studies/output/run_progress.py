@@ -20,7 +20,6 @@ import jax
 
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.fitting.resumable import Resumable
-from studies.errors import OutputWriteError
 from studies.output.manifest import made_by
 from studies.output.writing import atomic_path
 
@@ -78,18 +77,9 @@ class RunProgress(Resumable):
             with atomic_path(self._checkpoint) as temporary, temporary.open("wb") as file:
                 pickle.dump(_header(), file, PROTOCOL)
                 _Pickler(file, PROTOCOL).dump({**self._stages, SECONDS: spent})
-        except (
-            OSError,
-            OutputWriteError,
-            pickle.PicklingError,
-            AttributeError,
-            TypeError,
-            ValueError,
-            RecursionError,
-        ) as error:
-            known = (
-                "goes on from the last one that is there" if self._checkpoint.exists() else "starts from the beginning"
-            )
+        except (OSError, pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError) as error:
+            left = self._checkpoint.exists()
+            known = "goes on from the last one that is there" if left else "starts from the beginning"
             print(f"equigap: no checkpoint of {stage} ({error}); a run that is killed {known}", file=sys.stderr)
 
     def discard(self, start: str) -> None:

@@ -18,7 +18,7 @@ from calibrate.effects.chain import Additions
 from calibrate.errors import ImpossibleCorrectionError
 from forward.errors import ForwardError
 from studies.replay.compared_test import ComparedTest, ReplayedModel
-from studies.replay.flat_rows import observations
+from studies.replay.flat_rows import judging, observations
 from studies.replay.parameter_changes import Departure, of_parameters
 
 Array = NDArray[np.float64]
@@ -54,9 +54,7 @@ class Replays:
             self.failure = str(error)
             return None
         rows = observations(self.tests, [rows for rows, _ in pairs])
-        if self.levels:
-            own = np.isin([test.part.experiment.name for test in self.tests], list(self.levels))
-            rows = replace(rows, judges=~(own[rows.test] & rows.is_force))
+        rows = replace(rows, judges=judging(rows, self.tests, (), self.levels))
         each = list(zip(self.tests, (changes for _, changes in pairs), strict=True))
         starts = [Departure(*one, c, additions) for one in each]
 

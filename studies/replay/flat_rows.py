@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,15 @@ def observations(tests: Sequence[ComparedTest], found: Sequence[SheetRows]) -> O
     points = np.array([int(np.any(test.layout.weights, axis=0).sum()) for test in tests])
     flat = {key: np.concatenate(values) for key, values in parts.items()}
     return Observations(**flat, noise=noise, labels=tuple(labels), squares=squares, points=points)  # type: ignore[arg-type]
+
+
+def judging(
+    rows: Observations, tests: Sequence[ComparedTest], apart: Collection[str], levels: Collection[str]
+) -> NDArray[np.bool_]:
+    """Rows (N,) that may judge a model of all tests: not of those named `apart`, nor forces of those with `levels` of their own."""
+    names = [test.part.experiment.name for test in tests]
+    alone, of_level = (np.isin(names, list(some))[rows.test] for some in (apart, levels))
+    return np.asarray(~alone & ~(of_level & rows.is_force))
 
 
 def _block_diagonal(blocks: Sequence[Array]) -> Array:

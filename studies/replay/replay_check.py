@@ -33,10 +33,10 @@ from calibrate.fitting.resumable import SILENT, Resumable
 from forward.errors import ForwardError
 from meshes.errors import MeshError
 from studies.errors import StudyError
-from studies.replay import few_effects_replay
 from studies.replay.compared_test import ComparedTest, ReplayedModel
 from studies.replay.competing_models import own_probability, rivals
-from studies.replay.flat_rows import observations
+from studies.replay.few_effects_replay import FewEffectsReplays
+from studies.replay.flat_rows import judging, observations
 from studies.replay.law_changes import LawChanges
 from studies.replay.parameter_changes import of_parameters
 from studies.replay.replay_rows import SheetRows
@@ -64,22 +64,21 @@ class FiniteElementCheck:
         others = tuple(part for part in found.problem.parts if part.experiment.name not in apart(found.own))
         alike = replace(found.problem, parts=others)
         problem, levels = alike if alike.trained else found.problem, of_own_level(found.own)
+        replays = FewEffectsReplays(problem, c, effects, priors, levels, say)
         try:
-            few = few_effects_replay.few_by_fields(problem, c, effects, priors, levels, say)
+            few = replays.by_fields()
         except FAILURES as error:
             return NoReplayCheck(str(error))
         models = []
         for names, probability, one in few.to_update:
             stage = f"forces of replays of neo-Hooke{' with ' * bool(names)}{' and '.join(names)}"
-            new = say.checkpointed(stage, partial(self._updated, problem, few, one, effects, priors, levels, say))
+            new = say.checkpointed(stage, partial(self._updated, replays, few, one))
             models.append(FewModel(names, probability, new))
         return replace(few, models=_Check(found).of_few(models), neo_hooke=self._at_own_level(found, few.c))
 
-    def _updated(
-        self, problem: Problem, few: FewEffects, one: FittedSet | None, effects: Sequence[Effect], priors: Priors, levels: frozenset[str], say: Resumable
-    ) -> Updated | NoReplayCheck:  # fmt: skip
+    def _updated(self, replays: FewEffectsReplays, few: FewEffects, one: FittedSet | None) -> Updated | NoReplayCheck:
         try:
-            return few_effects_replay.with_forces(problem, few, one, effects, priors, levels, say)
+            return replays.with_forces(few, one)
         except FAILURES as error:
             return NoReplayCheck(str(error))
 
@@ -187,10 +186,7 @@ class _Check:
 
     def _judges(self, rows: Observations) -> NDArray[np.bool_]:
         """Rows (N,) of tests that have nothing beside a joint model that its replay lacks: of a level the forces alone."""
-        own = self.found.own
-        names = [test.part.experiment.name for test in self.tests]
-        alone, of_level = (np.isin(names, list(some))[rows.test] for some in (apart(own), of_own_level(own)))
-        return np.asarray(~alone & ~(of_level & rows.is_force))
+        return judging(rows, self.tests, apart(self.found.own), of_own_level(self.found.own))
 
     def at_own_level(self, model: ReplayedModel) -> Replayed:
         """Raises what the replay raises."""

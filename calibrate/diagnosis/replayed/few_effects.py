@@ -21,7 +21,7 @@ from calibrate.diagnosis.evidence.explanations import RIVALS, TIE, Alternatives,
 from calibrate.diagnosis.evidence.linear_evidence import Signature
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.replayed.averaged import Averaged, averaged
-from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, Replayed
+from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.field_evidence import FieldEvidence
 from calibrate.diagnosis.replayed.field_fit import FieldFit
 from calibrate.diagnosis.replayed.observations import ReplayErrors, level_of
@@ -92,15 +92,20 @@ class FewModel:
     updated: Updated | NoReplayCheck
 
     @property
+    def check(self) -> ReplayCheck | None:
+        """Its replay with its band; None where it has none."""
+        return self.updated.check if isinstance(self.updated, Updated) else None
+
+    @property
+    def replayed(self) -> Replayed | None:
+        """With what was held out; None where it was not replayed."""
+        return None if self.check is None else self.check.final
+
+    @property
     def usable(self) -> Usable | None:
         """The model to predict with; None where it was not updated."""
         new = self.updated
-        return Usable(new.c, *new.present, new.replayed) if isinstance(new, Updated) else None
-
-    @property
-    def replayed(self) -> Replayed | NoReplayCheck | None:
-        """With what was held out."""
-        return self.updated.replayed if isinstance(self.updated, Updated) else self.updated
+        return Usable(new.c, *new.present, self.replayed) if isinstance(new, Updated) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +149,7 @@ class FewEffects:
     @property
     def average(self) -> Averaged | None:
         """Of the models that compete, by their probabilities; None where there is one at most."""
-        pairs = [(one.probability, one.updated.check) for one in self.models if isinstance(one.updated, Updated)]
-        return averaged([(p, check) for p, check in pairs if check is not None])
+        return averaged([(one.probability, one.check) for one in self.models if one.check is not None])
 
     @property
     def usable_neo_hooke(self) -> Usable:

@@ -392,7 +392,7 @@ def compressed(law, F, beta, mu):
     return links_of_stress.StressAtVolume()((law(free[0, 0])[None, None], volume), None, ())
 
 
-@pytest.mark.parametrize(("k2", "beta", "stretch", "error"), [(2, 0.05, 1.3, 1e-6), (2, 0.1, 1.4, 1e-3), (5, 0.05, 1.3, 1e-2), (5, 0.1, 1.4, 1e-3), (5, 0.1, 1.6, None)])  # fmt: skip
+@pytest.mark.parametrize(("k2", "beta", "stretch", "error"), [(2, 0.05, 1.3, 1e-9), (2, 0.1, 1.4, 5e-5), (5, 0.05, 1.3, 1e-3), (5, 0.1, 1.4, 1e-4), (5, 0.1, 1.6, None)])  # fmt: skip
 def test_a_stiff_fibre_is_as_compressible_as_it_is(k2, beta, stretch, error):
     """One that is as stiff as the rubber and stiffens: the slope of neo-Hooke alone had left 0.6 % at a stretch of 1.3 and 45 % at 1.4. Where the volume is not found, there is no stress."""
     mu = 0.4

@@ -26,7 +26,7 @@ from forward.sheet.inelastic import solve_history
 from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
 from studies.replay import few_effects_replay
-from studies.replay.few_effects_replay import few_by_fields, with_forces
+from studies.replay.few_effects_replay import FewEffectsReplays
 from studies.reports.discovery.replays.few_effects_table import few_record, few_table
 from studies.synthetic import camera, effect_laws
 
@@ -60,8 +60,9 @@ def found(gradient: float, later: float = 1.0) -> tuple[FewEffects, Updated]:
     loaded = tuple(replace(b, force=factor * b.force) for b in test.loaded)
     test = replace(test, loaded=loaded, displacements=factor[..., None] * test.displacements)
     problem, base = base_fit.prepare([test], [HoldOut.parse(f"after:{FITTED:g}", 0).training], base="neo-Hooke")
-    few = few_by_fields(problem, base.c, EFFECTS, read_priors())
-    return few, with_forces(problem, few, few.best, EFFECTS, read_priors())
+    replays = FewEffectsReplays(problem, base.c, EFFECTS, read_priors())
+    few = replays.by_fields()
+    return few, replays.with_forces(few, few.best)
 
 
 def test_a_gradient_and_the_relaxation_beside_it_are_found():
@@ -111,9 +112,9 @@ def test_forces_do_not_take_the_fields_further_off(monkeypatch, fields, tried):
         return SimpleNamespace(additions=there, deviations=tuple((0.0,) * len(a.amplitudes) for a in there), **errors)
 
     monkeypatch.setattr(few_effects_replay, "update", update)
-    monkeypatch.setattr(few_effects_replay, "_field_error", lambda replays, c: few.base.field)
+    monkeypatch.setattr(FewEffectsReplays, "_nearest", few.base.field)
     monkeypatch.setattr(few_effects_replay, "ComparedTest", lambda part, pictures, base: SimpleNamespace(part=part))
-    assert with_forces(problem, few, few.best, EFFECTS, read_priors()).after.field == 0.1
+    assert FewEffectsReplays(problem, few.c, EFFECTS, read_priors()).with_forces(few, few.best).after.field == 0.1
     assert asked == [(False, True, True), (True, True, True), (True, False, False)][:tried]
 
 

@@ -428,7 +428,8 @@ def few_effects(replayed: Any, neo_hooke: Any, c: Any = None) -> FewEffects:
     c = nothing().base.c if c is None else c
     spread = Spread(Directions.of(c, (), c[:, None], 1.0), 0.1 * np.eye(1))
     errors = ErrorsOfReplay(0.05, 0.02)
-    made = SimpleNamespace(final=replayed, expected=errors, judgement=SimpleNamespace(force=None, field=None))
+    judgement, held = SimpleNamespace(force=None, field=None), bool(replayed.rows.held.any())
+    made = SimpleNamespace(final=replayed, expected=errors, judgement=judgement, held_out=held)
     updated = Updated(spread, errors, errors, True, 6, check=made)
     return FewEffects(c, errors, Alternatives(()), (), (FewModel((), 1.0, updated),), neo_hooke)
 

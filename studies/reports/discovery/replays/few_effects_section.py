@@ -16,7 +16,7 @@ from studies.output.findings import Finding
 from studies.output.words import plus_minus
 from studies.reports.discovery.replays.few_effects_table import few_data
 from studies.reports.discovery.replays.replay_section import ReplayCode, finding
-from studies.reports.discovery.replays.replayed_models import average_of_few, check_of, few_models, few_replay
+from studies.reports.discovery.replays.replayed_models import few_models
 
 
 def few_findings(found: Discovery) -> Iterator[Finding]:
@@ -35,7 +35,7 @@ def few_findings(found: Discovery) -> Iterator[Finding]:
         alike=len({part.experiment.name for part in found.problem.trained} - apart(found.own)) > 1,
         model=_predicted(few.models[0]) if few.models else None,
     )
-    others, average = few_models(found)[1:], average_of_few(found)
+    others, average = few_models(found)[1:], few.average
     if others:
         competing = [{"file": file, "names": list(one.effects), "probability": one.probability, "model": _predicted(one)} for _, file, one in others]  # fmt: skip
         yield finding(ReplayCode.COMPETING, competing=competing, average=None if average is None else average.to_dict())
@@ -43,18 +43,15 @@ def few_findings(found: Discovery) -> Iterator[Finding]:
 
 def _predicted(one: FewModel) -> dict[str, Any] | None:
     """What the model of a set misses, with its band and its memory; None where it was not replayed."""
-    replayed, new, check = few_replay(one), one.updated, check_of(one)
-    if replayed is None or not isinstance(new, Updated):
+    new, check = one.updated, one.check
+    if check is None or not isinstance(new, Updated):
         return None
-    band = None
-    if check is not None:
-        pairs = (("force", check.judgement.force), ("field", check.judgement.field))
-        within = {f"{name}_within": None if test is None else test.p_value >= LEVEL for name, test in pairs}
-        band = {**check.expected.to_dict(), **within}
+    pairs = (("force", check.judgement.force), ("field", check.judgement.field))
+    within = {f"{name}_within": None if test is None else test.p_value >= LEVEL for name, test in pairs}
     return {
-        "missed": replayed.judged.to_dict(),
-        "held": bool(replayed.rows.held.any()),
-        "band": band,
+        "missed": check.final.judged.to_dict(),
+        "held": check.held_out,
+        "band": {**check.expected.to_dict(), **within},
         "remembered": remembered_values(new),
         "converged": new.converged,
     }

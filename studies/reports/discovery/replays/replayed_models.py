@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from calibrate.diagnosis.evidence.explanations import RIVALS
 from calibrate.diagnosis.replayed.averaged import Averaged
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel, Usable
 from calibrate.diagnosis.replayed.observations import ReplayErrors
 from calibrate.diagnosis.replayed.replay_rule import misses_more
-from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.selection import Discovery, Verdict
 from studies.output.findings import Finding
 from studies.reports.discovery.candidate_outcome import WORDS
@@ -19,8 +19,7 @@ from studies.reports.headline import LIMITS
 FEW = "few effects"
 FEW_FILES = (
     "model_few_effects.json",
-    "model_few_effects_2.json",
-    "model_few_effects_3.json",
+    *(f"model_few_effects_{k}.json" for k in range(2, RIVALS + 2)),
 )  # the most probable first
 NEO_HOOKE_FILE = "model_neo_hooke.json"
 
@@ -49,29 +48,19 @@ def usable_models(found: Discovery) -> dict[str, Usable]:
 
 def replayed_models(found: Discovery) -> list[tuple[str, Replayed]]:
     """Names and replays of neo-Hooke and of few effects; those that were replayed."""
-    pairs = [(NEO_HOOKE, neo_hooke_replay(found)), *((name, few_replay(one)) for name, _, one in few_models(found))]
+    pairs = [(NEO_HOOKE, neo_hooke_replay(found)), *((name, one.replayed) for name, _, one in few_models(found))]
     return [(name, one) for name, one in pairs if one is not None]
 
 
 def updated_bands(found: Discovery) -> list[tuple[str, ReplayErrors]]:
     """Half of the bands of models that were updated by forces."""
-    checks = [(name, check_of(one)) for name, _, one in few_models(found)]
+    checks = [(name, one.check) for name, _, one in few_models(found)]
     return [(name, check.expected) for name, check in checks if check is not None]
 
 
 def average_of_few(found: Discovery) -> Averaged | None:
     """Of few effects that compete; None where there is one model of few effects at most."""
     return found.few.average if isinstance(found.few, FewEffects) else None
-
-
-def check_of(one: FewModel) -> ReplayCheck | None:
-    """Its replay with its band; None where there is none."""
-    return one.updated.check if isinstance(one.updated, Updated) else None
-
-
-def few_replay(one: FewModel) -> Replayed | None:
-    """None where it was not replayed."""
-    return one.replayed if isinstance(one.replayed, Replayed) else None
 
 
 def neo_hooke_replay(found: Discovery) -> Replayed | None:
@@ -94,7 +83,7 @@ def to_predict_with(found: Discovery) -> str | None:
 
 def _offered(found: Discovery) -> list[tuple[str, Replayed]]:
     """The most probable few effects and neo-Hooke by their files, those that were replayed. Sets that compete are not chosen by what was held out."""
-    few = [(file, few_replay(one)) for _, file, one in few_models(found)[:1]]
+    few = [(file, one.replayed) for _, file, one in few_models(found)[:1]]
     return [(file, one) for file, one in (*few, (NEO_HOOKE_FILE, neo_hooke_replay(found))) if one is not None]
 
 
