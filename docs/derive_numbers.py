@@ -247,6 +247,7 @@ def _rates(n: dict[str, Any], sought: dict[str, str]) -> list[list[str]]:
         ["- explained by a declared look-alike, which the line on names excuses", share(n["removed_alike"], n["removed"]), ""],
         ["strong effect removed: not explained, and another one dominant", share(n["removed_dominant"], n["removed"]) if n["with_dominant"] else NONE, ""],
         ["two effects, each strong beside the other: both named", share(n["pairs_found"], n["pairs"]), sought["pairs"]],
+        ["- both named right, themselves", share(n["pairs_right"], n["pairs"]), ""],
         ["two effects, each strong before either is found: both named", share(n["pairs_at_first_found"], n["pairs_at_first"]), ""],
         ["both in the model, named or too small beside the other to be named", share(n["pairs_in_model"], n["pairs"]), ""],
         ["stiffness field: correlation with the hidden one, median", NONE if n["field_correlation"] is None else f"{n['field_correlation']:.2f}", ""],
@@ -307,7 +308,9 @@ def _by_form(sets: list[TrialSet]) -> dict[str, int]:
     for kind in ("foreign_form", "near_form", "own_form"):
         ones = [trial for one in sets for trial in one.judged if _kind(trial, one) == kind]
         found |= {kind: len(ones), f"{kind}_named": sum(one.hit[0] for one in ones)}
-    return found
+    return found | {
+        f"other_form{end}": found[f"foreign_form{end}"] + found[f"near_form{end}"] for end in ("", "_named")
+    }
 
 
 def _kind(trial: JudgedTrial, of: TrialSet) -> str | None:

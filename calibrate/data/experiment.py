@@ -201,7 +201,7 @@ class Experiment:
             return None
         size = float(np.linalg.norm(np.linalg.norm(forces, axis=2).max(axis=0)))
         noise = self.noise or Noise(0.0)
-        spread = float(np.linalg.norm(noise.force_std_relative * np.abs(forces) + noise.force_std))
+        spread = float(np.linalg.norm(noise.force_deviation(forces)))
         return (float(np.linalg.norm(forces.sum(axis=0))) / size, spread / size) if size > 0 else None
 
     def select(self, increments: NDArray[np.int64] | list[int], name: str | None = None) -> Experiment:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibrate import errors
 
 Array = NDArray[np.float64]
+ONE_CELL = 1e-7  # sum of two forces over their size, below which one load cell read both
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Noise:
     displacement_std: per component, of what no other increment shares but by its correlation_time, mm.
     correlation_length: l in covariance std^2 exp(-r^2 / (2 l^2)), mm; 0 = uncorrelated between points.
     force_std_relative: standard deviation of a force relative to its magnitude.
-    force_std: standard deviation of a force that does not scale with it, N.
+    force_std: standard deviation of a force that does not scale with it, N. Both errors are independent: their variances add up.
     pattern_std: of an error that stays with the speckle pattern and grows with the deformation, at the largest one, mm.
     reference_std: of an error of the reference picture, which all increments share, mm.
     second_length, second_share: L, mm, of a second part of the noise, and its share f of the variance; 0 = one length alone.
@@ -54,6 +55,10 @@ class Noise:
             raise errors.ExperimentError(
                 "noise: pattern_std and reference_std are common to all increments; give displacement_std too, what is new in each"
             )
+
+    def force_deviation(self, forces: Array) -> Array:
+        """Standard deviations, N, of forces of any shape, N; unknown (NaN) where they are."""
+        return np.hypot(self.force_std_relative * np.abs(forces), self.force_std)
 
     @property
     def is_common(self) -> bool:
@@ -121,3 +126,19 @@ class LoadedBoundary:
     nodes: NDArray[np.int64]
     force: Array
     held: tuple[bool, bool] = (True, True)
+
+
+def one_cell(forces: Array) -> NDArray[np.bool_]:
+    """Which pairs (f, f) of forces (t, f), N, along one axis were read by one load cell: those that are opposite in every increment in which both are
+    known, to more digits than a cell has."""
+    sums = forces[:, :, None] + forces[:, None]
+    both, known = np.isfinite(sums), np.nan_to_num(forces)
+    largest_sum = np.abs(np.nan_to_num(sums)).max(axis=0, initial=0.0)
+    size = np.where(both, np.abs(known)[:, :, None], 0.0).max(axis=0, initial=0.0)
+    return np.asarray(largest_sum < ONE_CELL * size)
+
+
+def first_of_cell(forces: Array) -> Array:
+    """Forces (t, f), N, along one axis, NaN where an earlier one of the increment was read by the same cell."""
+    again = np.tril(one_cell(forces), -1) & np.isfinite(forces)[:, None, :]
+    return np.where(again.any(axis=2), np.nan, forces)

@@ -56,7 +56,7 @@ def _curves(experiment: Experiment, record: LoadRecord) -> Array:
     size = np.abs(forces).max(initial=0.0)
     std = np.zeros(len(forces))
     if noise is not None:
-        std = np.hypot(noise.force_std, noise.force_std_relative * np.abs(forces).max(axis=1, initial=0.0))
+        std = noise.force_deviation(np.abs(forces).max(axis=1, initial=0.0))
     scaled = forces / np.maximum(np.maximum(NOISE * std, FORCE * size), 1e-300)[:, None]
     return np.concatenate([scaled, record.progress(experiment.time, record.time)[None] / COURSE])
 

@@ -86,7 +86,7 @@ def prepare(
     stiffness = float(start[: basis.n_functions - bulk].max())
 
     def prior(c: Array) -> Array:
-        return base_functions.prior_rows(basis, c, top, stiffness)
+        return base_functions.on_cone(base_functions.prior_rows(basis, c, top, stiffness), cone)
 
     c, heavy = _base(used, basis, start, cone, prior)
     parts = [

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from calibrate.equations.basis import DEGREE, PlaneStrainBasis, SingleBasis, Spline, energy_basis, polyconvex
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.reduction import Assembled
+from calibrate.fitting.least_squares import orthonormal
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -84,3 +85,8 @@ def prior_rows(basis: SingleBasis | PlaneStrainBasis, c: Array, top: float, stif
     rows = np.concatenate([slopes[:1] / SLOPE, bends / CURVATURE]) / scale[:, None]
     rows = rows[np.append(0.0, q[1:-1]) < np.sqrt(top)]
     return np.pad(rows, ((0, 0), (0, basis.n_functions - len(q))))
+
+
+def on_cone(rows: Array, cone: Array) -> Array:
+    """As many rows (r, n) as are independent on a cone (n, k), which weigh its coefficients as the rows (m, n) do: others would count as degrees of freedom, and hold nothing."""
+    return orthonormal(rows @ cone).T @ rows

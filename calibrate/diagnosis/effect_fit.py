@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from calibrate import errors
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis import residual_tests
-from calibrate.diagnosis.parameters import Variables, not_distinct_from_null
+from calibrate.diagnosis.parameters import Variables, is_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.residual_tests import ChiSquare
-from calibrate.diagnosis.signature_noise import denoised, excess, hidden_noise
+from calibrate.diagnosis.signature_noise import denoised, of_rough_effects
 from calibrate.effects.chain import Additions, Chain
 from calibrate.fitting import gauss_newton
 from calibrate.fitting.gauss_newton import Halving
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 ITERATIONS = 6
 FOLLOWED = 3  # iterations of a fit in which the estimate of the true displacements follows it
 BEYOND = 1e100  # no quantity of a fit
+BACK = 0.5  # of what a step has changed, by which the next one goes back
 SMALL_STEP = 1e-2  # norm, in standard deviations of an equation, at which a fit ends
 
 
@@ -36,9 +37,9 @@ class Fit:
 
     c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. unexplained: of the part that
     neither the base (within its prior) nor the amplitudes could change. additions: effects; errors: a standard deviation for each
-    amplitude; null_errors: the same without what the formula of the effect itself leaves, which is in proportion to it. columns (N, k): orthonormal, what the fit can adjust.
-    residual (N,): whitened, rows of the prior last. log_determinant: of the covariance that the weights come from. last_step: norm of what the last step changed, in standard deviations of an
-    equation; above 1 the fit has not converged. stop: why the iteration ended.
+    amplitude; null_covariances: (p, p) of the amplitudes of each effect, without what its own formula leaves, which is in proportion to it. columns (N, k): orthonormal, what the fit can adjust.
+    residual (N,): whitened, rows of the prior last. log_determinant: of the covariance that the weights come from. last_step: norm of what the last step, had it been taken whole, would change, in standard deviations of an
+    equation; above 1 the fit has not converged.
     """
 
     c: Array
@@ -51,9 +52,8 @@ class Fit:
     chains: tuple[Chain, ...] = field(repr=False)
     log_determinant: float
     errors: tuple[tuple[float, ...], ...] = ()
-    null_errors: tuple[tuple[float, ...], ...] = ()
+    null_covariances: tuple[Array, ...] = field(default=(), repr=False)
     last_step: float = 0.0
-    stop: Stop = Stop.CONVERGED
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -63,8 +63,8 @@ class Fit:
     @property
     def distinct(self) -> Additions:
         """Effects that differ from none."""
-        pairs = zip(self.additions, self.null_errors, strict=True)
-        return tuple(a for a, d in pairs if not not_distinct_from_null(a, d))
+        pairs = zip(self.additions, self.null_covariances, strict=True)
+        return tuple(a for a, covariance in pairs if not is_null(a, covariance))
 
     def remembering(self) -> Fit:
         """The same with chains that keep what they make without effects, for many signatures, see `Chain.remembering`."""
@@ -82,7 +82,7 @@ class Fit:
 
     @property
     def converged(self) -> bool:
-        """Whether the last step changed no more than one standard deviation of an equation."""
+        """Whether the last step was one of no more than one standard deviation of an equation."""
         return self.last_step <= 1
 
     @property
@@ -118,6 +118,7 @@ class _Linearised:
 
     A (N, n): columns of the cone; base: the same, orthonormal. S (N, k): signatures over their scale (k,).
     outside (N, k): their part that the base cannot change, within its prior. Amplitudes and shapes are fitted to `outside`; the base then follows in its cone.
+    taken (N,): what the step before has changed; of one that goes back by more than half of it, half is taken, or both would go on in turn.
     """
 
     problem: Problem
@@ -130,6 +131,7 @@ class _Linearised:
     outside: Array
     variables: Variables
     scale: Array
+    taken: Array
 
     @property
     def slack(self) -> float:
@@ -160,9 +162,17 @@ class _Linearised:
         """The point a fraction of the way to the unknowns (n + k,)."""
         w, n = self.point.w, self.A.shape[1]
         x = self._start[0]
+        change = self.A @ (unknowns[:n] - w) + self.S @ (unknowns[n:] - x)
+        if change @ self.taken < -BACK * self.taken @ self.taken:
+            fraction = 0.5 * fraction
         values = (x + fraction * (unknowns[n:] - x)) * self.scale
         additions = self.variables.at(values) if len(x) else ()
         return _point(self.problem, w + fraction * (unknowns[:n] - w), additions)
+
+    def change_to(self, point: _Point) -> Array:
+        """By how much the equations change (N,) on the way to a point with the same effects, to first order."""
+        values = Variables(point.additions).values / self.scale if len(self.scale) else np.zeros(0)
+        return np.asarray(self.A @ (point.w - self.point.w) + self.S @ (values - self._start[0]))
 
     def length(self, unknowns: Array) -> float:
         """By how much the step to the unknowns (n + k,) changes the equations, in standard deviations of one."""
@@ -189,15 +199,17 @@ def refit(problem: Problem, c: Array, additions: Additions) -> Fit:
 
     def linearise(point: _Point, count: int) -> _Linearised:
         known = last[-1] if last and not (count < FOLLOWED or any(a.effect.rough for a in problem.amplifying)) else None
-        last[:] = [_linearised(problem, point, known)]
+        taken = last[-1].change_to(point) if last else np.zeros(len(point.residual))
+        last[:] = [_linearised(problem, point, known, taken)]
         return last[0]
 
     try:
         found = gauss_newton.minimise(linearise, _point(problem, w, additions), Halving(), ITERATIONS)
         if found.reason is Stop.NOT_FINITE:
             raise _ran_away(additions)
-        step = found.step.fraction * found.linear.length(found.step.unknowns)
-        return replace(_finished(problem, found.linear, found.point), last_step=step, stop=found.reason)
+        return replace(
+            _finished(problem, found.linear, found.point), last_step=found.linear.length(found.step.unknowns)
+        )
     except np.linalg.LinAlgError:
         raise _ran_away(additions) from None
 
@@ -206,8 +218,8 @@ def _point(problem: Problem, w: Array, additions: Additions) -> _Point:
     return _Point(w, additions, equations.residual(problem, problem.cone @ w, additions))
 
 
-def _linearised(problem: Problem, point: _Point, known: _Linearised | None) -> _Linearised:
-    """known: where the estimate of the true displacements, and with it the columns of the base, are taken from."""
+def _linearised(problem: Problem, point: _Point, known: _Linearised | None, taken: Array) -> _Linearised:
+    """known: where the estimate of the true displacements, and with it the columns of the base, are taken from. taken: see `_Linearised`."""
     c, r = problem.cone @ point.w, point.residual
     _check(r, point.additions)
     dispersion = equations.dispersion(problem, r)
@@ -227,7 +239,7 @@ def _linearised(problem: Problem, point: _Point, known: _Linearised | None) -> _
         _check(outside, point.additions)
         if not outside.any():
             raise _ran_away(point.additions)
-    return _Linearised(problem, point, dispersion, chains, base, A, S, outside, variables, scale)
+    return _Linearised(problem, point, dispersion, chains, base, A, S, outside, variables, scale, taken)
 
 
 def _check(values: Array, additions: Additions) -> None:
@@ -264,37 +276,27 @@ def _with_errors(problem: Problem, linear: _Linearised, fit: Fit) -> Fit:
     known = np.diag(np.sqrt(dispersion) * scale / linear.variables.shape_deviations)
     outside = np.concatenate([linear.outside, known])
     M = outside.T @ outside
-    values, vectors = np.linalg.eigh(subtract(M, _noise_of_signatures(problem, linear, fit)))
+    of_noise = of_rough_effects(problem, linear.chains, fit.c, fit.additions, base, scale, linear.S)
+    values, vectors = np.linalg.eigh(subtract(M, of_noise))
     inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
-    spread = np.linalg.norm(outside @ inverse, axis=0) * scale * np.sqrt(dispersion)
+    spread = (outside @ inverse) * scale * np.sqrt(dispersion)
     free, nothing = np.full(len(scale), np.inf), np.zeros(len(scale))
 
-    def of(wrong: list[Array]) -> tuple[tuple[float, ...], ...]:
+    def of(wrong: list[Array]) -> list[Array]:
+        """Covariance (p, p) of the amplitudes of each effect."""
         outside_base = (np.concatenate([one - base @ (base.T @ one), nothing]) for one in wrong)
         shifts = [bounded(outside, one, -free, free) * scale for one in outside_base]
-        parts = np.split(np.linalg.norm([spread, *shifts], axis=0), np.cumsum(sizes)[:-1])
-        return tuple(tuple(map(float, d[: len(a.amplitudes)])) for a, d in zip(fit.additions, parts, strict=True))
+        blocks = np.split(np.concatenate([spread, np.array(shifts)]), np.cumsum(sizes)[:-1], axis=1)
+        own = (block[:, : len(a.amplitudes)] for a, block in zip(fit.additions, blocks, strict=True))
+        return [block.T @ block for block in own]
 
     given = problem, linear.chains, fit.c
     kinematic = residual_tests.kinematic_errors(*given, fit.additions)
-    null = list(found := of(kinematic))
+    found = of(kinematic)
+    null = list(found)
     for i, one in enumerate(fit.additions):
         if one.effect.truncated:
             others = fit.additions[:i] + fit.additions[i + 1 :]
             null[i] = of([kinematic[0], *residual_tests.formula_errors(*given, others)])[i]
-    return replace(fit, errors=found, null_errors=tuple(null))
-
-
-def _noise_of_signatures(problem: Problem, linear: _Linearised, fit: Fit) -> Array:
-    """(k, k): what hidden noise adds to the squares of the signatures, of rough effects alone."""
-    N, start = np.zeros(2 * linear.scale.shape), 0
-    for one, size in zip(fit.additions, linear.variables.sizes, strict=True):
-        own = slice(start, start + len(one.amplitudes))
-        if one.effect.rough and problem.noise_is_known:
-            others = tuple(a for a in fit.additions if a is not one)
-            hidden = hidden_noise(problem, linear.chains, fit.c, fit.additions)
-            N[own, own] = excess(
-                problem, linear.chains, fit.c, (*others, one), linear.base, linear.scale[own], linear.S[:, own], hidden
-            )
-        start += size
-    return N
+    errors = tuple(tuple(map(float, np.sqrt(np.diag(covariance)))) for covariance in found)
+    return replace(fit, errors=errors, null_covariances=tuple(null))

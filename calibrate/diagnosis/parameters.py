@@ -7,22 +7,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from calibrate.effects import Effect, Parameter
 from calibrate.effects.chain import Addition, Additions
 from calibrate.effects.support.effect_data import Data
-from calibrate.models.parameter_covariance import Z95
 
 Array = NDArray[np.float64]
+LEVEL = 0.05  # of the test whether an effect differs from none
 ANGLE = 0.5  # rad, by which an angle is uncertain before a test
 
 
-def not_distinct_from_null(addition: Addition, deviations: Sequence[float]) -> bool:
-    """Whether no amplitude differs from its null value by more than its 95 % interval."""
-    return all(
-        abs(a - p.null) < Z95 * d or a == p.null
-        for a, d, p in zip(addition.amplitudes, deviations, addition.effect.amplitudes, strict=True)
-    )
+def is_null(addition: Addition, covariance: Array) -> bool:
+    """Whether its amplitudes together differ from their null values by no more than 95 % of errors with this covariance (p, p) do (Wald 1943); one that lies at its null value says nothing."""
+    change = np.array(addition.amplitudes) - [p.null for p in addition.effect.amplitudes]
+    some = np.flatnonzero(change)
+    if not len(some):
+        return True
+    distance = change[some] @ np.linalg.pinv(covariance[np.ix_(some, some)], hermitian=True) @ change[some]
+    return bool(distance < stats.chi2.isf(LEVEL, len(some)))
 
 
 def limits(effect: Effect, tests: Sequence[Data]) -> tuple[Array, Array]:

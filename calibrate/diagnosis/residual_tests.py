@@ -143,7 +143,7 @@ def prediction_test(problem: Problem, c: Array, additions: Additions) -> ChiSqua
 
     Chi-square distributed with as many degrees of freedom if the model (coefficients c (n,) and effects) predicts them within
     noise, the uncertainty of its parameters included (Chow 1960). Coefficients that only the equations held out see are
-    free. None: nothing is held out.
+    free. None: nothing is held out, or nothing that what was fitted predicts.
     """
     used = [part for part in problem.parts if part.held.size]
     if not used:
@@ -158,7 +158,7 @@ def prediction_test(problem: Problem, c: Array, additions: Additions) -> ChiSqua
         if weights.size
     ]
     (before, n_before), (after, n_after) = (_left(some) for some in (train, every))
-    return ChiSquare(max(after - before, 0.0), max(n_after - n_before, 0))
+    return ChiSquare(max(after - before, 0.0), n_after - n_before) if n_after > n_before else None
 
 
 def _columns(problem: Problem, part: Part, c: Array, additions: Additions) -> Array:

@@ -111,7 +111,8 @@ def score(problem: Problem, state: Fit, effects: Sequence[Effect] = CATALOGUE, s
     everything = np.concatenate([Q.reshape(len(Q), -1) for _, Q in found], axis=1)
     both = orthonormal(everything)
     rest = r - both @ (both.T @ r)
-    dispersion = max(1.0, float(rest @ rest) / max(len(r) - U.shape[1] - both.shape[1], 1))
+    left = len(r) - U.shape[1] - both.shape[1]  # none where all together can make any residual
+    dispersion = max(1.0, float(rest @ rest) / left if left > 0 else state.reduced_chi_square)
     tested = adjust([one for one, _ in found], [Q for _, Q in found], dispersion, seed)
     tested.sort(key=lambda s: -s.evidence)
     return tested + skipped

@@ -101,3 +101,18 @@ def excess(
         change = change - U @ (U.T @ change)
         total += change.T @ change / len(hidden)
     return total
+
+
+def of_rough_effects(
+    problem: Problem, chains: Sequence[Chain], c: Array, additions: Additions, U: Array, scale: Array, S: Array
+) -> Array:
+    """(k, k): what hidden noise adds to the squares of the signatures S (N, k), times scale (k,), of all amplitudes and shapes beside U: of rough effects alone, each by itself."""
+    found, start = np.zeros((len(scale), len(scale))), 0
+    for one in additions:
+        own = slice(start, start + len(one.amplitudes))
+        if one.effect.rough and problem.noise_is_known:
+            others = tuple(a for a in additions if a is not one)
+            hidden = hidden_noise(problem, chains, c, additions)
+            found[own, own] = excess(problem, chains, c, (*others, one), U, scale[own], S[:, own], hidden)
+        start = own.stop + len(one.shape)
+    return found

@@ -24,13 +24,13 @@ from scipy.linalg.blas import dtrmm
 from scipy.spatial import cKDTree
 
 from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.measurement import one_cell
 from calibrate.equations.basis import Basis, tangent_modulus
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.errors import FitError
 from meshes.mesh import spacing_of
 
 Array = NDArray[np.float64]
-ONE_CELL = 1e-7  # sum of two forces over their size, below which one load cell read both
 SINGULAR = 1e-10  # smallest over largest variance of a sum of increments
 RAN_AWAY = "the noise of the equations cannot be computed: the stiffness of the material ran away; check forces and their signs, and the largest strains"
 NEGLIGIBLE = 0.1  # variance of a source in common, over that of displacement_std, in all increments, that is left out
@@ -112,21 +112,20 @@ def covariance_of(system: Equilibrium, spread: Array, load: Array, noise: Noise)
 def force_correlation(system: Equilibrium) -> Array:
     """Of the errors of the measured forces, between the rows (2 v, 2 v) of an increment.
 
-    Forces that are opposite in every increment, to more digits than a load cell has, were read by one cell, and are wrong together.
+    Forces that one cell read are wrong together.
     """
-    forces, n = np.nan_to_num(system.recorded), system.fields.n_fields
+    n = system.fields.n_fields
     found = np.eye(2 * n)
     loaded = np.flatnonzero(system.fields.boundary >= 0)
     for rows in (loaded, loaded + n):
-        sums = np.abs(forces[:, rows, None] + forces[:, None, rows]).max(axis=0, initial=0.0)
-        found[np.ix_(rows, rows)] -= sums < ONE_CELL * np.abs(forces[:, rows]).max(axis=0, initial=0.0)
+        found[np.ix_(rows, rows)] -= one_cell(system.recorded[:, rows])
     return found
 
 
 def force_deviations(system: Equilibrium, noise: Noise, loads: Array | None = None) -> Array:
     """Standard deviation (t, rows), N, of the noise of the load cells in the residuals; loads (t, rows), N: None for those measured."""
-    of_size = np.nan_to_num(noise.force_std_relative * np.abs(system.loads if loads is None else loads))
-    return np.asarray(of_size + noise.force_std * np.tile(system.fields.boundary >= 0, 2))
+    forces = np.nan_to_num(system.loads if loads is None else loads)
+    return np.where(np.tile(system.fields.boundary >= 0, 2), noise.force_deviation(forces), 0.0)
 
 
 def own_between(experiment: Experiment, noise: Noise) -> Array:

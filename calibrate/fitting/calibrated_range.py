@@ -1,4 +1,4 @@
-"""Which invariants the data of a calibration reach, and in which modes: equations in, ranges of I1 and I2 out.
+"""Which invariants the data of a calibration reach, and in which modes: equations or states of homogeneous tests in, ranges of I1 and I2 out.
 
 Modes are told by the Lode angle of the Hencky strain (`calibrate.equations.inputs.hencky_to_lode`): a state is near the homogeneous test whose angle is nearest.
 """
@@ -35,12 +35,25 @@ def calibrated_range(
 def mode_ranges(system: Equilibrium, increments: NDArray[np.bool_] | None = None) -> dict[str, tuple[float, float]]:
     """Range of I1 near each mode of `MODES`, by the names of `near`: to where all but a thousandth of the whole area has the mode left behind; to 3 where no more than that is near it."""
     F = system.isochoric_gradients if increments is None else system.isochoric_gradients[increments]
-    angles = hencky_to_lode(F.reshape(-1, 2, 2))[1].reshape(F.shape[:2])
+    return {name: (3.0, _largest(system, I1, QUANTILE)) for name, I1 in _by_mode(F).items()}
+
+
+def curve_ranges(F: Array) -> dict[str, tuple[float, float]]:
+    """Range of I1 and I2, and of I1 near each mode, that states F (m, 2, 2) of homogeneous tests reach; to 3 near a mode without a state.
+
+    A sheet under uniaxial compression is one under equi-biaxial tension, and the other way round.
+    """
+    values = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])
+    whole = {name: (3.0, float(values[:, i].max())) for i, name in enumerate(INVARIANTS)}
+    return whole | {name: (3.0, float(I1.max())) for name, I1 in _by_mode(F).items()}
+
+
+def _by_mode(F: Array) -> dict[str, Array]:
+    """I1 (...) of F (..., 2, 2) that are nearest to a mode, 3 of the others, by the names of `near`."""
+    angles = hencky_to_lode(F.reshape(-1, 2, 2))[1].reshape(F.shape[:-2])
     nearest = np.abs(angles[..., None] - np.array([ANGLES[mode] for mode in MODES])).argmin(axis=-1)
     I1 = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])[..., 0]
-    return {
-        near(mode): (3.0, _largest(system, np.where(nearest == i, I1, 3.0), QUANTILE)) for i, mode in enumerate(MODES)
-    }
+    return {near(mode): np.where(nearest == i, I1, 3.0) for i, mode in enumerate(MODES)}
 
 
 def near(mode: str) -> str:

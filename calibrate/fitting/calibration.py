@@ -53,6 +53,10 @@ class Options:
             raise errors.ConfigError(f"loss '{self.loss}' unknown; choose one of {', '.join(LOSSES)}")
         if self.scaling not in paper_loss.SCALINGS:
             raise errors.ConfigError(f"scaling '{self.scaling}' unknown; choose one of {paper_loss.SCALINGS}")
+        if self.scaling != "frozen" and self.loss != "paper":
+            raise errors.ConfigError(
+                f"scaling '{self.scaling}' is of the paper's loss; give loss 'paper' too, or leave it out"
+            )
         if self.starts < 1 or self.passes < 1:
             raise errors.ConfigError("starts and passes must be at least 1")
         if self.spacing is not None and not self.spacing > 0:

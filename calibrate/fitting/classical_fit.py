@@ -27,6 +27,7 @@ from calibrate.models.classical_laws import CLASSICAL_LAWS, Law
 Array = NDArray[np.float64]
 TOLD_APART = 10.0  # difference of the criterion that counts as very strong (Kass and Raftery 1995)
 EVALUATIONS = 100  # of a fit, at most
+READING = 1e-4  # of the loads: no reading of a test with unknown noise is better
 AT_REST = (3.001, 3.001)  # invariants
 SINGULAR = 1e-7  # of the largest singular value, below which a combination of parameters changes nothing
 
@@ -104,7 +105,8 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Comparison:
-    """scale: chi-square an equation of the best candidate, by which all are divided (at least 1 where the noise is known)."""
+    """scale: chi-square an equation of the best candidate, by which all are divided (at least 1 where the noise is known, else what errors of
+    `READING` of the loads leave)."""
 
     equations: int
     scale: float
@@ -213,7 +215,7 @@ def compare(calibration: Calibration, laws: Sequence[Law] = CLASSICAL_LAWS) -> C
         fits.append(_raised(law, fit, system, weights, b, (tops[0], tops[1])))
     spread = calibration.model.uncertainty
     assert spread is not None
-    return ranked(network, spread.effective_parameters, fits, len(b), spread.noise_is_known)
+    return ranked(network, spread.effective_parameters, fits, len(b), spread.noise_is_known, float(b @ b))
 
 
 def _network(calibration: Calibration, weights: Weights, b: Array) -> tuple[float, float]:
@@ -235,11 +237,13 @@ def _raised(
     return ClassicalFit(law, replace(fit, parameters=p, covariance=covariance), share)
 
 
-def ranked(network: float, numbers: float, fits: list[ClassicalFit], equations: int, known: bool) -> Comparison:
-    """network: its chi-square; numbers: its effective parameters; known: whether the noise is."""
+def ranked(
+    network: float, numbers: float, fits: list[ClassicalFit], equations: int, known: bool, loads: float
+) -> Comparison:
+    """network: its chi-square; numbers: its effective parameters; known: whether the noise is; loads: chi-square of no stress at all."""
     pairs = [(network, numbers), *((f.found.chi_square, len(f.law.parameters)) for f in fits if f.reason.is_success)]
     best = [chi / (equations - k) for chi, k in pairs if equations > k] or [1.0]
-    scale = max(1.0, min(best)) if known else min(best)
+    scale = max(min(best), 1.0 if known else READING**2 * loads / equations)
     criterion: Callable[[float, float], float] = lambda chi, k: chi / scale + k * np.log(equations)  # noqa: E731
     laws = [
         Candidate(

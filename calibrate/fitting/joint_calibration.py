@@ -44,7 +44,6 @@ class WeightedTest:
 
     system: Equilibrium
     lowers: Mapping[int, Array]
-    noise_is_known: bool
 
     def quadratic(self, basis: Basis) -> Quadratic:
         """The noise-weighted loss in a basis that covers the test."""
@@ -63,8 +62,7 @@ def weighted_test(system: Equilibrium) -> WeightedTest:
     """The equations of a test with their weights. Raises `FitError`, see `calibrate.fitting.network_fit.convex_spline`."""
     experiment = system.experiment
     noise = experiment.noise
-    known = noise is not None and noise.displacement_std > 0
-    if noise is None or not known:
+    if noise is None or not noise.displacement_std > 0:
         noise = noise_covariance.default_noise(experiment, system.fields.spacing)
     basis = basis_for("I1", system.deformation_gradients.reshape(-1, 2, 2), plane=experiment.plane)
     factor = noise_covariance.noise_factor(experiment, noise)
@@ -77,7 +75,7 @@ def weighted_test(system: Equilibrium) -> WeightedTest:
             covariance = residual_covariance(system, basis, c, i, of_points * variances[i], noise)
             measured = np.isfinite(system.loads[i])
             lowers[i] = noise_covariance.cholesky_factor(covariance[np.ix_(measured, measured)])
-        test = WeightedTest(system, lowers, known)
+        test = WeightedTest(system, lowers)
         if increments != range(experiment.n_increments):
             loss = test.quadratic(basis)
             c = network_fit.convex_spline(loss, "I1")
@@ -110,7 +108,6 @@ class Reduced:
     inputs: str
     quadratic: Quadratic
     spline: Array = field(repr=False)
-    noise_is_known: bool
 
 
 def reduce(tests: Sequence[WeightedTest], inputs: str) -> Reduced:
@@ -121,7 +118,7 @@ def reduce(tests: Sequence[WeightedTest], inputs: str) -> Reduced:
     for test in tests[1:]:
         total += test.quadratic(basis)
     spline = network_fit.convex_spline(total, inputs)
-    return Reduced(inputs, total, spline, all(test.noise_is_known for test in tests))
+    return Reduced(inputs, total, spline)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 Keys: ``format`` = "equigap-model", ``version`` = 1, ``kind`` = "pann"; ``inputs`` ("I1" | "I2" | "I1I2");
 ``layers`` [N...]; ``scales`` [s_1, s_2]; ``energy_scale``; ``hidden`` [{"weights": [[...]], "biases": [...]}];
 ``output`` [...] (w); ``skip`` [...] (v); ``unit`` ("MPa", or "N/mm" where the thickness was unknown);
-``calibrated_range`` {"I1": [min, max], "I2": [min, max]}; ``fit`` and ``provenance`` (free JSON).
+``calibrated_range`` {"I1": [min, max], "I2": [min, max]}, and of I1 near each mode (`calibrate.fitting.calibrated_range.near`); ``fit`` and ``provenance`` (free JSON).
 Optional: ``level`` "nominal" where only ratios of stiffness are known, of a window in a larger body; ``fitness`` (`calibrate.models.fitness`);
 ``bulk_modulus`` {"value", "standard_deviation" (or null)} of a calibration in plane strain, where the
 invariants are those of the isochoric part (`calibrate.equations.isochoric`); ``uncertainty`` {"factor": [[...]] (rows: parameters; covariance =

@@ -40,8 +40,8 @@ def candidate_rows(found: dict[str, Any]) -> list[list[str]]:
 
 
 def overall(error: dict[str, Any]) -> float:
-    """Root mean square over the modes."""
-    return float(np.sqrt(np.mean(np.square(list(error["modes"].values())))))
+    """Root mean square over the modes; infinite where the calibration failed."""
+    return float(np.sqrt(np.mean(np.square(list(error["modes"].values()))))) if error["modes"] else float("inf")
 
 
 def correlation_numbers(validation: dict[str, Any]) -> dict[str, Any]:
@@ -78,7 +78,7 @@ def actual_of_optimised(found: dict[str, Any]) -> dict[str, str]:
         return {}
     return {
         "actual": spread([overall(e) for e in errors]),
-        "actual_biaxial": spread([e["modes"]["equibiaxial"] for e in errors]),
+        "actual_biaxial": spread([e["modes"].get("equibiaxial", float("inf")) for e in errors]),
     }
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from wording import percent, span
+from wording import percentage, span
 
 from studies.grid.axes import Loss, Settings
 from studies.grid.presets.resolution_study import Row, rows_of
@@ -21,12 +21,12 @@ def worst(rows: Iterable[Row]) -> Row:
 def extremes(rows: Sequence[Row], digits: int) -> str:
     """'-1 to +118 %': lowest and highest bias of any mode and seed."""
     low, high = min(row.bias.low for row in rows), max(row.bias.high for row in rows)
-    return f"{round(low, digits) + 0.0:.{digits}f} to {percent(high, digits, sign=True)}"
+    return f"{round(low, digits) + 0.0:.{digits}f} to {percentage(high, digits, sign=True)}"
 
 
 def spread(row: Row) -> str:
     """'-0.36 % [-0.52, -0.11]': median and range over seeds."""
-    return f"{percent(row.bias.median, 2)} [{row.bias.low:.2f}, {row.bias.high:.2f}]"
+    return f"{percentage(row.bias.median, 2)} [{row.bias.low:.2f}, {row.bias.high:.2f}]"
 
 
 def resolution(results: Results) -> dict[str, Any]:
@@ -50,16 +50,16 @@ def resolution(results: Results) -> dict[str, Any]:
     numbers = {
         "nodes_fine": noisy[0].nodes,
         "nodes_coarse": noisy[-1].nodes,
-        "bias_fine": percent(worst(noisy[:-1]).bias.median),
-        "bias_coarse": percent(noisy[-1].bias.median),
-        "bias_coarse_range": f"{noisy[-1].bias.low:.2f} to {percent(noisy[-1].bias.high, 2)}",
+        "bias_fine": percentage(worst(noisy[:-1]).bias.median),
+        "bias_coarse": percentage(noisy[-1].bias.median),
+        "bias_coarse_range": f"{noisy[-1].bias.low:.2f} to {percentage(noisy[-1].bias.high, 2)}",
         "paper_frozen": span(at(frozen, level, True).bias.median for level in levels),
         "paper_dependent": extremes(every(dependent, noisy=True), 0),
         "paper_clean_frozen": span(at(frozen, level, False).bias.median for level in levels),
         "paper_clean_dependent": extremes(every(dependent, noisy=False), 1),
-        "outside_median": percent(max(abs(r.bias.median) for r in outside)),
-        "outside_low": percent(min(r.bias.low for r in outside)),
-        "outside_high": percent(max(r.bias.high for r in outside), sign=True),
+        "outside_median": percentage(max(abs(r.bias.median) for r in outside)),
+        "outside_low": percentage(min(r.bias.low for r in outside)),
+        "outside_high": percentage(max(r.bias.high for r in outside), sign=True),
     }
     clean = [at(Loss.WEIGHTED, level, False) for level in levels]
     table = [
@@ -73,7 +73,7 @@ def resolution(results: Results) -> dict[str, Any]:
     ]
     for level, a, b, r2 in zip(levels, clean, noisy, lowest, strict=True):
         polished = spread(at(Loss.POLISHED, level, True)) if level in results.settings.polished else ""
-        table.append([f"{b.nodes} ({level} %)", percent(a.bias.median, 2), spread(b), f"{r2:.5f}", polished])
+        table.append([f"{b.nodes} ({level} %)", percentage(a.bias.median, 2), spread(b), f"{r2:.5f}", polished])
     return {"numbers": numbers, "tables": {"bias": table}}
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from wording import percent, span
+from wording import percentage, span
 
 from studies.grid.axes import PLANE, Loss, Settings
 from studies.grid.case import Fit
@@ -93,21 +93,21 @@ class Page:
         seeds = [abs(100 * float(max(fit.outside, key=lambda score: abs(score.bias)).bias))
                  for h in self.results.thicknesses for fit in self.fits(h, CORRECTED, True)]  # fmt: skip
         return {
-            "bias_10": percent(self.bias("10", DEFAULT, False)),
-            "bias_40": percent(self.bias("40", DEFAULT, False)),
-            "bias_40_noisy": percent(self.bias("40", DEFAULT, True), 2),
-            "largest_10": percent(self.largest("10", DEFAULT, False)),
-            "largest_40": percent(self.largest("40", DEFAULT, False)),
-            "paper_2d": percent(self.bias(PLANE, DEPENDENT, False)),
-            "paper_10": percent(self.bias("10", DEPENDENT, False), 0),
-            "paper_40": percent(self.bias("40", DEPENDENT, False), 0),
-            "outside_10": percent(self.outside("10", DEFAULT, False), 0),
-            "outside_40": percent(self.outside("40", DEFAULT, False), 0),
-            "corrected_40": percent(self.bias("40", CORRECTED, False)),
-            "corrected_40_noisy": percent(self.bias("40", CORRECTED, True)),
+            "bias_10": percentage(self.bias("10", DEFAULT, False)),
+            "bias_40": percentage(self.bias("40", DEFAULT, False)),
+            "bias_40_noisy": percentage(self.bias("40", DEFAULT, True), 2),
+            "largest_10": percentage(self.largest("10", DEFAULT, False)),
+            "largest_40": percentage(self.largest("40", DEFAULT, False)),
+            "paper_2d": percentage(self.bias(PLANE, DEPENDENT, False)),
+            "paper_10": percentage(self.bias("10", DEPENDENT, False), 0),
+            "paper_40": percentage(self.bias("40", DEPENDENT, False), 0),
+            "outside_10": percentage(self.outside("10", DEFAULT, False), 0),
+            "outside_40": percentage(self.outside("40", DEFAULT, False), 0),
+            "corrected_40": percentage(self.bias("40", CORRECTED, False)),
+            "corrected_40_noisy": percentage(self.bias("40", CORRECTED, True)),
             "corrected_outside_clean": span(corrected(noisy=False)),
             "corrected_outside_noisy": span(corrected(noisy=True)),
-            "corrected_outside_worst": percent(float(np.max(seeds)), 0),
+            "corrected_outside_worst": percentage(float(np.max(seeds)), 0),
             "noisy_20": span((abs(self.bias(h, DEFAULT, True)) for h in ("10", "15", "20")), 1),
             "corrected_noisy_20": span((abs(self.bias(h, CORRECTED, True)) for h in ("10", "15", "20")), 1),
             "seeds": str(len(self.results.settings.seeds)),

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 
-def percent(value: float, digits: int = 1, sign: bool = False) -> str:
-    """'0.1 %' of 0.1; no negative zero."""
+def percentage(value: float, digits: int = 1, sign: bool = False) -> str:
+    """'0.1 %' of 0.1, which is in percent already, where `studies.output.words.percent` takes a share; no negative zero."""
     value = round(value, digits) + 0.0
     return f"{value:{'+' if sign else ''}.{digits}f} %"
 
@@ -18,7 +18,8 @@ def span(values: Iterable[float], digits: int = 0, sign: bool = False) -> str:
     found = list(values)
     low, high = min(found, key=abs), max(found, key=abs)
     first = f"{low:.{digits}f}"
-    return percent(high, digits, sign) if first == f"{high:.{digits}f}" else f"{first} to {percent(high, digits, sign)}"
+    last = percentage(high, digits, sign)
+    return last if first == f"{high:.{digits}f}" else f"{first} to {last}"
 
 
 def share(value: float) -> str:

@@ -108,10 +108,10 @@ def stiffness_errors(model: Model, reference: Reference) -> Array:
     return 100 * (off * true).sum(axis=(1, 2)) / (true**2).sum(axis=(1, 2))
 
 
-def energy_errors(model: Model, reference: Reference) -> Array:
-    """Signed error (s,) of the energy, %."""
-    found = np.asarray(jax.vmap(model.energy)(jnp.asarray(reference.states.invariants)))
-    return 100 * (found / reference.energy - 1)
+def energy_errors(model: Model, invariants: Array, truth: Array) -> Array:
+    """Signed error (s,) of the energy, %, at invariants (s, 2); truth (s,): MPa."""
+    found = np.asarray(jax.vmap(model.energy)(jnp.asarray(invariants)))
+    return 100 * (found / truth - 1)
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class StateErrors:
         """Judge a model at the states of a reference."""
         weights = reference.states.weights
         errors = stress_errors(model, reference)
-        energy = energy_errors(model, reference)
+        energy = energy_errors(model, reference.states.invariants, reference.energy)
         median, high = (weighted_quantile(np.abs(energy), weights, share) for share in (0.5, 0.95))
         return cls(
             {name: Quantiles.of(errors[:, i], weights) for i, name in enumerate(COMPONENTS)},

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from cyclopts import Parameter
 
 from studies.commandline.option_types import Count, Names, NonNegative, OutputFolder, Overwrite, Seed, default_folder
 from studies.commandline.outcome import Outcome
-from studies.errors import StudyError
+from studies.errors import OptionError, StudyError
 from studies.output.folder import open_output_folder
+from studies.output.manifest import Manifest
 from studies.trials.blind_case import Plan, run
 from studies.trials.blind_plans import QUICK, Numbers, in_order_of_size, plans, read_known
 from studies.trials.blind_report import write_report
@@ -30,12 +31,12 @@ MOST_FAILURES = 0.1  # share of the trials
 class Trials:
     """How many are made, and of what."""
 
-    trials: NonNegative = 20
-    """for each effect"""
-    nulls: NonNegative = 100
-    """without an effect"""
-    pairs: NonNegative = 20
-    """with two effects"""
+    trials: NonNegative | None = None
+    """for each effect (default: 20; quick: 1)"""
+    nulls: NonNegative | None = None
+    """without an effect (default: 100; quick: 2)"""
+    pairs: NonNegative | None = None
+    """with two effects (default: 20; quick: 1)"""
     only: Names = ()
     """effects to hide, with commas between (default: all that can be found)"""
     seed: Seed = 20000
@@ -43,11 +44,14 @@ class Trials:
     foreign: bool = False
     """hide forms that the catalogue does not have (docs/discover_results.md), in noise that is not what is stated"""
 
+    def numbers(self, quick: bool = False) -> Numbers:
+        """Those given, and the usual ones for the others. Raises `ConfigError`."""
+        given = {name: n for name in ("trials", "nulls", "pairs") if (n := getattr(self, name)) is not None}
+        return replace(QUICK if quick else Numbers(), **given)
+
     def plans(self, quick: bool = False) -> list[Plan]:
         """All of them. Raises `ConfigError`."""
-        return plans(
-            QUICK if quick else Numbers(self.trials, self.nulls, self.pairs), self.only, self.seed, self.foreign
-        )
+        return plans(self.numbers(quick), self.only, self.seed, self.foreign)
 
 
 @dataclass(frozen=True)
@@ -89,18 +93,28 @@ def blind(
     Writes every trial and the confusion matrix.
 
     Args:
-        quick: one trial an effect, two without: shows the path
+        quick: one trial an effect, two without, one with two effects, unless told otherwise: shows the path
         jobs: trials side by side
         known: trials.json of an earlier run, whose trials are not made again
         report: only write the report, of the trials that are there
 
     Raises:
         ConfigError: numbers or effects that cannot be.
+        OptionError: --report with --overwrite.
         StudyError: --report finds no trial, workers are killed again and again, --known is no file of this run.
     """
+    if report and overwrite:
+        raise OptionError("--overwrite deletes the trials that --report is about; leave one of them out")
     todo = trials.plans(quick)
-    settings = {**asdict(trials), "only": ",".join(trials.only) or None, "quick": quick}
-    folder = open_output_folder(output or default_folder("blind", quick), overwrite, {"study": "blind", **settings})
+    settings = {
+        **asdict(trials),
+        **asdict(trials.numbers(quick)),
+        "only": ",".join(trials.only) or None,
+        "quick": quick,
+    }
+    key = {"study": "blind", **settings}
+    folder = open_output_folder(output or default_folder("blind", quick), overwrite, key)
+    manifest = Manifest(seed=trials.seed, settings=key, inputs=[known] if known else [])
     home = folder / "trials"
     home.mkdir(parents=True, exist_ok=True)
     earlier = read_known(known, todo)
@@ -113,5 +127,5 @@ def blind(
         raise StudyError(f"{folder}: no trial is there yet; run the same command without --report first")
     failures = {} if report else make_missing(run, home, jobs, len(todo), missing, "blind trials")
     homes = [home / plan.name for plan in todo if plan.name not in failures]
-    answer = write_report(folder, homes, failures, earlier)
+    answer = write_report(folder, homes, failures, earlier, manifest)
     return BlindTrials(len(todo), len(todo) - len(missing()), answer, failures)

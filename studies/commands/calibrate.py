@@ -61,7 +61,7 @@ class Fit:
     loss: Literal["weighted", "paper"] = "weighted"
     """weighted by the noise on coarse virtual fields, or the plain equilibrium gap"""
     scaling: Literal["frozen", "dependent"] = "frozen"
-    """of the paper's loss: scale of the nodal forces held, or following the model"""
+    """of --loss paper: scale of the nodal forces held, or following the model"""
     spacing: Positive | None = None
     """of the virtual fields, mm (default: from the noise)"""
     starts: Count = 20
@@ -131,16 +131,16 @@ def calibrate(
         OutputFolderError: the folder holds another run.
     """
     started = time.time()
-    options = fit.options(quick)
     if str(experiment) in homogeneous_curves.COLLECTIONS or experiment.suffix.lower() in TABLES:
         if pictures is not None:
             raise ConfigError("--pictures: not for curves of homogeneous tests; leave it out")
         return _of_curves(experiment, fit, quick, started, output, overwrite)
+    options = fit.options(quick)
     everything = chosen(Experiment.load(experiment), QUICK_PICTURES if quick and pictures is None else pictures)
     fitted = held_in(everything, fit.hold_out, fit.seed)
     settings = {"command": "calibrate", "quick": quick, "pictures": pictures, **asdict(fit)}
     manifest = Manifest(fit.seed, settings, [experiment], started)
-    key = {"command": "calibrate", **settings, "experiment": manifest.to_dict()["inputs"]}
+    key = {"command": "calibrate", **settings, "experiment": manifest.read_files}
     folder = open_output_folder(output or default_folder("calibrate", quick), overwrite, key)
     if (answer := earlier_answer(folder)) is not None:
         return Complete(folder, answer)
@@ -180,8 +180,7 @@ def _of_curves(
     manifest = Manifest(fit.seed, settings, [source] if source.suffix else [], started)
     named = str(source) in homogeneous_curves.COLLECTIONS
     curves = homogeneous_curves.load(str(source)) if named else read_curves(source)
-    record = manifest.to_dict()
-    key = {**settings, "curves": str(source), "inputs": record["inputs"]}
+    key = {**settings, "curves": source.name, "inputs": manifest.read_files}
     folder = open_output_folder(output or default_folder("calibrate", quick), overwrite, key)
     if (answer := earlier_answer(folder)) is not None:
         return Complete(folder, answer)

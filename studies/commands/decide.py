@@ -24,8 +24,7 @@ from studies.decide.expected_evidence import expected
 from studies.decide.programmes import Programme, loaded, recorded
 from studies.decide.report import Decision, SpecimenResult
 from studies.decide.rivals import Undecided, read
-from studies.design.candidates import file_name
-from studies.design.design_plan import Plan, SpecimenTable
+from studies.design.design_plan import Plan, SpecimenTable, file_name
 from studies.design.pulls_within_limits import limited_pull
 from studies.errors import DesignError
 from studies.output import Manifest, open_output_folder
@@ -86,7 +85,7 @@ def decide(
     folder = open_output_folder(output or default_folder("decide", quick), overwrite, key)
     tables = family.specimen if undecided.rivals else ()
     results = [_step(folder, t, undecided, family, time, beliefs) for t in track(tables, "specimens", unit="specimens")]
-    found = Decision(source.parent.name, undecided.rivals, tuple(results), undecided.unknown)
+    found = Decision(source.resolve().parent.name, undecided.rivals, tuple(results), undecided.unknown)
     return DecideOutcome(found, report.write(folder, found, manifest))
 
 

@@ -6,7 +6,6 @@ In: a design file, or none. Out: specimens ranked by the information that their 
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import resources
@@ -18,14 +17,13 @@ from cyclopts import Parameter
 from studies.commandline.option_types import Count, OutputFolder, Overwrite, default_folder
 from studies.commandline.outcome import Outcome
 from studies.design.candidates import family_of, judge, judge_all, load, rank, save
-from studies.design.design_plan import Plan, read_plan
+from studies.design.design_plan import OPTIMISED, Plan, read_plan
 from studies.design.pattern_search import Search, search
 from studies.design.report import Design, answers, summary, write_report
 from studies.design.validation import validate as validated
-from studies.output import Manifest, open_output_folder, write_json
+from studies.output import Manifest, open_output_folder, write_bytes, write_json
 
 QUICK_SPECIMENS = ("cross", "UT", "PS", "TTa", "TTe")  # of the file that is used where none is given
-OPTIMISED = "optimised"
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ def design(
     folder = open_output_folder(output or default_folder("design", quick), overwrite, key)
     manifest = Manifest(seed=plan.optimise.seed if plan.optimise else None, settings=key, inputs=[file] if file else [])
     if file is None:
-        shutil.copy(str(default_file()), folder / "plan.toml")
+        write_bytes(folder / "plan.toml", default_file().read_bytes())
     family = family_of(plan)
     candidates = judge_all(plan, folder / "candidates")
     ranking = rank(candidates, family)
@@ -86,7 +84,7 @@ def design(
         path = folder / "candidates" / f"{OPTIMISED}.json"
         if not path.exists():
             save(judge(OPTIMISED, found.specimen, plan), path)
-        optimised = rank([*(c for c in candidates if c.tested), load(path)], family).places[0]
+        optimised = next(iter(rank([*(c for c in candidates if c.tested), load(path)], family).places), None)
     checked = None
     if validate:
         checked = validated(ranking, plan, folder / "validation", optimised.candidate if optimised else None)

@@ -43,7 +43,7 @@ from studies.replay.twin_replay import twin_replay
 from studies.reports.alert_table import alert_lines
 from studies.reports.discovery.discovery_findings import no_time
 from studies.reports.discovery.discovery_findings import remarks as all_remarks
-from studies.reports.discovery.discovery_quality import discovery_headline
+from studies.reports.discovery.discovery_quality import discovery_headline, others_hold
 from studies.reports.discovery.model_files import extended, unexplained
 from studies.reports.discovery.replays.replayed_models import to_predict_with
 from studies.reports.discovery.report import write
@@ -89,7 +89,7 @@ class Discovered(Outcome):
         yield from (f"  {clause}." for clause in others)
         yield from use_of_models(self.view)
         yield from alert_lines(all_remarks(self.view))
-        if file := to_predict_with(self.view.discovery):
+        if others_hold(self.view) and (file := to_predict_with(self.view.discovery)):
             yield f"to predict with: {self.folder / file}"
         yield f"model: {self.folder / 'model.json'}"
         yield f"report: {self.report}"
@@ -131,8 +131,7 @@ def discover(
     }
     settings["priors"] = "(default)" if diagnosis.priors is None else str(diagnosis.priors)
     manifest = Manifest(diagnosis.seed, settings, [*experiments, *files, *filter(None, [diagnosis.priors])], started)
-    inputs = [f"{Path(name).name} {digest}" for name, digest in manifest.to_dict()["inputs"].items()]
-    key = {"command": "discover", **settings, "experiments": inputs}
+    key = {"command": "discover", **settings, "experiments": manifest.read_files}
     folder = open_output_folder(output or default_folder("discover", quick), overwrite, key)
     if (answer := earlier_answer(folder)) is not None:
         (folder / CHECKPOINT).unlink(missing_ok=True)

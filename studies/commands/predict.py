@@ -138,8 +138,10 @@ def predict(
         if pictures is not None:
             raise OptionError("--pictures belongs to --test; leave it out")
         return _curves(model, curves, output, overwrite)
-    if curves.against or curves.stretch or curves.duration:
-        raise OptionError("--against, --stretch and --duration belong to curves; leave them out where --test is given")
+    if curves != CurveOptions():
+        raise OptionError(
+            "--against, --stretch, --points and --duration belong to curves; leave them out where --test is given"
+        )
     return _forces(model, test, curves, pictures, output, overwrite)
 
 
@@ -148,9 +150,10 @@ def _curves(file: Path, options: CurveOptions, output: Path | None, overwrite: b
     law = DiagnosedLaw(model, options.duration) if isinstance(model, ExtendedModel) else model
     if options.duration and not (isinstance(model, ExtendedModel) and model.relaxes):
         raise OptionError(f"--duration: {file} does not relax; leave it out")
-    settings = {"command": "predict", "test": None, **asdict(options)}
-    manifest = Manifest(settings=settings, inputs=[file])
-    key = {"command": "predict", **settings, "model": list(manifest.to_dict()["inputs"].values())}
+    settings, compared = {"command": "predict", "test": None, **asdict(options)}, _compared_file(options)
+    manifest = Manifest(settings=settings, inputs=[file, *([compared] if compared else [])])
+    name = compared.name if compared else options.against
+    key = {**settings, "against": name, "model": list(manifest.to_dict()["inputs"].values())}
     _check_units(file, model, options)
     curves = predicted_curves(law, options.stretch, options.points, _known_stress(options))
     folder = open_output_folder(output or default_folder("predict"), overwrite, key)
@@ -169,11 +172,17 @@ def _forces(
     return PredictedForces(found, folder / "forces.csv", write_forces(folder, found, manifest))
 
 
+def _compared_file(options: CurveOptions) -> Path | None:
+    """The model file to compare with; None where it is a known material, or nothing."""
+    return Path(options.against) if options.against and options.against.endswith(".json") else None
+
+
 def _check_units(file: Path, model: Model | ExtendedModel, options: CurveOptions) -> None:
     """Raises `OptionError` for a law in MPa beside a model in N/mm, or a model file in another unit."""
     if options.against is None or options.parameter:
         return
-    unit = load_model(Path(options.against)).unit if options.against.endswith(".json") else "MPa"
+    compared = _compared_file(options)
+    unit = load_model(compared).unit if compared else "MPa"
     if unit != model.unit:
         raise OptionError(
             f"--against {options.against}: its stresses are in {unit}, those of {file} in {model.unit}; give its parameters in {model.unit} with "
@@ -183,8 +192,10 @@ def _check_units(file: Path, model: Model | ExtendedModel, options: CurveOptions
 
 def _known_name(options: CurveOptions) -> str | None:
     """The material to compare with and its parameters, which are the usual ones where none are given: 'neo-hooke (mu = 0.3)'."""
-    if options.against is None or options.against.endswith(".json"):
-        return options.against and Path(options.against).name
+    if compared := _compared_file(options):
+        return compared.name
+    if options.against is None:
+        return None
     values = read_material(options.against, dict(options.parameter)).to_dict()
     shown = ", ".join(f"{key} = {value:.4g}" for key, value in values.items() if key != "material")
     return f"{options.against.replace('_', '-')} ({shown})"
@@ -194,9 +205,12 @@ def _known_stress(options: CurveOptions) -> Callable[[str, Array, str], Array] |
     """Nominal stress (k,) in a mode at stretches (k,) along an axis of the material to compare with; of one with fibres along x, where the axis is none."""
     if options.against is None:
         return None
-    if options.against.endswith(".json") and isinstance(other := load_model(Path(options.against)), ExtendedModel):
+    if compared := _compared_file(options):
         if options.parameter:
             raise OptionError(f"--parameter does not apply to the model file {options.against}; leave it out")
+        other = load_model(compared)
+        if isinstance(other, Model):
+            return lambda mode, x, axis: other.homogeneous(mode, x)
         law = DiagnosedLaw(other, options.duration)
         return lambda mode, x, axis: law.homogeneous(mode, x, axis if axis in law.directions else law.directions[0])[1]
     slopes = MaterialDerivatives(read_material(options.against, dict(options.parameter)))

@@ -70,6 +70,6 @@ def transfer(
     settings = {"command": "transfer", "hold_out": hold_out, "spacing": spacing, "pictures": pictures}
     manifest = Manifest(settings=settings, inputs=[model, test])
     key = {**settings, "inputs": list(manifest.to_dict()["inputs"].values())}
-    found = transferred(e, law, rule, spacing)
     folder = open_output_folder(output or default_folder("transfer"), overwrite, key)
+    found = transferred(e, law, rule, spacing)
     return TransferOutcome(found, folder, report.write(folder, found, manifest))

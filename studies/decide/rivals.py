@@ -21,7 +21,7 @@ AGAIN = "run equigap discover again with this version"
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """truth: effects as they were fitted, taken as right; others: names of those that could as well be. now: ln evidence of the one against the other in
+    """truth: effects as they were fitted, taken as right; others: names of those that could as well be; either may be no effect at all. now: ln evidence of the one against the other in
     the test that was made, None where the other was not weighed."""
 
     truth: Additions
@@ -77,15 +77,11 @@ def read(path: Path) -> Undecided:
 def _rivals(evidence: Mapping[str, Any]) -> Iterator[Rivals]:
     """Pairs of explanations of more than `TIE`, then effects that lie in the span of another; each pair once for either taken as right."""
     known = {effect.name for effect in CATALOGUE}
-    likely = [
-        one
-        for one in evidence["explanations"]
-        if one["effects"] and not one["not_in_catalogue"] and one["probability"] > TIE
-    ]
+    likely = [one for one in evidence["explanations"] if not one["not_in_catalogue"] and one["probability"] > TIE]
     seen = set()
     for one in likely:
         truth = tuple(addition_from_dict(a)[0] for a in one["additions"])
-        if not truth:
+        if one["effects"] and not truth:
             continue
         others = [
             (tuple(other["effects"]), one["log_evidence"] - other["log_evidence"])

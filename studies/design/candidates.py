@@ -6,7 +6,7 @@ A candidate that cannot be tested keeps the reason instead.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from calibrate.errors import EquigapError
 from forward.errors import FormsCacheError, ForwardError, MissingSolverError
 from meshes import Specimen, specimen_from_dict
 from meshes.errors import MeshError
-from studies.design.design_plan import Plan
+from studies.design.design_plan import Plan, file_name
 from studies.design.expected_information import equation_information, test_information
 from studies.design.information import Criteria, Information
 from studies.design.law_family import LawFamily
@@ -52,8 +52,8 @@ class End:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A judged specimen. test, equations: information of the test, and of the equations of a calibration; None where it is not feasible, for
-    the reason given; tested: its data exist. states (s, 2): I1 and I2 that it reaches, in equal shares of area and picture."""
+    """A judged specimen. test, equations: information of the test, and of the equations of a calibration; None where there is none, for
+    the reason given; without the first it is not feasible; tested: its data exist. states (s, 2): I1 and I2 that it reaches, in equal shares of area and picture."""
 
     title: str
     specimen: Specimen
@@ -79,17 +79,30 @@ def family_of(plan: Plan) -> LawFamily:
 
 
 def judge(title: str, specimen: Specimen, plan: Plan, tested: bool = False, equations: bool = True) -> Candidate:
-    """Pull a specimen as far as the limits allow and find what it would tell. Without `equations` in a tenth of the time."""
+    """Pull a specimen as far as the limits allow and find what it would tell. Without `equations` in a tenth of the time. tested: it was on a machine,
+    whatever this one allows."""
     family = family_of(plan)
+
+    def tell() -> tuple[Pull, Information]:
+        pull = limited_pull(specimen, family.base, plan, tested=tested)
+        return pull, test_information(pull, family.base, family, plan)
+
+    found, reason = _attempt(tell)
+    if found is None:
+        return Candidate(title, specimen, tested, reason=reason)
+    pull, test = found
+    calibration, reason = _attempt(lambda: equation_information(pull, family, plan)) if equations else (None, "")
+    return Candidate(title, specimen, tested, End.of(pull), test, calibration, reached_states(pull), reason)
+
+
+def _attempt[T](make: Callable[[], T]) -> tuple[T | None, str]:
+    """What is made, or why it cannot be."""
     try:
-        pull = limited_pull(specimen, family.base, plan)
-        test = test_information(pull, family.base, family, plan)
-        calibration = equation_information(pull, family, plan) if equations else None
+        return make(), ""
     except (FormsCacheError, MissingSolverError):
         raise  # of the machine, and of no specimen
     except (DesignError, MeshError, ForwardError, EquigapError) as error:
-        return Candidate(title, specimen, tested, reason=str(error))
-    return Candidate(title, specimen, tested, End.of(pull), test, calibration, reached_states(pull))
+        return None, str(error)
 
 
 def reached_states(pull: Pull) -> Array:
@@ -110,11 +123,6 @@ def judge_all(plan: Plan, folder: Path) -> list[Candidate]:
             save(judge(table.title, table.read(), plan, table.tested), path)
         found.append(load(path))
     return found
-
-
-def file_name(title: str) -> str:
-    """A title as part of a file name."""
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in title)
 
 
 def save(candidate: Candidate, path: Path) -> None:

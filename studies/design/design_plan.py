@@ -22,6 +22,7 @@ from pydantic import (
 )
 
 from calibrate.equations.deformation_modes import MODES
+from forward.errors import MaterialError
 from forward.materials import MATERIALS, Material, material_from_dict
 from forward.materials.network_energy import Pann
 from meshes import Specimen, specimen_from_dict
@@ -30,9 +31,15 @@ from meshes.known_specimens import SPECIMENS
 from studies.commandline.option_types import nearest
 from studies.errors import DesignError
 
+OPTIMISED = "optimised"  # the result of a search
 STRETCHES = {"uniaxial": 2.0, "equibiaxial": 1.6, "pure_shear": 1.9}
 Range = Annotated[tuple[float, float], Field(strict=False)]
 AXES = {"left": 0, "right": 0, "bottom": 1, "top": 1}
+
+
+def file_name(title: str) -> str:
+    """A title as part of a file name."""
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in title)
 
 
 class Table(BaseModel):
@@ -167,6 +174,13 @@ class Plan(Table):
             raise ValueError(f"specimen '{min(twice)}' is there twice; give each a name of its own")
         if not titles:
             raise ValueError("there is no [[specimen]] to choose from")
+        files = {OPTIMISED: "the result of [optimise]"} if self.optimise else {}
+        for title in titles:
+            other = files.setdefault(file_name(title), f"'{title}'")
+            if other != f"'{title}'":
+                raise ValueError(f"specimen '{title}' would have the files of {other}; give it another name")
+        if not self.stretches:
+            raise ValueError(f"stretches: there is none; give stretches above 1 of {', '.join(MODES)}, or leave it out")
         for mode, stretch in self.stretches.items():
             if mode not in MODES or not stretch > 1:
                 raise ValueError(f"stretches: {mode} = {stretch:g}; give stretches above 1 of {', '.join(MODES)}")
@@ -200,6 +214,10 @@ def checked(content: Mapping[str, Any], source: str) -> Plan:
         raise DesignError(f"{source}: {'; '.join(_complaint(item) for item in error.errors())}") from error
     except SpecimenError as error:
         raise DesignError(f"{source}: {error}") from error
+    try:
+        plan.validation.read()
+    except MaterialError as error:
+        raise DesignError(f"{source}: [validation] truth: {error}") from error
     return plan
 
 

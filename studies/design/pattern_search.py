@@ -54,7 +54,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Search:
-    """A search that came to its end: every evaluation in order, and the specimen of the best."""
+    """A search that came to its end: the evaluations of different specimens in order, and the specimen of the best."""
 
     evaluations: list[Evaluation]
     specimen: Specimen
@@ -79,7 +79,8 @@ def search(plan: Plan, candidates: Sequence[Candidate], folder: Path) -> Search:
         start = points[int(np.argmin([e.score for e in score.evaluations]))]
         if np.isfinite(min(e.score for e in score.evaluations)):
             simplex = np.vstack([start, start + SIMPLEX * np.diag(np.where(start + SIMPLEX <= 1, 1.0, -1.0))])
-            options = {"maxfev": table.evaluations - spread, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 0.0}
+            most = table.evaluations - spread + 1  # the start again
+            options = {"maxfev": most, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 0.0}
             minimize(score, start, method="Nelder-Mead", bounds=[(0, 1)] * len(low), options=options)
     best = min(score.evaluations, key=lambda e: e.score)
     if not np.isfinite(best.score):
@@ -112,9 +113,11 @@ class _Score:
         path = self.folder / f"{key_hash(values)}.json"
         if not path.exists():
             write_json(path, self.evaluate(values).to_dict())
-        self.evaluations.append(Evaluation.from_dict(json.loads(path.read_text())))
-        self.progress.update()
-        return self.evaluations[-1].score
+        found = Evaluation.from_dict(json.loads(path.read_text()))
+        if found not in self.evaluations:
+            self.evaluations.append(found)
+            self.progress.update()
+        return found.score
 
     def evaluate(self, values: dict[str, float]) -> Evaluation:
         """Mesh, pull and judge."""

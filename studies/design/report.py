@@ -13,8 +13,8 @@ from calibrate.equations.deformation_modes import TITLES
 from meshes import Specimen
 from meshes.drawing import CUT, read_curves, write_drawing
 from studies.design import figures
-from studies.design.candidates import Candidate, Place, Ranking, file_name
-from studies.design.design_plan import Plan
+from studies.design.candidates import Candidate, Place, Ranking
+from studies.design.design_plan import Plan, file_name
 from studies.design.pattern_search import Search
 from studies.design.validation import Validation
 from studies.output import Manifest, atomic_path, write_csv
@@ -117,6 +117,7 @@ def pulls(places: Sequence[Place]) -> list[tuple[Any, ...]]:
 def _add_candidates(report: Report, ranking: Ranking, folder: Path, manifest: Manifest) -> None:
     report.heading("Candidates").table(columns(ranking), rows(ranking.places), WORDS.candidates_table())
     report.table(PULLS, pulls(ranking.places), WORDS.pulls_table())
+    _add_without_equations(report, ranking.places)
     table = folder / "table.csv"
     whole = [(*told, *pulled[2:]) for told, pulled in zip(rows(ranking.places), pulls(ranking.places), strict=True)]
     write_csv(table, (*columns(ranking), *PULLS[2:]), whole)
@@ -134,20 +135,28 @@ def _add_candidates(report: Report, ranking: Ranking, folder: Path, manifest: Ma
         report.figure(picture, getattr(WORDS, f"{name}_figure")())
 
 
+def _add_without_equations(report: Report, places: Sequence[Place]) -> None:
+    """Why the equations of some tell nothing."""
+    failed = [(place.candidate.title, place.candidate.reason) for place in places if place.candidate.reason]
+    if failed:
+        report.table(("specimen", "why"), failed, WORDS.without_equations())
+
+
 def _add_search(report: Report, design: Design, folder: Path, manifest: Manifest) -> None:
     search, place, ranking = design.search, design.optimised, design.ranking
     assert search is not None and place is not None and design.plan.optimise is not None
     assert place.candidate.states is not None
-    best = ranking.places[0]
+    best = next(iter(ranking.places), None)
     report.heading("Optimised specimen").paragraph(
         WORDS.search(
             kind=design.plan.optimise.kind, evaluations=len(search.evaluations), overall=place.test.overall,
             feasible=int(np.isfinite([e.score for e in search.evaluations]).sum()),
-            best=best.candidate.title, best_overall=best.test.overall,
+            best=best and best.candidate.title, best_overall=best and best.test.overall,
         )
     )  # fmt: skip
     report.table(columns(ranking), rows([place]), WORDS.optimised_table())
     report.table(PULLS, pulls([place]), WORDS.pulls_table())
+    _add_without_equations(report, [place])
     report.table(("dimension", "value"), list(search.best.values.items()))
     picture = folder / "search.png"
     figures.search_figure(picture, search.evaluations, search.specimen, place.candidate.states, ranking.family.tops)
@@ -242,6 +251,7 @@ def _record(place: Place) -> dict[str, Any]:
         "title": candidate.title,
         "specimen": candidate.specimen.to_dict(),
         "end": None if candidate.end is None else dict(vars(candidate.end)),
+        "reason": candidate.reason,
         "test": place.test.to_dict(),
         "equations": None if place.equations is None else place.equations.to_dict(),
     }

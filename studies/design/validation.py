@@ -34,8 +34,8 @@ from forward.materials import Material
 from forward.sheet.plane_stress import solve
 from meshes.errors import MeshError
 from studies.accuracy.metrics import relative_rms_error
-from studies.design.candidates import Candidate, Ranking, file_name
-from studies.design.design_plan import Plan
+from studies.design.candidates import Candidate, Ranking
+from studies.design.design_plan import Plan, file_name
 from studies.design.expected_information import camera_mesh
 from studies.design.law_family import LawFamily
 from studies.design.pulls_within_limits import meshed, view_of

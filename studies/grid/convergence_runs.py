@@ -28,7 +28,7 @@ from meshes import Cross, quads
 from meshes.extrusion import extrude
 from studies.accuracy.epsilon import epsilon_field
 from studies.errors import WorkflowError
-from studies.grid.presets.thickness_results import arm_forces
+from studies.grid.presets.thickness_results import arm_forces, hole_edge
 from studies.output import write_json
 from studies.reports.solid_pictures import pressure_jumps
 
@@ -186,12 +186,6 @@ def plane_solution(folder: Path, run: Run, mesh: Any) -> SurfaceSolution:
         pull = Loading.clamped(Cross.loaded, DISPLACEMENT)
         plane_stress.solve(mesh, ArrudaBoyce(), pull, INCREMENTS).save(path)
     return SurfaceSolution.load(path)
-
-
-def hole_edge(mesh: Any) -> float:
-    """Mean length, mm, of the edges on the rims of holes, as the mesh has them and not as they were asked for."""
-    rims = np.concatenate([edges for name, edges in mesh.boundaries.items() if name.startswith("hole_")])
-    return float(np.linalg.norm(mesh.points[rims[:, 1]] - mesh.points[rims[:, 0]], axis=1).mean())
 
 
 def deviations(plane: Any, solid: Any) -> dict[str, float]:

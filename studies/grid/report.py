@@ -18,7 +18,6 @@ from studies.output.scene import Scene
 from studies.output.words import Words
 
 COMMON = Words("grid")
-ENOUGH_SEEDS = 10
 
 
 class Part(Protocol):
@@ -97,11 +96,12 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A report. question: what the study asks."""
+    """A report. question: what the study asks. enough_seeds: with fewer it says that it is a reduced run."""
 
     title: str
     question: str
     sections: Sequence[Section]
+    enough_seeds: int = 10
 
 
 def claims_section(claims: Sequence[Claim]) -> Section:
@@ -128,7 +128,7 @@ def write(results: StudyResults, page: Page) -> Path:
     settings = results.settings
     manifest = Manifest(seed=list(settings.seeds), settings=asdict(settings), inputs=results.inputs())
     report = Report(page.title, page.question)
-    if len(settings.seeds) < ENOUGH_SEEDS:
+    if len(settings.seeds) < page.enough_seeds:
         report.paragraph(COMMON.reduced(seeds=len(settings.seeds)))
     for section in track(page.sections, "report", len(page.sections), "sections"):
         if section.heading:

@@ -19,7 +19,7 @@ from studies.importers.text_tables import read_table, read_words
 Array = NDArray[np.float64]
 MODES = {
     "uniaxial": ("uniaxial", "ut", "tension", "uniaxial tension", "simple tension"),
-    "equibiaxial": ("equibiaxial", "equi biaxial", "et", "eb", "biaxial", "equibiaxial tension"),
+    "equibiaxial": ("equibiaxial", "equi biaxial", "et", "eb", "equibiaxial tension"),
     "pure_shear": ("pure shear", "ps", "planar", "planar tension"),
 }
 STRESS_UNITS = {"MPa": 1.0, "kPa": 1e-3, "Pa": 1e-6, "N/mm2": 1.0, "N/mm^2": 1.0, "psi": 6.894757293168e-3}
@@ -34,7 +34,8 @@ OTHERS = (
     "second",
     "pk2",
 )  # in names of measures that are not nominal
-NOISE = 0.02  # of the largest stress, and of a stretch: smaller ones have any sign
+NOISE = 0.02  # of the largest stress, and of a stretch: smaller ones have any sign, and any order
+NEAR_REST = 0.2  # of the strains of a mode, above the least: a row that falls back to there begins another pull
 NEEDED = "columns mode, stretch (or strain), stress_MPa; mode is uniaxial, equibiaxial or pure_shear"
 
 
@@ -61,6 +62,7 @@ def read_curves(path: str | Path) -> Curves:
     curves = {}
     for name in dict.fromkeys(modes):
         own = np.array([one == name for one in modes])
+        _check_order(path, np.flatnonzero(own), x[own])
         order = np.argsort(x[own], kind="stable")
         curves[name] = (x[own][order], P[own][order])
     check_curves(curves)
@@ -78,6 +80,26 @@ def _check_signs(path: Path, stretch: Array, stress: Array) -> None:
             f"{path}, row {k + 1} below the header: a stress of {stress[k]:.4g} MPa at a stretch of {stretch[k]:.4g} has the wrong sign; "
             "a pull is positive, and a stretch 1 at rest. Correct the sign, name strain in its column, or leave the row out"
         )
+
+
+def _check_order(path: Path, rows: NDArray[np.int64], stretch: Array) -> None:
+    """Raises `FileFormatError` where the stretch (k,) of one mode, at rows (k,) of the file, turns back by more than noise.
+
+    One step back, after rows that rise, to the least strains of the mode, or from tension to compression, begins a pull of its own; each pull rises, or falls, throughout.
+    """
+    noise, strain = NOISE * float(np.ptp(stretch)), np.abs(stretch - 1)
+    step, low = np.diff(strain), strain.min() + NEAR_REST * float(np.ptp(strain))
+    anew = (step < -noise) & (np.append(-np.inf, step)[:-1] > -noise) & (strain[1:] <= low)
+    begins = anew | ((stretch[1:] - 1) * (stretch[:-1] - 1) < 0)
+    for pull, numbers in zip(*(np.split(v, np.flatnonzero(begins) + 1) for v in (stretch, rows)), strict=True):
+        falls = np.maximum.accumulate(pull) - pull > noise
+        rises = pull - np.minimum.accumulate(pull) > noise
+        if falls.any() and rises.any():
+            k = max(int(falls.argmax()), int(rises.argmax()))
+            raise errors.FileFormatError(
+                f"{path}, row {numbers[k] + 1} below the header: the stretch turns back, from {pull[k - 1]:.4g} to {pull[k]:.4g}. A curve is one way: what is lost between loading and "
+                "unloading would be averaged. Leave out the way back; rows of one way that are out of order, sort by stretch"
+            )
 
 
 def _no_table(path: Path) -> str:
@@ -122,6 +144,11 @@ def _mode(path: Path, row: int, word: str) -> str:
     for mode, names in MODES.items():
         if spelled in names:
             return mode
+    if spelled == "biaxial":
+        raise errors.FileFormatError(
+            f"{path}, row {row} below the header: mode '{word}' does not say whether both stretches are the same; name it equibiaxial where they are, "
+            "other biaxial tests need a full field"
+        )
     raise errors.FileFormatError(
         f"{path}, row {row} below the header: mode '{word}' is none of {', '.join(MODES)}; other tests need a full field"
     )

@@ -55,6 +55,11 @@ class Manifest:
             "wall_seconds": round(now - self.started, 2),
         }
 
+    @property
+    def read_files(self) -> list[str]:
+        """'NAME SHA-256' of every input: what a run is known by, wherever its files lie."""
+        return [f"{Path(path).name} {file_hash(path)}" for path in self.inputs]
+
     def beside(self, *outputs: str | Path, **results: Any) -> Path:
         """Write NAME.json beside `outputs` (named after the first) and return its path.
 

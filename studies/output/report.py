@@ -79,11 +79,13 @@ class _Picture:
 class Report:
     """A report with a title. Every method returns the report, so that calls can be chained.
 
-    All text is escaped: it may contain any character. subtitle: what and how, in one line.
+    All text is escaped: it may contain any character. subtitle: what and how, in one line. pictures: files that were inlined, for the
+    manifest.
     """
 
     title: str
     subtitle: str = ""
+    pictures: list[Path] = field(default_factory=list, init=False)
     _parts: list[Any] = field(default_factory=list, repr=False)
 
     def heading(self, text: str) -> Self:
@@ -107,6 +109,7 @@ class Report:
             raise ReportError(f"{path}: cannot be read ({error.strerror}); draw the figure first") from error
         pixels = int.from_bytes(content[16:20]) if content.startswith(PNG) else 0
         self._parts.append(_Picture(content, MIME[path.suffix.lower()], _set(caption), round(pixels / DENSITY)))
+        self.pictures.append(path)
         return self
 
     def table(self, columns: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "") -> Self:

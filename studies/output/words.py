@@ -57,7 +57,8 @@ def probability_text(share: float) -> str:
 
 def digits(value: float, places: int = 3) -> str:
     """A number to so many significant digits; below a million all that stand before the point."""
-    return f"{value:.0f}" if 10.0**places <= abs(value) < 1e6 else f"{value:.{places}g}"
+    rounded = abs(float(f"{value:.{places - 1}e}"))  # 999.7 is 1000
+    return f"{value:.0f}" if 10.0**places <= rounded and abs(value) < 1e6 else f"{value:.{places}g}"
 
 
 def digits_if_any(value: float | None) -> str | None:

@@ -1,7 +1,7 @@
 """A calibration, polished: the network of the equilibrium gap in, the polished one with its covariance out, or the first and why it was kept.
 
 The rule: the polished model is kept if the polish converged to a lower chi-square and, where increments were held out, their replay with the motion of the grips as measured
-has no larger chi-square than before, by the weights of the unpolished model.
+has no larger chi-square than before, both by the weights of the unpolished model.
 """
 
 from __future__ import annotations
@@ -68,17 +68,18 @@ def _judged(calibration: Calibration, test: ReplayedTest, found: Polished, held_
     law = found.after.point.law
     assert isinstance(law, NetworkLaw)
     model = _with_covariance(law, found.after, test.noise_is_known)
+    reached = replace(found.after, weights=found.before.weights)
     record = PolishRecord(
         Kept.POLISHED,
         calibration.model,
         model,
         found.iterations,
         _errors(test, found.before),
-        _errors(test, found.after),
+        _errors(test, reached),
     )
     if not found.reason.is_success:
         return replace(record, kept=Kept.NOT_CONVERGED, detail=str(found.reason))
-    if not found.after.chi_square < found.before.chi_square:
+    if not reached.chi_square < found.before.chi_square:
         return replace(record, kept=Kept.NO_GAIN)
     if held_out is None:
         return record

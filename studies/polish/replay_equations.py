@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.measurement import first_of_cell
 from calibrate.data.triangulation import signed_areas
 from calibrate.equations import noise_covariance
 from calibrate.equations.basis import SingleBasis
@@ -114,11 +115,13 @@ class ReplayedTest:
 
     @cached_property
     def measured_forces(self) -> Array:
-        """(t, sides * 2), N; NaN where not measured, along an edge that slides, and where the section carries an unknown part."""
+        """(t, sides * 2), N; NaN where not measured, along an edge that slides, where the section carries an unknown part, and where the cell of another
+        side has read it already."""
         held = np.array([b.held for b in self.experiment.loaded])
         forces = np.stack([b.force for b in self.experiment.loaded], axis=1)
         known = held & (not self.experiment.level_is_nominal)
-        return np.where(known, forces, np.nan).reshape(len(forces), -1)
+        forces = np.where(known, forces, np.nan)
+        return np.stack([first_of_cell(forces[..., i]) for i in (0, 1)], axis=2).reshape(len(forces), -1)
 
     @cached_property
     def _sides(self) -> Array:
@@ -240,7 +243,7 @@ class ReplayedTest:
         spreads = np.array([self._spread(*each) for each in zip(self.observed, held, strict=True)])
         size = np.abs(np.nan_to_num(self.measured_forces))
         deviations = np.zeros(known.shape)
-        deviations[:, -size.shape[1] :] = self.noise.force_std_relative * size + self.noise.force_std
+        deviations[:, -size.shape[1] :] = self.noise.force_deviation(size)
         own, common = (part(self.experiment, self.noise) for part in (own_between, common_between))
         every = np.ones(len(own), bool)
         noise = EquationNoise(spreads, np.eye(len(own)), own, common, np.eye(known.shape[1]), deviations, every)

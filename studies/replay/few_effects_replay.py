@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import prior_deviations
-from calibrate.diagnosis.parameters import not_distinct_from_null
+from calibrate.diagnosis.parameters import is_null
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.replayed.few_effects import Candidate, FewEffects, FittedSet, few_effects
 from calibrate.diagnosis.replayed.observations import ReplayErrors
@@ -122,7 +122,7 @@ def _with_memory_of(found: Additions, additions: Additions) -> Additions:
 def _without_weak(replays: Replays, found: Updated, known: UpdatePriors, of_memory: bool) -> Updated:
     """Fitted again without effects with a memory that the forces do not tell from none."""
     pairs = list(zip(found.additions, found.deviations, strict=True))
-    strong = tuple(a for a, d in pairs if not (a.effect.remembers and not_distinct_from_null(a, d)))
+    strong = tuple(a for a, d in pairs if not (a.effect.remembers and is_null(a, np.diag(np.square(d)))))
     if len(strong) == len(pairs):
         return found
     again = update(replays, found.c, strong, known, (), of_memory)

@@ -21,6 +21,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment, Noise
+from calibrate.data.measurement import one_cell
 from calibrate.equations import noise_covariance
 from calibrate.equations.virtual_fields import default_spacing
 from forward.sheet.adjoint import AdjointLaw
@@ -176,10 +177,9 @@ class _Linear:
         sources = np.concatenate([(B.T @ spread[..., i].reshape(k * rows, -1).T).T for i in (0, 1)], axis=1)
         between = noise_covariance.between_increments(e, noise)
         found = (sources @ sources.T).reshape(k, rows, k, rows) * between[:, None, :, None]
-        deviation = noise.force_std_relative * np.abs(measured[:, :first]) + noise.force_std
-        cells = _one_cell(measured[:, :first])
+        deviation = noise.force_deviation(measured[:, :first])
         for i in range(k):
-            found[i, :first, i, :first] += cells * np.outer(deviation[i], deviation[i])
+            found[i, :first, i, :first] += np.diag(deviation[i] ** 2)
         return found.reshape(k * rows, -1)
 
 
@@ -189,13 +189,6 @@ def noise_of(experiment: Experiment) -> Noise:
     if noise is not None and noise.displacement_std > 0:
         return noise
     return noise_covariance.default_noise(experiment, default_spacing(experiment))
-
-
-def _one_cell(forces: Array) -> Array:
-    """Correlation of the errors of forces (k, f): those that are opposite in every increment were read by one cell."""
-    found = np.eye(forces.shape[1])
-    sums = np.abs(forces[:, :, None] + forces[:, None]).max(axis=0, initial=0.0)
-    return found - (sums < noise_covariance.ONE_CELL * np.abs(forces).max(axis=0, initial=0.0))
 
 
 def forces_known(experiment: Experiment) -> Mask:
@@ -210,6 +203,7 @@ def _sides(experiment: Experiment, chosen: NDArray[np.int64]) -> tuple[tuple[int
     if experiment.level_is_nominal:
         return ()
     found: list[tuple[int, int]] = []
+    cells = [one_cell(np.stack([b.force[:, axis] for b in experiment.loaded], axis=1)) for axis in (0, 1)]
     largest = max(float(np.nanmax(np.abs(b.force), initial=0.0)) for b in experiment.loaded)
     for i, b in enumerate(experiment.loaded):
         for axis in (0, 1):
@@ -220,11 +214,7 @@ def _sides(experiment: Experiment, chosen: NDArray[np.int64]) -> tuple[tuple[int
                 or np.nanmax(np.abs(force)) <= NOTHING * largest
             ):
                 continue
-            others = [experiment.loaded[j].force[:, a] for j, a in found if a == axis]
-            if not any(
-                np.nanmax(np.abs(force + other)) < noise_covariance.ONE_CELL * np.nanmax(np.abs(force))
-                for other in others
-            ):
+            if not any(a == axis and cells[axis][i, j] for j, a in found):
                 found.append((i, axis))
     return tuple(found)
 

@@ -38,6 +38,7 @@ class Reason(Macro):
     RIM = "only_ratios"
     ASK_RIM = "is_the_force_that_of_the_section"
     UNEXPLAINED = "unexplained"
+    UNCONVERGED = "unconverged"
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class Quality:
     what noise alone would make of it, None where it is unknown; held_error: on increments held out, None where none were;
     neo_hooke_error: of the best single modulus, NaN where it is not known. attenuation: factor by which noise lowers the stiffness, and
     whether the stiffness was raised by it. relative_deviation: of the initial shear modulus. imbalance: of the measured forces, over the
-    largest, None where they balance. alike: of so many starts, those that ended as low as the best. unexplained: whether a diagnosis found nothing that explains the test, unconverged: and its last fit would still change."""
+    largest, None where they balance. alike: of so many starts, those that ended as low as the best. unexplained: whether a diagnosis found nothing that explains the test; unconverged: whether its last fit would still change."""
 
     signals: tuple[StrainSignal, ...]
     level_is_nominal: bool
@@ -147,7 +148,9 @@ def _found(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:
     if q.imbalance is not None:
         yield False, _finding(Reason.IMBALANCE, share=q.imbalance)
     if q.unexplained:
-        yield q.unconverged, _finding(Reason.UNEXPLAINED, unconverged=q.unconverged)
+        yield False, _finding(Reason.UNEXPLAINED)
+    if q.unconverged:
+        yield q.unexplained, _finding(Reason.UNCONVERGED)
 
 
 def _of_forces(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:

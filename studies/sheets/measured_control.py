@@ -21,6 +21,7 @@ from calibrate.effects.chain import Chain
 from calibrate.equations import reduction
 from calibrate.equations.equilibrium import Equilibrium
 from calibrate.equations.weights import weights_of
+from calibrate.errors import ExperimentError
 from studies.sheets.sheet_results import ControlResult, EffectScore
 
 Array = NDArray[np.float64]
@@ -29,9 +30,13 @@ AROUND = (-3, -1, 1, 3)  # even pictures around an odd one
 
 def groups(time: Array, count: int) -> list[int]:
     """Numbers of the frames k - 3, k - 1, k, k + 1, k + 3 for at most `count` odd k spread over the record time (t,),
-    s, none across a gap and no frame twice."""
+    s, none across a gap and no frame twice. Raises `ExperimentError` where there is none."""
     interval = np.median(np.diff(time))
     odd = [k for k in range(3, len(time) - 3, 2) if time[k + 3] - time[k - 3] < 6.5 * interval]
+    if not odd:
+        raise ExperimentError(
+            f"the control needs a picture with three on either side and no gap between: {len(time)} pictures have none; record more of them, evenly in time"
+        )
     chosen: list[int] = []
     for i in np.unique(np.linspace(len(odd) // 8, len(odd) - 1, count).astype(int)):
         if not chosen or odd[i] - chosen[-1] > 6:

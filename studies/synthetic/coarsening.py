@@ -61,13 +61,13 @@ class Coarsening:
 
         Averages over the specimen: at its edges the projected noise is a little larger.
         """
-        if self.identity:
+        if self.identity or not noise.displacement_std > 0:
             return noise
         factor = noise_covariance.factor_of_points(self.fine_points, noise)
         samples = self.project(factor @ stream(seed).standard_normal((factor.shape[1], SAMPLES)))
         std, length = covariance_fit(self.mesh.points, samples, noise.correlation_length)
         return replace(
-            noise.scaled(std / max(noise.displacement_std, 1e-300)),
+            noise.scaled(std / noise.displacement_std),
             correlation_length=length,
             second_length=0.0,
             second_share=0.0,

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from dataclasses import Field as DataField
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from forward.errors import MaterialError
 from forward.materials import Material
@@ -56,6 +56,12 @@ class History(BaseModel):
     viscosity: dict[str, Any] | None = None
     permanent_set: dict[str, Any] | None = None
     bulk_modulus: float | None = None
+
+    @model_validator(mode="after")
+    def _one_factor_a_time(self) -> Self:
+        if len(self.times) != len(self.factors):
+            raise ValueError(f"{len(self.times)} times, but {len(self.factors)} factors; give one factor at each time")
+        return self
 
     @property
     def readings(self) -> list[tuple[float, float]]:
@@ -140,4 +146,4 @@ def _complaint(item: Mapping[str, Any]) -> str:
     place = ".".join(str(part) for part in item["loc"])
     if item["type"] == "extra_forbidden":
         return f"unknown key '{place}'{nearest(place, History.model_fields)}"
-    return f"{place}: {item['msg']}"
+    return f"{place or 'times'}: {item['msg'].removeprefix('Value error, ')}"

@@ -137,8 +137,9 @@ class Lag(Disturbance):
 
 
 def _largest_direction(force: Array) -> Array:
-    """Direction (2,) of the largest of the forces (t, 2), N."""
-    return np.asarray(force[_sizes(force).argmax()] / _sizes(force).max())
+    """Direction (2,) of the largest of the forces (t, 2), N; none of a grip without a force."""
+    sizes = _sizes(force)
+    return np.asarray(force[sizes.argmax()] / sizes.max()) if sizes.any() else np.zeros(2)
 
 
 def _sizes(force: Array) -> Array:

@@ -2,8 +2,8 @@
 
 In: a model on a test, increments that are fitted. Out: `StiffnessMap`.
 
-The factors k of a grid minimise |sum_q k_q w_q - F|^2 / |F|^2 + weight |gradient k|^2, w_q the virtual work of the model's stress times the hat of node
-q. The weight is the one that predicts best virtual fields that were left out (cross-validation; Stone 1974). The map counts where the mean squared error of
+The factors k of a grid minimise the sum over the increments of |sum_q k_q w_q - F|^2 / |F|^2, F the forces of the increment and w_q the virtual work of the model's
+stress times the hat of node q, plus weight^2 times that of (k_q - k_r)^2 over all neighbours q, r whose hats overlap, along diagonals, too. The weight is the one that predicts best virtual fields that were left out (cross-validation; Stone 1974). The map counts where the mean squared error of
 fields that it does not know is smaller than that of the same stiffness everywhere by a share `LESS`. The fields are divided into `FOLDS` parts, each of which is
 predicted by the others, with a weight that these have chosen; and that `DIVISIONS` times, as one division may be lucky (repeated cross-validation; Burman 1989).
 """
@@ -59,11 +59,10 @@ def stiffness_map(applied: Applied, fitted: Mask) -> StiffnessMap:
     system = applied.chain.system
     longest = float(np.ptp(system.experiment.points, axis=0).max())
     work, loads, hats = _work_by_place(applied, max(CELL * system.fields.spacing, longest / MOST))
-    size = np.linalg.norm(loads[:, np.tile(system.fields.boundary >= 0, 2)], axis=1)
-    scale = np.maximum(size, SMALL * size.max())[:, None]
-    A, b = work / scale[..., None], loads / scale
-    known = np.isfinite(system.loads).all(axis=0)
+    known = np.isfinite(system.loads)
     inner = np.tile(system.fields.boundary < 0, 2) & known
+    scale = _sizes(work, loads, known & ~inner)[:, None]
+    A, b = work / scale[..., None], loads / scale
     grips = _with_level(_normal(A, b, fitted, known & ~inner))
     D = _differences(hats)
     rng, divisions = np.random.default_rng(0), []
@@ -98,9 +97,17 @@ class _Normal:
 
 
 def _normal(A: Array, b: Array, increments: Mask, rows: Mask) -> _Normal:
-    """Of some increments (t,) and rows (2 v,)."""
-    A, b = A[increments][:, rows].reshape(-1, A.shape[-1]), b[increments][:, rows].ravel()
+    """Of some increments (t,) and rows (t, 2 v)."""
+    A, b = A[rows & increments[:, None]], b[rows & increments[:, None]]
     return _Normal(A.T @ A, A.T @ b, float(b @ b))
+
+
+def _sizes(work: Array, loads: Array, grips: Mask) -> Array:
+    """Norm of the forces of each increment (t,), N, at least `SMALL` of the largest. grips (t, 2 v): which are known; one that is known in other increments
+    alone is taken from the model."""
+    forces = np.where(grips, loads, work.sum(axis=-1)) * grips.any(axis=0)
+    size = np.linalg.norm(forces, axis=1)
+    return np.maximum(size, SMALL * size.max())
 
 
 def _with_level(grips: _Normal) -> _Normal:

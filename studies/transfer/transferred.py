@@ -47,7 +47,7 @@ class ForceAndField(Plain):
 @dataclass(frozen=True)
 class Row(Plain):
     """Errors of one variant. stiffness, relaxation: factors on those of the model, None where there is no such factor. over_increments (t,): norm of
-    the force errors over that of the largest measured force."""
+    the force errors over that of the largest measured force; NaN where none is known."""
 
     name: str
     stiffness: float | None
@@ -108,14 +108,14 @@ def transfer(
     applied = model.applied_to(e, spacing)
     system = applied.chain.system
     loaded = grip_rows(system)
-    if not loaded.any() or not np.abs(system.loads[fitted][:, loaded]).max(initial=0.0) > 0:
-        raise errors.FitError(
-            f"{e.name}: no force is known in the increments that are fitted, so that no factor can be found"
-        )
+    loads = np.where(loaded, system.loads, 0.0)
+    for part, words in ((fitted, "fitted, so that no factor can be found"), (~fitted, "held out, by which to judge")):
+        if not loads[part].any():
+            raise errors.FitError(f"{e.name}: no force is known in the increments that are {words}")
+    size, is_known = np.linalg.norm(loads, axis=1).max(), loaded.any(axis=1)
 
     def row(name: str, residual: Array, stiffness: float | None = None, relaxation: float | None = None) -> Row:
-        size = np.linalg.norm(system.loads[:, loaded], axis=1).max()
-        over = np.linalg.norm(residual[:, loaded], axis=1) / size
+        over = np.where(is_known, np.linalg.norm(np.where(loaded, residual, 0.0), axis=1) / size, np.nan)
         before, after = (force_and_field(system, residual, part) for part in (fitted, ~fitted))
         return Row(name, stiffness, relaxation, before, after, over.tolist())
 
@@ -143,12 +143,12 @@ def transfer(
 def factors_of(applied: Applied, fitted: Mask, strength: bool) -> tuple[float, ...]:
     """The factor on the stiffness, and with `strength` on the relaxation, that fits the forces of increments (t,) best. Raises `FitError`."""
     system = applied.chain.system
-    grips = grip_rows(system)
+    used = grip_rows(system) & fitted[:, None]
 
     def residuals(x: Array) -> Array:
-        return applied.residual(float(np.exp(x[0])), *map(float, x[1:]))[fitted][:, grips].ravel()
+        return applied.residual(float(np.exp(x[0])), *map(float, x[1:]))[used]
 
-    load = system.loads[fitted][:, grips].ravel()
+    load = system.loads[used]
     guess = float(load @ load) / max(float(load @ (residuals(np.zeros(1)) + load)), 1e-3 * float(load @ load))
     start = [np.log(guess), *([1.0] if strength else [])]
     bounds = [-np.inf, *([0.0] if strength else [])], [np.inf, *([STRONGEST] if strength else [])]
@@ -163,17 +163,20 @@ def factors_of(applied: Applied, fitted: Mask, strength: bool) -> tuple[float, .
 def _neo_hooke(e: Experiment, model: ExtendedModel, system: Equilibrium, fitted: Mask) -> Array:
     """Residual (t, 2 v), N, of the neo-Hookean model that fits the forces of increments (t,) best."""
     c = best_neo_hooke(Equilibrium(e.select(np.flatnonzero(fitted)), system.fields), model.basis)
-    return replace(model, c=c, additions=(), errors=()).applied_to(e, system.fields.spacing).residual()
+    applied = replace(model, c=c, additions=(), errors=()).applied_to(e, system.fields.spacing)
+    return applied.residual(*factors_of(applied, fitted, strength=False))  # noise shifts its forces, too
 
 
 def grip_rows(system: Equilibrium) -> Mask:
-    """Equations (2 v,) that hold a measured force in every increment."""
-    return np.tile(system.fields.boundary >= 0, 2) & np.isfinite(system.loads).all(axis=0)
+    """Equations (t, 2 v) that hold a measured force."""
+    return np.tile(system.fields.boundary >= 0, 2) & np.isfinite(system.loads)
 
 
 def force_and_field(system: Equilibrium, residual: Array, increments: Mask) -> ForceAndField:
     """Relative errors of residuals (t, 2 v), N, in some increments (t,)."""
-    fields = np.tile(system.fields.boundary < 0, 2)
     grips = grip_rows(system)
-    size = np.linalg.norm(system.loads[increments][:, grips])
-    return ForceAndField(*(float(np.linalg.norm(residual[increments][:, rows]) / size) for rows in (grips, fields)))
+    fields = np.isfinite(system.loads) & ~grips
+    size = np.linalg.norm(system.loads[grips & increments[:, None]])
+    return ForceAndField(
+        *(float(np.linalg.norm(residual[rows & increments[:, None]]) / size) for rows in (grips, fields))
+    )

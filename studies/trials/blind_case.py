@@ -15,6 +15,7 @@ from typing import Any
 
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis import base_fit, discovery, score_tests, weighted_fit
+from calibrate.diagnosis.evidence.explanations import Alternatives
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.replayed.checked_replay import replay_record
 from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
@@ -143,11 +144,17 @@ def described(found: Discovery) -> dict[str, Any]:
         "groups": {k: list(v) for k, v in found.groups.items()},
         "doubts": [] if found.confirmation is None else [str(doubt) for doubt in found.confirmation.doubts],
         "probabilities": {} if found.weighing is None else found.weighing.inclusion,
+        "together": {} if found.weighing is None else _together(found.weighing.alternatives),
         "replaced": None if found.replaced is None else list(found.replaced),
         "additions": additions,
         "replay": replay_record(found.replay_check),
         "rounds": [_round(now) for now in found.rounds],
     }
+
+
+def _together(found: Alternatives) -> dict[str, float]:
+    """Probability of each effect, or one that counts under its name (`blind_effects.ALSO`)."""
+    return {name: found.together((name, *also)) for name, also in ALSO.items()}
 
 
 def _round(now: Round) -> dict[str, Any]:

@@ -28,9 +28,10 @@ WORDS = Words("blind")
 
 
 def write_report(
-    folder: Path, homes: Sequence[Path], failures: Mapping[str, str], known: Mapping[str, JudgedTrial] | None = None
-) -> str:
-    """Judge every trial that is not `known` by its name, write tables and report, and return the answer in words."""
+    folder: Path, homes: Sequence[Path], failures: Mapping[str, str], known: Mapping[str, JudgedTrial] | None = None,
+    manifest: Manifest | None = None,
+) -> str:  # fmt: skip
+    """Judge every trial that is not `known` by its name, write tables and report, and return the answer in words. manifest: of the run."""
     known = known or {}
     judged = [
         known[home.name] if home.name in known else judge(home)
@@ -57,7 +58,7 @@ def write_report(
     )
     report.heading("Every trial").table(TRIAL_COLUMNS, lines)
     report.save(folder / "report.html")
-    Manifest(settings={"study": "blind"}).beside(
+    (manifest or Manifest(settings={"study": "blind"})).beside(
         folder / "report.html", folder / "confusion.csv", folder / "effects.csv"
     )
     return text

@@ -68,8 +68,8 @@ def foreign(trial: Trial) -> Trial:
     )  # I1 - 3 of the nominal stretch; at holes it is some times as large
     base = Gent(trial.material.shear_modulus, stiffest * log_uniform(rng, 30, 100))
     noise = ForeignNoise(float(rng.choice(COMMON)), STATED[int(rng.integers(len(STATED)))])
-    draws = rng.uniform(0, 1, 3)
-    effects = tuple(_foreign(one, trial, draws) for one in trial.effects)
+    draws = rng.uniform(0, 1, (len(trial.effects), 3))
+    effects = tuple(_foreign(one, trial, own) for one, own in zip(trial.effects, draws, strict=True))
     return replace(trial, material=base, effects=effects, foreign=noise)
 
 

@@ -122,7 +122,7 @@ def judge(home: Path) -> JudgedTrial:
         seconds=content["seconds"],
         absent=_without(content["absent"], first.get(names[0], {}).get("like", {})) if "absent" in content else None,
         dominant=tuple(_as_hidden(_dominant(full), names)),
-        probabilities=_probabilities(full.get("probabilities"), names),
+        probabilities=_probabilities(full.get("probabilities"), full.get("together", {}), names),
         replaced=None if full.get("replaced") is None else _as_hidden(full["replaced"], names),
     )
 
@@ -133,14 +133,17 @@ def _as_hidden(found: Sequence[str], hidden: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(also.get(name, name) for name in found))
 
 
-def _probabilities(found: Mapping[str, float] | None, hidden: Sequence[str]) -> dict[str, float] | None:
-    """By names as `_as_hidden` gives them: those of one name added up, as explanations have one of them."""
+def _probabilities(
+    found: Mapping[str, float] | None, together: Mapping[str, float], hidden: Sequence[str]
+) -> dict[str, float] | None:
+    """By names as `_as_hidden` gives them. together: of one or another effect that counts under the name; where it was not kept, the largest of theirs."""
     if not found:
         return None
     result: dict[str, float] = {}
     for name, p in found.items():
         (known,) = _as_hidden([name], hidden)
-        result[known] = min(1.0, result.get(known, 0.0) + p)
+        result[known] = max(result.get(known, 0.0), p)
+    result |= {name: p for name, p in together.items() if name in hidden}
     return {name: round(p, DIGITS) for name, p in result.items() if round(p, DIGITS) > 0}
 
 

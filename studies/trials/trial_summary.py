@@ -150,7 +150,7 @@ EFFECT_COLUMNS = [
 
 @dataclass(frozen=True)
 class TrialSummary:
-    """Counts over all trials. pairs: two effects, each strong beside the other; pairs_at_first: each strong before either is found.
+    """Counts over all trials. pairs: two effects, each strong beside the other; pairs_found: both in the groups of what is named; pairs_right: both named themselves; pairs_at_first: each strong before either is found.
     fields: coefficients of stiffness fields. seconds: CPU time of a diagnosis, median. reliability: of the probabilities."""
 
     trials: int
@@ -165,6 +165,7 @@ class TrialSummary:
     removed: Removed
     pairs: int
     pairs_found: int
+    pairs_right: int
     pairs_at_first: int
     pairs_at_first_found: int
     pairs_in_model: int
@@ -206,6 +207,7 @@ def summary(trials: Sequence[JudgedTrial]) -> TrialSummary:
         removed=Removed.of(strong),
         pairs=len(beside),
         pairs_found=sum(all(one.hit) for one in beside),
+        pairs_right=sum(all(one.exact) for one in beside),
         pairs_at_first=len(at_first),
         pairs_at_first_found=sum(all(one.hit) for one in at_first),
         pairs_in_model=sum(_in_model(one) for one in beside),
@@ -225,9 +227,10 @@ def _in_model(one: JudgedTrial) -> bool:
 
 
 def pulls(one: JudgedTrial) -> list[float]:
-    """Of the amplitudes of hidden effects that were named; a field's coefficients, which cannot follow a patch, are not among them."""
+    """Of the amplitudes of hidden effects that were named, but those that are none, as of a warp along an axis that was not bent; a field's coefficients, which cannot follow a patch, are not among
+    them."""
     found = [a for a in one.amplitudes if a is not None and a.effect in one.named and a.effect != FIELD]
-    return [p for a in found for p in a.pulls.values()]
+    return [p for a in found for name, p in a.pulls.items() if a.true[name] != 0.0]
 
 
 def _field_pulls(single: Sequence[JudgedTrial]) -> list[float]:

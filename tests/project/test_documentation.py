@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from studies.design.validation import ActualError
 from studies.trials import judgement
 
 ROOT = Path(__file__).parents[2]
@@ -89,6 +90,16 @@ def test_a_stale_number_is_replaced_and_a_missing_one_is_named() -> None:
     assert inserted(text, {}, tables)[1] == ["no file has the number a.b"]
     assert inserted(text, numbers, {})[1] == ["no file has the table a.c"]
     assert len(inserted("<!--=a.b-->0.384<!--/--> of", numbers, tables)[1]) == 1
+
+
+def test_numbers_of_a_design_count_a_failed_calibration_as_the_study_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(DOCS / "study_numbers"))
+    page = script("study_numbers/design")
+    for modes in ({}, {"uniaxial": 0.3, "equibiaxial": 0.4}):
+        assert page.overall({"modes": modes}) == ActualError("sheet", 0, modes).overall
+    failed = {"title": page.OPTIMISED, "seed": 0, "modes": {}}
+    found = page.actual_of_optimised({"validation": {"errors": [failed]}})
+    assert set(found.values()) == {"inf % (inf % to inf %)"}
 
 
 def test_every_trial_is_counted_once() -> None:

@@ -24,7 +24,7 @@ from calibrate.diagnosis.evidence.explanations import CERTAIN, TIE, Alternatives
 from calibrate.diagnosis.evidence.power import powers
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.misfit import is_larger
-from calibrate.diagnosis.selection.candidate_fit import Model, has_soft_base
+from calibrate.diagnosis.selection.candidate_fit import Model, has_soft_base, is_at_bounds
 from calibrate.diagnosis.selection.loop import close_loop
 from calibrate.diagnosis.selection.rounds import Confirmation, Discovery, Doubt, Verdict
 from calibrate.diagnosis.selection.verdict import is_larger_noise, is_noise
@@ -80,7 +80,7 @@ def _run_on(
     say(f"on from {' and '.join(best.names)}")
     try:
         model = Model(*weighted_fit.fit_with_own_weights(found.start, found.base.c, best.additions))
-        if has_soft_base(model.fit, found.base, found.thresholds):
+        if has_soft_base(model.fit, found.base, found.thresholds) or is_at_bounds(model.problem, model.fit.additions):
             return None
         scores = {c.name: c.score.score for c in found.rounds[0].candidates if c.score.is_tested}
         added = max(best.names, key=lambda name: scores.get(name, 0.0))

@@ -95,6 +95,13 @@ class Power:
         """What would show it."""
         return ", ".join(self.missing) or self.effect.decided_by
 
+    def stiffer(self, factor: float) -> Power:
+        """In a material that is stiffer by a factor: amplitudes in MPa follow, those in 1/MPa go the other way."""
+        own = factor**self.parameter.stiffness_power
+        value = None if self.value is None else (own * self.value[0], own * self.value[1])
+        limit, prior = (None if one is None else own * one for one in (self.limit, self.prior))
+        return replace(self, value=value, limit=limit, prior=prior)
+
     @property
     def beside_a_misfit(self) -> Power:
         """Of a model that leaves more than noise: what it excludes may be part of that, and what it has may stand in for it."""

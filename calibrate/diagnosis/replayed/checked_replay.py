@@ -75,6 +75,12 @@ class ReplayCheck:
         return bool(self.final.rows.held.any())
 
     @property
+    def confirms(self) -> bool:
+        """Whether something that was held out could have left the band, and did not."""
+        judged = self.judgement.force is not None or self.judgement.field is not None
+        return self.held_out and judged and not self.judgement.speaks_against
+
+    @property
     def is_beyond(self) -> bool:
         """Whether part of what was judged is beyond the fitted range of strain or time."""
         return bool(np.diag(self.band.parts[BEYOND])[self.final.rows.judged].any())

@@ -22,7 +22,7 @@ from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.rounds import Candidate, RefusalReason, Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
-from calibrate.effects.chain import Addition
+from calibrate.effects.chain import Addition, Additions
 
 Array = NDArray[np.float64]
 FIRST_STEP = 0.13  # of a shape, over its size
@@ -97,7 +97,7 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
         return RefusalReason.NO_BETTER_FIT
     if candidate.addition not in candidate.fit.distinct:
         return RefusalReason.NULL_AMPLITUDE
-    if any(at_bounds(one, model.problem.tests) for one in candidate.fit.additions):
+    if is_at_bounds(model.problem, candidate.fit.additions):
         return RefusalReason.INADMISSIBLE
     if not all(is_possible(model.problem, one) for one in candidate.fit.additions):
         return RefusalReason.IMPOSSIBLE
@@ -114,6 +114,11 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
     assert candidate.problem is not None
     both = Model(candidate.problem, candidate.fit)
     return None if falls_in_either_weights(model, both) else RefusalReason.LARGER_IN_OTHER_WEIGHTS
+
+
+def is_at_bounds(problem: Problem, additions: Additions) -> bool:
+    """Whether an effect would go beyond what a specimen or a rig may have, see `parameters.at_bounds`."""
+    return any(at_bounds(one, problem.tests) for one in additions)
 
 
 def is_possible(problem: Problem, one: Addition) -> bool:

@@ -8,20 +8,19 @@ noise as large as it likes. Hence the errors in N, the weights of either model, 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from calibrate.diagnosis.misfit import Misfit, misfit
-from calibrate.diagnosis.selection.candidate_fit import Model, falls_in_either_weights
+from calibrate.diagnosis.selection.candidate_fit import Model, falls_in_either_weights, is_at_bounds
 from calibrate.diagnosis.selection.rounds import Confirmation, Doubt
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 
 
 def confirm(base: Model, final: Model, thresholds: Thresholds = DEFAULT) -> Confirmation:
     """Whether the errors of a model are such that its effects explain what the base left."""
-    held = any(part.held.size for part in final.problem.parts)
-    before, after = (misfit(one.problem, one.fit.c, one.fit.additions, held, beside_own=True) for one in (base, final))
-    assert before is not None
-    assert after is not None
+    before, after = (_misfit(one) for one in (base, final))
     limit = allowed_force_error(before, after, thresholds)
     found = {
         Doubt.ERRORS_GROW: errors_grow(before, after, thresholds),
@@ -29,8 +28,19 @@ def confirm(base: Model, final: Model, thresholds: Thresholds = DEFAULT) -> Conf
         Doubt.OTHER_WEIGHTS: not falls_in_either_weights(base, final),
         Doubt.LARGE_FORCE_ERROR: bool(np.isfinite(limit)) and not after.force <= limit,
         Doubt.WEAKER_WEIGHTS: not final.fit.likelihood < base.fit.likelihood,
+        Doubt.AT_BOUNDS: is_at_bounds(final.problem, final.fit.additions),
     }
     return Confirmation(before, after, limit, tuple(doubt for doubt, holds in found.items() if holds))
+
+
+def _misfit(one: Model) -> Misfit:
+    """Of what was held out, or was fitted where nothing was; of forces that were fitted where none was held out, as in half a sheet."""
+    of_both = (misfit(one.problem, one.fit.c, one.fit.additions, held, beside_own=True) for held in (False, True))
+    fitted, held = of_both
+    assert fitted is not None
+    if held is None or np.isfinite(held.force):
+        return held or fitted
+    return replace(held, force=fitted.force, noise=(fitted.noise[0], held.noise[1]))
 
 
 def allowed_force_error(before: Misfit, after: Misfit, thresholds: Thresholds = DEFAULT) -> float:

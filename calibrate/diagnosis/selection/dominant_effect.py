@@ -49,7 +49,7 @@ def _alone(found: Discovery, say: Say) -> Iterator[tuple[str, Fit]]:
     assert found.start is not None
     base, first, thresholds = Model(found.start, found.base), found.rounds[0], found.thresholds
     known = found.rounds[1].fit if len(found.rounds) > 1 and len(found.rounds[1].fit.names) == 1 else None
-    if known is not None:
+    if known is not None and not candidate_fit.is_at_bounds(found.start, known.additions):
         yield known.names[0], known  # less the discretisation error of its own replay
     for candidate in _likely(found):
         if known is not None and candidate.name == known.names[0]:

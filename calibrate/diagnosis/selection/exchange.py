@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 from calibrate.diagnosis import score_tests, weighted_fit
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection import candidate_fit
@@ -69,9 +68,9 @@ def is_sound(candidate: Candidate, problem: Problem) -> bool:
     addition = candidate.addition
     assert candidate.fit is not None
     assert addition is not None
-    if any(
-        at_bounds(one, problem.tests) or not candidate_fit.is_possible(problem, one) for one in candidate.fit.additions
-    ):
+    additions = candidate.fit.additions
+    possible = all(candidate_fit.is_possible(problem, one) for one in additions)
+    if not possible or candidate_fit.is_at_bounds(problem, additions):
         return False
     return not addition.effect.is_degenerate(addition.shape) and addition in candidate.fit.distinct
 

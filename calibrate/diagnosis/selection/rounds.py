@@ -141,6 +141,7 @@ class Doubt(StrEnum):
     OTHER_WEIGHTS = "errors fall in the weights of one model only"
     LARGE_FORCE_ERROR = "large force error left"
     WEAKER_WEIGHTS = "likelihood does not rise"
+    AT_BOUNDS = "amplitude at the end of what is possible"
     NOT_NEEDED = "no effect has an inclusion probability above 95 %"
     OUTSIDE_BAND = "replay leaves its band"
     WORSE_REPLAY = "replay worse than that of the base"
@@ -148,7 +149,7 @@ class Doubt(StrEnum):
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Errors of base and final model, held out, or fitted where nothing was, of several tests beside what each has for itself. doubts: conditions that fail.
+    """Errors of base and final model, held out, or fitted where nothing was (of forces where none was), of several tests beside what each has for itself. doubts: conditions that fail.
 
     force_allowed: force error that an explanation may leave; NaN where no force is among these equations.
     """

@@ -59,8 +59,8 @@ def is_noise(problem: Problem, now: Round, thresholds: Thresholds) -> bool:
 
 def is_larger_noise(now: Round, thresholds: Thresholds) -> bool:
     """Whether residual and prediction would be no more than noise if its variance were larger than described, by no more than `LARGER`: nothing in them is smooth over place and load, and what was held out is missed no
-    more than what was fitted."""
-    share = now.misfits.everything.value / max(now.misfits.everything.degrees, 1)
+    more than what was fitted. The variance is that of where no discretisation error could be, if it is larger there."""
+    share = max(one.value / max(one.degrees, 1) for one in (now.misfits.everything, now.misfits.certain))
     if not share <= LARGER:
         return False
     tests = [now.misfits.smooth, *([] if now.predicted is None else [now.predicted])]

@@ -27,8 +27,9 @@ def compare_curves(curves: Curves, network: SupervisedFit, laws: Sequence[Law] =
     tops = (model.calibrated_range["I1"][1], model.calibrated_range["I2"][1])
     fits = [_fitted(law, F, stress, weight, max(mu, 1e-6), tops) for law in laws]
     return ranked(
-        float(own @ own), min(network.effective_parameters, len(stress) - 1.0), fits, len(stress), known=False
-    )
+        float(own @ own), min(network.effective_parameters, len(stress) - 1.0), fits, len(stress), known=False,
+        loads=float((weight * stress) @ (weight * stress)),
+    )  # fmt: skip
 
 
 def _fitted(law: Law, F: Array, stress: Array, weight: Array, mu: float, tops: tuple[float, float]) -> ClassicalFit:

@@ -23,9 +23,9 @@ from calibrate import errors
 from calibrate.equations.basis import basis_for, polyconvex
 from calibrate.equations.deformation_modes import MODES, stretches_to_gradient
 from calibrate.equations.inputs import INPUT_SETS
-from calibrate.equations.kinematics import INVARIANTS, invariants_and_derivatives
 from calibrate.equations.reduction import Quadratic
 from calibrate.fitting import network_fit
+from calibrate.fitting.calibrated_range import curve_ranges
 from calibrate.fitting.levenberg_marquardt import levenberg_marquardt
 from calibrate.fitting.stopping import Stop
 from calibrate.models import pann
@@ -141,12 +141,11 @@ def fit_supervised(
     if not np.isfinite(losses).any():
         raise errors.FitError("no start reached a finite loss; check the data for extreme stretches")
     best = int(np.nanargmin(losses))
-    values = np.asarray(invariants_and_derivatives(jnp.asarray(F))[0])
     model = Model(
         architecture,
         found.parameters[best],
         "MPa",
-        {name: (3.0, float(values[:, i].max())) for i, name in enumerate(INVARIANTS)},
+        curve_ranges(F),
         {"loss": float(losses[best]), "kind": "supervised", "seed": seed, "starts": n_starts},
         {"modes": sorted(curves)},
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 from studies.commandline.option_types import Count, OutputFolder, Overwrite
 from studies.commandline.outcome import Outcome
+from studies.errors import OptionError
 from studies.grid import study
 from studies.grid.generalise.generalise_study import GENERALISE
 from studies.grid.generalise.generalise_study import measured as of_measured
@@ -55,8 +56,11 @@ def generalise(
 
     Raises:
         DataNotFoundError: measured sheets that are not there.
+        OptionError: --seeds where nothing is simulated.
         WorkflowError: a job failed.
     """
+    if measured and seeds is not None:
+        raise OptionError("--seeds are of simulated noise, which --measured has not; leave --seeds out")
     target = Target("generalise-measured" if measured else "generalise", quick, output, overwrite, dry_run)
     settings = GENERALISE.quick if quick else GENERALISE.default
     if seeds is not None:

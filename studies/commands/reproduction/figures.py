@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -190,7 +191,8 @@ def run_all(
             print(f"{head}: FAILED, exit code {code}", file=sys.stderr, flush=True)
             continue
         seconds = round(time.monotonic() - began, 1)
-        about = {"command": _without_jobs(line), "revision": revision(), "seconds": seconds, "peak_MB": round(peak)}
+        made_by = {"revision": revision(), "versions": versions()}
+        about = {"command": _without_jobs(line), **made_by, "seconds": seconds, "peak_MB": round(peak)}
         write_json(record, about)
     return failed
 
@@ -215,14 +217,20 @@ def _run(line: list[str], log: Path) -> tuple[int, float]:
 
 def costs(folder: Path, steps: Iterable[Step]) -> list[str]:
     """A line a finished study: time, and memory of its largest process."""
-    lines = []
+    return [
+        f"{name:12} {one['seconds']:8.0f} s {one['peak_MB']:6.0f} MB"
+        for name, one in finished(folder, steps).items()
+        if "peak_MB" in one
+    ]
+
+
+def finished(folder: Path, steps: Iterable[Step]) -> dict[str, dict[str, Any]]:
+    """{study: what was recorded as it came to its end: command, revision, versions, seconds, peak_MB}; without those that did not."""
+    found = {}
     for step in steps:
-        try:
-            about = json.loads((folder / RECORDS / f"{step.name}.json").read_text())
-            lines.append(f"{step.name:12} {about['seconds']:8.0f} s {about['peak_MB']:6.0f} MB")
-        except (OSError, ValueError, KeyError):
-            continue  # failed, or finished before this was written down
-    return lines
+        with suppress(OSError, ValueError):
+            found[step.name] = json.loads((folder / RECORDS / f"{step.name}.json").read_text())
+    return found
 
 
 def _without_jobs(line: list[str]) -> list[str]:
@@ -264,10 +272,9 @@ def write_page(folder: Path, scale: str, absent: dict[str, str], failed: Sequenc
     files = collected(folder)
     content = {
         "format": "equigap-figures",
-        "version": 1,
+        "version": 2,
         "scale": scale,
-        "revision": revision(),
-        "versions": versions(),
+        "finished": finished(folder, STEPS),
         "left_out": absent,
         "failed": list(failed),
         "files": files,

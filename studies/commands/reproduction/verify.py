@@ -18,7 +18,7 @@ from cyclopts import Parameter
 
 from studies.commandline.option_types import Overwrite
 from studies.commandline.outcome import Outcome
-from studies.errors import OutputFolderError, StudyError
+from studies.errors import OptionError, OutputFolderError, StudyError
 from studies.output import write_json
 from studies.output.manifest import sha256_of
 
@@ -141,20 +141,37 @@ def verify(
         output: file of the table, JSON (default: RESULTS/verify.json)
 
     Raises:
-        StudyError: a folder without a run, a scale without reference.
+        StudyError: a folder without a run, a scale without reference, a run that left out all that has one.
+        OptionError: options that do not go together.
         OutputFolderError: the file of the table was not written by this command.
     """
+    refuse_unused(same_as, collect, output, overwrite)
     if collect:
         return Collected(reference_from([folder, *collect]))
     if same_as is not None:
         return Comparison(tuple(different_files(folder, same_as)))
     run = run_record(folder)
-    findings = compared(folder, reference(run["scale"]), run.get("left_out", {}))
+    left_out = run.get("left_out", {})
+    findings = compared(folder, reference(run["scale"]), left_out)
+    if not findings:
+        raise StudyError(
+            f"{folder}: nothing was compared, as every study with a reference was left out ({', '.join(left_out)}); "
+            "get their data and run `equigap figures` again"
+        )
     output = output or folder / "verify.json"
     if not (overwrite or is_own(output)):
         raise OutputFolderError(f"{output}: was not written by `equigap verify`; give --overwrite or another --output")
     write_json(output, {"format": FORMAT, "scale": run["scale"], "numbers": [f.to_dict() for f in findings]})
     return Verification(tuple(findings))
+
+
+def refuse_unused(same_as: Path | None, collect: Sequence[Path], output: Path | None, overwrite: bool) -> None:
+    """Raises `OptionError` for options that would have no effect."""
+    if collect and same_as is not None:
+        raise OptionError("--collect and --same-as do different things; give one of them")
+    if (collect or same_as is not None) and (output is not None or overwrite):
+        name = "--collect" if collect else "--same-as"
+        raise OptionError(f"{name} writes no file; leave --output and --overwrite out")
 
 
 def is_own(path: Path) -> bool:

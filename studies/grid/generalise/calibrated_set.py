@@ -66,12 +66,6 @@ def stretches(mode: str, end_I1: float) -> Array:
     return np.linspace(1.0, largest_stretch(mode, end_I1), POINTS)
 
 
-def coefficients(architecture: pann.Architecture, parameters: Array, basis: Any) -> Array:
-    """(s, n_functions), MPa: networks with parameters (s, p) in a basis."""
-    slopes = slopes_of(architecture, parameters, np.nan_to_num(basis.site_inputs))
-    return slopes.reshape(len(parameters), -1) @ basis.interpolation.T
-
-
 def predictions(fit: JointFit, end_I1: float) -> dict[str, Prediction]:
     """Nominal stress in every homogeneous mode."""
     found = {}

@@ -17,6 +17,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.equations.unseen_strip import window_equilibrium
 from calibrate.fitting import joint_calibration
 from calibrate.fitting.joint_calibration import WeightedTest, weighted_test
+from calibrate.fitting.uncertainty import coefficients_and_slopes
 from forward.loading import Loading
 from forward.materials import MATERIALS
 from forward.sheet import plane_stress
@@ -117,7 +118,7 @@ def calibrate_sets(
             begin = time.perf_counter()
             fit = joint_calibration.fit(reduced, layers, settings.starts, seed)
             seconds = time.perf_counter() - begin
-            c = calibrated_set.coefficients(fit.architecture, fit.parameters[[fit.best]], basis)[0]
+            c = coefficients_and_slopes(fit.architecture, basis, fit.parameters[fit.best])[0]
             scores = {name: force.score(c) for name, force in forces.items()}
             found.append(calibrated_set.calibrated_set(joined, inputs, fit, scores, settings.end_I1, seconds))
     return found

@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from calibrate.equations.deformation_modes import MODES
 from studies.grid.generalise import figures
 from studies.grid.generalise.generalise_results import GeneraliseResults, mean_score
@@ -48,7 +50,7 @@ def page(results: GeneraliseResults) -> Page:
         sections.append(
             Section("The width that is seen", [Text(WORDS.width()), Table(*width_table(results), file="width.csv")])
         )
-    return Page("Generalisation", WORDS.question(), sections)
+    return Page("Generalisation", WORDS.question(), sections, settings.enough_seeds)
 
 
 def statement_rows(judged: list[Judged]) -> list[list[Any]]:
@@ -98,22 +100,18 @@ def set_numbers(results: GeneraliseResults, truth: str, seed: int, tests: str, i
     group = results.chosen(truth, seed, tests=tests, inputs=inputs)
     worst = lambda number: max(number(mode) for mode in MODES)  # noqa: E731
     nan = float("nan")
-    error = nan if truth == MEASURED else worst(lambda m: _median(results.error(truth, one, m) for one in group))
+    error = (
+        nan if truth == MEASURED else worst(lambda m: float(np.median([results.error(truth, one, m) for one in group])))
+    )
     return [
-        _median(mean_score(one) for one in group),
+        float(np.median([mean_score(one) for one in group])),
         100 * error,
         100 * worst(lambda m: results.ambiguity(truth, group, m)),
         100 * worst(lambda m: results.ambiguity(truth, group, m, beyond=tests)),
-        100 * worst(lambda m: _median(results.ambiguity(truth, [one], m) for one in group)),
-        100 * _median(one.agreement for one in group),
-        _median(one.loss_per_equation for one in group),
+        100 * worst(lambda m: float(np.median([results.ambiguity(truth, [one], m) for one in group]))),
+        100 * float(np.median([one.agreement for one in group])),
+        float(np.median([one.loss_per_equation for one in group])),
     ]
-
-
-def _median(values: Any) -> float:
-    found = sorted(values)
-    middle = len(found) // 2
-    return float(found[middle] if len(found) % 2 else (found[middle - 1] + found[middle]) / 2)
 
 
 def fit_rows(results: GeneraliseResults) -> list[list[Any]]:

@@ -5,8 +5,6 @@ In: `ThicknessResults` and a loss. Out: matplotlib figures; no screen is needed.
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
@@ -19,7 +17,7 @@ from calibrate.equations.deformation_modes import MODES, TITLES
 from calibrate.models.network_model import Model
 from studies.accuracy.epsilon import weighted_quantile
 from studies.accuracy.metrics import ArrudaBoyceTruth
-from studies.accuracy.stress_error import COMPONENTS, energy_of, stress_errors
+from studies.accuracy.stress_error import COMPONENTS, energy_errors, energy_of, stress_errors
 from studies.grid.axes import Loss
 from studies.grid.case import Curve, Fit
 from studies.grid.claims import NOISES
@@ -111,9 +109,7 @@ def pooled_errors(
 def energy_error(model: Model, invariants: Array) -> Array:
     """(psi_model - psi_true) / psi_true (...), %, at invariants (..., 2)."""
     flat = invariants.reshape(-1, 2)
-    found = np.asarray(jax.vmap(model.energy)(jnp.asarray(flat)))
-    truth = energy_of(ArrudaBoyceTruth(), flat)
-    return (100 * (found / truth - 1)).reshape(invariants.shape[:-1])
+    return energy_errors(model, flat, energy_of(ArrudaBoyceTruth(), flat)).reshape(invariants.shape[:-1])
 
 
 def admissible(I1: Array) -> tuple[Array, Array]:

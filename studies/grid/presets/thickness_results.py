@@ -168,3 +168,9 @@ def solid_numbers(
 def arm_forces(reactions: dict[str, Array]) -> dict[str, Array]:
     """Force along the pull of each whole arm, N, from the reactions of a quarter (half an arm each)."""
     return {side: 2 * np.asarray(reactions[side])[:, axis] for side, axis in (("right", 0), ("top", 1))}
+
+
+def hole_edge(mesh: Any) -> float:
+    """Mean length, mm, of the edges on the rims of holes, as the mesh has them and not as they were asked for."""
+    rims = np.concatenate([edges for name, edges in mesh.boundaries.items() if name.startswith("hole_")])
+    return float(np.linalg.norm(mesh.points[rims[:, 1]] - mesh.points[rims[:, 0]], axis=1).mean())

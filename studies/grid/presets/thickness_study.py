@@ -16,7 +16,7 @@ from studies.grid.axes import PLANE, Loss, Settings
 from studies.grid.case import EXTRAPOLATION
 from studies.grid.presets import thickness_figures, thickness_models, thickness_tables
 from studies.grid.presets.thickness_claims import CHANGE_COLUMNS, change_rows, claims
-from studies.grid.presets.thickness_results import ThicknessResults
+from studies.grid.presets.thickness_results import ThicknessResults, hole_edge
 from studies.grid.presets.thickness_tables import LIMITS
 from studies.grid.report import COMMON, Page, Picture, Section, Table, Text, View, claims_section
 from studies.grid.results import Results
@@ -38,9 +38,7 @@ def page(results: Results) -> Page:
 
 def method(results: ThicknessResults) -> Section:
     """What was done."""
-    mesh = results.plane.mesh
-    edges = np.concatenate([e for name, e in mesh.boundaries.items() if name.startswith("hole_")])
-    edge = float(np.linalg.norm(mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]], axis=1).mean())
+    edge = hole_edge(results.plane.mesh)
     told = WORDS.method(settings=results.settings, thicknesses=results.thicknesses, edge=edge, limit=results.limit)
     missing = [h for h in OF_THE_PAPER if h not in results.thicknesses]
     return Section("", [Text(told), *([Text(WORDS.missing(thicknesses=missing))] if missing else [])])

@@ -161,13 +161,17 @@ def stiffness(model: Model) -> list[Finding]:
 
 
 def grips(view: Review) -> list[Finding]:
-    """Whether the model's forces of the grips balance as the measured ones do; nothing where there is one grip, or forces are not those of the section."""
+    """Whether the model's forces of the grips balance as the measured ones do, in components that were measured at all of them; nothing where there is one grip, or forces are not
+    those of the section."""
     if view.experiment.level_is_nominal or len(view.measured) < 2:
         return []
-    sums = [np.sum([one[view.fitted] for one in forces.values()], axis=0) for forces in (view.forces, view.measured)]
+    both = [np.array([forces[name][view.fitted] for name in view.measured]) for forces in (view.forces, view.measured)]
+    known = np.isfinite(both[1]).all(axis=0)
+    if not known.any():
+        return []
     largest = max(float(np.nanmax(np.abs(one[view.fitted]))) for one in view.measured.values())
-    own, measured = (float(np.max(np.abs(one))) / largest for one in sums)
-    if not own > LIMITS.imbalance + measured:  # a force that was not measured is none of these
+    own, measured = (float(np.max(np.abs(one.sum(axis=0)[known]))) / largest for one in both)
+    if own <= LIMITS.imbalance + measured:
         return []
     each = {name: float(np.linalg.norm(view.forces[name][view.fitted][-1])) for name in view.measured}
     return [_finding(FitCode.GRIPS, share=own, measured=measured, each=each)]

@@ -20,16 +20,17 @@ from calibrate.data.experiment import Experiment
 from calibrate.equations.basis import Basis, PlaneStrainBasis, basis_for
 from calibrate.equations.deformation_modes import MODES
 from calibrate.equations.equilibrium import Equilibrium, best_neo_hooke, equilibrium
-from calibrate.equations.inputs import REFERENCE
 from calibrate.equations.noise_covariance import cholesky_factor
 from calibrate.equations.reduction import assemble
 from calibrate.fitting.calibration import Calibration, predict_forces, relative_force_error
 from calibrate.fitting.classical_fit import Comparison
 from calibrate.fitting.noise.noise_check import NoiseCheck
+from calibrate.fitting.uncertainty import coefficients_and_slopes
 from calibrate.models.json_file import MEASURED, NOMINAL
 from calibrate.models.network_model import Model
 from calibrate.models.parameter_covariance import Z95
 from studies.reports.calibration.polish_record import PolishRecord
+from studies.reports.prediction.predicted_curves import ROUND_OFF, calibrated_stretch
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -173,11 +174,7 @@ def review(
 
 def coefficients(model: Model, basis: Basis) -> Array:
     """Spline coefficients (n_functions,) of the energy derivatives of `model`."""
-    inputs = np.nan_to_num(basis.site_inputs) + REFERENCE
-    invariants = np.stack([inputs[:, 0], inputs[:, 1] ** (2 / 3)], axis=1)
-    slopes = model.derivatives(invariants).copy()
-    slopes[:, 1] /= 1.5 * np.sqrt(invariants[:, 1])
-    found = basis.interpolation @ slopes.ravel()
+    found = coefficients_and_slopes(model.architecture, basis, np.asarray(model.parameters))[0]
     if isinstance(basis, PlaneStrainBasis):
         found[-1] = model.bulk_modulus
     return found
@@ -241,18 +238,19 @@ def modulus_deviation(model: Model) -> float | None:
 def curve_points(model: Model, shares: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0, 1.25)) -> list[dict[str, Any]]:
     """Stress with its 95 % band at `shares` of the calibrated range of stretch - 1, in each homogeneous mode.
 
-    standard_deviation, low_95 and high_95 are None where the model has no uncertainty.
+    calibrated: whether the data have states near the mode as far as that. standard_deviation, low_95 and high_95 are None where the model has no uncertainty.
     """
     result = []
     for mode in MODES:
+        limit = calibrated_stretch(model, mode) * (1 + ROUND_OFF)
         stretch = 1 + (model.largest_stretch(mode) - 1) * np.array(shares)
         stress, deviation = model.homogeneous(mode, stretch), model.homogeneous_deviation(mode, stretch)
-        for k, share in enumerate(shares):
+        for k in range(len(shares)):
             size = None if deviation is None else float(deviation[k])
             result.append({
                 "mode": mode, "stretch": float(stretch[k]), "stress": float(stress[k]), "standard_deviation": size,
                 "low_95": None if size is None else float(stress[k]) - Z95 * size,
                 "high_95": None if size is None else float(stress[k]) + Z95 * size,
-                "calibrated": share <= 1,
+                "calibrated": bool(stretch[k] <= limit),
             })  # fmt: skip
     return result

@@ -54,7 +54,7 @@ def write(folder: Path, view: Review, manifest: Manifest) -> None:
     # the manifest is written last: where it is, everything is
     outputs = folder / "report.html", model, folder / "forces.csv"
     manifest.beside(
-        *outputs, headline=first.to_dict(), **view.summary(), classical_laws=classical_record(view),
+        *outputs, *report.pictures, headline=first.to_dict(), **view.summary(), classical_laws=classical_record(view),
         polish=None if view.polish is None else view.polish.to_dict(),
         alerts=alert_records(found),
     )  # fmt: skip

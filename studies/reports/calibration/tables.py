@@ -98,7 +98,7 @@ def force_table(view: Review) -> tuple[list[str], list[list[float | str]]]:
 
 
 def curve_table(view: Review) -> tuple[list[str], list[list[float | str | None]]]:
-    """Columns and rows: stress with its 95 % band at some stretches of each mode, the last beyond the calibrated range."""
+    """Columns and rows: stress with its 95 % band at some stretches of each mode, and whether these are calibrated."""
     unit = view.model.unit
     columns = ["mode", "stretch", f"stress, {unit}", f"standard deviation, {unit}", "lower end, 95 %",
                "upper end, 95 %", "calibrated"]  # fmt: skip

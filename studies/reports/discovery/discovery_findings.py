@@ -24,15 +24,14 @@ from studies.output.findings import Finding, Macro
 from studies.output.words import plus_minus
 from studies.reports.alert_table import merged
 from studies.reports.discovery.candidate_outcome import round_remarks
-from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality
+from studies.reports.discovery.discovery_quality import discovery_headline, discovery_quality, others_hold
 from studies.reports.discovery.own_effects_table import alike, seen, stand_ins
 from studies.reports.discovery.replays.few_effects_section import few_findings
 from studies.reports.discovery.replays.replay_section import replay_findings
-from studies.reports.discovery.replays.replayed_models import neo_hooke_replay, use_finding
+from studies.reports.discovery.replays.replayed_models import use_finding
 from studies.reports.discovery.view import View
 from studies.reports.discovery.weighing_tables import alternatives_data, power_data
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
-from studies.reports.headline import Reason
 
 ATTENUATED = 1.1  # factor on the stiffness that makes up for noise, from which it is told
 RIM = 0.25  # of the sheet: an inclusion that covers more is not the rim of a hole
@@ -70,10 +69,6 @@ class DiscoveryCode(Macro):
     PLANE_STRAIN = "plane_strain"
 
 
-# reasons against the final model that say nothing against the data, nor against other models of them
-OF_THE_MODEL = {Reason.FORCES_MISSED, Reason.FORCES_NOT_PREDICTED, Reason.WORSE_THAN_NEO_HOOKE}
-
-
 def remarks(view: View) -> list[Finding]:
     """The reasons of the headline first, then what the numbers rest on."""
     found = discovery_headline(view)
@@ -81,9 +76,7 @@ def remarks(view: View) -> list[Finding]:
     result += replay_findings(view.discovery)
     if found.verdict is not Use.NOT:
         result += [*_of_effects(view), *_of_own_effects(view)]
-    at_their_level = {Reason.ATTENUATED} if neo_hooke_replay(view.discovery) is not None else set()
-    if all(one.code in OF_THE_MODEL | at_their_level for one in found.against):
-        # with a base of their own, whatever the forces of the final model are
+    if others_hold(view):
         result += [*few_findings(view.discovery), *use_finding(view.discovery)]
     result += [*_of_stiffness(view), *_of_tests(view), *_of_plane_strain(view)]
     return merged(found.reasons, result)
@@ -137,7 +130,7 @@ def _of_effects(view: View) -> Iterator[Finding]:
         found = view.discovery
         alternatives = alternatives_data(view.weighing, [found.groups.get(name, (name,)) for name in found.named])
         explained = found.verdict is Verdict.EXPLAINED
-        confirmed = explained and isinstance(found.replay_check, ReplayCheck)
+        confirmed = explained and isinstance(found.replay_check, ReplayCheck) and found.replay_check.confirms
         alarming = alternatives["unknown"] is not None and not confirmed
         yield _finding(DiscoveryCode.ALTERNATIVES, alarming, **alternatives, confirmed=confirmed, explained=explained)
         yield _finding(DiscoveryCode.POWER, **power_data(view.weighing))

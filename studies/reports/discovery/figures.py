@@ -12,13 +12,15 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from calibrate.diagnosis.problem import Part
+from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.rounds import Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
+from calibrate.effects import Effect
 from calibrate.effects.chain import Addition
 from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.parameter_covariance import Z95
 from studies.output import style
-from studies.reports.discovery.candidate_outcome import WORDS
+from studies.reports.discovery.candidate_outcome import WORDS, untested_words
 from studies.reports.discovery.replays.replay_section import BASE, FINAL, NEO_HOOKE
 from studies.reports.discovery.replays.replayed_forces import force_courses
 from studies.reports.discovery.replays.replayed_models import FEW
@@ -103,26 +105,28 @@ def _shade(ax: Axes, x: Array, held: NDArray[np.bool_]) -> None:
 
 
 def scores(view: View) -> Figure:
-    """Scores of all candidates in the first and the last round; filled where significant."""
-    rounds = view.discovery.rounds
+    """Scores of all candidates in the first and the last round; filled where significant. Who has none in one of them: why."""
+    rounds, effects = view.discovery.rounds, {effect.name: effect for effect in view.effects}
     shown = {"base model": rounds[0]} if len(rounds) == 1 else {"base model": rounds[0], "final model": rounds[-1]}
     largest = max([10.0, *(r.score.score for now in shown.values() for r in now.candidates if r.score.is_tested)])
-    names = [row.name for row in rounds[0].candidates if row.score.is_tested][::-1]
+    tested = dict.fromkeys(row.name for now in shown.values() for row in now.candidates if row.score.is_tested)
+    names = list(tested)[::-1]
     with style.figure(4.6 * len(shown) + 0.4, 0.27 * max(len(names), 3) + 1.0) as figure:
         axes = figure.subplots(1, len(shown), sharey=True, sharex=True, squeeze=False)[0]
         for ax, (name, now) in zip(axes, shown.items(), strict=True):
-            _bars(ax, now, names, view.discovery.thresholds)
+            _bars(ax, now, [effects[one] for one in names], view.discovery.thresholds)
             ax.set(title=f"residual of the {name}", xlabel="score (fall of the whitened misfit)", xlim=(0, 8 * largest))
         axes[0].set_yticks(range(len(names)), names, fontsize=8)
         return figure
 
 
-def _bars(ax: Axes, now: Round, names: list[str], thresholds: Thresholds) -> None:
-    by_name = {row.name: row.score for row in now.candidates if row.score.is_tested}
-    for place, name in enumerate(names):
-        score = by_name.get(name)
-        if score is None:
-            ax.text(0.02, place, "in the model", va="center", fontsize=7, transform=ax.get_yaxis_transform())
+def _bars(ax: Axes, now: Round, effects: list[Effect], thresholds: Thresholds) -> None:
+    by_name = {row.name: row.score for row in now.candidates}
+    for place, effect in enumerate(effects):
+        score = by_name.get(effect.name)
+        if score is None or not score.is_tested:
+            words = _without_score(now, effect, score)
+            ax.text(0.02, place, words, va="center", fontsize=7, transform=ax.get_yaxis_transform())
             continue
         significant = score.adjusted < thresholds.significance
         ax.barh(
@@ -134,6 +138,15 @@ def _bars(ax: Axes, now: Round, names: list[str], thresholds: Thresholds) -> Non
         ax.annotate(text, (max(score.score, 0.0), place), (3, 0), textcoords="offset points", va="center", fontsize=7)
     ax.set_xscale("symlog", linthresh=10.0)
     ax.grid(False, axis="y")
+
+
+def _without_score(now: Round, effect: Effect, score: Score | None) -> str:
+    """Why an effect has no score in a round."""
+    if effect.name in now.fit.names:
+        return "in the model"
+    if score is not None:
+        return untested_words(score)
+    return "not tested" if effect.beside is None else f"a candidate only beside {effect.beside.name}"
 
 
 def intervals(view: View) -> Figure | None:

@@ -69,8 +69,8 @@ class SimilarRecord:
 
 @dataclass(frozen=True)
 class CandidateRecord:
-    """A candidate of a round; improvement: share of the training misfit, predicted by the score and achieved. None: not tested, or
-    not refitted."""
+    """A candidate of a round; improvement: share of the training misfit that the score predicts, in the weights of the round: a refit has its
+    own. None: not tested, or not refitted."""
 
     effect: str
     stage: str
@@ -83,7 +83,6 @@ class CandidateRecord:
     p_value: float | None
     adjusted_p_value: float | None
     predicted_improvement: float | None
-    achieved_improvement: float | None
     absorbed_by_base: float | None
     amplitudes: list[AmplitudeRecord]
     shape: list[ShapeRecord]
@@ -143,7 +142,7 @@ def candidate_record(
     candidate: Candidate, now: Round, unit: str, thresholds: Thresholds = DEFAULT, level: float = 1.0
 ) -> CandidateRecord:
     """A candidate with every number."""
-    score, effect, fit = candidate.score, candidate.score.effect, candidate.fit
+    score, effect = candidate.score, candidate.score.effect
     tested = score.is_tested
     shape = score.shape if candidate.addition is None else candidate.addition.shape or score.shape
     return CandidateRecord(
@@ -158,7 +157,6 @@ def candidate_record(
         p_value=score.p_value if tested else None,
         adjusted_p_value=score.adjusted if tested else None,
         predicted_improvement=score.share if tested else None,
-        achieved_improvement=None if fit is None else 1 - fit.loss / now.fit.loss,
         absorbed_by_base=score.absorbed if score.status in (Status.TESTED, Status.ABSORBED) else None,
         amplitudes=amplitude_records(candidate, unit, level),
         shape=shape_records(effect, shape, unit) if tested else [],

@@ -78,7 +78,12 @@ def write(
     # the manifest is written last: where it is, everything is
     use = discovery_headline(view).to_dict()
     manifest.beside(
-        *files, headline=use, verdict=view.discovery.verdict, in_words=verdict(view), hold_out=view.hold_out
+        *files,
+        *report.pictures,
+        headline=use,
+        verdict=view.discovery.verdict,
+        in_words=verdict(view),
+        hold_out=view.hold_out,
     )
     return files[0]
 
@@ -109,7 +114,7 @@ def _results(report: Report, folder: Path, view: View) -> None:
         report.figure(path, caption)
     for i, now in enumerate(rounds, start=1):
         report.heading(f"Round {i}: residual of {model_name(now.fit)}")
-        report.table(*candidate_table(now, view.unit, view.level), WORDS.candidate_caption())
+        report.table(*candidate_table(now, view), WORDS.candidate_caption())
     lines = "\n".join(untestable(rounds[0])) or WORDS.all_testable()
     report.heading("Not testable with these data").paragraph(lines)
     report.heading("The catalogue").table(*catalogue_table(view), WORDS.catalogue_caption())

@@ -15,7 +15,7 @@ from calibrate.models.fitness import Use
 from calibrate.models.parameter_covariance import Z95
 from studies.output.words import plus_minus, with_unit
 from studies.reports.discovery.candidate_outcome import WORDS, outcome_words
-from studies.reports.discovery.discovery_quality import discovery_headline
+from studies.reports.discovery.discovery_quality import discovery_headline, others_hold
 from studies.reports.discovery.records import told_shapes
 from studies.reports.discovery.replays.few_effects_table import few_data
 from studies.reports.discovery.replays.replayed_models import recommendation
@@ -130,9 +130,9 @@ def verdict(view: View) -> str:
 
 
 def use_of_models(view: View) -> list[str]:
-    """Where nothing explains the test, what comes nearest; which model to predict with, and what to know of model.json; nothing where the verdict says that it is not to be used."""
+    """Where nothing explains the test, what comes nearest; which model to predict with, and what to know of model.json; nothing where no model of these data is to be used."""
     use = discovery_headline(view)
-    if use.verdict is Use.NOT and view.discovery.few is None:
+    if not others_hold(view):
         return []
     own = [f"model.json: {use.text[0].lower()}{use.text[1:]}"] if use.verdict is Use.RESERVATIONS else []
     few = view.discovery.few
@@ -172,10 +172,9 @@ def effect_values(fit: Fit, i: int, unit: str, level: float = 1.0) -> list[str]:
 
 
 def _errors(view: View) -> ErrorChange:
-    first, last = view.discovery.rounds[0], view.discovery.rounds[-1]
-    before, after, held = first.held, last.held, True
-    if before is None or after is None:
-        before, after, held = first.train, last.train, False
+    (first, before), (last, after) = view.errors
+    held = before is not None and after is not None
+    before, after = before or first, after or last
     return ErrorChange(before.force, after.force, before.field, after.field, held, view.hold_out)
 
 

@@ -61,10 +61,9 @@ def misfit_table(view: View) -> Table:
 
 
 def catalogue_table(view: View) -> Table:
-    """Every effect with its formula, symbols, units and what decides it."""
+    """Every effect of any round with its formula, symbols, units and what decides it."""
     rows: list[list[Any]] = []
-    for candidate in view.discovery.rounds[0].candidates:
-        effect = candidate.score.effect
+    for effect in view.effects:
         symbols = [
             (f"{p.name} ({unit})" if (unit := amplitude_unit(p, view.unit)) != "1" else p.name)
             for p in (*effect.amplitudes, *effect.shapes)
@@ -79,36 +78,37 @@ def _p(value: float) -> float | str:
     return value if value > SMALLEST else f"< {SMALLEST:g}"
 
 
-def candidate_table(now: Round, unit: str, level: float = 1.0) -> Table:
+def candidate_table(now: Round, view: View) -> Table:
     """Every candidate of a round by its score, those that could not be tested last; what else is known of them is in ``effects.csv``."""
     before, where = (now.train, "fitted") if now.held is None else (now.held, "held out")
     columns = [
         "effect", "outcome", "cannot be told from", "similar to (cosine)", "score", "adjusted p", AMPLITUDE,
         _head(f"force error, {where}", before.force), _head(f"field error, {where}", before.field),
     ]  # fmt: skip
-    rows = [_in_the_model(now.fit, i, unit, level, columns) for i in range(len(now.fit.additions))]
+    rows = [_in_the_model(now.fit, i, view, columns) for i in range(len(now.fit.additions))]
     ordered = sorted(now.candidates, key=lambda c: -c.score.score if c.score.is_tested else np.inf)
-    return columns, rows + [_candidate(candidate, now, unit, level, columns) for candidate in ordered]
+    return columns, rows + [_candidate(candidate, now, view, columns) for candidate in ordered]
 
 
 def _head(name: str, before: float | None) -> str:
     return f"{name}, %" + ("" if before is None or before != before else f" (before: {100 * before:.3g})")
 
 
-def _in_the_model(fit: Fit, i: int, unit: str, level: float, columns: list[str]) -> list[Any]:
+def _in_the_model(fit: Fit, i: int, view: View, columns: list[str]) -> list[Any]:
     row: list[Any] = [fit.additions[i].effect.name, "in the model", *[None] * (len(columns) - 2)]
-    row[columns.index(AMPLITUDE)] = ", ".join(effect_values(fit, i, unit, level))
+    row[columns.index(AMPLITUDE)] = ", ".join(effect_values(fit, i, view.unit, view.level))
     return row
 
 
-def _candidate(candidate: Candidate, now: Round, unit: str, level: float, columns: list[str]) -> list[Any]:
-    s = candidate.score
+def _candidate(candidate: Candidate, now: Round, view: View, columns: list[str]) -> list[Any]:
+    s, thresholds = candidate.score, view.discovery.thresholds
+    words = outcome_words(candidate, now, thresholds)
     if not s.is_tested:
-        return [candidate.name, outcome_words(candidate, now), *[None] * (len(columns) - 2)]
+        return [candidate.name, words, *[None] * (len(columns) - 2)]
     like = ", ".join(f"{name} ({cosine:.2f})" for name, cosine in candidate.like)
     return [
-        candidate.name, outcome_words(candidate, now), ", ".join(indistinguishable(candidate, now)) or None, like or None,
-        s.score, _p(s.adjusted), amplitude_text(candidate, unit, level),
+        candidate.name, words, ", ".join(indistinguishable(candidate, now, thresholds)) or None, like or None,
+        s.score, _p(s.adjusted), amplitude_text(candidate, view.unit, view.level),
         *_errors(candidate.train if now.held is None else candidate.held),
     ]  # fmt: skip
 

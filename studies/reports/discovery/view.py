@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Weighing
+from calibrate.diagnosis.misfit import Misfit, misfit
 from calibrate.diagnosis.model_weights import noise_of
 from calibrate.diagnosis.problem import Part, Problem
 from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
 from calibrate.diagnosis.selection import Discovery
+from calibrate.diagnosis.selection.rounds import Round
+from calibrate.effects import Effect
 from studies.output.findings import Finding
 
 Array = NDArray[np.float64]
@@ -34,9 +37,9 @@ class View:
 
     @property
     def weighing(self) -> Weighing | None:
-        """Of all explanations; None where it was not made."""
+        """Of all explanations, with what the test shows at the level of the final model; None where it was not made."""
         found = self.discovery.weighing
-        return None if found is None else replace(found, powers=self.discovery.powers)
+        return found and replace(found, powers=tuple(one.stiffer(self.level) for one in self.discovery.powers))
 
     @property
     def inclusion(self) -> dict[str, float]:
@@ -54,6 +57,23 @@ class View:
         """By which the stiffness of the final model is multiplied: what replayed forces or a nominal level ask for, or 1."""
         return stiffness_level(self.discovery, self.discovery.final)
 
+    @cached_property
+    def errors(self) -> tuple[tuple[Misfit, Misfit | None], ...]:
+        """Errors of the base and of the final model, each at its level, as its file has it: of the equations fitted, and of those held out."""
+        found = self.discovery
+        return self._errors(found.start or found.problem, found.rounds[0]), self._errors(
+            found.problem, found.rounds[-1]
+        )
+
+    def _errors(self, problem: Problem, now: Round) -> tuple[Misfit, Misfit | None]:
+        level = stiffness_level(self.discovery, now.fit)
+        if level == 1.0:
+            return now.train, now.held
+        additions = tuple(one.stiffer(level) for one in now.fit.additions)
+        fitted, held = (misfit(problem, level * now.fit.c, additions, which) for which in (False, True))
+        assert fitted is not None
+        return fitted, held
+
     def forces(self, part: Part, fit: Fit) -> dict[str, tuple[Array, Array, Array]]:
         """As `forces`, at the level of the fit."""
         return forces(part, fit, stiffness_level(self.discovery, fit))
@@ -63,6 +83,14 @@ class View:
         """The base and, where something was added, the final model."""
         first, last = self.discovery.base, self.discovery.final
         return {"base model": first} if last is first else {"base model": first, "final model": last}
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Every effect that was a candidate in a round or is in its model: some are candidates only beside another."""
+        rounds = self.discovery.rounds
+        candidates = [one.score.effect for now in rounds for one in now.candidates]
+        added = [one.effect for now in rounds for one in now.fit.additions]
+        return tuple({effect.name: effect for effect in (*candidates, *added)}.values())
 
     @cached_property
     def maps(self) -> tuple[dict[str, Array], ...]:

@@ -18,6 +18,7 @@ from calibrate.diagnosis.selection.rounds import Verdict
 from calibrate.equations.deformation_modes import MODES, largest_stretch, mode_invariants
 from calibrate.equations.kinematics import invariants_and_derivatives
 from calibrate.fitting.calibrated_range import near
+from calibrate.models.compressible_sheet import compressible_deviation, compressible_sheet
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.model_uncertainty import Kind
 from calibrate.models.network_model import Model
@@ -45,6 +46,7 @@ class Extent(Macro):
     DIAGNOSED_BANDS = "bands_of_diagnosis"
     SLOW = "infinitely_slow"
     AT_SPEED = "at_constant_speed"
+    COMPRESSIBLE = "volume_changes_along_curves"
     LEFT_OUT = "effects_left_out_of_curves"
 
 
@@ -128,10 +130,24 @@ def predict(
             if isinstance(model, DiagnosedLaw):
                 curves.append(_of_diagnosis(model, mode, x, axis, limit, known))
             else:
-                stress, deviation = model.homogeneous(mode, x), model.homogeneous_deviation(mode, x)
-                values, by_mode = mode_invariants(mode, x), limit < furthest
-                curves.append(Curve(mode, x, stress, values, x <= limit, limit, known, deviation, by_mode=by_mode))
+                curves.append(_of_network(model, mode, x, limit, known))
     return curves
+
+
+def _of_network(model: Model, mode: str, x: Array, limit: float, known: Array | None) -> Curve:
+    """With a bulk modulus the sheet changes its volume, and is strained less than at constant volume: the calibrated range ends no earlier."""
+    calibrated = x <= limit * (1 + ROUND_OFF)
+    by_mode = limit < min(model.largest_stretch(mode), LARGEST) * (1 - ROUND_OFF)
+    if model.bulk_modulus is None:
+        values, stress, deviation = (
+            mode_invariants(mode, x),
+            model.homogeneous(mode, x),
+            model.homogeneous_deviation(mode, x),
+        )
+    else:
+        found, deviation = compressible_sheet(model, mode, x), compressible_deviation(model, mode, x)
+        values, stress = found.invariants, found.stress
+    return Curve(mode, x, stress, values, calibrated, limit, known, deviation, by_mode=by_mode)
 
 
 def _of_diagnosis(law: DiagnosedLaw, mode: str, x: Array, axis: str, limit: float, known: Array | None) -> Curve:
@@ -200,8 +216,15 @@ def band_finding(model: Model | DiagnosedLaw) -> Finding:
 
 def findings(model: Model | DiagnosedLaw, curves: list[Curve]) -> list[Finding]:
     """What a reader of the curves should know."""
-    own, file = (_of_law(model), model.model) if isinstance(model, DiagnosedLaw) else ([], model)
+    own, file = (_of_law(model), model.model) if isinstance(model, DiagnosedLaw) else (_of_volume(model), model)
     return [*model_remarks(file), *own, *(curve.finding for curve in curves), band_finding(model)]
+
+
+def _of_volume(model: Model) -> list[Finding]:
+    """That the curves are those of a compressible sheet; nothing of an incompressible one."""
+    if model.bulk_modulus is None:
+        return []
+    return [Finding("prediction", Extent.COMPRESSIBLE, {"bulk_modulus": model.bulk_modulus, "unit": model.unit})]
 
 
 def _of_law(law: DiagnosedLaw) -> list[Finding]:

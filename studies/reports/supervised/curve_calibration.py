@@ -96,7 +96,7 @@ def write(folder: Path, found: CurveCalibration, manifest: Manifest) -> None:
     write_figure(picture, _figure(found), dpi=150)
     first, *rest = found.lines()
     report = Report(f"Calibration on {found.name}", rest[0]).heading("Result").paragraph(first)
-    report.table(("mode", "points", "largest stretch", "error, %", "r2"), _quality(found), WORDS.errors())
+    report.table(("mode", "points", "stretch from", "to", "error, %", "r2"), _quality(found), WORDS.errors())
     report.table(*curve_laws(found.laws, "MPa"), LAWS.classical_table(scale=found.laws.scale))
     add_alerts(report, found.findings).heading("Evidence").figure(picture, WORDS.figure())
     record = manifest.to_dict()
@@ -119,7 +119,7 @@ def _rows(found: CurveCalibration) -> list[tuple[Any, ...]]:
 
 def _quality(found: CurveCalibration) -> list[tuple[Any, ...]]:
     return [
-        (TITLES[mode], len(x), f"{x.max():.3g}", f"{100 * found.errors[mode]:.2g}",
+        (TITLES[mode], len(x), f"{x.min():.3g}", f"{x.max():.3g}", f"{100 * found.errors[mode]:.2g}",
          f"{r2(P, found.fit.model.homogeneous(mode, x)):.4f}")
         for mode, (x, P) in found.curves.items()
     ]  # fmt: skip

@@ -30,6 +30,7 @@ from calibrate.data.experiment import Experiment, Noise
 from calibrate.equations.deformation_modes import MODES, stretches_to_gradient
 from calibrate.robust_deviation import robust_std
 from studies.importers import homogeneous_curves, measured_data
+from studies.importers.exports.text_files import text_file
 from studies.importers.text_tables import Layout, read_table
 from studies.sheets.homogeneous import homogeneous_sheet
 from studies.sheets.homogeneous.homogeneous_sheet import CROSS_SECTION, WIDTH
@@ -219,18 +220,20 @@ def hnbr50(test: str = "slow", increments: int = 120) -> Experiment:
 
 
 def from_file(path: str | Path, mode: str = "uniaxial") -> Experiment:
-    """A CSV with the columns 'stretch' and 'stress' (MPa), or 'lambda1', 'lambda2', 'P1_MPa', 'P2_MPa'; 'time' (s) too.
+    """A text table with the columns 'stretch' and 'stress' (MPa), or 'lambda1', 'lambda2', 'P1_MPa', 'P2_MPa'; 'time' (s) too.
 
-    Rows are kept in their order; a missing stress is NaN. mode: of the two-column form.
+    Separator and decimal mark are found from its content. Rows are kept in their order; a missing stress is NaN. mode: of the two-column form.
     Raises `DataNotFoundError`, `FileFormatError`, and the errors of `curve`.
     """
     path = Path(path)
-    table = read_table(path, None, Layout(missing_allowed=True))
+    file = text_file(path) if path.is_file() else None
+    layout = Layout(missing_allowed=True) if file is None or file.is_matrix else file.layout
+    table = read_table(path, None, layout)
     time = table.get("time")
     if "lambda1" not in table:
-        table |= read_table(path, ("stretch", "stress"), Layout(missing_allowed=True))
+        table |= read_table(path, ("stretch", "stress"), layout)
         return curve(path.stem, mode, table["stretch"], table["stress"], time=time, source=path.name)
-    columns = read_table(path, ("lambda1", "lambda2", "P1_MPa", "P2_MPa"), Layout(missing_allowed=True))
+    columns = read_table(path, ("lambda1", "lambda2", "P1_MPa", "P2_MPa"), layout)
     values = np.stack(list(columns.values()), axis=1)
     return homogeneous_sheet.experiment(
         path.stem, values[:, :2], values[:, 2:], "xy", time, noise(_last_digit(values[:, 2:]), 1e-3 * ROUNDING),

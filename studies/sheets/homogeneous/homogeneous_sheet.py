@@ -151,5 +151,8 @@ def evenly(time: Array, stretch: Array, stress: Array, count: int) -> NDArray[np
     chosen = np.unique(even)
     while len(chosen) < count:
         lines = np.stack([np.interp(time, time[chosen], v[chosen]) for v in scaled])
-        chosen = np.union1d(chosen, np.abs(scaled - lines).sum(axis=0).argmax())
+        wrong = np.abs(scaled - lines).sum(axis=0)
+        if wrong.max() == 0 or wrong.argmax() in chosen:
+            break  # the record is these lines
+        chosen = np.union1d(chosen, wrong.argmax())
     return chosen

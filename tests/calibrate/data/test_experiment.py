@@ -282,3 +282,11 @@ def test_content_that_fails_a_check_names_the_file(tmp_path):
     np.savez(path, **content)
     with pytest.raises(errors.EquigapError, match=r"sheet\.npz: .*displacement"):
         Experiment.load(path)
+
+
+def test_relative_and_absolute_errors_of_a_force_are_independent():
+    """Their variances add up, as those of two draws do."""
+    noise, force = Noise(0.0, force_std_relative=0.02, force_std=0.3), np.array([-20.0, 0.0, 5.0])
+    draws = np.random.default_rng(0).normal(size=(2, 100_000, 3))
+    error = noise.force_std_relative * np.abs(force) * draws[0] + noise.force_std * draws[1]
+    np.testing.assert_allclose(noise.force_deviation(force), error.std(axis=0), rtol=0.01)

@@ -124,6 +124,28 @@ def test_an_error_that_stays_below_that_of_a_load_cell_of_class_0_5_may_grow():
     assert errors_grow(before, large, DEFAULT)
 
 
+def test_an_amplitude_at_the_end_of_what_is_possible_is_no_explanation():
+    """However it came into the model: an explanation that the rounds were run on from has passed no round."""
+    nonlinear = effect("load cell nonlinearity")
+    ends = Model(
+        base().problem, replace(base().fit, additions=(Addition(nonlinear, (nonlinear.amplitudes[0].upper,)),))
+    )
+    inside = replace(ends, fit=replace(ends.fit, additions=(Addition(nonlinear, (0.01,)),)))
+    assert Doubt.AT_BOUNDS in confirm(base(), ends).doubts
+    assert Doubt.AT_BOUNDS not in confirm(base(), inside).doubts
+
+
+def test_where_no_force_is_held_out_those_that_were_fitted_are_judged():
+    """Of half a sheet fields alone are held out; the force error that is left is limited all the same."""
+    problem, fit = base_fit.prepare([noisy_plate()], [HoldOut("half", "left").training])
+    one = Model(problem, fit)
+    found, fitted = confirm(one, one), misfit(problem, fit.c, (), False)
+    assert np.isnan(misfit(problem, fit.c, (), True).force)
+    assert found.after.force == fitted.force and found.force_allowed == DEFAULT.small_force_error
+    stiff = Model(problem, replace(fit, c=1.2 * fit.c))
+    assert {Doubt.ERRORS_GROW, Doubt.LARGE_FORCE_ERROR} <= set(confirm(one, stiff).doubts)
+
+
 def test_the_same_model_is_no_explanation_of_itself():
     assert Doubt.OTHER_WEIGHTS in confirm(base(), base()).doubts
 

@@ -84,20 +84,22 @@ def test_a_refused_candidate_that_no_evidence_needs_is_no_alarm(none, verdict):
 
 
 @pytest.mark.parametrize(
-    ("noise", "smooth", "none", "verdict"),
+    ("noise", "certain", "smooth", "none", "verdict"),
     [
-        (1.0, 1.0, 0.80, Verdict.NOTHING_SIGNIFICANT),
-        (1.6, 1.6, 0.80, Verdict.NOTHING_SIGNIFICANT),
-        (1.6, 1.6, 0.70, Verdict.NOT_EXPLAINED),  # something may be needed
-        (1.6, 4.0, 0.97, Verdict.NOT_EXPLAINED),  # smooth over place and load
-        (3.0, 3.0, 0.97, Verdict.NOT_EXPLAINED),  # far more than what noise of another kind is taken for
+        (1.0, 1.0, 1.0, 0.80, Verdict.NOTHING_SIGNIFICANT),
+        (1.6, 1.6, 1.6, 0.80, Verdict.NOTHING_SIGNIFICANT),
+        (1.2, 1.6, 1.6, 0.80, Verdict.NOTHING_SIGNIFICANT),  # errors of the mesh are allowed for, and are not there
+        (1.6, 1.6, 1.6, 0.70, Verdict.NOT_EXPLAINED),  # something may be needed
+        (1.6, 1.6, 4.0, 0.97, Verdict.NOT_EXPLAINED),  # smooth over place and load
+        (0.8, 5.0, 1.0, 0.97, Verdict.NOT_EXPLAINED),  # large where no error of the mesh can be
+        (3.0, 3.0, 3.0, 0.97, Verdict.NOT_EXPLAINED),  # far more than what noise of another kind is taken for
     ],
 )
-def test_what_rounds_add_and_no_evidence_needs_is_taken_out(noise, smooth, none, verdict):
-    """noise, smooth: mean squares of the residual of the base, of all and of its smooth part, over those of noise."""
+def test_what_rounds_add_and_no_evidence_needs_is_taken_out(noise, certain, smooth, none, verdict):
+    """noise, certain, smooth: mean squares of the residual of the base, of all, of what no error of the mesh can be, and of its smooth part, over those of noise."""
     first, last = explained().rounds
     tests = nothing().rounds[0].misfits
-    sizes = (noise, noise, smooth)
+    sizes = (noise, certain, smooth)
     changed = Misfits(*(ChiSquare(size * test.degrees, test.degrees) for size, test in zip(sizes, tests, strict=True)))
     predicted = ChiSquare(noise * first.predicted.degrees, first.predicted.degrees)
     base = replace(first, misfits=changed, predicted=predicted)

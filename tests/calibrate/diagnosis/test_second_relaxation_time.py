@@ -69,7 +69,7 @@ def test_a_second_time_is_a_candidate_beside_the_first_alone_and_takes_its_place
     assert [s.effect.name for s in score_tests.score(problem, one, (FIRST, SECOND))] == [SECOND.name]
     additions = (Addition(FIRST, (0.0,), (30.0,)), Addition(SECOND, (0.25,), (2.0,)))
     _, left = weighted_fit.without_superfluous(
-        problem, replace(one, additions=additions, null_errors=((0.01,), (0.01,)))
+        problem, replace(one, additions=additions, null_covariances=(np.array([[1e-4]]),) * 2)
     )
     assert [a.effect for a in left.additions] == [FIRST]
     assert left.additions[0].shape[0] == pytest.approx(2.0, rel=0.2)

@@ -215,8 +215,9 @@ def test_what_a_formula_leaves_in_proportion_to_an_effect_is_no_reason_for_none(
         return effect_fit.refit(problem, base.c, (addition(), gain))
 
     exact, found = fitted(none), fitted(errors)
-    assert found.additions == exact.additions and exact.null_errors == exact.errors
-    smoothing, of_gain = ((one.errors[i][0], one.null_errors[i][0]) for i in range(2) for one in (found,))
+    assert found.additions == exact.additions
+    np.testing.assert_allclose([c[0, 0] ** 0.5 for c in exact.null_covariances], [d for (d,) in exact.errors])
+    smoothing, of_gain = ((found.errors[i][0], found.null_covariances[i][0, 0] ** 0.5) for i in range(2))
     assert smoothing[0] > 0.9 * found.additions[0].amplitudes[0] > 3 * smoothing[1]
     assert smoothing[1] == pytest.approx(exact.errors[0][0], rel=1e-6)
     assert of_gain[0] == of_gain[1] > exact.errors[1][0]  # beside smoothing it may be what that leaves

@@ -9,6 +9,7 @@ from synthetic import ArrudaBoyce, derivatives, plate_experiment, with_noise
 
 from calibrate.data import load_path
 from calibrate.data.experiment import Noise
+from calibrate.data.measurement import first_of_cell, one_cell
 from calibrate.equations import basis as bases
 from calibrate.equations import equilibrium as equations
 from calibrate.equations import noise_covariance, reduction, weights
@@ -207,7 +208,7 @@ def test_opposite_grips_that_one_load_cell_reads_are_wrong_together():
         load = system.loads[1]
         found = noise_covariance.covariance_of(system, np.zeros((len(load), 0)), load, noise)
         rows = [int(np.flatnonzero(system.fields.boundary == b)[0]) for b in range(2)]
-        deviation = 1e-3 * np.abs(load[rows]) + 0.01
+        deviation = np.hypot(1e-3 * load[rows], 0.01)
         correlation = found[np.ix_(rows, rows)] / np.outer(deviation, deviation)
         expected = np.eye(2) if two_cells else np.array([[1, -1], [-1, 1]])
         np.testing.assert_allclose(correlation, expected, atol=1e-12)
@@ -279,3 +280,16 @@ def test_samples_of_a_drift_have_its_covariance():
     fields = np.array([noise_covariance.common_sample(factor, np.random.default_rng(k), M) for k in range(400)])
     found = np.einsum("ktnc,kunc->tu", fields, fields) / fields[:, 0].size / 0.02**2
     np.testing.assert_allclose(found, M, atol=5 * np.sqrt(2 / 400 / 10))  # ten independent places on the plate at least
+
+
+def test_one_cell_reads_what_is_opposite_wherever_both_are_known():
+    left = np.array([1.0, 2.0, np.nan, 4.0])
+    forces = np.stack([left, -np.nan_to_num(left, nan=3.0), -left * (1 + 1e-5), 0 * left, np.full(4, np.nan)], axis=1)
+    expected = np.zeros((5, 5), bool)
+    expected[0, 1] = expected[1, 0] = True
+    np.testing.assert_array_equal(one_cell(forces), expected)
+    first = first_of_cell(forces)
+    np.testing.assert_array_equal(
+        np.isfinite(first[:, :2]), [[True, False], [True, False], [False, True], [True, False]]
+    )
+    np.testing.assert_array_equal(first[:, 2:], forces[:, 2:])

@@ -14,7 +14,7 @@ from calibrate.effects.chain import Addition
 from calibrate.effects.fibres import fibre_angles
 from calibrate.equations.deformation_modes import MODES, mode_invariants, stretches_to_gradient
 from calibrate.equations.equilibrium import equilibrium
-from calibrate.fitting.calibrated_range import calibrated_range, largest_fibre_stretch, mode_ranges, near
+from calibrate.fitting.calibrated_range import calibrated_range, curve_ranges, largest_fibre_stretch, mode_ranges, near
 
 
 def test_fibres_are_stretched_most_along_the_pull():
@@ -54,6 +54,18 @@ def test_a_homogeneous_test_is_near_its_own_mode_alone(mode):
         found = mode_ranges(system)
         assert found.pop(near(mode)) == pytest.approx((3.0, mode_invariants(mode, np.array([1.5]))[0, 0]))
         assert set(found.values()) == {(3.0, 3.0)}
+
+
+def test_a_sheet_under_compression_is_one_under_tension_along_its_other_axes():
+    """Uniaxial compression to 0.49 stretches the other two axes by 0.49^-0.5; each mode of curves ends where its own data do."""
+    F = np.concatenate(
+        [stretches_to_gradient("uniaxial", np.array([0.49, 1.0])), stretches_to_gradient("pure_shear", np.array([1.3]))]
+    )
+    found = curve_ranges(F)
+    I1 = mode_invariants("equibiaxial", np.array([0.49**-0.5]))[0, 0]
+    assert found["I1"] == found["I1 near equi-biaxial"] == pytest.approx((3.0, I1))
+    assert found["I1 near pure shear"] == pytest.approx((3.0, 1.3**2 + 1 + 1.3**-2))
+    assert found["I1 near uniaxial"] == (3.0, 3.0)
 
 
 def test_the_ranges_near_modes_are_within_that_of_all():

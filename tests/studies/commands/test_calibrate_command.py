@@ -118,7 +118,7 @@ def test_everything_is_written(run):
     manifest = json.loads((folder / "report.json").read_text())
     assert manifest["seed"] == 0
     assert manifest["results"]["unit"] == "MPa"
-    assert set(manifest["outputs"]) == {"report.html", "model.json", "forces.csv"}
+    assert set(manifest["outputs"]) == {"report.html", "model.json", "forces.csv", "curves.png", "starts.png"}
     points = manifest["results"]["curve_points"]
     assert all(p["low_95"] < p["stress"] < p["high_95"] for p in points)
     assert {p["calibrated"] for p in points} == {True, False}
@@ -234,6 +234,7 @@ def test_config_is_read_and_the_command_line_wins(run, tmp_path):
         (("--spacing", "-3"), "--spacing"),
         (("--hold-out", "first"), "--hold-out"),
         (("--los", "paper"), "--loss?"),
+        (("--scaling", "dependent"), "give loss 'paper' too"),
     ],
 )
 def test_bad_options_end_in_one_line(run, words, key):
@@ -273,6 +274,13 @@ def test_the_same_command_in_a_complete_folder_computes_nothing(run, monkeypatch
     assert code == 0
     assert f"{folder} is complete; --overwrite makes it again" in said
     assert first.splitlines()[-1] in said
+
+
+def test_a_run_is_known_by_what_it_reads_wherever_it_is_called_from(run, monkeypatch, tmp_path):
+    run(noisy())
+    monkeypatch.setattr("studies.commands.calibrate.fit_network", lambda *given: pytest.fail("fitted again"))
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", "experiment.npz", "-o", "out", *FAST]) == 0
 
 
 # --- the numbers behind the report ----------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from calibrate.models.extended_model import ExtendedModel
 from studies.cli import main
 from studies.commands import discover as discovery
 from studies.errors import OptionError
+from studies.output.folder import earlier_answer
 from studies.replay.replay_check import FiniteElementCheck
 from studies.replay.twin_replay import twin_replay
 from studies.reports.discovery import report as discovery_report
@@ -81,6 +82,11 @@ def test_everything_is_written_and_the_verdict_is_said(run, asked):
     assert manifest["results"]["verdict"] == "explained"
     assert set(manifest["outputs"]) >= {"report.html", "model.json", "discovery.json", "effects.csv"}
     assert len(manifest["inputs"]) == 1
+    pictures = {path.name for path in folder.glob("*.png")}
+    assert len(pictures) >= 5 and pictures <= set(manifest["outputs"])
+    assert earlier_answer(folder) is not None
+    (folder / "scores.png").unlink()
+    assert earlier_answer(folder) is None
 
 
 def test_options_reach_the_search(run, asked, tmp_path):

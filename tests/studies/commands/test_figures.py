@@ -94,6 +94,22 @@ def test_the_page_shows_every_picture_and_lists_its_record(tmp_path: Path) -> No
     assert all(len(f["sha256"]) == 64 for f in listed["files"])
 
 
+def test_every_study_is_listed_with_the_revision_that_finished_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = steps()
+    for step, made_by in ((first, "old"), (second, "new")):
+        monkeypatch.setattr(figures, "revision", lambda name=made_by: name)
+        assert figures.run_all([step], "quick", tmp_path, 2, Runs()) == []
+    figures.write_page(tmp_path, "quick", {}, [])
+    listed = json.loads((tmp_path / "figures.json").read_text())
+    assert {name: one["revision"] for name, one in listed["finished"].items()} == {
+        "simulate": "old",
+        "calibrate": "new",
+    }
+    assert all(one["versions"]["python"] for one in listed["finished"].values()) and "revision" not in listed
+
+
 def test_a_real_command_runs_in_a_process_of_its_own(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / "log"
     code, peak = figures._run(["specimens", "--only", "nothing", "--output", str(tmp_path / "out")], log)

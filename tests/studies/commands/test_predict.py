@@ -23,6 +23,7 @@ from calibrate.models.fitness import Fitness, Use
 from calibrate.models.model_uncertainty import ModelUncertainty
 from calibrate.models.parameter_covariance import Uncertainty
 from studies import cli
+from studies.output.manifest import file_hash
 from studies.reports.prediction import predicted_curves as prediction
 from studies.reports.prediction.predicted_forces import forecast
 
@@ -213,6 +214,22 @@ def test_another_model_is_not_written_over_the_first(file: Path, tmp_path: Path,
     assert cli.main(["predict", str(file), *out, "--overwrite"]) == 0
 
 
+def test_the_model_that_is_drawn_beside_belongs_to_the_run(file: Path, tmp_path: Path, refused) -> None:
+    """Its curves are drawn, its hash is in the manifest, and with another content it is another run."""
+    other = tmp_path / "other.json"
+    neo_hooke(top=5.0).save(other)
+    words = ["predict", str(file), "--points", "5", "--against", str(other)]
+    assert cli.main([*words, "-o", str(tmp_path / "out")]) == 0
+    manifest = json.loads((tmp_path / "out" / "curves.json").read_text())
+    assert manifest["inputs"][str(other)] == file_hash(other)
+    rows = csv.DictReader((tmp_path / "out" / "curves.csv").read_text().splitlines()[1:])
+    for row in (one for one in rows if one["mode"] == "uniaxial"):
+        x = float(row["stretch"])
+        assert float(row["compared"]) == pytest.approx(MU * (x - x**-2), abs=1e-9)
+    neo_hooke(top=4.0).save(other)
+    refused(*words, key="--overwrite")
+
+
 def spline_twin(mu: float = MU) -> ExtendedModel:
     """The same energy as an extended model without effects."""
     basis = SingleBasis(0, 20.0)
@@ -262,7 +279,10 @@ def test_beyond_the_calibrated_range_and_with_a_bulk_modulus_that_plane_stress_d
     assert 0 < manifest["results"]["outside"] < 1
 
 
-@pytest.mark.parametrize(("unit", "more", "key"), [("N/mm", [], "thickness"), ("MPa", ["--stretch", "2"], "--test")])
+@pytest.mark.parametrize(
+    ("unit", "more", "key"),
+    [("N/mm", [], "thickness"), ("MPa", ["--stretch", "2"], "--test"), ("MPa", ["--points", "7"], "--points")],
+)
 def test_what_does_not_go_with_a_test_is_refused(unit: str, more: list[str], key: str, tmp_path: Path, refused) -> None:
     sheet().save(tmp_path / "test.npz")
     neo_hooke(unit).save(tmp_path / "model.json")

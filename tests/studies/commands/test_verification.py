@@ -51,6 +51,32 @@ def test_an_absent_number_does_not_agree_unless_its_study_was_left_out(tmp_path:
     assert verification.compared(folder, [KEY], {"simulate": "no data"}) == []
 
 
+def test_where_everything_was_left_out_nothing_is_said_to_agree(tmp_path: Path, known: None, equigap) -> None:
+    folder = run(tmp_path / "a")
+    content = {"format": "equigap-figures", "scale": "quick", "left_out": {"simulate": "no data"}}
+    (folder / "figures.json").write_text(json.dumps(content))
+    said = equigap("verify", folder)
+    assert said.code == 2 and "nothing was compared" in said.err and "simulate" in said.err
+    assert not (folder / "verify.json").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--collect", "b", "--same-as", "b"],
+        ["--collect", "b", "-o", "table.json"],
+        ["--same-as", "b", "-o", "table.json"],
+        ["--same-as", "b", "--overwrite"],
+    ],
+)
+def test_options_without_effect_are_refused(tmp_path: Path, words: list[str], equigap, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run(Path("a"))
+    run(Path("b"))
+    said = equigap("verify", "a", *words)
+    assert said.code == 2 and words[0] in said.err and not Path("table.json").exists()
+
+
 def test_tolerances_come_from_the_spread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folders = [run(tmp_path / name, force) for name, force in (("a", 10.0), ("b", 10.1), ("c", 10.3))]
     monkeypatch.setattr(verification, "stored", lambda: [{"name": KEY.name, "file": KEY.file, "path": KEY.path}])

@@ -14,7 +14,7 @@ import pytest
 from calibrate import errors
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis.base_fit import prepare
-from calibrate.diagnosis.evidence.linear_evidence import Evidence
+from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.evidence.signatures import evidence, modulus
 from calibrate.diagnosis.problem import all_rows
@@ -24,7 +24,7 @@ from calibrate.effects.support.effect_data import Data
 from calibrate.models.addition_json import addition_to_dict
 from studies import cli
 from studies.commands.design import completed
-from studies.decide.expected_evidence import expected
+from studies.decide.expected_evidence import difference, expected
 from studies.decide.programmes import Programme, loaded, recorded
 from studies.decide.report import DECISIVE, Decision, SpecimenResult
 from studies.decide.rivals import Rivals, read
@@ -99,6 +99,26 @@ def test_what_is_expected_is_what_tests_give(name, amplitude, other, within):
     given = [realised(seed, hidden, other) for seed in range(12)]
     assert found > DECISIVE
     assert abs(np.log(found / np.mean(given))) < within + 2 * np.std(given) / np.mean(given) / np.sqrt(len(given))
+
+
+@pytest.mark.parametrize("many", [1, 15])
+def test_noise_is_allowed_for_in_what_is_expected_against_many_amplitudes(many):
+    """Mean of ln evidence over drawn noise; one amplitude is the truth, others could fit the noise as well."""
+    rng = np.random.default_rng(0)
+    columns = np.linalg.qr(rng.standard_normal((200, 1 + many + 4)))[0]
+    truth, field = 3.0 * columns[:, :1], 10.0 * (columns[:, 1 : 1 + many] + 0.1 * columns[:, :1])
+    signatures = tuple(
+        Signature(name, (), S, 1.0, np.zeros(S.shape[1], bool)) for name, S in (("one", truth), ("many", field))
+    )
+    weighed = Evidence(signatures, -truth[:, 0], columns[:, 1 + many :], 0.0)
+    noise = rng.standard_normal((1000, 200))
+    drawn = [
+        [replace(weighed, r=weighed.r + sign * eps).subset((i,)).log_evidence for sign in (1, -1) for i in (0, 1)]
+        for eps in noise
+    ]
+    each = np.array(drawn) @ [0.5, -0.5, 0.5, -0.5]
+    scatter = each.std() / np.sqrt(len(each))
+    assert difference(weighed, ("one",), ("many",)) == pytest.approx(each.mean(), abs=4 * scatter)
 
 
 def test_without_noise_what_is_expected_is_what_a_test_gives():
@@ -180,6 +200,19 @@ def test_pairs_of_a_diagnosis(tmp_path):
     assert (found.modulus, found.duration) == (0.4, 30.0)
 
 
+def test_no_effect_at_all_is_one_of_a_pair(tmp_path):
+    nothing = {"effects": [], "not_in_catalogue": False, "probability": 0.4, "log_evidence": -10.5, "fitted": True, "additions": []}  # fmt: skip
+    content = json.loads((diagnosis(tmp_path) / "discovery.json").read_text())["evidence"]
+    relaxation = {**content["explanations"][0], "probability": 0.6}
+    found = read(diagnosis(tmp_path, evidence={**content, "explanations": [relaxation, nothing], "spanned_by": {}}))
+    assert [(one.text, one.now) for one in found.rivals] == [
+        ("viscoelasticity against no effect", 0.5), ("no effect against viscoelasticity", -0.5),
+    ]  # fmt: skip
+    seen, unseen = expected(loaded(plate(), Programme.BACK, 30.0), found.rivals, 1.0, read_priors())
+    assert seen is not None and unseen is not None
+    assert seen > DECISIVE and seen > unseen > 0
+
+
 def test_something_unknown_is_no_pair(tmp_path):
     found = read(
         diagnosis(tmp_path, evidence={"fitted": True, "explanations": [], "not_in_catalogue": 0.9, "spanned_by": {}})
@@ -206,11 +239,14 @@ def test_no_file_is_named(tmp_path):
         read(tmp_path)
 
 
-def test_the_command_says_which_test_decides_and_resumes(tmp_path, capsys):
+def test_the_command_says_which_test_decides_and_resumes(tmp_path, capsys, monkeypatch):
     (tmp_path / "plan.toml").write_text(PLAN)
-    words = ["decide", str(diagnosis(tmp_path)), str(tmp_path / "plan.toml"), "--quick", "-o", str(tmp_path / "out")]
+    diagnosis(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    words = ["decide", "discovery.json", "plan.toml", "--quick", "-o", str(tmp_path / "out")]
     assert cli.main(words) == 0
     said = capsys.readouterr().out
+    assert f"what {tmp_path.name} could not" in (tmp_path / "out" / "report.html").read_text()
     assert "W901" in said and "plate_with_hole, ramp and back" in said
     rows = list(csv.reader((tmp_path / "out" / "tests.csv").read_text().splitlines()))
     assert len(rows) == 1 + len(Programme)

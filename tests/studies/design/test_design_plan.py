@@ -9,6 +9,7 @@ from studies.design.design_plan import Plan, checked, read_plan
 from studies.errors import DesignError
 
 PLAIN = {"specimen": [{"kind": "UT"}]}
+SOUGHT = {"kind": "UT", "between": {"half_width": [10.0, 20.0]}}
 
 
 def test_the_default_file_states_the_defaults():
@@ -35,6 +36,13 @@ def test_the_page_shows_the_default_file():
         ({"stretches": {"biaxial": 1.5}}, "biaxial = 1.5"),
         ({"specimen": [{"kind": "cros"}]}, "did you mean cross"),
         ({"specimen": [{"kind": "UT"}, {"kind": "UT"}]}, "'UT' is there twice"),
+        (
+            {"specimen": [{"kind": "UT", "name": "sheet 1"}, {"kind": "PS", "name": "sheet_1"}]},
+            "'sheet_1' would have the files of 'sheet 1'",
+        ),
+        ({"specimen": [{"kind": "UT", "name": "optimised"}], "optimise": SOUGHT}, "the files of the result of"),
+        ({"stretches": {}}, "stretches: there is none"),
+        ({"validation": {"truth": "carol"}}, "\\[validation\\] truth: material 'carol' is unknown"),
         ({"specimen": []}, "no \\[\\[specimen\\]\\]"),
         ({"specimen": [{"kind": "cross", "dimensions": {"half_width": -3.0}}]}, "half_width"),
         ({"optimise": {"kind": "UT", "between": {"half_width": [20.0, 10.0]}}}, "20 is not below 10"),

@@ -5,9 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from calibrate.errors import FitError
 from forward.materials import MooneyRivlin
 from meshes import Strip
 from studies.cli import main
+from studies.commands import design as design_command
 from studies.design import candidates, pattern_search
 from studies.design.candidates import Candidate, family_of, judge, rank
 from studies.design.design_plan import checked
@@ -105,6 +107,26 @@ def test_the_truth_has_no_error():
     assert list(errors.values()) == pytest.approx([0.02] * 3)
 
 
+def test_the_usual_plan_is_kept_and_replaces_an_earlier_one_whole(tmp_path, monkeypatch):
+    """Who still reads the earlier file reads all of it."""
+
+    def stop(*given):
+        raise DesignError("stopped")
+
+    monkeypatch.setattr(design_command, "judge_all", stop)
+    plan, earlier = tmp_path / "design" / "plan.toml", tmp_path / "earlier.toml"
+    for _ in range(2):
+        with pytest.raises(DesignError, match="stopped"):
+            design_command.design(output=tmp_path / "design")
+        assert plan.read_bytes() == design_command.default_file().read_bytes()
+        plan.write_text("of an earlier version")
+        earlier.unlink(missing_ok=True)
+        earlier.hardlink_to(plan)
+    with pytest.raises(DesignError, match="stopped"):
+        design_command.design(output=tmp_path / "design")
+    assert earlier.read_text() == "of an earlier version"
+
+
 SEARCH = {"kind": "strip", "between": {"half_length": [40.0, 80.0], "half_width": [5.0, 20.0]}, "evaluations": 60}
 
 
@@ -130,6 +152,7 @@ class TestSearch:
         assert first.specimen.half_length == first.best.values["half_length"]
         count = len(scored)
         assert count <= 60
+        assert len(first.evaluations) == count
         again = search(plan, [], tmp_path)
         assert len(scored) == count
         assert again.best == first.best
@@ -158,6 +181,41 @@ def test_equations_and_test_tell_alike():
     test, equations = (Criteria.of(information, family) for information in (found.test, found.equations))
     for mode in family.stretches:
         assert 1 / 3 < equations.deviation[mode] / test.deviation[mode] < 3
+
+
+def test_a_test_counts_where_the_equations_of_a_calibration_fail(monkeypatch, tmp_path):
+    def fail(pull, family, plan):
+        raise FitError("no equations")
+
+    monkeypatch.setattr(candidates, "equation_information", fail)
+    found = judge("UT", PLAN.specimen[0].read(), PLAN)
+    assert found.equations is None and found.reason == "no equations"
+    (place,) = rank([found], family_of(PLAN)).places
+    alone = judge("UT", PLAN.specimen[0].read(), PLAN, equations=False)
+    assert place.test == rank([alone], family_of(PLAN)).places[0].test
+    file = tmp_path / "family.toml"
+    file.write_text(
+        "size_factor = 4.0\ncamera = { pictures = 2, points = 500 }\nlaw = { knots = 8 }\n"
+        '[[specimen]]\nkind = "UT"\ntested = true\n'
+        '[optimise]\nkind = "UT"\nevaluations = 2\nbetween = { half_width = [8.0, 12.0] }\n'
+    )
+    assert main(["design", str(file), "-o", str(tmp_path / "design")]) == 0
+    results = json.loads((tmp_path / "design" / "design.json").read_text())["results"]
+    assert results["candidates"] == []
+    assert results["optimised"]["reason"] == "no equations"
+    assert results["optimised"]["test"]["overall"] < results["before"]["overall"]
+
+
+def test_a_specimen_that_was_tested_on_another_machine_counts():
+    """What this one cannot pull was pulled elsewhere."""
+    plan = checked(
+        {**COARSE, "specimen": [{"kind": "cross", "tested": True}], "machine": {"axes": 1}, "sheet": {"least_ligament_mm": 25.0}},
+        "plan",
+    )  # fmt: skip
+    specimen, family = plan.specimen[0].read(), family_of(plan)
+    new, tested = (judge("cross", specimen, plan, tested=one, equations=False) for one in (False, True))
+    assert new.test is None
+    assert rank([tested], family).before.overall < rank([new], family).before.overall
 
 
 def test_command(tmp_path, capsys, monkeypatch):

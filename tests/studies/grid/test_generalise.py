@@ -3,6 +3,7 @@
 import json
 from dataclasses import asdict, replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from study_stand_in import parsed
 from calibrate.equations.deformation_modes import MODES, stretches_to_gradient
 from calibrate.equations.unseen_strip import window_equilibrium
 from calibrate.fitting.calibration import predict_forces
+from calibrate.fitting.uncertainty import coefficients_and_slopes
 from calibrate.models import pann
 from calibrate.models.network_model import Model
 from forward.materials import Carroll
@@ -21,9 +23,10 @@ from studies.grid.generalise import calibrated_set, coverage, statements, window
 from studies.grid.generalise.calibrated_set import CalibratedSet, Prediction, stretches
 from studies.grid.generalise.force_prediction import fine_basis, predicted_test
 from studies.grid.generalise.generalise_results import GeneraliseResults, true_stress
-from studies.grid.generalise.generalise_settings import CROSS, SETS, SHEETS, SIZES, GeneraliseSettings
+from studies.grid.generalise.generalise_settings import CROSS, MEASURED, SETS, SHEETS, SIZES, GeneraliseSettings
 from studies.grid.generalise.generalise_study import GENERALISE
 from studies.grid.generalise.statements import GeneraliseStatement, judge
+from studies.grid.report import Page, write
 
 SETTINGS = replace(GeneraliseSettings(), seeds=(0,), truths=("arruda_boyce",))
 
@@ -93,7 +96,7 @@ def test_forces_on_the_fine_basis_are_those_of_the_network(system, inputs):
     theta = np.abs(np.random.default_rng(1).normal(size=architecture.n_parameters))
     basis = fine_basis(inputs, [system])
     force = predicted_test(system, basis)
-    c = calibrated_set.coefficients(architecture, theta[None], basis)[0]
+    c, _ = coefficients_and_slopes(architecture, basis, theta)
     expected, _ = predict_forces(system, Model(architecture, theta))
     np.testing.assert_allclose(force.matrix @ c, (expected["right"] - expected["left"])[:, 0] / 2, rtol=1e-4)
     np.testing.assert_allclose(
@@ -199,7 +202,23 @@ def test_files_are_read_back(tmp_path):
     assert GeneraliseSettings.read(tmp_path) == SETTINGS
 
 
+def test_seeds_of_measured_sheets_are_refused(refused):
+    refused("generalise", "--measured", "--seeds", "3", key="leave --seeds out")
+
+
 def test_options():
     assert parsed("generalise", "--quick", "--seeds", "2")["seeds"] == 2
     assert GENERALISE.name == "generalise"
     assert len(list(GENERALISE.default.cases)) == 2 * 5 * 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_reduced"),
+    [({}, False), ({"seeds": (0,)}, True), ({"seeds": (0,), "truths": (MEASURED,)}, False)],
+)
+def test_a_run_with_the_seeds_of_the_default_is_no_reduced_one(tmp_path, changes, is_reduced):
+    """Nor is one on measured tests, which have the noise that they have."""
+    settings = replace(GeneraliseSettings(), sets=("UT",), inputs=("I1",), sizes=((1,),), as_width=False, **changes)
+    results = SimpleNamespace(settings=settings, folder=tmp_path, inputs=list)
+    write(results, Page("", "", [], settings.enough_seeds))
+    assert ("A reduced run" in (tmp_path / "report.html").read_text()) == is_reduced

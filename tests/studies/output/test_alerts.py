@@ -22,10 +22,10 @@ from skip_network import neo_hooke
 from calibrate.data.chosen_pictures import chosen
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.data.strain_signal import StrainSignal
-from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation, Weighing
+from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation, Power, Weighing
 from calibrate.diagnosis.evidence.levels import Level
 from calibrate.diagnosis.evidence.own_effects import OwnEffect
-from calibrate.diagnosis.evidence.power import Finding as Power
+from calibrate.diagnosis.evidence.power import Finding as PowerFinding
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
 from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel, FittedSet
 from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
@@ -37,6 +37,7 @@ from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.effects.second_invariant import SecondInvariant
 from calibrate.effects.stiffness_gradient import StiffnessGradient
+from calibrate.effects.upturn import Upturn
 from calibrate.effects.viscosity import Viscosity
 from calibrate.equations.basis import SingleBasis
 from calibrate.fitting.classical_fit import Comparison
@@ -58,7 +59,7 @@ from studies.replay import report as replay_report
 from studies.reports.alert_table import COLUMNS, add_alerts, alert_lines, alert_records, in_order
 from studies.reports.calibration import classical_table, fit_findings
 from studies.reports.calibration.polish_record import Kept, PolishRecord, ReplayErrors
-from studies.reports.discovery import discovery_findings
+from studies.reports.discovery import discovery_findings, discovery_quality
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.experiments.experiment_findings import experiment_findings, noise_found
 from studies.reports.headline import LIMITS, Quality, Reason, headline
@@ -98,6 +99,7 @@ OF_HEADLINE: dict[str, Callable[[], Findings]] = {
     "headline.unbalanced": lambda: reasons(imbalance=0.1),
     "headline.only_ratios": lambda: reasons(level_is_nominal=True),
     "headline.unexplained": lambda: reasons(unexplained=True),
+    "headline.unconverged": lambda: reasons(unconverged=True),
     "headline.is_the_force_that_of_the_section": lambda: reasons(force_error=0.08, has_rim=True),
 }
 
@@ -228,12 +230,11 @@ def of_weighing(unexplained: float = 0.7, inclusion: float = 0.2, **changes: Any
     """Of a weighing as far as its sentences look at it: the second invariant or nothing, one effect invisible."""
     said = [SimpleNamespace(names=("second invariant",), discrepancy=False, probability=0.2),
             SimpleNamespace(names=(), discrepancy=True, probability=unexplained)]  # fmt: skip
-    hidden = SimpleNamespace(effect=SimpleNamespace(name="upturn", confounded_with=""), finding=Power.INVISIBLE)
-    hidden.beside_a_misfit = hidden
+    hidden = Power(Upturn(), PowerFinding.INVISIBLE, Upturn().amplitudes[0])
     alternatives = SimpleNamespace(
         explanations=said, inclusion={"second invariant": inclusion}, unexplained=unexplained
     )
-    weighing = Weighing(cast(Any, alternatives), {}, cast(Any, (hidden,)), fitted=True)
+    weighing = Weighing(cast(Any, alternatives), {}, (hidden,), fitted=True)
     return of_nothing(weighing=weighing, **changes)
 
 
@@ -462,6 +463,7 @@ OF_OTHERS: dict[str, Callable[[], Findings]] = {
     "prediction.no_bands": curves,
     "prediction.infinitely_slow": of_diagnosis,
     "prediction.at_constant_speed": lambda: of_diagnosis(2.0),
+    "prediction.volume_changes_along_curves": lambda: curves(replace(MODEL, bulk_modulus=2.0)),
     "prediction.curves_of_diagnosis": of_diagnosis,
     "prediction.bands_of_diagnosis": lambda: of_diagnosis(verdict="explained"),
     "prediction.effects_left_out_of_curves": of_diagnosis,
@@ -503,7 +505,7 @@ RAISED: dict[str, Callable[[], Findings]] = {
     "F302": lambda: reasons(held_error=0.4),
     "F304": lambda: reasons(relative_deviation=0.6),
     "F307": lambda: fit_findings.findings(review(starts_alike=1)),
-    "F318": lambda: reasons(unexplained=True, unconverged=True),
+    "F321": lambda: reasons(unexplained=True, unconverged=True),
     "F308": lambda: fit_findings.findings(review(neo_hooke_error=0.001, force_error=lambda increments: 0.05)),
     "F309": lambda: fit_findings.findings(
         review(held_out=SimpleNamespace(increments=3, relative_force_error=0.2, chi_square_per_equation=1.1))
@@ -715,7 +717,8 @@ def test_few_effects_are_told_where_only_the_final_model_fails(
     reason: Reason, replayed: bool, told: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     against = SimpleNamespace(verdict=Use.NOT, against=(SimpleNamespace(code=reason),), reasons=())
-    monkeypatch.setattr(discovery_findings, "discovery_headline", lambda view: against)
+    for module in (discovery_findings, discovery_quality):
+        monkeypatch.setattr(module, "discovery_headline", lambda view: against)
     codes = {one.alert.code for one in of_few(neo_hooke=20.0 if replayed else None)}
     assert ("R619" in codes) is told
     assert "E402" not in codes
@@ -778,7 +781,13 @@ def test_forces_of_grips_that_differ_are_told():
     """A quarter of the largest force is left over; by two per cent nothing is said, nor of a single grip."""
     told = made("calibration.grips_differ").text
     assert "25 % of the largest is left over (measured: 0 %)" in told and "left 2 N, right 1.5 N" in told
-    for quiet in (two_grips(1.96), {}):
+    across = two_grips(1.5)
+    across["measured"] = {name: force + [0.0, np.nan] for name, force in across["measured"].items()}
+    told_of = [one.text for one in fit_findings.findings(review(**across)) if one.alert.code == "F319"]
+    assert told_of == [told]  # forces across the pull were not recorded
+    one_cell = two_grips(1.5)
+    one_cell["measured"]["left"] = np.full((5, 2), np.nan)
+    for quiet in (two_grips(1.96), {}, one_cell):
         assert "F319" not in {one.alert.code for one in fit_findings.findings(review(**quiet))}
 
 

@@ -23,9 +23,9 @@ from meshes import quads, triangles
 from meshes.known_specimens import SPECIMENS
 from studies import cli
 from studies.accuracy.metrics import ArrudaBoyceTruth, agreement
-from studies.polish import polishing
+from studies.polish import polished_calibration, polishing
 from studies.polish.polished_calibration import polished
-from studies.polish.polishing import polish
+from studies.polish.polishing import Polished, polish
 from studies.polish.replay_equations import Equations, ReplayedTest
 from studies.polish.varied_law import FittedLaw
 from studies.reports.calibration.polish_record import Kept
@@ -99,6 +99,24 @@ def test_the_residual_is_chi_square_at_the_true_law():
     assert low < sum(one.chi_square for one in found) < high
 
 
+def test_a_reading_of_both_sides_by_one_cell_counts_once():
+    """The camera reads left and right by one cell: what the left says once the right is known is nothing."""
+    both = noisy(0)
+    left = next(i for i, b in enumerate(both.loaded) if b.name == "left")
+    forces = [b.force for b in both.loaded]
+
+    def information(force: np.ndarray) -> np.ndarray:
+        loaded = tuple(replace(b, force=force if i == left else forces[i]) for i, b in enumerate(both.loaded))
+        test = ReplayedTest(replace(both, loaded=loaded))
+        G, _ = test.linearised(test.start(law())).rows
+        return G.T @ G
+
+    one_cell, unread = information(forces[left]), information(np.full_like(forces[left], np.nan))
+    assert np.allclose(one_cell, unread, rtol=1e-6)
+    two_cells = information(forces[left] * [[1.001, 1.0], [0.999, 1.0], [1.0005, 1.0]])
+    assert two_cells[0, 0] > 1.1 * one_cell[0, 0]
+
+
 def test_exact_data_move_the_true_law_by_less_than_noise_does():
     exact = replace(clean(), noise=noisy(0).noise)
     found = polish(ReplayedTest(exact), law())
@@ -165,6 +183,17 @@ def test_what_makes_held_out_data_worse_is_not_kept():
     same, kept = polished(stiff, held)
     assert kept.kept is Kept.POLISHED
     assert same.model is not stiff.model
+
+
+def test_the_same_residual_by_looser_weights_is_no_gain():
+    start = calibration()
+    test = ReplayedTest(start.experiment)
+    before = test.linearised(test.start(polished_calibration._law(start)))
+    louder = ReplayedTest(replace(start.experiment, noise=start.experiment.noise.scaled(2)), test.observed)
+    loose = replace(before, weights=louder.weights(before.held, np.isfinite(before.residual)))
+    assert loose.chi_square < 0.9 * before.chi_square
+    record = polished_calibration._judged(start, test, Polished(before, loose, Stop.CONVERGED, 1), None)
+    assert record.kept is Kept.NO_GAIN
 
 
 def test_a_model_that_cannot_be_solved_is_named():

@@ -78,7 +78,7 @@ def noisy(clean: Experiment, seed: int, noise: Noise = NOISE) -> Experiment:
     u = noise_covariance.sample(noise_covariance.noise_factor(clean, noise), rng, clean.n_increments)
     loaded = []
     for b in clean.loaded:
-        deviation = noise.force_std_relative * np.abs(b.force) + noise.force_std
+        deviation = noise.force_deviation(b.force)
         loaded.append(replace(b, force=b.force + deviation * rng.standard_normal(b.force.shape)))
     return replace(clean, displacements=clean.displacements + u, loaded=tuple(loaded), noise=noise)
 
@@ -189,7 +189,7 @@ def test_noise_of_grips_field_and_load_cells_makes_the_residual_of_the_true_law(
         residual = (rows.measured - rows.replayed).ravel()
         found_squares.append(residual @ np.linalg.solve(rows.noise, residual) / len(residual))
         forces = np.tile(layout.is_force, 2)
-        cells = noise.force_std_relative * np.abs(rows.measured.ravel()) + noise.force_std
+        cells = noise.force_deviation(rows.measured.ravel())
         without_grips.append(np.mean((residual / cells)[forces] ** 2))
     n = 3 * len(residual)
     assert np.mean(found_squares) == pytest.approx(1.0, abs=4 * np.sqrt(2 / n))

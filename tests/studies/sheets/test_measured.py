@@ -26,6 +26,12 @@ def test_pictures_are_not_compared_across_a_gap():
     assert np.ptp(time[frames], axis=1).max() < 1.3
 
 
+@pytest.mark.parametrize("time", [np.arange(5.0), np.arange(6.0), np.array([0, 1, 2, 30, 31, 32, 60.0])])
+def test_a_record_too_short_for_the_control_is_named(time):
+    with pytest.raises(errors.ExperimentError, match=f"{len(time)} pictures have none; record more"):
+        groups(time, 3)
+
+
 def test_what_grows_as_a_cubic_drops_out_of_the_difference():
     times = np.array([[0.0, 0.4, 0.8, 1.3], [2.0, 2.4, 2.8, 3.2]])
     at = np.array([0.6, 2.6])

@@ -297,6 +297,11 @@ def test_stated_noise_of_projected_data_is_what_comes_out(share):
     assert coarse[:, free].std() > 0.9 * stated.displacement_std
 
 
+def test_noise_of_forces_alone_is_not_projected():
+    noise = Noise(0.0, force_std_relative=1e-3, force_std=0.1)
+    assert projection(0.5).noise(noise) == noise
+
+
 def test_covariance_fit_recovers_what_was_put_in():
     points = np.random.default_rng(0).uniform(-60, 60, (1500, 2))
     device = camera.Camera(camera.GaussianField(6.0, 512), relative_noise=1e-3)

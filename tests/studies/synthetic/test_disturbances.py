@@ -176,6 +176,12 @@ def test_load_cells(exact, mesh, clean):
     np.testing.assert_allclose(force_of(gain), 1.05 * force_of(clean))
 
 
+@pytest.mark.parametrize("wrong", [ForceOffset(0.26), ForceDrift(0.26), Friction(0.26, 0.1), LoadCellNonlinearity(0.1)])
+def test_a_grip_without_a_force_reads_none(wrong):
+    none = np.zeros((3, 2))
+    np.testing.assert_array_equal(wrong.forces(none, TIMES), none)
+
+
 @pytest.mark.parametrize("affine", [True, False])
 def test_smoothing_adds_half_the_variance_times_the_laplacian(exact, mesh, clean, affine):
     """Inside: 0.004 x^2 has the Laplacian 0.008, and the variance of a square is side^2 / 12."""

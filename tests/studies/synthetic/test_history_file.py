@@ -65,6 +65,7 @@ def test_every_part_of_a_sheet_is_read(tmp_path: Path) -> None:
         ("times = [1]\nfactor = [1]\n", "factors"),
         ("times = [1\n", "TOML"),
         (START + "substeps = 0\n", "substeps"),
+        ("times = [4, 9]\nfactors = [1.0]\nsubsteps = 2\n", "times: 2 times, but 1 factors"),
         (START + '[[addition]]\nlaw = "mullins"\n', "Mullins"),
         (START + '[[addition]]\nlaw = "Mullins"\n', "r must be given"),
         (START + '[[addition]]\nlaw = "Mullins"\nr = [1, 2]\n', "a number"),

@@ -47,6 +47,49 @@ def test_a_material_is_transferred_with_one_factor():
     )
 
 
+def test_neo_hooke_and_a_neo_hookean_model_are_fitted_alike():
+    """Noise stretches the sheet in the mean; what it adds to the forces is taken off both."""
+    found = transfer(noisy(uniaxial(), std=0.1), material(), AFTER, 12.0)
+    model, reference = found.row(STIFFNESS), found.row(NEO_HOOKE)
+    assert model.over_increments == pytest.approx(reference.over_increments, abs=1e-5)
+
+
+def test_what_moves_along_a_sliding_edge_is_no_error_of_the_fields():
+    """The sheet contracts freely, so that its edges may as well slide; the model is the one that it is made of."""
+    slides = tuple(replace(b, held=(False, True)) for b in uniaxial().loaded)
+    found = transfer(replace(uniaxial(), loaded=slides), material(), AFTER, 12.0)
+    for name in (AS_IT_IS, STIFFNESS, MAP):
+        assert found.row(name).held_out.field < 1e-6
+    assert "T802" not in {one.alert.code for one in report.findings(found)}
+
+
+def unread(e, missing):
+    """Without the readings {side: increments}."""
+    return replace(e, loaded=tuple(replace(b, force=_without(b.force, missing[b.name])) for b in e.loaded))
+
+
+def _without(force, increments):
+    found = force.copy()
+    found[increments] = np.nan
+    return found
+
+
+def test_a_reading_that_is_missing_leaves_the_others():
+    """One of each side, and all of an increment."""
+    found = transfer(unread(uniaxial(), {"top": [1, 2], "bottom": [2, 7]}), material(mu=0.5 * MU), AFTER, 12.0)
+    row = found.row(STIFFNESS)
+    assert row.stiffness == pytest.approx(2.0, rel=5e-3)
+    assert row.held_out.force < 5e-3
+    np.testing.assert_array_equal(np.isnan(row.over_increments), np.arange(len(TIME)) == 2)
+
+
+@pytest.mark.parametrize(("missing", "said"), [(range(5), "no factor can be found"), (range(5, 10), "held out")])
+def test_no_force_to_fit_to_or_to_judge_by_is_said(missing, said):
+    e = unread(uniaxial(), {"top": list(missing), "bottom": list(missing)})
+    with pytest.raises(errors.FitError, match=said):
+        transfer(e, material(), AFTER, 12.0)
+
+
 def test_the_strength_of_relaxation_has_its_own_factor():
     """A force with twice the overstress that was learnt; factors are fitted to what is not held out alone."""
     learnt = material(Addition(Viscosity(), (0.2,), (3.0,)))
@@ -60,8 +103,10 @@ def test_the_strength_of_relaxation_has_its_own_factor():
     assert again.row(RELAXATION).held_out.force > 0.5
 
 
-def test_the_stiffer_half_is_located():
-    found = transfer(layered(), material(), AFTER, 8.0)
+@pytest.mark.parametrize("missing", [[], [1, 3]])
+def test_the_stiffer_half_is_located(missing):
+    sheet = unread(layered(), {"top": missing, "bottom": missing[:1]})
+    found = transfer(sheet, material(), AFTER, 8.0)
     e, values = found.experiment, found.map.values * found.final.stiffness
     y = e.points[:, 1]
     inner = np.abs(e.points[:, 0] - SIZE / 2) < SIZE / 4

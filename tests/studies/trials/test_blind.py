@@ -22,7 +22,7 @@ from studies.errors import OptionError
 from studies.trials import blind_case, blind_data, blind_plans, blind_report, judgement
 from studies.trials.blind_case import Plan
 from studies.trials.blind_data import draw
-from studies.trials.trial_summary import ending, summary
+from studies.trials.trial_summary import ending, pulls, summary
 
 
 def plans(*words):
@@ -37,6 +37,14 @@ def test_every_trial_has_its_own_seed_and_kinds_are_mixed():
     assert [p.effects for p in todo if p.absent] == [("force offset",), ("viscoelasticity",)]  # the first of each
 
 
+def test_a_quick_run_has_the_numbers_that_are_given():
+    """And few of those that are not; without --quick the usual ones."""
+    few = plans("--quick", "--trials", "3", "--only", "force offset")
+    assert [len([p for p in few if len(p.effects) == n]) for n in (0, 1, 2)] == [2, 3, 1]
+    many = plans("--nulls", "0", "--only", "force offset")
+    assert [len([p for p in many if len(p.effects) == n]) for n in (0, 1, 2)] == [0, 20, 20]
+
+
 def test_trials_of_one_size_follow_each_other():
     todo = plans("--trials", "2", "--nulls", "10", "--pairs", "0")
     ordered = blind_plans.in_order_of_size(todo)
@@ -45,6 +53,18 @@ def test_trials_of_one_size_follow_each_other():
         trials = [draw(p.seed, *(p.effects or (None,))) for p in window]
         sizes = [(t.specimen, len(t.factors)) for t in trials]
         assert sum(a != b for a, b in pairwise(sizes)) == len(set(sizes)) - 1
+
+
+def test_amplitudes_that_are_none_are_not_counted(tmp_path):
+    """As those of a warp along an axis that was not bent, which a bound keeps at the true value."""
+    home = trial(tmp_path, "warp", ["initial warp"], ["initial warp"], value=1.1)
+    label = json.loads((home / "sealed" / "label.json").read_text())
+    label["effects"][0]["amplitudes"] = {"a": 0.0, "b": 1.0}
+    (home / "sealed" / "label.json").write_text(json.dumps(label))
+    content = json.loads((home / "diagnosis.json").read_text())
+    content["full"]["additions"][0] |= {"amplitudes": {"a": 0.0, "b": 1.1}, "deviations": {"a": 0.1, "b": 0.1}}
+    (home / "diagnosis.json").write_text(json.dumps(content))
+    assert pulls(judgement.judge(home)) == [pytest.approx(1.0)]
 
 
 def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
@@ -69,6 +89,7 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     assert (numbers["amplitudes"], numbers["amplitudes_within"]) == (1, 1)
     assert (numbers["absent"], numbers["absent_wrong"]) == (2, 1)
     assert (numbers["pairs"], numbers["pairs_found"], numbers["pairs_in_model"]) == (3, 1, 2)
+    assert numbers["pairs_right"] == 1
     assert (numbers["pairs_at_first"], numbers["pairs_at_first_found"]) == (4, 1)
     broken = blind_report.write_report(tmp_path / "broken", homes, {"twin-7": "ValueError: nothing left"})
     assert broken.startswith(text) and "twin-7 (ValueError: nothing left)" in broken
@@ -127,6 +148,23 @@ def test_trials_of_another_run_are_not_made_again(tmp_path, capsys):
 def test_a_report_of_no_trials_is_refused(tmp_path, capsys):
     assert main(["blind", "--report", "-o", str(tmp_path / "out")]) == 2
     assert "no trial is there yet" in capsys.readouterr().err
+
+
+def test_a_report_does_not_delete_its_trials(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["blind", "--report", "-o", str(out)]) == 2  # an empty folder of this run
+    made = trial(out / "trials", plans()[0].name, [], verdict="nothing significant")
+    assert main(["blind", "--report", "--overwrite", "-o", str(out)]) == 2
+    assert "--overwrite deletes the trials" in capsys.readouterr().err
+    assert made.exists()
+
+
+def test_the_manifest_says_how_trials_were_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr("studies.commands.blind.make_missing", lambda *given: {})
+    assert main(["blind", "--quick", "--nulls", "3", "--seed", "7", "--foreign", "-o", str(tmp_path)]) == 0
+    manifest = json.loads((tmp_path / "report.json").read_text())
+    settings = manifest["settings"]
+    assert (manifest["seed"], settings["nulls"], settings["pairs"], settings["foreign"]) == (7, 3, 1, True)
 
 
 @pytest.mark.slow

@@ -104,3 +104,10 @@ def test_parts_that_cannot_be_are_refused():
         OgdenPart(0.1, 0.0)
     with pytest.raises(MaterialError, match="short"):
         RectangularInclusion(0.1, 0.0, 0.0, 1.0, -1.0, 0.0)
+
+
+def test_numbers_of_two_foreign_forms_are_independent():
+    """Over many seeds: how long an inclusion is, and where the lens beside it has its centre."""
+    trials = [foreign(draw(seed, "stiffness field", "lens distortion")) for seed in range(200)]
+    sides, places = zip(*((t.effects[0].more["sides"], t.effects[1].shape["x"]) for t in trials), strict=True)
+    assert abs(np.corrcoef(sides, places)[0, 1]) < 0.2

@@ -38,10 +38,13 @@ def test_an_effect_without_a_probability_has_zero_and_a_trial_without_any_is_lef
 
 
 def test_names_that_are_as_right_as_the_hidden_one_count_as_it(tmp_path):
-    found = {"stiffness field": 0.6, "inclusion": 0.35}
-    assert judge(trial(tmp_path, "field", ["stiffness field"], probabilities=found)).probabilities == {
-        "stiffness field": pytest.approx(0.95)
+    """Together they have the probability of one or the other, which is no sum where both may be in one explanation."""
+    found, hidden = {"stiffness field": 0.6, "inclusion": 0.35}, ["stiffness field"]
+    both = {"stiffness field": 0.7, "viscoelasticity": 0.9}
+    assert judge(trial(tmp_path, "field", hidden, probabilities=found, together=both)).probabilities == {
+        "stiffness field": 0.7
     }
+    assert judge(trial(tmp_path, "older", hidden, probabilities=found)).probabilities == {"stiffness field": 0.6}
 
 
 def test_what_took_the_place_of_other_effects_is_better_or_worse_by_what_was_hidden(tmp_path):

@@ -264,6 +264,25 @@ def test_hnbr50_records_become_increments(table):
         tests.hnbr50("slow")
 
 
+def test_a_record_of_straight_lines_needs_no_more_points_than_their_ends():
+    """A ramp and a hold, in steps that are exact in binary."""
+    time = np.arange(200.0)
+    stretch = 1 + np.minimum(time, 128) / 128
+    chosen = homogeneous_sheet.evenly(time, stretch, stretch - 1, 120)
+    assert len(chosen) <= 120 and {0, 128, 199} <= set(chosen)
+    np.testing.assert_array_equal(np.interp(time, time[chosen], stretch[chosen]), stretch)
+
+
+@pytest.mark.parametrize(("delimiter", "comma"), [(";", True), (";", False), ("\t", False)])
+def test_a_file_may_have_other_delimiters_and_decimal_commas(tmp_path, delimiter, comma):
+    x = np.linspace(1.1, 2, 9)
+    rows = [delimiter.join(f"{value:.9f}" for value in row) for row in zip(x, MU * (x - x**-2), strict=True)]
+    text = "\n".join(rows).replace(".", "," if comma else ".")
+    (tmp_path / "pull.csv").write_text(f"stretch{delimiter}stress\n{text}\n")
+    pull = tests.from_file(tmp_path / "pull.csv")
+    assert best_shear_modulus(equilibrium(pull), basis())[0] == pytest.approx(MU, rel=1e-7)
+
+
 def test_files_of_both_forms(tmp_path):
     (tmp_path / "pull.csv").write_text(
         "time,stretch,stress\n" + "".join(f"{i},{x},{MU * (x - x**-2)}\n" for i, x in enumerate(np.linspace(1, 2, 9)))
