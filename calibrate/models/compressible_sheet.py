@@ -50,6 +50,13 @@ def compressible_sheet(model: Model, mode: str, stretch: Array) -> CompressibleS
     return CompressibleSheet(J, invariants, P0[:, 0, 0] / np.cbrt(J))
 
 
+def sheet_stress(model: Model, mode: str, stretch: Array) -> Array:
+    """Stress (k,) along the pull of a sheet with free faces, with the bulk modulus that the model has; at constant volume where it has none."""
+    if model.bulk_modulus is None:
+        return model.homogeneous(mode, stretch)
+    return compressible_sheet(model, mode, stretch).stress
+
+
 def compressible_deviation(model: Model, mode: str, stretch: Array) -> Array | None:
     """Standard deviation (k,) of the stress; None where no uncertainty is known.
 

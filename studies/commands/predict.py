@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from calibrate.data.chosen_pictures import Wanted, chosen
 from calibrate.data.experiment import Experiment
 from calibrate.equations.deformation_modes import nominal_stress
+from calibrate.models.compressible_sheet import sheet_stress
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.extended_model import ExtendedModel
 from calibrate.models.model_file import load_model
@@ -210,7 +211,7 @@ def _known_stress(options: CurveOptions) -> Callable[[str, Array, str], Array] |
             raise OptionError(f"--parameter does not apply to the model file {options.against}; leave it out")
         other = load_model(compared)
         if isinstance(other, Model):
-            return lambda mode, x, axis: other.homogeneous(mode, x)
+            return lambda mode, x, axis: sheet_stress(other, mode, x)
         law = DiagnosedLaw(other, options.duration)
         return lambda mode, x, axis: law.homogeneous(mode, x, axis if axis in law.directions else law.directions[0])[1]
     slopes = MaterialDerivatives(read_material(options.against, dict(options.parameter)))

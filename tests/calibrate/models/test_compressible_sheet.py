@@ -11,7 +11,7 @@ from skip_network import MU, neo_hooke
 
 from calibrate.equations.deformation_modes import MODES
 from calibrate.errors import ConfigError
-from calibrate.models.compressible_sheet import compressible_deviation, compressible_sheet
+from calibrate.models.compressible_sheet import compressible_deviation, compressible_sheet, sheet_stress
 from calibrate.models.parameter_covariance import Uncertainty
 from studies.reports.prediction.predicted_curves import findings, predict
 
@@ -73,3 +73,11 @@ def test_predicted_curves_are_those_of_the_compressible_sheet():
         np.testing.assert_array_equal(curve.stress, compressible_sheet(MODEL, curve.mode, curve.stretch).stress)
         assert (curve.stress[1:] < 0.95 * MODEL.homogeneous(curve.mode, curve.stretch)[1:]).all()
     assert "bulk modulus (2 MPa)" in next(f.text for f in findings(MODEL, curves) if f.alert.code == "P518")
+
+
+def test_a_sheet_has_the_volume_change_of_its_model():
+    for mode in MODES:
+        np.testing.assert_array_equal(
+            sheet_stress(MODEL, mode, STRETCH), compressible_sheet(MODEL, mode, STRETCH).stress
+        )
+        np.testing.assert_array_equal(sheet_stress(neo_hooke(), mode, STRETCH), neo_hooke().homogeneous(mode, STRETCH))
