@@ -12,6 +12,7 @@ from scipy import stats
 from calibrate.effects import Effect, Parameter
 from calibrate.effects.chain import Addition, Additions
 from calibrate.effects.support.effect_data import Data
+from calibrate.fitting.least_squares import CONDITION
 
 Array = NDArray[np.float64]
 LEVEL = 0.05  # of the test whether an effect differs from none
@@ -24,7 +25,9 @@ def is_null(addition: Addition, covariance: Array) -> bool:
     some = np.flatnonzero(change)
     if not len(some):
         return True
-    distance = change[some] @ np.linalg.pinv(covariance[np.ix_(some, some)], hermitian=True) @ change[some]
+    variances, directions = np.linalg.eigh(covariance[np.ix_(some, some)])
+    least = max(CONDITION * float(variances.max()), 1e-300)  # what is known exactly differs
+    distance = ((directions.T @ change[some]) ** 2 / np.maximum(variances, least)).sum()
     return bool(distance < stats.chi2.isf(LEVEL, len(some)))
 
 

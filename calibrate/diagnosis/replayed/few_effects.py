@@ -167,6 +167,7 @@ def few_effects(
     c = c * level_of(first.rows).factor
     replayed = replays(c, ())
     assert replayed is not None  # the level changes no field
+    c = c * level_of(replayed.rows).factor  # in weights of the noise that belongs to it
     priors = {one.effect.name: one.deviations for one in candidates}
     base = FieldFit(c, (), (), replayed, priors)
     known = {one.effect.name: one for one in candidates}
