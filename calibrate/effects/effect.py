@@ -119,6 +119,7 @@ class Effect:
     - rough: adds second derivatives of the displacements to them, whose noise the weights of a model with it must know (`adjoint`).
     - reads_twin: takes from `Data.twin`, where there is one, what triangles of the camera cannot tell.
     - truncated: its formula is the beginning of a series, so that a small part of what it explains is left for others.
+    - alone: amplitudes, by their places, that may be there without the others, beside all of them: a sheet is bent about one axis or about both. Each is as probable.
     - has_spring: its stress in time is that of a spring of its own, and not of the stress so far.
 
     In the links below a (p,) are the values of the amplitudes, shape those of the shapes, in the units of `Parameter`.
@@ -142,7 +143,14 @@ class Effect:
     rough: ClassVar[bool] = False
     reads_twin: ClassVar[bool] = False
     truncated: ClassVar[bool] = False
+    alone: ClassVar[tuple[tuple[int, ...], ...]] = ()
     has_spring: ClassVar[bool] = False
+
+    @property
+    def sets(self) -> NDArray[np.bool_]:
+        """Sets of amplitudes (s, p) that it may have: those of `alone`, then all."""
+        every = tuple(range(len(self.amplitudes)))
+        return np.array([[k in some for k in every] for some in (*self.alone, every)])
 
     @property
     def in_material(self) -> bool:

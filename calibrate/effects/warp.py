@@ -37,6 +37,7 @@ class InitialWarp(Effect):
         for letter in "ab"
         for k in range(ORDER + 1)
     )
+    alone = (tuple(range(ORDER + 1)), tuple(range(ORDER + 1, 2 * (ORDER + 1))))
     decided_by = "a reference picture under a small load, or a second camera"
 
     def excluded(self, data):

@@ -5,7 +5,7 @@ In: a fit to second order. Out: its log evidence by Laplace's approximation (Mac
     ln Z = -1/2 r^T V^-1 r - 1/2 ln |V| - 1/2 a^T (L^2 + I^-1)^-1 a - 1/2 ln |1 + L I L| + ln prior odds,   I = S^T S
 
 The fit has no prior on amplitudes a, so that the second term is that of the posterior mode seen from there: what the data do not tell of an amplitude costs nothing. All is over the variance of the residuals. An amplitude with a bound at its
-null value has a half-normal prior, as in `linear_evidence`.
+null value has a half-normal prior, as in `linear_evidence`. An effect that may have some of its amplitudes alone has the sum of the evidence of all such sets, others having L = 0.
 
 The formula of an effect is wrong by a share eps of what it explains, at most, so that the squares of all errors add up to w = sum eps_i^2 |S_i a_i|^2, or less: Z is averaged over a
 logarithmic grid of w. Errors are smooth over place and load,
@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +45,8 @@ def formula_error(effect: Effect) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FittedEffect:
-    """Amplitudes a (p,) from null as they were fitted, with signatures S (N, p) outside of what the base adjusts, and prior deviations L (p,). error: of its formula, relative. log_prior: of its odds and shapes. one_sided (p,): amplitudes that
-    cannot be below null, whose prior is half-normal."""
+    """Amplitudes a (p,) from null as they were fitted, with signatures S (N, p) outside of what the base adjusts, and prior deviations L (p,). error: of its formula, relative. log_prior: of its odds, shapes and sets of amplitudes. one_sided (p,): amplitudes that
+    cannot be below null, whose prior is half-normal. sets (s, p): of amplitudes that it may have."""
 
     name: str
     a: Array
@@ -54,6 +55,7 @@ class FittedEffect:
     error: float
     log_prior: float
     one_sided: NDArray[np.bool_]
+    sets: NDArray[np.bool_]
 
     @property
     def square(self) -> float:
@@ -122,16 +124,21 @@ def _occam(effects: Sequence[FittedEffect], noise: float) -> float:
     """What they cost: prior and volume."""
     if not effects:
         return 0.0
-    scaled = np.concatenate([one.S * one.L for one in effects], axis=1)
-    a = np.concatenate([one.a / one.L for one in effects])
-    information = scaled.T @ scaled / noise
-    M = np.eye(len(a)) + information
-    mean, covariance = np.linalg.solve(M, information @ a), np.linalg.inv(M)
-    prior = float(a @ (information @ (a - mean)))  # a^T (1 + I^-1)^-1 a
-    sided = np.concatenate([one.one_sided for one in effects])
-    admissible = np.log(2) + special.log_ndtr(mean / np.sqrt(np.diag(covariance)))[sided]
-    return (
-        -0.5 * (prior + float(np.linalg.slogdet(M)[1]))
-        + float(admissible.sum())
-        + sum(one.log_prior for one in effects)
+    S, a, L, sided = (
+        np.concatenate([getattr(one, key) for one in effects], axis=-1) for key in ("S", "a", "L", "one_sided")
     )
+    information = S.T @ S / noise
+    each = [
+        _with_prior(information, a, L * np.concatenate(some), sided) for some in product(*(one.sets for one in effects))
+    ]
+    return float(special.logsumexp(each)) + sum(one.log_prior for one in effects)
+
+
+def _with_prior(information: Array, a: Array, L: Array, sided: NDArray[np.bool_]) -> float:
+    """Of amplitudes a (p,) with information (p, p) and prior deviations L (p,)."""
+    M = np.eye(len(a)) + L[:, None] * information * L
+    right = L * (information @ a)
+    mean, covariance = np.linalg.solve(M, right), np.linalg.inv(M)
+    prior = float(a @ information @ a - right @ mean)  # a^T (L^2 + I^-1)^-1 a
+    admissible = (np.log(2) + special.log_ndtr(mean / np.sqrt(np.diag(covariance))))[sided]
+    return -0.5 * (prior + float(np.linalg.slogdet(M)[1])) + float(admissible.sum())

@@ -47,7 +47,7 @@ def _blocks(matrix: Array, index: NDArray[np.int64]) -> Array:
 class Signature:
     """Signature (N, p) of an effect with one shape, outside what the base adjusts, for amplitudes of one prior standard deviation.
 
-    prior: share of the prior probability of the effect that this shape has. one_sided (p,): amplitudes that cannot be below null. beside: the effect without
+    An amplitude that is not there, as the effect may have fewer (`Effect.alone`), has a column of zeros. prior: share of the prior probability of the effect that this shape with these amplitudes has. one_sided (p,): amplitudes that cannot be below null. beside: the effect without
     which it is none. error: of its formula, relative.
     """
 

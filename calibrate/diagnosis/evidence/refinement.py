@@ -232,7 +232,8 @@ def _second_order(
         log_prior = log_odds + float(np.log(shares.get(one.effect.name, 1.0)))
         L = prior_deviations(problem, one.effect, priors)
         own = S[:, start : start + p]
-        effects.append(FittedEffect(one.effect.name, change, own, L, formula_error(one.effect), log_prior, one_sided))
+        error, sets = formula_error(one.effect), one.effect.sets
+        effects.append(FittedEffect(one.effect.name, change, own, L, error, log_prior, one_sided, sets))
         shapes.append(S[:, start + p : start + p + len(one.shape)])
         start += p + len(one.shape)
     return SecondOrder(float(r @ r), D.T @ r, tuple(effects), np.concatenate(shapes, axis=1))

@@ -96,12 +96,11 @@ def _of_effect(
     one_sided = np.array([p.lower == p.null for p in effect.amplitudes])
     beside = "" if effect.beside is None else effect.beside.name
     found = []
+    share = 1 / (len(shapes) * len(effect.sets))
     for shape in shapes:
         S = equations.signature(problem, chains, c, (Addition(effect, null, shape),)) * deviation
         if np.isfinite(S).all():
-            found.append(
-                Signature(
-                    effect.name, shape, S - U @ (U.T @ S), 1 / len(shapes), one_sided, beside, formula_error(effect)
-                )
-            )
+            S = S - U @ (U.T @ S)
+            signature = Signature(effect.name, shape, S, share, one_sided, beside, formula_error(effect))
+            found += [replace(signature, columns=S * some) for some in effect.sets]
     return found

@@ -171,15 +171,22 @@ def test_an_explanation_that_ends_as_a_simpler_effect_is_fitted_on_as_that():
     assert refinement._fitted(problem, base, closed, {"two fibre families": known["two fibre families"]}) is None
 
 
-def fitted(r, signatures, L=100.0, log_prior=-4.0, one_sided=False):
-    """Least squares of effects (names to columns (N, p)) to second order, with three smooth disturbances."""
+def fitted(r, signatures, L=100.0, log_prior=-4.0, one_sided=False, sets=None):
+    """Least squares of effects (names to columns (N, p)) to second order, with three smooth disturbances. sets (s, p): of amplitudes that may be there, None for all alone."""
     S = np.concatenate([np.zeros((N, 0)), *signatures.values()], axis=1)
     a = np.linalg.lstsq(S, r, rcond=None)[0] if signatures else np.zeros(0)
     left = r - S @ a
     ends = np.cumsum([0, *(one.shape[1] for one in signatures.values())])
     effects = tuple(
         FittedEffect(
-            name, a[start:end], one, np.full(end - start, L), FORMULA_ERROR, log_prior, np.full(end - start, one_sided)
+            name,
+            a[start:end],
+            one,
+            np.full(end - start, L),
+            FORMULA_ERROR,
+            log_prior,
+            np.full(end - start, one_sided),
+            np.ones((1, end - start), bool) if sets is None else np.array(sets),
         )
         for (name, one), start, end in zip(signatures.items(), ends[:-1], ends[1:], strict=True)
     )
@@ -201,6 +208,37 @@ def test_a_fit_to_second_order_has_the_evidence_of_its_linear_model(noise, L, on
     )
     gained = exact.log_evidence(noise, ("a",)) - none.log_evidence(noise, ())
     assert gained == pytest.approx(linear.log_evidence, abs=1e-8)
+
+
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_an_effect_that_may_have_some_amplitudes_alone_has_the_evidence_of_all_its_sets(one_sided):
+    """As a sheet that is bent about one axis or both: of columns where one half explains something and the other nothing. The sets have the prior probability of the effect together."""
+    rng = np.random.default_rng(12)
+    S, r = rng.standard_normal((N, 6)), rng.standard_normal(N)
+    r += S[:, :3] @ np.full(3, 0.5)
+    sets = np.array([[True] * 3 + [False] * 3, [False] * 3 + [True] * 3, [True] * 6])
+    none, one = fitted(r, {}), fitted(r, {"a": S}, 10.0, one_sided=one_sided, sets=sets)
+    exact = replace(one, effects=tuple(replace(effect, error=0.0) for effect in one.effects))
+    gained = exact.log_evidence(1.0, ("a",)) - none.log_evidence(1.0, ())
+    each = [
+        Evidence((signature("a", -10.0 * S * some, one_sided),), r, EMPTY, -4.0).subset((0,)).log_evidence
+        for some in sets
+    ]
+    assert gained == pytest.approx(special.logsumexp(each), abs=1e-8)
+    assert max(each) == each[0] > each[2] + 3 > each[1]
+    alone = fitted(r, {"a": S[:, :3]}, 10.0, one_sided=one_sided)
+    assert each[0] == pytest.approx(
+        replace(alone, effects=tuple(replace(effect, error=0.0) for effect in alone.effects)).log_evidence(1.0, ("a",))
+        - none.log_evidence(1.0, ()),
+        abs=1e-8,
+    )
+
+
+def test_a_warp_has_either_axis_alone_or_both():
+    warp = next(effect for effect in CATALOGUE if effect.name == "initial warp")
+    letters = [{p.name[0] for p, there in zip(warp.amplitudes, some, strict=True) if there} for some in warp.sets]
+    assert letters == [{"a"}, {"b"}, {"a", "b"}]
+    assert all(effect.sets.all() for effect in CATALOGUE if effect is not warp)
 
 
 def test_an_effect_taken_for_an_error_has_its_size_as_a_prior():
