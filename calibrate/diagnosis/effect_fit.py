@@ -207,9 +207,8 @@ def refit(problem: Problem, c: Array, additions: Additions) -> Fit:
         found = gauss_newton.minimise(linearise, _point(problem, w, additions), Halving(), ITERATIONS)
         if found.reason is Stop.NOT_FINITE:
             raise _ran_away(additions)
-        return replace(
-            _finished(problem, found.linear, found.point), last_step=found.linear.length(found.step.unknowns)
-        )
+        last_step = found.linear.length(found.step.unknowns)
+        return replace(_finished(problem, found.linear, found.point), last_step=last_step)
     except np.linalg.LinAlgError:
         raise _ran_away(additions) from None
 
@@ -292,8 +291,7 @@ def _with_errors(problem: Problem, linear: _Linearised, fit: Fit) -> Fit:
 
     given = problem, linear.chains, fit.c
     kinematic = residual_tests.kinematic_errors(*given, fit.additions)
-    found = of(kinematic)
-    null = list(found)
+    null = list(found := of(kinematic))
     for i, one in enumerate(fit.additions):
         if one.effect.truncated:
             others = fit.additions[:i] + fit.additions[i + 1 :]

@@ -96,7 +96,7 @@ def export(
     file = folder / target.file_name
     write_text(file, written.text)
     manifest.beside(
-        file, left_out=law.left_out, largest_stretches=law.stretches, errors=written.errors and asdict(written.errors)
+        file, left_out=law.left_out, largest_stretches=law.valid, errors=written.errors and asdict(written.errors)
     )
     remarks = tuple(remarks_of_file(model)) if is_file and not parameter else ()
     defaults = "" if is_file else _defaults(found, dict(parameter))

@@ -1,4 +1,4 @@
-"""How far an exported law is from its model: largest errors of energy, stress and tangent at random states of its valid range.
+"""How far an exported law is from its model: largest errors of energy, stress and tangent at random states within the range of its invariants.
 
 In: a law and the derivatives of the energy that the exported code computes. Out: `Errors`, relative to the largest value.
 States: in-plane deformation gradients with random stretches in every ratio from uniaxial over pure shear to equi-biaxial tension, turned
@@ -37,7 +37,7 @@ class Errors:
 
 
 def random_states(law: MaterialLaw, n: int = STATES, seed: int = SEED) -> Array:
-    """F (n, 2, 2) inside the valid range."""
+    """F (n, 2, 2) with both invariants in their range, in any mode."""
     rng, found = np.random.default_rng(seed), np.empty((0, 2, 2))
     reach = max(law.stretches.values())
     while len(found) < n:

@@ -2,16 +2,17 @@
 
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from calibrate.equations.deformation_modes import largest_stretch, stretches_to_gradient
+from calibrate.equations.deformation_modes import MODES, largest_stretch, mode_invariants, stretches_to_gradient
 from forward.materials import ArrudaBoyce, MooneyRivlin, Yeoh
 from studies.errors import ExportError
 from studies.exporters import cards, targets
 from studies.exporters.material_law import law_of
-from studies.exporters.nearest_law import nearest
+from studies.exporters.nearest_law import nearest, seen_curves
 
 CUBE = """*NODE, NSET=ALL
 {nodes}
@@ -119,3 +120,20 @@ def test_the_best_card_is_of_the_laws_that_are_found(monkeypatch):
     missing = {"Yeoh", "two-term Ogden", "Arruda-Boyce"}
     with pytest.raises(ExportError, match="Arruda-Boyce"):
         cards.BestCard().found(law)
+
+
+def test_a_nearest_law_is_fitted_and_judged_where_the_data_have_been():
+    """One mode that was seen to a stretch of 1.5: no other has an error, and the law is nearer there than one that is fitted to all modes and further."""
+    whole = law_of(MooneyRivlin(0.1, 0.1), "mooney")
+    end = float(mode_invariants("uniaxial", np.array([1.5]))[0, 0])
+    seen = replace(whole, near=(("uniaxial", end), ("equibiaxial", 3.0), ("pure_shear", 3.0)))
+    curves = seen_curves(seen)
+    assert list(curves) == ["uniaxial"] == list(nearest(seen, "neo-Hooke").errors)
+    assert curves["uniaxial"][0][-1, 0, 0] == pytest.approx(1.5)
+    F, stress = curves["uniaxial"]
+    own, other = (
+        np.abs(one.law.stress(F, one.parameters)[:, 0, 0] - stress).max()
+        for one in (nearest(seen, "neo-Hooke"), nearest(whole, "neo-Hooke"))
+    )
+    assert own < 0.5 * other
+    assert list(seen_curves(replace(whole, near=tuple((mode, 3.0) for mode in MODES)))) == list(MODES)
