@@ -49,10 +49,11 @@ class ErrorChange:
 @dataclass(frozen=True)
 class Residual:
     """The residual of the last model against noise. telling: the test with the smallest p, where it says more than that of all
-    equations. predicted_p: of what was held out, None where nothing was."""
+    equations. predicted_p: of what was held out, None where nothing was. more_than_noise: fitted or held out."""
 
     noise_is_known: bool
     more_than_noise: bool
+    fitted_more_than_noise: bool
     reduced_chi_square: float
     p_value: float
     telling: str | None
@@ -186,6 +187,7 @@ def _residual(view: View) -> Residual:
     return Residual(
         found.problem.noise_is_known,
         min(now.misfits.p_value, now.predicted_p) < limit,
+        now.misfits.p_value < limit,
         now.fit.reduced_chi_square,
         now.misfits.p_value,
         telling,

@@ -271,13 +271,15 @@ def of_few(
     neo_hooke: float | None = 20.0,
     converged: bool = True,
     competing: tuple[tuple[str, ...], ...] = (),
+    nothing_left: bool = False,
 ) -> Findings:
-    """Few effects by the fields, whose replay with relaxation misses forces held out by `wrong` standard deviations (None: it was not made), beside neo-Hooke with `neo_hooke`, of which 20 are 5 %, and a
+    """Few effects by the fields (nothing_left: none, nor relaxation), whose replay with relaxation misses forces held out by `wrong` standard deviations (None: it was not made), beside neo-Hooke with `neo_hooke`, of which 20 are 5 %, and a
     final model with 10."""
     new = check(observations(only_held(wrong or 0.0)))
     additions = (Addition(SecondInvariant(), (0.04,)), Addition(Viscosity(), (0.9,), (1.2,)))
     best = FittedSet(additions[:1], 5.0 if names else -1.0, ErrorsOfReplay(0.05, 0.02), 0.1, {"second invariant": (np.array([0.04]), np.array([0.01]))})  # fmt: skip
-    spread = Spread(Directions.of(np.ones(4), additions, np.ones((4, 1)), 1.0), 0.1 * np.eye(4))
+    kept, n = (() if nothing_left else additions), 1 if nothing_left else 4
+    spread = Spread(Directions.of(np.ones(4), kept, np.ones((4, 1)), 1.0), 0.1 * np.eye(n))
     updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, 0.002)), converged, 6, check=new)
     sets = Explanation(names, 0.0, probability=0.7), Explanation(("compressibility",), 0.0, probability=0.02)
     force = NoReplayCheck("no force is known") if wrong is None else updated
@@ -738,6 +740,9 @@ def test_few_effects_are_offered_where_their_replay_is_the_best() -> None:
     assert worse["R614"].startswith("No model is the one to predict with")
     assert "which would still change" not in said and "which would still change" in next(
         one.text for one in of_few(converged=False) if one.alert.code == "R619"
+    )
+    assert next(one.text for one in of_few(names=(), neo_hooke=0.0, nothing_left=True) if one.alert.code == "R614") == (
+        "To predict with: model_neo_hooke.json."  # the same, by its own name
     )
     none = {one.alert.code: one.text for one in of_few(names=())}
     assert "none (probability 70 %); neo-Hooke alone leaves 0.06 mm" in none["R619"]

@@ -463,9 +463,9 @@ def test_what_comes_nearest_is_said_before_it():
 
 
 def few_effects(replayed: Any, neo_hooke: Any, c: Any = None) -> FewEffects:
-    """With these replays of the model and of neo-Hooke, c (n,)."""
+    """The second invariant, with these replays of the model and of neo-Hooke, c (n,)."""
     c = nothing().base.c if c is None else c
-    spread = Spread(Directions.of(c, (), c[:, None], 1.0), 0.1 * np.eye(1))
+    spread = Spread(Directions.of(c, (Addition(SecondInvariant(), (0.04,)),), c[:, None], 1.0), 0.1 * np.eye(2))
     errors = ErrorsOfReplay(0.05, 0.02)
     judgement, held = SimpleNamespace(force=None, field=None), bool(replayed.rows.held.any())
     made = SimpleNamespace(final=replayed, expected=errors, judgement=judgement, held_out=held)
@@ -567,3 +567,11 @@ def test_a_replay_is_said_and_its_level_is_that_of_the_amplitudes():
     assert len(fields) == INCREMENTS and all(row[-1] > 0 for row in fields)
     content_of_file = json.loads(json.dumps(content(view(found))))
     assert content_of_file["replay"]["final"]["level"] == pytest.approx(1 / 1.07)
+
+
+def test_a_residual_that_is_noise_is_called_so_where_what_was_held_out_is_not():
+    last = explained().rounds[-1]
+    missed = replace(last, predicted=ChiSquare(3.0 * last.predicted.degrees, last.predicted.degrees))
+    said = verdict(view(replace(explained(), rounds=(explained().rounds[0], missed), verdict=Verdict.NOT_EXPLAINED,
+                                named=(), closest=explained().named)))  # fmt: skip
+    assert "the residual is no more than noise (" in said and "which is missed by more than noise)" in said

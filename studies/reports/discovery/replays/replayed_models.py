@@ -82,8 +82,8 @@ def to_predict_with(found: Discovery) -> str | None:
 
 
 def _offered(found: Discovery) -> list[tuple[str, Replayed]]:
-    """The most probable few effects and neo-Hooke by their files, those that were replayed. Sets that compete are not chosen by what was held out."""
-    few = [(file, one.replayed) for _, file, one in few_models(found)[:1]]
+    """The most probable few effects, where these are not none, and neo-Hooke by their files, those that were replayed. Sets that compete are not chosen by what was held out."""
+    few = [(file, one.replayed) for _, file, one in few_models(found)[:1] if one.usable and one.usable.additions]
     return [(file, one) for file, one in (*few, (NEO_HOOKE_FILE, neo_hooke_replay(found))) if one is not None]
 
 
