@@ -105,7 +105,8 @@ def column_series(m: ColumnMap, folder: str | Path) -> Series:
         thickness=m.thickness_mm,
         plane=m.plane,
         has_clock=rate is not None or m.frames.times_s is not None or all(cell.time for cell in m.force),
-        synchronisation_std=1.0 / rate / np.sqrt(12.0) if clock and rate is not None else 0.0,
+        # an offset that is stated is taken as known: an error of it moves all forces together, and is no noise of each
+        synchronisation_std=1.0 / rate / np.sqrt(12.0) if clock and rate is not None and not m.frames.offset_s else 0.0,
         provenance={
             "reader": "column map",
             "points_without_triangle": len(mesh.alone),

@@ -168,7 +168,10 @@ def _toml(path: Path) -> dict[str, Any]:
         raise errors.DataNotFoundError(f"{path}: no such file; see docs/import.md for column maps")
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise errors.ConfigError(f"{path}, line {line}: not UTF-8; save it as UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
         raise errors.ConfigError(f"{path}: not valid TOML ({error})") from error
 
 

@@ -90,9 +90,7 @@ def read_frames(p: PointsTable, folder: Path, mask: str | None = None) -> Frames
         raise errors.LostPointsError(
             f"{frames[0].source}: {len(points)} points of the reference frame have a position; it must list every point, with u and v = 0"
         )
-    distance = cKDTree(points).query(points, k=2)[0][:, 1]
-    if distance.min() < 1e-6 * np.median(distance) or not np.median(distance) > 0:
-        raise errors.DegenerateMeshError(f"{frames[0].source}: points are listed twice; export each point once")
+    _refuse_twice(points, np.flatnonzero(known), frames[0].source)
     moved = np.stack([_matched(points, frame) for frame in frames])
     if not np.isfinite(moved[p.reference != "separate" :]).any():
         raise errors.LostPointsError(_all_failed(p, paths))
@@ -113,6 +111,19 @@ def read_frames(p: PointsTable, folder: Path, mask: str | None = None) -> Frames
     height = plane.components(points - plane.origin)[:, 2]
     heights = np.concatenate([height[None], height + along[1:, :, 2]])
     return Frames(inside, along[..., :2], flagged, paths, order, heights, plane)
+
+
+def _refuse_twice(points: Array, rows: NDArray[np.int64], source: str) -> None:
+    """Raises `DegenerateMeshError` for two of the points (n, 2 or 3), mm, at one place; rows (n,): of the file, from 0."""
+    distance, near = cKDTree(points).query(points, k=2)
+    distance = distance[:, 1]
+    if not np.median(distance) > 0 or distance.min() < 1e-6 * np.median(distance):
+        first = int(distance.argmin())
+        one, other = sorted(rows[[first, near[first][near[first] != first][0]]] + 1)
+        place = ", ".join(f"{x:.4g}" for x in points[first])
+        raise errors.DegenerateMeshError(
+            f"{source}: points are listed twice, as in rows {one} and {other} of its numbers, at {place} mm; export each point once"
+        )
 
 
 def _is_at_rest(moved: Array) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -98,9 +99,8 @@ class PointsTable(Table):
 
 
 class FramesTable(Table):
-    """[frames]: rate_hz and offset_s (time of the reference frame on the clock of the machine), or one force a
-    frame ([force] per_frame), or times_s, of every frame, to which offset_s is added. count, list, until_s, onset, tare_N: which frames
-    are kept (see `Selection`)."""
+    """[frames]: rate_hz and offset_s (time of the reference frame on the clock of the machine), or one force a frame ([force] per_frame), or times_s,
+    of every frame, to which offset_s is added. count, list, until_s, onset, tare_N: which frames are kept (see `Selection`)."""
 
     rate_hz: Positive | None = None
     times_s: tuple[float, ...] | None = Field(default=None, strict=False)
@@ -110,6 +110,14 @@ class FramesTable(Table):
     until_s: float | None = None
     onset: Annotated[float, Field(ge=0, lt=1)] = 0.01
     tare_N: float | None = None
+
+    @model_validator(mode="after")
+    def _increasing(self) -> Self:
+        for k, (before, after) in enumerate(pairwise(self.times_s or ()), 1):
+            if after < before or (after == before and k > 1):  # the reference may be taken as the loading begins
+                where = f"frames.times_s: picture {k} (from 0) at {after:g} s is not later than that before"
+                raise ValueError(f"{where}, at {before:g} s; correct it, or leave out one, and its file")
+        return self
 
 
 class ForceTable(Table):

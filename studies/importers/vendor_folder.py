@@ -17,7 +17,7 @@ import numpy as np
 from calibrate import errors
 from studies.importers.column_import import mapped_series
 from studies.importers.column_map import checked_map
-from studies.importers.exports.field_guesses import has_rest, say_coordinates, say_edges, say_grid
+from studies.importers.exports.field_guesses import say_coordinates, say_edges, say_grid, say_reference
 from studies.importers.exports.frame_order import Order, Rule, frame_order
 from studies.importers.exports.guesses import Guesses, Undecided
 from studies.importers.exports.hdf5_file import hdf5_file
@@ -231,13 +231,7 @@ def _say_field(answers: Answers, found: Guesses) -> tuple[bool, int]:
     points = found.tables()["points"]
     frames = read_frames(PointsTable.model_validate(points | {"reference": "separate"}), Path())
     frames = replace(frames, displacements=frames.displacements[1:])
-    separate = not has_rest(frames)
-    if separate:
-        found.say(
-            "points.reference", "separate", "the points have moved in the first file: the reference picture has none"
-        )
-    else:
-        found.facts.append("the first file is the reference: no point has moved in it")
+    separate = say_reference(frames, found)
     say_grid(frames, found)
     say_edges(frames, answers.loaded, answers.free, found)
     return separate, len(frames.displacements)

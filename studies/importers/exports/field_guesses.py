@@ -20,6 +20,8 @@ from studies.importers.masking.masks import SIDES
 
 Array = NDArray[np.float64]
 STILL = 1e-9  # of the distance of the points: a displacement that is zero but for rounding
+SLIGHT = 1e-3  # of the later motion, up to which motion is no load
+ROUGH, AROUND = 3.0, 8  # times the scatter about so many neighbours, up to which it is noise
 STRAINED, SIGNIFICANT = 1e-4, 10.0  # least strain, and least ratio of it to its standard error, that tell the pull
 USUAL_DEPTH, DEEPEST, SPANNED = 0.4, 4.0, 0.95  # of a side: spacings, spacings, share of the section
 AGREEING, DECIDED = 0.02, 0.1  # spacings, and share of the other distance, below which positions agree
@@ -29,8 +31,37 @@ ALIKE = 0.6  # of the larger strain, from which the smaller of equal sign makes 
 
 
 def has_rest(frames: Frames) -> bool:
-    """Whether the first file is the reference itself: all its displacements are zero."""
-    return bool(np.nanmax(np.abs(frames.displacements[0]), initial=0.0) < STILL * pitch(frames.points))
+    """Whether the first file is the reference itself: most of its points have not moved, or no further than noise or next to nothing.
+
+    Noise is rough, a load is smooth: motion is compared with how far points are from the mean of their neighbours.
+    """
+    moved, *later = (_motion(u) for u in frames.displacements)
+    if moved < STILL * pitch(frames.points) or moved < SLIGHT * max(later, default=0.0):
+        return True
+    known = np.isfinite(frames.displacements[0]).all(axis=1)
+    points, u = frames.points[known], frames.displacements[0][known]
+    near = cKDTree(points).query(points, k=min(AROUND + 1, len(points)))[1][:, 1:]
+    return moved < ROUGH * _motion(u - u[near].mean(axis=1))
+
+
+def say_reference(frames: Frames, found: Guesses) -> bool:
+    """Whether the reference picture has no file, as the first that has one is loaded."""
+    first, separate = frames.displacements[0], not has_rest(frames)
+    by = f"by {_motion(first):.2g} {_shown_unit(found)} at the median"
+    if separate:
+        why = f"the points have moved in the first file, {by}: the reference picture has none"
+        found.say("points.reference", "separate", why)
+    elif np.nanmax(np.abs(first), initial=0.0) > STILL * pitch(frames.points):
+        found.facts.append(f"the first file is the reference: its points have moved {by}, which is no load")
+    else:
+        found.facts.append("the first file is the reference: no point has moved in it")
+    return separate
+
+
+def _motion(displacements: Array) -> float:
+    """Median length of displacements (n, 2), mm; 0 where all failed."""
+    length = np.linalg.norm(displacements, axis=1)
+    return float(np.median(length[np.isfinite(length)])) if np.isfinite(length).any() else 0.0
 
 
 def pitch(points: Array) -> float:

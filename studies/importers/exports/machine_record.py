@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from calibrate import errors
 from studies.importers.exports.guesses import Guesses
 from studies.importers.exports.picture_rows import rows_of_pictures
@@ -27,6 +29,7 @@ CROSSHEAD = re.compile(
     WORD.format(r"cross-?\s?head|traverse\w*|stroke|extension|displacement|\w*weg|course|desplazamiento|spostamento"),
     re.IGNORECASE,
 )
+MOSTLY = 0.5  # of the rows of a column, from which it holds numbers and the others are mistakes
 SECONDS = {"sec": "s", "second": "s", "seconds": "s"}
 
 
@@ -200,10 +203,14 @@ def _clock(file: TextFile) -> str | None:
 
 
 def _numbers(file: TextFile, names: Sequence[str]) -> str | None:
-    """The only one of some columns, if it holds numbers."""
+    """The only one of some columns, if it holds numbers. Raises `FileFormatError` for a wrong row among many of them."""
+    if len(names) != 1:
+        return None
     try:
-        return next(iter(read_table(file.path, names, file.layout))) if len(names) == 1 else None
+        return next(iter(read_table(file.path, names, file.layout)))
     except errors.FileFormatError:
+        if np.mean([_is_number(word) for word in read_words(file.path, names[0], file.layout)]) > MOSTLY:
+            raise
         return None
 
 

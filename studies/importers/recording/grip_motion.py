@@ -30,6 +30,7 @@ ONSET, POWERS = (
 )  # share of the elongation in which clocks are compared; of the crosshead's motion, for a load train that gives way
 SEARCHED, STEP = 10.0, 0.01  # intervals of the pictures, either way, and between two times that are tried
 EARLY = 8  # frames that are needed
+BEYOND = 3.0  # standard deviations, within which two clocks are one
 UNSEEN = 0.02  # of the range of lengths, by which a specimen may have been longer than its chosen frames show
 
 
@@ -75,20 +76,22 @@ def moves_across(series: Series, frames: Index) -> tuple[float, float] | None:
 @dataclass(frozen=True)
 class Clocks:
     """offset: how much later than stated the pictures were taken, on the clock of the machine, s; std: standard deviation, s; interval of the
-    pictures, s."""
+    pictures, s; counted: standard deviation of the clock that the noise of the forces holds already, s."""
 
     offset: float
     std: float
     interval: float
+    counted: float = 0.0
 
     @property
     def agree(self) -> bool:
-        """Whether they do to within one picture, so that there is no lag to be found."""
-        return abs(self.offset) + 2 * self.std <= self.interval
+        """Whether there is no lag to be found: none was measured, or none beyond the noise of the forces, and that to within one picture."""
+        within = max(BEYOND * self.std, self.counted)
+        return abs(self.offset) <= within and abs(self.offset) + 2 * self.std <= self.interval
 
 
-def clocks(series: Series) -> Clocks | None:
-    """The time of the pictures beside that of the machine, from when the grips start to move and when the crosshead does.
+def clocks(series: Series, counted: float = 0.0) -> Clocks | None:
+    """The time of the pictures beside that of the machine, from when the grips start to move and when the crosshead does. counted: see `Clocks`.
 
     The elongation of the first frames, or of all where these are few, is a polynomial of the crosshead's motion, because the load train gives way. The standard deviation is that of
     the profile likelihood. None where the machine recorded no crosshead, or one that is already moving, and where the frames cannot tell to within
@@ -117,7 +120,7 @@ def clocks(series: Series) -> Clocks | None:
     misfits = np.array([misfit(shift) for shift in tried])
     likely = tried[misfits <= misfits.min() * (1 + 1 / (len(frames) - POWERS - 1))]
     best = float(tried[np.argmin(misfits)])
-    found = Clocks(best, max(float(np.abs(likely - best).max()), STEP * interval), interval)
+    found = Clocks(best, max(float(np.abs(likely - best).max()), STEP * interval), interval, counted)
     return found if found.std < interval else None
 
 

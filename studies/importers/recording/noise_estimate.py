@@ -13,9 +13,9 @@ removes is accounted for. Two numbers follow:
   describes. This is what an equilibrium equation sees, and the default. Places at edges, as beside a hole, where the residual stands out of the others are left out.
 - temporal: only what changes from one frame to the next. What frames have in common, the loading and whatever bends with it, are the few leading
   principal components of all frames, which stand out of the even rest that noise leaves (as in denoising of images; Veraart, Fieremans and Novikov 2016); the rest, scaled to the full
-  number of frames, is the noise. With fewer than eight frames it is what a frame is off the line between its neighbours,
-  ((1 - a) u_(k-1) - u_k + a u_(k+1)) / sqrt(1 + a^2 + (1 - a)^2), with a where on the line it is nearest. The smooth field taken away is one cubic over all points, so that
-  long correlation lengths stay visible; what it is of the latter is reported as jitter (vibration, frame timing).
+  number of frames, is the noise. The smooth field taken away is one cubic over all points, so that long correlation lengths stay visible. With fewer than eight frames it is what a frame is off the line between its neighbours,
+  ((1 - a) u_(k-1) - u_k + a u_(k+1)) / sqrt(1 + a^2 + (1 - a)^2), with a where on the line it is nearest. That holds motion, as what half of the components leave may: what stands out of the rest
+  is no noise, and the local fit is taken away there. The smooth part of what frames are off the line is reported as jitter (vibration, frame timing). Frames in which the motion turns have no line.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ FEWEST_PLACES = 30
 UNCLEAR = 0.25
 FEWEST_FRAMES = 8  # of which principal components tell noise
 LEADING, GAP = 2.5, 2.0  # variance of a component over the median of all; over the next one
+ROUNDING = 1e-12  # of the variance of the first component, below which one was taken out
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
     new = new_in_each(moving) if len(moving) >= FEWEST_FRAMES else second
     smooth = _cubic(points)
     overall = _Filtered(points, lambda values: values - smooth @ (smooth.T @ values), np.arange(len(points)), FAR)
-    temporal = overall.fit(new)
+    temporal = (detail if len(moving) < FEWEST_FRAMES or _stands_out(new) else overall).fit(new)
     jitter = float(np.sqrt(np.mean(np.einsum("np,kni->kpi", smooth, second) ** 2) * smooth.shape[1] / len(points)))
     if total.misfit > UNCLEAR:
         total = detail.fit_at(moving, temporal.correlation_length)
@@ -120,12 +121,15 @@ def displacement_noise(points: Array, displacements: Array) -> DisplacementNoise
 
 
 def off_line(frames: Array) -> Array:
-    """(k - 2, n, 2), mm: by how much each of frames (k, n, 2) is off the line between its neighbours, over the standard deviation that noise of 1 mm makes of it."""
+    """(k - 2, n, 2), mm: by how much each of frames (k, n, 2) is off the line between its neighbours, over the standard deviation that noise of 1 mm makes of it; without
+    those that lie beyond their neighbours, where the motion turns, if others are left."""
     line, moved = frames[2:] - frames[:-2], frames[1:-1] - frames[:-2]
     size = np.einsum("kni,kni->k", line, line)
     a = np.where(size > 0, np.einsum("kni,kni->k", moved, line) / np.maximum(size, 1e-300), 0.5)
-    a = np.clip(a, 0.0, 1.0)[:, None, None]
-    return np.asarray((a * line - moved) / np.sqrt(1 + a**2 + (1 - a) ** 2))
+    between = (a > 0) & (a < 1)
+    chosen = between if between.any() else np.ones(len(a), bool)
+    a = np.clip(a[chosen], 0.0, 1.0)[:, None, None]
+    return np.asarray((a * line[chosen] - moved[chosen]) / np.sqrt(1 + a**2 + (1 - a) ** 2))
 
 
 def new_in_each(frames: Array) -> Array:
@@ -136,6 +140,13 @@ def new_in_each(frames: Array) -> Array:
     n = int(np.flatnonzero(leading).max(initial=-1)) + 1
     rest = (left[:, n:] * sizes[n:]) @ right[n:]
     return np.asarray(np.sqrt(len(frames) / (len(frames) - n)) * rest).reshape(frames.shape)
+
+
+def _stands_out(rest: Array) -> bool:
+    """Whether the first principal component of fields (k, n, 2), mm, some of which may have been taken out, stands out of the others."""
+    variances = np.linalg.svd(rest.reshape(len(rest), -1), compute_uv=False) ** 2
+    variances = variances[variances > ROUNDING * variances[0]]
+    return bool(len(variances) and variances[0] > LEADING * np.median(variances))
 
 
 def _at_edge(points: Array) -> NDArray[np.bool_]:

@@ -27,6 +27,7 @@ AUXETIC = 0.1  # of the strain along the pull: strain across of the same sign, f
 CLOCK = 3.0  # times the noise of the load cell
 PRELOAD = 0.03  # of the largest force: what a load cell that was not zeroed hardly reads
 OPPOSED = 0.05  # of their ranges: steps of elongation and force in opposite directions
+YOUNG = 3.0  # modulus of a strip over the shear modulus
 LARGEST = 1500.0  # mm, of what fits into a test stand
 
 
@@ -87,7 +88,11 @@ def noise_notes(report: dict[str, Any]) -> list[str]:
     match report["force"]:
         case Origin.UPPER_BOUND:
             notes += [
-                WORDS.note_force_noise_bound(std=report["load_cell_std_N"], readings=report["load_cell_readings"])
+                WORDS.note_force_noise_bound(
+                    std=report["load_cell_std_N"],
+                    most=report["load_cell_std_at_most_N"],
+                    readings=report["load_cell_readings"],
+                )
             ]
         case Origin.UNKNOWN:
             notes += [WORDS.note_force_noise_unknown(readings=report["load_cell_readings"])]
@@ -103,14 +108,15 @@ def noise_notes(report: dict[str, Any]) -> list[str]:
 
 
 def strain_notes(experiment: Experiment) -> list[str]:
-    """Of a strain near its noise, a stiffness that no soft material has, a specimen as large as one in pixels, and what a wrong sign or order of pictures looks
+    """Of a strain near its noise, a stiffness above or below that of soft materials, a specimen as large as one in pixels, and what a wrong sign or order of pictures looks
     like."""
     signal, notes = experiment.strain_signal, []
     if signal.ratio < WEAK_SIGNAL:
         notes.append(WORDS.note_weak_strain(signal=signal))
     modulus = apparent_modulus(experiment)
-    if modulus > SOFT[experiment.stress_unit][1]:
-        notes.append(WORDS.note_stiff(modulus=modulus, unit=experiment.stress_unit))
+    least, most = SOFT[experiment.stress_unit]
+    if modulus > most or 0 < modulus < YOUNG * least:
+        notes.append(WORDS.note_not_soft(modulus=modulus, unit=experiment.stress_unit, more=modulus > most))
     extent = float(np.ptp(experiment.points, axis=0).max())
     if extent > LARGEST:
         notes.append(WORDS.note_large(extent=extent))

@@ -76,7 +76,7 @@ def to_experiment(
     found, report = _noise_of(series, kept.indices, frames, noise, noise_kind)
     start = series.start(int(frames[0]))
     record, thinned = whole_record(series, tare, broke, start)
-    compared = clocks(series)
+    compared = clocks(series, report.get("synchronisation_std_s", 0.0))
     notes += thinned + clock_notes(compared)
     notes += _force_notes(series, selection, tare, force) + noise_notes(report) + _spurious_notes(series, kept)
     provenance = {

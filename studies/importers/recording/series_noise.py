@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibrate import errors
 from calibrate.data.experiment import Noise
 from studies.importers.recording import noise_estimate
+from studies.importers.recording.grip_motion import elongation
 from studies.importers.recording.load_cell_noise import force_noise
 from studies.importers.recording.recorded_series import Series
 from studies.importers.recording.stated_noise import StatedNoise
@@ -60,8 +61,11 @@ def _estimated_force_noise(series: Series, frames: Index) -> tuple[tuple[float, 
     std = series.force_std
     report: dict[str, Any] = {"force": "of the source"}
     if std is None:
-        found = force_noise(series.record.time, series.record.force)
+        length = elongation(series) if np.array_equal(series.record.time, series.time) else None
+        known = None if length is None or not np.isfinite(length).all() else length
+        found = force_noise(series.record.time, series.record.force, known)
         std, report = found.std, {"force": found.origin, "load_cell_difference_order": found.order}
+        report["load_cell_std_at_most_N"] = found.most
     report |= {
         "load_cell_std_N": std,
         "load_cell_readings": len(series.record.time),

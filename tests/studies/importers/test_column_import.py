@@ -65,6 +65,16 @@ def test_what_is_stated_of_the_noise_is_used_and_the_rest_estimated(tmp_path, st
     assert not e.noise.is_common
 
 
+def test_an_offset_that_is_stated_is_no_noise_of_each_force(tmp_path):
+    """The same times, stated one by one, by rate and offset, and by a rate alone."""
+    times = ", ".join(f"{0.5 * k + 0.1:.1f}" for k in range(12))
+    stds = [
+        from_map(mapped(tmp_path, MAP.replace("rate_hz = 2.0", frames))).noise.force_std
+        for frames in (f"times_s = [{times}]", "rate_hz = 2.0\noffset_s = 0.1", "rate_hz = 2.0")
+    ]
+    assert stds[0] == stds[1] < 0.1 * stds[2]
+
+
 def test_what_is_stated_of_noise_common_to_all_pictures_is_kept(tmp_path):
     stated = "displacement_std_mm = 0.001\npattern_std_mm = 0.003\nreference_std_mm = 0.002\ncorrelation_time_s = 4.0"
     e = from_map(mapped(tmp_path, MAP.replace("displacement_std_mm = 0.001", stated)))
@@ -176,6 +186,8 @@ def test_force_per_frame(tmp_path):
         ('loaded = ["bottom", "top"]', 'loaded = ["bottom", "left"]', "a loaded side is not free"),
         ('time = "t"\n', "", "give frames.rate_hz and force.time"),
         ("[noise]", "[noise", "not valid TOML"),
+        ("rate_hz = 2.0", "times_s = [0.0, 1.0, 1.0]", r"map.toml: frames.times_s: picture 2 .* 1 s is not later"),
+        ("rate_hz = 2.0", "times_s = [2.0, 1.0]", r"map.toml: frames.times_s: picture 1 .* 1 s is not later .* 2 s"),
         ("displacement_std_mm", "correlation_length_mm", "belongs to noise.displacement_std_mm"),
         ("displacement_std_mm = 0.001", "pattern_std_mm = 0.001", "state noise.displacement_std_mm too"),
         ("displacement_std_mm = 0.001", "correlation_time_s = 2.0", "state noise.displacement_std_mm too"),
@@ -205,6 +217,13 @@ def test_bad_column_maps(tmp_path, old, new, message):
         column_map.read_map(path)
 
 
+def test_a_column_map_in_another_encoding_is_refused_by_its_line(tmp_path):
+    path = tmp_path / "map.toml"
+    path.write_bytes(b'name = "a"\n[force]\ntime = "Pr\xfcfzeit"\n')
+    with pytest.raises(errors.ConfigError, match=r"map.toml, line 3: not UTF-8; save it as UTF-8"):
+        column_map.read_map(path)
+
+
 def test_column_map_and_files_that_do_not_match(tmp_path):
     path = mapped(tmp_path)
     with pytest.raises(errors.DataNotFoundError, match="0 files"):
@@ -224,7 +243,10 @@ def test_column_map_with_duplicate_points(tmp_path):
     frame = tmp_path / "frames" / "f_0.csv"
     lines = frame.read_text().splitlines()
     write(frame, "\n".join([*lines, lines[4]]))
-    with pytest.raises(errors.DegenerateMeshError, match="listed twice"):
+    with pytest.raises(
+        errors.DegenerateMeshError,
+        match=r"f_0.csv: points are listed twice, as in rows \d+ and \d+ of its numbers, at .* mm",
+    ):
         from_map(path)
 
 

@@ -13,8 +13,10 @@ from vendor_exports import vic2d
 
 from calibrate import errors
 from calibrate.data.experiment import Experiment
+from studies.commands.import_data import Request, read
 from studies.importers import printed_sheets, vendor_folder
-from studies.importers.exports.field_guesses import pull_axis
+from studies.importers.exports.field_guesses import has_rest, pull_axis
+from studies.importers.exports.guesses import Undecided
 from studies.importers.frame_tables import Frames
 from studies.importers.recording.notes import pull_notes, repeated_frame_notes, strain_notes
 from studies.importers.vendor_folder import exported
@@ -63,6 +65,42 @@ def test_the_pull_of_a_cyclic_test_is_seen_where_it_is_deformed_most() -> None:
     assert axis == 1 and "40 % along y in frame 2" in why
 
 
+@pytest.mark.parametrize("strain", [1e-3, 0.3])  # of the last picture
+def test_noise_or_a_wrong_row_in_the_first_file_is_no_load(strain: float) -> None:
+    """White noise of 2 um, and one of 96 points that jumped by 0.5 mm; a load of 2 % of the last picture's is one, if it is above its noise."""
+    x = np.stack(np.meshgrid(np.linspace(0, 40, 8), np.linspace(0, 80, 12)), axis=-1).reshape(-1, 2)
+    noise = np.random.default_rng(1).normal(0.0, 2e-3, (3, *x.shape))
+    pulled = x * [-0.4 * strain, strain]
+    jumped = np.zeros_like(x)
+    jumped[17] = 0.5
+    jumped[40] = np.nan
+
+    def rests(first: np.ndarray) -> bool:
+        return has_rest(Frames(x, np.stack([first, pulled / 2 + noise[1], pulled + noise[2]]), None, []))
+
+    assert rests(noise[0]) and rests(jumped) and rests(0 * x)
+    assert not rests(0.02 * pulled)
+    assert rests(0.02 * pulled + noise[0]) == (strain < 0.3)
+    assert not rests(0 * x + 0.1)  # moved as a whole
+
+
+def test_a_noisy_first_file_gives_no_frame_of_its_own(tmp_path: Path) -> None:
+    """Every time would be late by one picture; 0.02 px of noise beside 100 px."""
+    vic2d(tmp_path)
+    first = min(tmp_path.glob("*.csv"))
+    head, *rows = first.read_text().splitlines()
+    rng = np.random.default_rng(0)
+    for i, row in enumerate(rows):
+        fields = row.split(",")
+        fields[2:4] = [f"{float(f) + rng.normal(0.0, 0.02):.5f}" for f in fields[2:4]]
+        rows[i] = ",".join(fields)
+    first.write_text("\n".join([head, *rows]) + "\n")
+    with pytest.raises(Undecided) as asked:
+        read(str(tmp_path), Request())
+    assert asked.value.guesses.get("points.reference") is None
+    assert any("which is no load" in fact for fact in asked.value.guesses.facts)
+
+
 def pulled_strip(elongations: list[float], forces: list[float], across: float = -0.4) -> Any:
     """20 x 40 mm, pulled along y."""
     points = np.stack(np.meshgrid(np.linspace(0, 20, 3), np.linspace(0, 40, 5)), axis=-1).reshape(-1, 2)
@@ -104,6 +142,21 @@ def test_a_specimen_of_metres_is_asked_about(factor: float, said: bool) -> None:
         loaded=[SimpleNamespace(force=np.array([[0.0, 10.0]]), nodes=np.array([0, 1]))],
     )  # fmt: skip
     assert any("pixels" in note for note in strain_notes(sheet)) is said  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1.0, None), (1e3, "more than any"), (1e-3, "less than any"), (0.0, None)]
+)
+def test_kilonewtons_and_millinewtons_for_newtons_are_asked_about(factor: float, said: str | None) -> None:
+    """10 N over 40 x 1 mm and a strain of 0.4: 0.6 MPa."""
+    points = np.array([[0.0, 0.0], [40.0, 0.0], [40.0, 20.0], [0.0, 20.0]])
+    sheet = _Sheet(
+        points=points, displacements=0.2 * points[None] * [-0.5, 1.0],
+        thickness=1.0, stress_unit="MPa", strain_signal=SimpleNamespace(ratio=50.0, strain=0.4),
+        loaded=[SimpleNamespace(force=factor * np.array([[0.0, 10.0]]), nodes=np.array([0, 1]))],
+    )  # fmt: skip
+    told = [note for note in strain_notes(sheet) if "force.unit" in note]  # type: ignore[arg-type]
+    assert len(told) == (said is not None) and all(said is not None and said in note for note in told)
 
 
 def test_a_frame_with_other_columns_is_named(tmp_path):

@@ -178,3 +178,87 @@ def test_coarse_digits_are_no_silence():
     assert load_cell_noise.force_noise(time, force).std == pytest.approx(0.002, rel=0.15)
     held = np.minimum(np.arange(200), 10.0)  # without noise, and then without motion
     assert load_cell_noise.force_noise(np.arange(200.0), held).std < 1e-9
+
+
+def two_rates(p, turns: bool):
+    """Fields (k, n, 2) mm of a strip that is stretched in steps of 3 s, then back or on at another rate, bending as it goes."""
+    t = np.cumsum([3.0] * 6 + ([-1.75] if turns else [1.75]))[:, None, None] / 18
+    return 15 * t * p * [0.05, -0.02] + t**2 * np.sin(p[:, ::-1] / 4) + 0.3 * t**3 * np.cos(p / 3)
+
+
+@pytest.mark.parametrize("pictures", [5, 6, 7])
+@pytest.mark.parametrize("turns", [True, False])
+def test_motion_that_few_pictures_do_not_take_off_is_no_noise(pictures, turns):
+    """Noise of STD in every picture, of a motion of millimetres that no line between pictures follows."""
+    p = points()
+    found = noise_estimate.displacement_noise(p, two_rates(p, turns)[:pictures] + correlated(p, pictures, 0.0, 8))
+    for estimate in (found.total, found.temporal):
+        assert estimate.std == pytest.approx(STD, rel=0.12)
+        assert estimate.correlation_length < 0.4
+
+
+def test_motion_that_half_of_the_components_leave_is_no_noise():
+    """Ten pictures whose motion has seven parts."""
+    p, rng = points(), np.random.default_rng(9)
+    parts = [10.0**-k * np.stack([np.sin((k + 2) * p[:, 0] / 9), np.cos((k + 2) * p[:, 1] / 8)], -1) for k in range(3)]
+    parts += [0.02 * np.stack([np.cos((k + 2) * p[:, 1] / 9), np.sin((k + 2) * p[:, 0] / 8)], -1) for k in range(4)]
+    frames = np.einsum("kj,jni->kni", rng.standard_normal((10, 7)), np.array(parts))
+    found = noise_estimate.displacement_noise(p, frames + correlated(p, 10, 0.0, 10))
+    assert found.temporal.std == pytest.approx(STD, rel=0.12)
+    assert found.total.std == pytest.approx(STD, rel=0.12)
+
+
+def test_a_turning_point_is_no_jitter():
+    """Between two pictures of the same place the motion is off their line by all of its way."""
+    p = points()
+    t = np.array([1, 2, 3, 4, 5, 4.5, 4, 3.5, 3.0])[:, None, None] / 5
+    found = noise_estimate.displacement_noise(p, 2.0 * t * p + correlated(p, 9, 0.0, 11))
+    assert found.jitter < STD
+
+
+def cycles(unloading: float = 0.9):
+    """Time (s), elongation (mm) and force (N) of two cycles in eleven pictures, at three rates; the way back is softer by `unloading`, with the loop closed at the lower turning point."""
+    time = np.array([0, 2.7, 5.3, 8, 9.7, 11.3, 16.2, 21.1, 26, 29, 32])
+    length = np.array([0, 3.8, 7.6, 11.4, 6.7, 1.9, 8.9, 15.8, 22.6, 14.2, 5.7])
+    back = np.array([1, 1, 1, 1, unloading, 1, 1, 1, 1, unloading, unloading])
+    return time, length, 40 * back * (1 - np.exp(-length / 40))
+
+
+def test_turning_points_of_cycles_are_no_noise():
+    time, length, curve = cycles()
+    rng = np.random.default_rng(0)
+    found = [load_cell_noise.force_noise(time, curve + 0.006 * rng.standard_normal(11), length) for _ in range(300)]
+    assert np.median([f.std for f in found]) < 0.06  # its third differences; across the turning points 1 N
+    assert np.mean([f.origin == Origin.UPPER_BOUND and f.most > 0.006 for f in found]) > 0.95
+    # the turns of the force alone; times are rounded to 0.1 s, 2 % of a step
+    without = load_cell_noise.force_noise(time, curve)
+    assert without.std < 0.2 and without.origin == Origin.UPPER_BOUND
+
+
+def test_a_dense_record_of_cycles_has_its_own_noise():
+    time = np.linspace(0, 32, 3201)
+    force = np.interp(time, *cycles(1.0)[::2]) + 0.006 * np.random.default_rng(1).standard_normal(len(time))
+    assert load_cell_noise.force_noise(time, force).std == pytest.approx(0.006, rel=0.1)
+
+
+def test_a_rate_that_changes_bends_no_force_over_the_elongation():
+    rng, time = np.random.default_rng(2), np.arange(12.0)
+    length = np.array([0, 2, 4, 6, 6.5, 7, 9, 11, 11.5, 12, 14, 16.0])
+    curve = 20 * (1 - np.exp(-length / 30))
+    found = [load_cell_noise.force_noise(time, curve + 0.01 * rng.standard_normal(12), length).std for _ in range(200)]
+    assert np.median(found) == pytest.approx(0.01, rel=0.35)
+    assert load_cell_noise.force_noise(time, curve).std > 0.04  # over the time
+
+
+def test_a_held_load_that_goes_to_and_fro_is_noise():
+    """Its turns are noise, every second one; none is left out."""
+    force = 5.0 + 0.02 * np.random.default_rng(3).standard_normal(400)
+    assert load_cell_noise.force_noise(np.arange(400.0), force).std == pytest.approx(0.02, rel=0.15)
+
+
+@pytest.mark.parametrize("std", [0.006, 0.05])
+def test_an_upper_bound_is_seldom_too_low(std):
+    time, curve = elongation_curve(9)
+    rng = np.random.default_rng(4)
+    found = [load_cell_noise.force_noise(time, curve + std * rng.standard_normal(9)) for _ in range(400)]
+    assert np.mean([f.upper_bound and f.most < std for f in found]) < 0.07

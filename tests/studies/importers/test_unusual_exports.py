@@ -128,6 +128,16 @@ def test_records_of_other_machines(tmp_path, head, newtons):
     assert recording.series.record.force[-1] == pytest.approx(58.5 * newtons)
 
 
+@pytest.mark.parametrize("row", ["garbage;xx;yy", "7;8"])
+def test_a_wrong_row_of_a_record_is_named(tmp_path, row):
+    """It is no reason to ask for another column of time."""
+    vic3d(tmp_path / "export")
+    rows = [f"{k};{2 * k},5;{k}" for k in range(30)]
+    write(tmp_path / "machine.txt", "\n".join(["Zeit [s];Kraft [N];Weg [mm]", *rows[:20], row, *rows[20:]]) + "\n")
+    with pytest.raises(errors.FileFormatError, match=r"machine.txt, line 22: "):
+        read(str(tmp_path / "export"), Request(sheet=SheetOptions(frame_rate=1.0), record=tmp_path / "machine.txt"))
+
+
 def test_an_unknown_unit_of_force_is_asked_for(tmp_path):
     vic3d(tmp_path / "export")
     recorded(tmp_path / "export", STEPS + 1, "File;When;Temperature;Load [tonf]")
