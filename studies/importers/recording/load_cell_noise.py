@@ -25,16 +25,12 @@ from calibrate.robust_deviation import robust_std
 Array = NDArray[np.float64]
 ORDERS = (2, 3, 4)
 WINDOWS = 3  # fewest differences that an estimate is made of
-REPEATED, RETURNS = (
-    0.5,
-    0.02,
-)  # of the readings, where a last digit shows: different values at most; changes of direction at least
+REPEATED = 0.5  # of the readings, where a last digit shows: different values at most
+RETURNS = 0.02  # and changes of direction at least
 FALLS = 1.5  # factor between the estimates of two orders, or courses, from which the larger one holds curvature
 BETWEEN_TURNS = 2  # fewest differences where some are left out
-TURN, OFTEN = (
-    0.1,
-    3,
-)  # way back, of the range, that makes a turning point; readings a turn, below which those of the force may be noise
+TURN = 0.1  # way back, of the range, that makes a turning point
+OFTEN = 3  # readings a turn, below which those of the force may be noise
 SCATTER = 5.0  # of an estimate of m differences that still falls: the noise is at most 1 + SCATTER / sqrt(m) times as much, but for 1 in 20 simulated curves of 9 to 50 readings
 TIED = 1e-6  # of the range: elongations that are no further apart count as one
 
@@ -131,13 +127,14 @@ def _rounding(force: Array) -> float:
 
 
 def differences(time: Array, force: Array, order: int) -> Array:
-    """Divided differences (n - order,) of force (n,) at time (n,), each with weights of unit norm."""
+    """Divided differences (n - order,) of force (n,) at time (n,), each with weights of unit norm; NaN where two times are one."""
     windows = np.lib.stride_tricks.sliding_window_view(time, order + 1)
-    windows = (windows - windows[:, :1]) / (windows[:, -1:] - windows[:, :1])
-    gaps = windows[:, :, None] - windows[:, None, :]
-    gaps[:, np.arange(order + 1), np.arange(order + 1)] = 1.0
-    weights = 1.0 / gaps.prod(axis=2)
-    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        windows = (windows - windows[:, :1]) / (windows[:, -1:] - windows[:, :1])
+        gaps = windows[:, :, None] - windows[:, None, :]
+        gaps[:, np.arange(order + 1), np.arange(order + 1)] = 1.0
+        weights = 1.0 / gaps.prod(axis=2)
+        weights /= np.linalg.norm(weights, axis=1, keepdims=True)
     readings = np.lib.stride_tricks.sliding_window_view(force, order + 1)
     return np.einsum("ij,ij->i", weights, readings)
 
