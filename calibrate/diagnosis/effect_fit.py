@@ -162,17 +162,15 @@ class _Linearised:
         """The point a fraction of the way to the unknowns (n + k,)."""
         w, n = self.point.w, self.A.shape[1]
         x = self._start[0]
-        change = self.A @ (unknowns[:n] - w) + self.S @ (unknowns[n:] - x)
-        if change @ self.taken < -BACK * self.taken @ self.taken:
+        if self.change(unknowns[:n], unknowns[n:]) @ self.taken < -BACK * self.taken @ self.taken:
             fraction = 0.5 * fraction
         values = (x + fraction * (unknowns[n:] - x)) * self.scale
         additions = self.variables.at(values) if len(x) else ()
         return _point(self.problem, w + fraction * (unknowns[:n] - w), additions)
 
-    def change_to(self, point: _Point) -> Array:
-        """By how much the equations change (N,) on the way to a point with the same effects, to first order."""
-        values = Variables(point.additions).values / self.scale if len(self.scale) else np.zeros(0)
-        return np.asarray(self.A @ (point.w - self.point.w) + self.S @ (values - self._start[0]))
+    def change(self, w: Array, x: Array) -> Array:
+        """By how much the equations change (N,) to first order on the way to weights w (n,) and values x (k,) over their scale."""
+        return np.asarray(self.A @ (w - self.point.w) + self.S @ (x - self._start[0]))
 
     def length(self, unknowns: Array) -> float:
         """By how much the step to the unknowns (n + k,) changes the equations, in standard deviations of one."""
@@ -199,7 +197,9 @@ def refit(problem: Problem, c: Array, additions: Additions) -> Fit:
 
     def linearise(point: _Point, count: int) -> _Linearised:
         known = last[-1] if last and not (count < FOLLOWED or any(a.effect.rough for a in problem.amplifying)) else None
-        taken = last[-1].change_to(point) if last else np.zeros(len(point.residual))
+        taken = np.zeros(len(point.residual))
+        if last:
+            taken = last[-1].change(point.w, Variables(point.additions).values / last[-1].scale)
         last[:] = [_linearised(problem, point, known, taken)]
         return last[0]
 

@@ -108,11 +108,12 @@ def of_rough_effects(
 ) -> Array:
     """(k, k): what hidden noise adds to the squares of the signatures S (N, k), times scale (k,), of all amplitudes and shapes beside U: of rough effects alone, each by itself."""
     found, start = np.zeros((len(scale), len(scale))), 0
+    rough = problem.noise_is_known and any(one.effect.rough for one in additions)
+    hidden = hidden_noise(problem, chains, c, additions) if rough else []
     for one in additions:
         own = slice(start, start + len(one.amplitudes))
-        if one.effect.rough and problem.noise_is_known:
+        if hidden and one.effect.rough:
             others = tuple(a for a in additions if a is not one)
-            hidden = hidden_noise(problem, chains, c, additions)
             found[own, own] = excess(problem, chains, c, (*others, one), U, scale[own], S[:, own], hidden)
         start = own.stop + len(one.shape)
     return found

@@ -120,7 +120,7 @@ def _competitor(content: dict[str, Any], n: int) -> Competitor:
 def stiffness_factors(addition: Addition, factor: float, strength: float = 1.0) -> tuple[float, ...]:
     """Of the amplitudes (p,) of an effect in a material that is stiffer by a factor: amplitudes in MPa follow, those in 1/MPa go the other way; relaxation by its own `strength`."""
     own = strength if addition.effect.stage == "relaxation" else 1.0
-    return tuple(own * factor**p.stiffness_power for p in addition.effect.amplitudes)
+    return tuple(own * f for f in addition.stiffness_factors(factor))
 
 
 def scaled_addition(addition: Addition, factor: float, strength: float = 1.0) -> Addition:

@@ -127,5 +127,5 @@ def blind(
         raise StudyError(f"{folder}: no trial is there yet; run the same command without --report first")
     failures = {} if report else make_missing(run, home, jobs, len(todo), missing, "blind trials")
     homes = [home / plan.name for plan in todo if plan.name not in failures]
-    answer = write_report(folder, homes, failures, earlier, manifest)
+    answer = write_report(folder, homes, failures, manifest, earlier)
     return BlindTrials(len(todo), len(todo) - len(missing()), answer, failures)

@@ -98,8 +98,8 @@ def read_frames(p: PointsTable, folder: Path, mask: str | None = None) -> Frames
         moved[0] = 0.0  # displacements count from the reference, whatever its quality
     if p.reference != "separate" and len(moved) > 1 and not _is_at_rest(moved):
         raise errors.ConfigError(
-            f"{frames[0].source}: the points have moved in the first file, by a root mean square of {_size(moved[0]):.3g}, "
-            f"{_size(moved[-1]):.3g} in the last; where displacements count from a picture without a file, set points.reference = 'separate'"
+            f"{frames[0].source}: the points have moved in the first file, by {motion(moved[0]):.3g} at the median, "
+            f"{motion(moved[-1]):.3g} in the last; where displacements count from a picture without a file, set points.reference = 'separate'"
         )
     if p.reference == "separate":
         moved = np.concatenate([np.zeros_like(moved[:1]), moved])
@@ -128,13 +128,13 @@ def _refuse_twice(points: Array, rows: NDArray[np.int64], source: str) -> None:
 
 def _is_at_rest(moved: Array) -> bool:
     """Whether the first of displacements (t, n, 2 or 3) are no more than noise beside the last."""
-    return not _size(moved[0]) > MOVED * _size(moved[-1])
+    return not motion(moved[0]) > MOVED * motion(moved[-1])
 
 
-def _size(moved: Array) -> float:
-    """Root mean square of displacements (n, 2 or 3); 0 where there are none."""
-    known = moved[np.isfinite(moved)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
+def motion(displacements: Array) -> float:
+    """Median length of displacements (n, 2 or 3), mm; 0 where all failed."""
+    length = np.linalg.norm(displacements, axis=1)
+    return float(np.median(length[np.isfinite(length)])) if np.isfinite(length).any() else 0.0
 
 
 def frames_as_written(p: PointsTable, paths: list[Path]) -> Iterator[Frame]:

@@ -128,10 +128,10 @@ def described(found: Discovery) -> dict[str, Any]:
     additions = [
         {
             "effect": a.effect.name,
-            "amplitudes": {
-                p.name: level**p.stiffness_power * v for p, v in zip(a.effect.amplitudes, a.amplitudes, strict=True)
+            "amplitudes": {p.name: v for p, v in zip(a.effect.amplitudes, a.stiffer(level).amplitudes, strict=True)},
+            "deviations": {
+                p.name: f * v for p, f, v in zip(a.effect.amplitudes, a.stiffness_factors(level), d, strict=True)
             },
-            "deviations": {p.name: level**p.stiffness_power * v for p, v in zip(a.effect.amplitudes, d, strict=True)},
             "shape": {p.name: v for p, v in zip(a.effect.shapes, a.shape, strict=True)},
         }
         for a, d in zip(found.final.additions, found.final.errors, strict=True)

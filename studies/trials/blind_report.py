@@ -28,8 +28,7 @@ WORDS = Words("blind")
 
 
 def write_report(
-    folder: Path, homes: Sequence[Path], failures: Mapping[str, str], known: Mapping[str, JudgedTrial] | None = None,
-    manifest: Manifest | None = None,
+    folder: Path, homes: Sequence[Path], failures: Mapping[str, str], manifest: Manifest, known: Mapping[str, JudgedTrial] | None = None
 ) -> str:  # fmt: skip
     """Judge every trial that is not `known` by its name, write tables and report, and return the answer in words. manifest: of the run."""
     known = known or {}
@@ -58,9 +57,7 @@ def write_report(
     )
     report.heading("Every trial").table(TRIAL_COLUMNS, lines)
     report.save(folder / "report.html")
-    (manifest or Manifest(settings={"study": "blind"})).beside(
-        folder / "report.html", folder / "confusion.csv", folder / "effects.csv"
-    )
+    manifest.beside(folder / "report.html", folder / "confusion.csv", folder / "effects.csv")
     return text
 
 

@@ -35,8 +35,7 @@ def confirm(base: Model, final: Model, thresholds: Thresholds = DEFAULT) -> Conf
 
 def _misfit(one: Model) -> Misfit:
     """Of what was held out, or was fitted where nothing was; of forces that were fitted where none was held out, as in half a sheet."""
-    of_both = (misfit(one.problem, one.fit.c, one.fit.additions, held, beside_own=True) for held in (False, True))
-    fitted, held = of_both
+    fitted, held = (misfit(one.problem, one.fit.c, one.fit.additions, k, beside_own=True) for k in (False, True))
     assert fitted is not None
     if held is None or np.isfinite(held.force):
         return held or fitted

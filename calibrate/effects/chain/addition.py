@@ -20,10 +20,14 @@ class Addition:
         """Whether it changes nothing."""
         return self.amplitudes == tuple(p.null for p in self.effect.amplitudes)
 
+    def stiffness_factors(self, factor: float) -> tuple[float, ...]:
+        """Of the amplitudes (p,) in a material that is stiffer by a factor: those in MPa follow, those in 1/MPa go the other way."""
+        return tuple(factor**p.stiffness_power for p in self.effect.amplitudes)
+
     def stiffer(self, factor: float) -> Addition:
-        """In a material that is stiffer by a factor: amplitudes in MPa follow, those in 1/MPa go the other way."""
-        pairs = zip(self.effect.amplitudes, self.amplitudes, strict=True)
-        return replace(self, amplitudes=tuple(factor**p.stiffness_power * a for p, a in pairs))
+        """In a material that is stiffer by a factor."""
+        pairs = zip(self.stiffness_factors(factor), self.amplitudes, strict=True)
+        return replace(self, amplitudes=tuple(f * a for f, a in pairs))
 
     def nearer_null(self, share: float) -> Addition:
         """With this share of the way of every amplitude from its null value."""

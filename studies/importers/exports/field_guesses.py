@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from meshes.mesh import spacing_of
 from studies.importers.exports.guesses import Guesses
-from studies.importers.frame_tables import Frames, frame_files, frames_as_written
+from studies.importers.frame_tables import Frames, frame_files, frames_as_written, motion
 from studies.importers.map_tables import PointsTable
 from studies.importers.masking.masks import SIDES
 
@@ -35,19 +35,19 @@ def has_rest(frames: Frames) -> bool:
 
     Noise is rough, a load is smooth: motion is compared with how far points are from the mean of their neighbours.
     """
-    moved, *later = (_motion(u) for u in frames.displacements)
+    moved, *later = (motion(u) for u in frames.displacements)
     if moved < STILL * pitch(frames.points) or moved < SLIGHT * max(later, default=0.0):
         return True
     known = np.isfinite(frames.displacements[0]).all(axis=1)
     points, u = frames.points[known], frames.displacements[0][known]
     near = cKDTree(points).query(points, k=min(AROUND + 1, len(points)))[1][:, 1:]
-    return moved < ROUGH * _motion(u - u[near].mean(axis=1))
+    return moved < ROUGH * motion(u - u[near].mean(axis=1))
 
 
 def say_reference(frames: Frames, found: Guesses) -> bool:
     """Whether the reference picture has no file, as the first that has one is loaded."""
     first, separate = frames.displacements[0], not has_rest(frames)
-    by = f"by {_motion(first):.2g} {_shown_unit(found)} at the median"
+    by = f"by {motion(first):.2g} {_shown_unit(found)} at the median"
     if separate:
         why = f"the points have moved in the first file, {by}: the reference picture has none"
         found.say("points.reference", "separate", why)
@@ -56,12 +56,6 @@ def say_reference(frames: Frames, found: Guesses) -> bool:
     else:
         found.facts.append("the first file is the reference: no point has moved in it")
     return separate
-
-
-def _motion(displacements: Array) -> float:
-    """Median length of displacements (n, 2), mm; 0 where all failed."""
-    length = np.linalg.norm(displacements, axis=1)
-    return float(np.median(length[np.isfinite(length)])) if np.isfinite(length).any() else 0.0
 
 
 def pitch(points: Array) -> float:

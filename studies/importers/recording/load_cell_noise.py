@@ -39,18 +39,17 @@ class Origin(StrEnum):
     """Where the noise of a force is from."""
 
     ESTIMATED = "estimated"
-    UPPER_BOUND = "estimated, may hold curvature"
+    MAY_HOLD_CURVATURE = "estimated, may hold curvature"
     UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
 class ForceNoise:
-    """std, N, of one reading. order: of the differences it was found from, 0: too few readings. upper_bound: curvature is part of it,
-    or may be. count: of the differences."""
+    """std, N, of one reading. order: of the differences it was found from, 0: too few readings. may_hold_curvature: it is no less than what curvature leaves. count: of the differences."""
 
     std: float
     order: int
-    upper_bound: bool
+    may_hold_curvature: bool
     count: int = 0
 
     @property
@@ -58,12 +57,12 @@ class ForceNoise:
         """What kind of number `std` is."""
         if self.order == 0:
             return Origin.UNKNOWN
-        return Origin.UPPER_BOUND if self.upper_bound else Origin.ESTIMATED
+        return Origin.MAY_HOLD_CURVATURE if self.may_hold_curvature else Origin.ESTIMATED
 
     @property
     def most(self) -> float:
         """What the noise is at most, N, with the scatter of an estimate that may hold curvature; of others `std`."""
-        return self.std * (1 + SCATTER / self.count**0.5) if self.upper_bound else self.std
+        return self.std * (1 + SCATTER / self.count**0.5) if self.may_hold_curvature else self.std
 
 
 def force_noise(time: Array, force: Array, elongation: Array | None = None) -> ForceNoise:

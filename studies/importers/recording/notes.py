@@ -86,7 +86,7 @@ def noise_notes(report: dict[str, Any]) -> list[str]:
     """Where the noise of the force is no more than a bound, or is that of the clocks, or temporal noise was chosen and is far smaller than what a frame shows."""
     notes = []
     match report["force"]:
-        case Origin.UPPER_BOUND:
+        case Origin.MAY_HOLD_CURVATURE:
             notes += [
                 WORDS.note_force_noise_bound(
                     std=report["load_cell_std_N"],

@@ -143,9 +143,8 @@ def starts(view: Review) -> Figure:
         ax = figure.subplots()
         ax.axhspan(losses[0], losses[0] + view.same_loss, color="0.85", lw=0, label="as low as the best")
         ax.plot(np.arange(1, losses.size + 1), losses, "o", ms=5)
-        if np.isfinite(view.calibration.reduced_chi_square) and view.calibration.weights is not None:
-            freedom = view.calibration.weights.size - view.model.architecture.n_parameters
-            ax.axhline(freedom, color="0.4", ls="--", lw=0.9, label="expected from the noise alone")
+        if view.expected_loss is not None:
+            ax.axhline(view.expected_loss, color="0.4", ls="--", lw=0.9, label="expected from the noise alone")
         spread = losses[-1] > 3 * losses[0] > 0
         ax.set(xlabel="start, sorted", ylabel="loss", yscale="log" if spread else "linear")
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))

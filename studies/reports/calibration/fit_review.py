@@ -110,6 +110,14 @@ class Review:
         return None if self.chi_square is None else float(self.chi_square[self.fitted].mean())
 
     @property
+    def expected_loss(self) -> float | None:
+        """Loss that noise alone would leave: equations less parameters; None where the noise is unknown, or the loss has no weights."""
+        found = self.calibration
+        if found.weights is None or np.isnan(found.reduced_chi_square):
+            return None
+        return float(found.weights.size - self.model.architecture.n_parameters)
+
+    @property
     def same_loss(self) -> float:
         """Difference of losses below which two starts count as alike."""
         chi_square = self.calibration.reduced_chi_square

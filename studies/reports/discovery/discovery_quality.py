@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibrate.diagnosis.base_functions import first_guess
-from calibrate.diagnosis.misfit import misfit
 from calibrate.diagnosis.problem import stiffness_factor
 from calibrate.diagnosis.selection import Discovery, Verdict
 from studies.reports.discovery.replays.replayed_models import neo_hooke_replay
@@ -24,11 +22,11 @@ def discovery_headline(view: View) -> Headline:
 
 def others_hold(view: View) -> bool:
     """Whether models with a base of their own, as few effects and neo-Hooke have, hold whatever is said against the final one."""
-    at_their_level = {Reason.ATTENUATED} if neo_hooke_replay(view.discovery) is not None else set()
     against = discovery_headline(view).against
-    return all(one.code in OF_THE_MODEL | at_their_level for one in against) and (
-        not against or view.discovery.few is not None
-    )
+    if against and view.discovery.few is None:
+        return False
+    at_their_level = {Reason.ATTENUATED} if neo_hooke_replay(view.discovery) is not None else set()
+    return all(one.code in OF_THE_MODEL | at_their_level for one in against)
 
 
 def discovery_quality(view: View) -> Quality:
@@ -42,7 +40,7 @@ def discovery_quality(view: View) -> Quality:
         has_rim=any(part.experiment.has_rim for part in trained),
         force_error=fitted.force,
         held_error=None if held is None else held.force,
-        neo_hooke_error=neo_hooke_error(found),
+        neo_hooke_error=view.neo_hooke_error,
         reduced_chi_square=found.final.reduced_chi_square if found.problem.noise_is_known else float("nan"),
         attenuation=stiffness_factor(found.problem, found.final.c, found.final.additions),
         relative_deviation=modulus_deviation(found),
@@ -50,15 +48,6 @@ def discovery_quality(view: View) -> Quality:
         unexplained=found.verdict is Verdict.NOT_EXPLAINED,
         unconverged=not found.final.converged,
     )
-
-
-def neo_hooke_error(found: Discovery) -> float:
-    """Relative force error of the best single modulus on the fitted equations; NaN where no force is among them."""
-    problem = found.problem
-    c = first_guess([(part.assembled, part.train.rows) for part in problem.trained])
-    one = misfit(problem, c, (), False)
-    assert one is not None
-    return one.force
 
 
 def modulus_deviation(found: Discovery) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +17,6 @@ from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection.rounds import Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects import Effect
-from calibrate.effects.chain import Addition
 from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.parameter_covariance import Z95
 from studies.output import style
@@ -150,7 +150,7 @@ def _without_score(now: Round, effect: Effect, score: Score | None) -> str:
 
 
 def intervals(view: View) -> Figure | None:
-    """Amplitudes of the effects in the final model with 95 % intervals; None where nothing was added."""
+    """Amplitudes of the effects in the final model with 95 % intervals, at its level; None where nothing was added."""
     final = view.discovery.final
     if not final.additions:
         return None
@@ -159,26 +159,25 @@ def intervals(view: View) -> Figure | None:
     with style.figure(6.0, 0.3 * sum(sizes) + 0.95 * len(sizes)) as figure:
         axes = figure.subplots(len(sizes), 1, squeeze=False, height_ratios=[n + 1 for n in sizes])[:, 0]
         for ax, addition, deviations in zip(axes, final.additions, final.errors, strict=True):
-            score = tested.get(addition.effect.name)
-            _intervals(ax, addition, deviations, None if score is None else (score.amplitudes, score.errors), view.unit)
+            score, factors = tested.get(addition.effect.name), np.array(addition.stiffness_factors(view.level))
+            pairs = [(addition.amplitudes, deviations), *([] if score is None else [(score.amplitudes, score.errors)])]
+            _intervals(
+                ax, addition.effect, [(factors * values, factors * errors) for values, errors in pairs], view.unit
+            )
         axes[0].legend(fontsize=7)
         return figure
 
 
-def _intervals(
-    ax: Axes,
-    addition: Addition,
-    deviations: tuple[float, ...],
-    tested: tuple[tuple[float, ...], tuple[float, ...]] | None,
-    unit: str,
-) -> None:
-    parameters = addition.effect.amplitudes
+def _intervals(ax: Axes, effect: Effect, found: list[tuple[Array, Array]], unit: str) -> None:
+    """found: amplitudes (p,) with their deviations (p,), as fitted and, where they were, as the score test had them."""
+    parameters = effect.amplitudes
     places = np.arange(len(parameters))[::-1].astype(float)
-    ax.errorbar(addition.amplitudes, places, xerr=Z95 * np.array(deviations), fmt="o", ms=5, capsize=3,
-                color=style.COLOURS["blue"], label="fitted, 95 %")  # fmt: skip
-    if tested is not None:
-        ax.errorbar(tested[0], places - 0.25, xerr=Z95 * np.array(tested[1]), fmt="s", ms=4, mfc="white", capsize=3,
-                    color=style.COLOURS["vermilion"], linestyle="none", label="score test, 95 %")  # fmt: skip
+    styles: list[dict[str, Any]] = [
+        {"fmt": "o", "ms": 5, "color": style.COLOURS["blue"], "label": "fitted, 95 %"},
+        {"fmt": "s", "ms": 4, "mfc": "white", "color": style.COLOURS["vermilion"], "label": "score test, 95 %"},
+    ]
+    for k, ((values, deviations), drawn) in enumerate(zip(found, styles, strict=False)):
+        ax.errorbar(values, places - 0.25 * k, xerr=Z95 * deviations, capsize=3, linestyle="none", **drawn)
     ax.axvline(0, color="0.4", lw=0.8, ls="--")
     low, high = ax.get_xlim()
     if low < parameters[0].lower:
@@ -186,7 +185,7 @@ def _intervals(
     ax.set_xlim(low, high)
     ax.set_yticks(places, [p.name for p in parameters])
     ax.set_ylim(-0.8, len(places) - 0.4)
-    ax.set_title(addition.effect.name)
+    ax.set_title(effect.name)
     label = amplitude_unit(parameters[0], unit)
     ax.set_xlabel("amplitude" + ("" if label == "1" else f", {label}"), fontsize=8)
 

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.diagnosis.base_functions import first_guess
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Weighing
 from calibrate.diagnosis.misfit import Misfit, misfit
@@ -61,9 +62,17 @@ class View:
     def errors(self) -> tuple[tuple[Misfit, Misfit | None], ...]:
         """Errors of the base and of the final model, each at its level, as its file has it: of the equations fitted, and of those held out."""
         found = self.discovery
-        return self._errors(found.start or found.problem, found.rounds[0]), self._errors(
-            found.problem, found.rounds[-1]
-        )
+        first = self._errors(found.start or found.problem, found.rounds[0])
+        return first, self._errors(found.problem, found.rounds[-1])
+
+    @cached_property
+    def neo_hooke_error(self) -> float:
+        """Relative force error of one modulus, the mean of those that fit each test best, on the equations fitted; NaN where no force is among them."""
+        problem = self.discovery.problem
+        c = first_guess([(part.assembled, part.train.rows) for part in problem.trained])
+        found = misfit(problem, c, (), held=False)
+        assert found is not None
+        return found.force
 
     def _errors(self, problem: Problem, now: Round) -> tuple[Misfit, Misfit | None]:
         level = stiffness_level(self.discovery, now.fit)

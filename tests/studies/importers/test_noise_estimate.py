@@ -159,7 +159,7 @@ def test_noise_of_few_readings_of_a_curve():
 def test_curvature_without_noise_is_an_upper_bound_far_below_it():
     time, curve = elongation_curve(9)
     found = load_cell_noise.force_noise(time, curve)
-    assert found.origin == Origin.UPPER_BOUND
+    assert found.origin == Origin.MAY_HOLD_CURVATURE
     curvature = 1.4826 * np.median(np.abs(load_cell_noise.differences(time, curve, 2)))  # taken for noise: 0.18 N
     assert found.std < 0.02 * curvature
 
@@ -229,10 +229,10 @@ def test_turning_points_of_cycles_are_no_noise():
     rng = np.random.default_rng(0)
     found = [load_cell_noise.force_noise(time, curve + 0.006 * rng.standard_normal(11), length) for _ in range(300)]
     assert np.median([f.std for f in found]) < 0.06  # its third differences; across the turning points 1 N
-    assert np.mean([f.origin == Origin.UPPER_BOUND and f.most > 0.006 for f in found]) > 0.95
+    assert np.mean([f.origin == Origin.MAY_HOLD_CURVATURE and f.most > 0.006 for f in found]) > 0.95
     # the turns of the force alone; times are rounded to 0.1 s, 2 % of a step
     without = load_cell_noise.force_noise(time, curve)
-    assert without.std < 0.2 and without.origin == Origin.UPPER_BOUND
+    assert without.std < 0.2 and without.origin == Origin.MAY_HOLD_CURVATURE
 
 
 def test_a_dense_record_of_cycles_has_its_own_noise():
@@ -261,4 +261,4 @@ def test_an_upper_bound_is_seldom_too_low(std):
     time, curve = elongation_curve(9)
     rng = np.random.default_rng(4)
     found = [load_cell_noise.force_noise(time, curve + std * rng.standard_normal(9)) for _ in range(400)]
-    assert np.mean([f.upper_bound and f.most < std for f in found]) < 0.07
+    assert np.mean([f.may_hold_curvature and f.most < std for f in found]) < 0.07

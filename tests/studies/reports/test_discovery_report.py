@@ -16,7 +16,9 @@ from made_up_replay import HELD, INCREMENTS, check, observations, only_held
 from matplotlib.figure import Figure
 
 from calibrate.diagnosis.effect_fit import refit
-from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
+from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation, Power, Weighing
+from calibrate.diagnosis.evidence.explanations import Finding as PowerFinding
+from calibrate.diagnosis.misfit import misfit
 from calibrate.diagnosis.model_weights import noise_of
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
 from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel, FittedSet
@@ -575,3 +577,23 @@ def test_a_residual_that_is_noise_is_called_so_where_what_was_held_out_is_not():
     said = verdict(view(replace(explained(), rounds=(explained().rounds[0], missed), verdict=Verdict.NOT_EXPLAINED,
                                 named=(), closest=explained().named)))  # fmt: skip
     assert "the residual is no more than noise (" in said and "which is missed by more than noise)" in said
+
+
+def test_verdict_tables_pictures_and_errors_are_at_the_level_of_the_replay():
+    """Forces that are replayed too small by a third ask for a material that is half as stiff again."""
+    rows = observations()
+    small = check(replace(rows, replayed=np.where(rows.is_force, rows.measured / 1.5, rows.replayed)))
+    parameter = SecondInvariant().amplitudes[0]
+    power = Power(SecondInvariant(), PowerFinding.FOUND, parameter, (0.03, 0.001))
+    weighing = Weighing(Alternatives.of([Explanation(("second invariant",), 0.0)]), {}, (power,), True)
+    one = view(replace(explained(), replay_check=small, weighing=weighing))
+    (fitted,), level = (a.amplitudes for a in one.discovery.final.additions), small.final.level.factor
+    assert level == pytest.approx(1.5) == one.level
+    (told,) = one.weighing.powers
+    assert told.value == pytest.approx((0.03 * level, 0.001 * level))
+    (drawn, *_) = (line.get_xdata() for line in figures.intervals(one).axes[0].lines if line.get_label() != "_child")
+    assert drawn == pytest.approx([level * fitted[0]])
+    (_, last), final = one.errors, one.discovery.final
+    stiff = misfit(one.discovery.problem, level * final.c, tuple(a.stiffer(level) for a in final.additions), True)
+    assert last[1].force == stiff.force > 2 * one.discovery.rounds[-1].held.force
+    assert Statement.of(one).errors.force_after == stiff.force

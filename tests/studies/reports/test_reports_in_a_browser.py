@@ -289,7 +289,7 @@ def test_blind(chromium: Browser, tmp_path: Path) -> None:
         trial(tmp_path, "wrong", ["lens distortion"], ["force offset"], absent=["viscoelasticity"]),
         trial(tmp_path, "null", [], verdict="nothing significant"),
     ]
-    blind_report.write_report(tmp_path, homes, {})
+    blind_report.write_report(tmp_path, homes, {}, Manifest())
     assert faults(chromium, tmp_path / "report.html") == []
 
 

@@ -19,6 +19,7 @@ from studies import cli
 from studies.cli import main
 from studies.commandline import application
 from studies.errors import OptionError
+from studies.output.manifest import Manifest
 from studies.trials import blind_case, blind_data, blind_plans, blind_report, judgement
 from studies.trials.blind_case import Plan
 from studies.trials.blind_data import draw
@@ -80,7 +81,7 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
         trial(tmp_path, "half", ["force offset", "viscoelasticity"], ["force offset"]),
         trial(tmp_path, "imitated", ["force offset", "viscoelasticity"], ["force offset"], beside=1.0),
     ]
-    text = blind_report.write_report(tmp_path, homes, {})
+    text = blind_report.write_report(tmp_path, homes, {}, Manifest())
     numbers = json.loads((tmp_path / "summary.json").read_text())
     assert (numbers["nulls"], numbers["null_detections"], numbers["null_names"]) == (2, 1, 0)
     assert numbers["endings"] == {"right": 1, "beside": 0, "group": 1, "dominant": 0, "missed": 0, "wrong": 1}
@@ -91,7 +92,7 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     assert (numbers["pairs"], numbers["pairs_found"], numbers["pairs_in_model"]) == (3, 1, 2)
     assert numbers["pairs_right"] == 1
     assert (numbers["pairs_at_first"], numbers["pairs_at_first_found"]) == (4, 1)
-    broken = blind_report.write_report(tmp_path / "broken", homes, {"twin-7": "ValueError: nothing left"})
+    broken = blind_report.write_report(tmp_path / "broken", homes, {"twin-7": "ValueError: nothing left"}, Manifest())
     assert broken.startswith(text) and "twin-7 (ValueError: nothing left)" in broken
     confusion = (tmp_path / "confusion.csv").read_text()
     assert confusion.splitlines()[0].startswith("hidden,nothing,unexplained")
@@ -101,7 +102,7 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     known = {one.trial: one for one in judgement.read(tmp_path / "trials.json")}
     assert known[homes[0].name] == judged
     elsewhere = [tmp_path / "elsewhere" / home.name for home in homes]
-    assert blind_report.write_report(tmp_path / "again", elsewhere, {}, known) == text
+    assert blind_report.write_report(tmp_path / "again", elsewhere, {}, Manifest(), known) == text
 
 
 def test_a_dominant_effect_is_counted_apart_from_names(tmp_path):
