@@ -1,8 +1,8 @@
 """Whether an inclusion is found, and where: `python -m benchmarks.inclusions FOLDER`.
 
-In: a folder for the trials, which are gone on with; --first: seed. Out: `docs/results/inclusions.json`. Three kinds of a place of another stiffness, --each of every kind: an ellipse with a sharp edge, which is
-what the catalogue has; a rectangle with a sharp edge, of sides from 1.3 to 2.5, which it has not; and a smooth patch. Base, specimen, loading and noise are those of the foreign trials for the first
-two (Gent's law, noise of two lengths, here stated as it is), of the blind trials for the patch.
+In: a folder for the trials, which are gone on with; --first: seed. Out: `docs/results/inclusions.json`. Four kinds of a place of another stiffness, --each of every kind: a squircle with a sharp edge, which is
+what the catalogue has; a rectangle, which it nearly has; a triangle, which it has not; and a smooth patch. Base, specimen, loading and noise are those of the foreign trials for the first
+three (Gent's law, noise of two lengths, here stated as it is), of the blind trials for the patch.
 """
 
 from __future__ import annotations
@@ -32,9 +32,8 @@ from studies.trials.blind_trial import ForeignNoise, Trial
 from studies.trials.foreign import INCLUSION, foreign
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "inclusions.json"
-ELLIPSE, RECTANGLE, PATCH = "ellipse", "rectangle", "smooth patch"
-KINDS = (ELLIPSE, RECTANGLE, PATCH)
-FIELD = "stiffness field"
+SQUIRCLE, RECTANGLE, TRIANGLE, PATCH = "squircle", "rectangle", "triangle", "smooth patch"
+KINDS = (SQUIRCLE, RECTANGLE, TRIANGLE, PATCH)
 HEAD = ["hidden", "specimen", "true: a, place, half axes (extent), angle (degrees)", "verdict", "named", "dominant", "inclusion of the model", "reduced chi-square, before and after"]  # fmt: skip
 
 
@@ -53,8 +52,11 @@ class Test:
     @property
     def trial(self) -> Trial:
         """Every number of it."""
-        drawn = draw(self.seed, "inclusion" if self.kind == ELLIPSE else FIELD)
-        return drawn if self.kind == PATCH else replace(foreign(drawn), foreign=ForeignNoise(0.0, 1.0))
+        drawn = draw(self.seed, "inclusion" if self.kind in (SQUIRCLE, RECTANGLE) else "stiffness field")
+        if self.kind == PATCH:
+            return drawn
+        other = replace(foreign(drawn), foreign=ForeignNoise(0.0, 1.0))
+        return replace(other, effects=drawn.effects) if self.kind == SQUIRCLE else other
 
 
 def make(test: Test, folder: Path) -> None:
@@ -81,11 +83,11 @@ def _true(trial: Trial, data: Experiment) -> dict[str, float]:
     size = float((high - low).max())
     x, y = (np.array([more["x"], more["y"]]) - (low + high) / 2) / size
     found = {"a": more["height"], "x": float(x), "y": float(y)}
-    if "sides" not in more:
+    if "slender" not in more:
         return {**found, "radius": more["width"] / size, "e1": 0.0, "e2": 0.0}
-    e = 0.5 * np.log(more["sides"])  # of the ellipse of as large a ratio and area
-    shape = {"e1": float(e * np.cos(2 * more["turned"])), "e2": float(e * np.sin(2 * more["turned"]))}
-    return {**found, "radius": 2 / np.sqrt(np.pi) * INCLUSION * more["width"] / size, **shape}
+    e = 0.5 * np.log(more["slender"])  # of the ellipse of as large a ratio and area
+    shape = {"e1": float(e * np.cos(2 * more["tip"])), "e2": float(e * np.sin(2 * more["tip"]))}
+    return {**found, "radius": INCLUSION * more["width"] / size, **shape}
 
 
 def row(one: dict[str, Any]) -> list[str]:

@@ -33,8 +33,8 @@ from calibrate.fitting.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
 ABSORBED = 1e-3  # share of a signature that must be left by the base
-SAME = 0.98  # cosine of changes, above which two shapes make one
-RIVAL = 0.8  # share of the best score, from which another shape is a start, too
+APART = 0.95  # cosine of changes, below which two shapes are starts of their own
+STARTS, HIGH = 3, 0.5  # starts beside the best shape at most, and the share of its score that they have at least
 DRAWS = 2000  # of the simulated search
 
 
@@ -57,8 +57,8 @@ class Score:
 
     score: T over the dispersion, with `degrees`; p_value: of the effect; adjusted: of the whole search. share: of the
     misfit that it would explain. absorbed: share of the signature that the base takes. amplitudes, errors: with null
-    value 0 of the difference. admissible: within bounds. direction (N,): unit vector of the fitted change. other: the best shape of the grid
-    that makes another change and scores nearly as high, from which a fit may end elsewhere.
+    value 0 of the difference. admissible: within bounds. direction (N,): unit vector of the fitted change. others: shapes that
+    make another change, from which a fit may end elsewhere; the best first.
     """
 
     effect: Effect
@@ -75,7 +75,7 @@ class Score:
     shape: tuple[float, ...] = ()
     admissible: bool = True
     direction: Array | None = field(default=None, repr=False)
-    other: Score | None = field(default=None, repr=False)
+    others: tuple[Score, ...] = field(default=(), repr=False)
 
     @property
     def evidence(self) -> float:
@@ -161,22 +161,32 @@ def examine(
         status = one.status if one.status is Status.NOT_FINITE else Status.ABSORBED
         return Score(effect, status, absorbed=absorbed_most), np.zeros((len(r), 0, 0))
     best = max(tested, key=lambda one: (one.admissible, one.score))
-    other = _other(best, tested)
+    others = _others(best, tested)
     if not single and effect.rough and problem.noise_is_known:
         best = examine_shape(problem, state, Addition(effect, null, best.shape), U, r, hidden)[0]
     p = min(1.0, len(blocks) * float(stats.chi2.sf(best.score, best.degrees)))
     widest = max(Q.shape[1] for Q in blocks)
-    return replace(best, p_value=p, other=other), np.stack(
+    return replace(best, p_value=p, others=others), np.stack(
         [np.pad(Q, ((0, 0), (0, widest - Q.shape[1]))) for Q in blocks], axis=1
     )
 
 
-def _other(best: Score, tested: Sequence[Score]) -> Score | None:
-    """The best of the admissible shapes that make another change and score nearly as high."""
-    assert best.direction is not None
-    rivals = [one for one in tested if one.admissible and one.score > RIVAL * best.score]
-    rivals = [one for one in rivals if one.direction is not None and abs(one.direction @ best.direction) < SAME]
-    return max(rivals, key=lambda one: one.score, default=None)
+def _others(best: Score, tested: Sequence[Score]) -> tuple[Score, ...]:
+    """The best of the admissible shapes that make other changes than the best one and than each other, and score at least half as high: of an inclusion
+    that is softer a stiffer one on the other side of the sheet may score higher than the right one before its shape is refined."""
+    starts = [best]
+    for one in sorted(tested, key=lambda score: -score.score):
+        high = one.admissible and one.score > HIGH * best.score
+        if high and len(starts) <= STARTS and all(likeness_of(one, start) < APART for start in starts):
+            starts.append(one)
+    return tuple(starts[1:])
+
+
+def likeness_of(one: Score, other: Score) -> float:
+    """Cosine of the changes that two fits make, without its sign."""
+    assert one.direction is not None
+    assert other.direction is not None
+    return float(abs(one.direction @ other.direction))
 
 
 def examine_shape(

@@ -1,6 +1,6 @@
 """Additions of foreign trials: damage by the energy, fibres that are not all parallel, a power of the principal stretches, and inclusions with a sharp edge.
 
-No effect of the diagnosis has their whole formula, but for the ellipse: its own softening follows damage by the energy on a neo-Hookean sheet alone, its own fibres those in tension.
+No effect of the diagnosis has their whole formula, but for the squircle: its own softening follows damage by the energy on a neo-Hookean sheet alone, its own fibres those in tension.
 """
 
 from __future__ import annotations
@@ -8,10 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from forward._dolfinx import ufl
 from forward.errors import MaterialError
 from forward.materials import Ogden
 from forward.sheet.additions import Addition
+
+TRIANGLE = float(np.sqrt(np.pi / (3 * np.sqrt(3))))  # radius of the circle within an equilateral triangle of area pi
 
 
 @dataclass(frozen=True)
@@ -101,20 +105,34 @@ class _Inclusion(Addition):
 
     def field(self, X, p):
         x, y, c, s = X[0] - p[1], X[1] - p[2], ufl.cos(p[5]), ufl.sin(p[5])
-        return ufl.conditional(self.inside((c * x + s * y) / p[3], (c * y - s * x) / p[4]), 1 + p[0], 1.0)
+        inside = self.inside((c * x + s * y) / p[3], (c * y - s * x) / p[4], p)
+        return ufl.conditional(inside, 1 + p[0], 1.0)
 
-    def inside(self, along: Any, across: Any) -> Any:
-        """UFL condition, of shares of half the length and width."""
+    def inside(self, along: Any, across: Any, p: Any) -> Any:
+        """UFL condition, of shares of half the length and width; p: parameters, in the order of the fields."""
         raise NotImplementedError
 
 
-class EllipticInclusion(_Inclusion):
-    """An ellipse with these half axes."""
+@dataclass(frozen=True)
+class SquircularInclusion(_Inclusion):
+    """A stretched squircle (Fernandez Guasti 1992) with the area of an ellipse of these half axes, to within 1 %: an ellipse for square = 0, a parallelogram for 1.
 
-    name: ClassVar[str] = "elliptic inclusion"
+    turned: angle, rad, from the length to the normal of a side, both before the stretch; 0 gives a rectangle.
+    """
 
-    def inside(self, along, across):
-        return ufl.le(along**2 + across**2, 1.0)
+    square: float = 0.0
+    turned: float = 0.0
+    name: ClassVar[str] = "squircular inclusion"
+
+    def inside(self, along, across, p):
+        fourth = along**4 - 6 * along**2 * across**2 + across**4
+        other = 4 * along * across * (along**2 - across**2)
+        squared = along**2 + across**2
+        # of four times the angle to the normal of a side; at the middle, where there is none, 0 / tiny
+        cosine = (ufl.cos(4 * p[7]) * fourth + ufl.sin(4 * p[7]) * other) / (squared**2 + 1e-30)
+        root = ufl.sqrt(ufl.max_value(1 - p[6] * (1 - cosine) / 2, 0.0))
+        area = ufl.exp(-p[6] / 8 - (np.log(4 / np.pi) - 1 / 8) * p[6] ** 4)
+        return ufl.le(squared * (1 + root), 2 * area)
 
 
 class RectangularInclusion(_Inclusion):
@@ -122,5 +140,18 @@ class RectangularInclusion(_Inclusion):
 
     name: ClassVar[str] = "rectangular inclusion"
 
-    def inside(self, along, across):
+    def inside(self, along, across, p):
         return ufl.And(ufl.le(abs(along), 1.0), ufl.le(abs(across), 1.0))
+
+
+class TriangularInclusion(_Inclusion):
+    """A triangle of two equal sides, its tip along the length, with the area of an ellipse of these half axes."""
+
+    name: ClassVar[str] = "triangular inclusion"
+
+    def inside(self, along, across, p):
+        sides = (
+            ufl.le(np.cos(angle) * along + np.sin(angle) * across, TRIANGLE)
+            for angle in np.pi / 3 * np.array([1.0, 3.0, 5.0])
+        )
+        return ufl.And(ufl.And(next(sides), next(sides)), next(sides))

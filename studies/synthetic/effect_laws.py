@@ -9,10 +9,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from calibrate.effects.inclusion import half_axes
+import numpy as np
+
+from calibrate.effects.inclusion import half_axes, squareness
 from forward.materials import Material
 from forward.sheet import additions as laws
-from forward.sheet.damage_and_dispersion import EllipticInclusion
+from forward.sheet.damage_and_dispersion import SquircularInclusion
 from forward.sheet.multiplicative_viscosity import MaxwellBranch
 from forward.sheet.thin_sheet import PermanentSet, Prony, Sheet
 
@@ -34,7 +36,10 @@ class Extent:
 
 def _inclusion(a: Values, s: Values, extent: Extent) -> laws.Addition:
     long, short, angle = half_axes(extent.size * s["radius"], s["e1"], s["e2"])
-    return EllipticInclusion(a["a"], *extent.place(s["x"], s["y"]), long, short, angle)
+    square, turned = squareness(np.hypot(s["q1"], s["q2"])), np.arctan2(s["q2"], s["q1"]) / 4
+    return SquircularInclusion(
+        a["a"], *extent.place(s["x"], s["y"]), long, short, angle, float(square), float(turned - angle)
+    )
 
 
 ADDITIONS: Mapping[str, Callable[[Values, Values, Extent], laws.Addition]] = {

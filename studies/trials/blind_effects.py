@@ -89,7 +89,10 @@ def _inclusion(rng, s):
     x, y = (float(v) for v in rng.uniform(-0.3, 0.3, 2))
     a, radius = _signed(rng, 0.03, 0.4), float(rng.uniform(0.08, 0.25))
     e, twice = float(rng.uniform(0, 0.5)), float(rng.uniform(0, 2 * np.pi))
-    return {"a": a}, {"x": x, "y": y, "radius": radius, "e1": e * np.cos(twice), "e2": e * np.sin(twice)}, {}
+    q, four_times = float(rng.uniform(0, 2)), float(rng.uniform(0, 2 * np.pi))
+    stretch = {"e1": e * np.cos(twice), "e2": e * np.sin(twice)}
+    corners = {"q1": q * np.cos(four_times), "q2": q * np.sin(four_times)}
+    return {"a": a}, {"x": x, "y": y, "radius": radius, **stretch, **corners}, {}
 
 
 def _viscoelasticity(rng, s):

@@ -10,10 +10,11 @@ does about as much as the effect of the catalogue whose place it takes; its ampl
 | one fibre family | exponential, with dispersion (Gasser, Ogden and Holzapfel 2006) |
 | viscoelasticity | two branches with a multiplicative split (Reese and Govindjee 1998) |
 | Mullins softening | by the energy (Ogden and Roxburgh 1999) |
-| stiffness field | a rectangular inclusion with a sharp edge |
+| stiffness field | a triangular inclusion with a sharp edge |
+| inclusion | a rectangle, whose amplitude is compared |
 
 Fibres and Mullins softening are nearly of the catalogue's form since that has an exponential with dispersion (in compression, too) and Ogden and Roxburgh's
-error function (of I1 - 3 in place of the energy), the inclusion since it has an elliptic one, and viscoelasticity since it has branches with such a split: `NEARLY`. Others keep their form, on the foreign base, and a lens has its
+error function (of I1 - 3 in place of the energy), the stiffness field since it has an inclusion, that since it may have corners, and viscoelasticity since it has branches with such a split: `NEARLY`. Others keep their form, on the foreign base, and a lens has its
 centre of distortion up to a sixth of the extent from the middle of the specimen. Noise: of two correlation lengths, with a share that all pictures have in common; stated as it is,
 half or twice as large, or not at all.
 """
@@ -27,13 +28,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment, Noise
+from calibrate.effects.inclusion import half_axes
 from forward.materials import Gent
 from forward.sheet.additions import Addition
-from forward.sheet.damage_and_dispersion import DispersedFibres, OgdenPart, OgdenRoxburgh, RectangularInclusion
+from forward.sheet.damage_and_dispersion import (
+    DispersedFibres,
+    OgdenPart,
+    OgdenRoxburgh,
+    RectangularInclusion,
+    TriangularInclusion,
+)
 from forward.sheet.multiplicative_viscosity import MaxwellBranch
+from studies.synthetic import effect_laws
 from studies.synthetic.camera import GaussianField, stream
 from studies.trials.blind_effects import Hidden, log_uniform
-from studies.trials.blind_trial import FIELD_RESOLUTION, ForeignNoise, Trial
+from studies.trials.blind_trial import FIELD_RESOLUTION, SPECIMENS, ForeignNoise, Trial
 
 Array = NDArray[np.float64]
 FORMS, FIELDS = 2, 3  # random streams, beside those of `blind_data`
@@ -44,7 +53,9 @@ SHORT, LONG, SHARE = (
 )  # correlation lengths over that of the trial, and the share of the variance of the short one
 COMMON = (0.0, 0.5, 0.9)  # shares of the variance that are common to all pictures
 STATED = (1.0, 0.5, 2.0, None)  # stated noise over that which is there; None: none is stated
-INCLUSION = 1.33  # root of the product of the half sides over the width of the patch in the place of which it is
+INCLUSION = (
+    1.5  # radius of the circle of the area of an inclusion over the width of the patch in the place of which it is
+)
 FOREIGN = (
     "second invariant",
     "one fibre family",
@@ -56,6 +67,7 @@ NEARLY = (
     "one fibre family",
     "Mullins softening",
     "stiffness field",
+    "inclusion",
     "viscoelasticity",
 )  # of these the catalogue has nearly the form
 
@@ -82,7 +94,8 @@ def _foreign(hidden: Hidden, trial: Trial, draws: Array) -> Hidden:
         "one fibre family": {"k2": 0.3 + 2 * a, "kappa": 0.05 + 0.15 * b},
         "viscoelasticity": {"share": 0.3 + 0.4 * a, "faster": 0.1 + 0.3 * b, "slower": 2 + 3 * c},
         "Mullins softening": {"m": energy * (0.05 + 0.3 * a), "beta": 0.1 * b},
-        "stiffness field": {"sides": 1.3 + 1.2 * a, "turned": np.pi * b},
+        "stiffness field": {"slender": 0.7 + 0.8 * a, "tip": 2 * np.pi * b},
+        "inclusion": {"half": np.sqrt(np.pi) / 2},
     }
     if hidden.name == "lens distortion":  # of the catalogue's form, but for its base and noise
         return replace(hidden, shape={"x": 0.3 * a - 0.15, "y": 0.3 * b - 0.15})
@@ -114,9 +127,18 @@ def laws(trial: Trial) -> Laws:
         elif one.name == "Mullins softening":  # as soft, once unloaded
             additions.append(OgdenRoxburgh(1 / a["r"], more["m"], more["beta"]))
         elif one.name == "stiffness field":
-            radius, root = INCLUSION * more["width"], more["sides"] ** 0.5
+            radius, root = INCLUSION * more["width"], more["slender"] ** 0.5
             inclusion = more["height"], more["x"], more["y"], radius * root, radius / root
-            additions.append(RectangularInclusion(*inclusion, more["turned"]))
+            additions.append(TriangularInclusion(*inclusion, more["tip"]))
+        elif (
+            one.name == "inclusion" and "half" in more
+        ):  # side of a rectangle of the area of its ellipse, over the axis
+            extent = effect_laws.Extent(2 * max(SPECIMENS[trial.specimen].half_extent))
+            long, short, angle = half_axes(extent.size * one.shape["radius"], one.shape["e1"], one.shape["e2"])
+            half_sides = more["half"] * long, more["half"] * short
+            additions.append(
+                RectangularInclusion(a["a"], *extent.place(one.shape["x"], one.shape["y"]), *half_sides, angle)
+            )
         elif one.name == "viscoelasticity":
             mu, tau = a["g"] * trial.material.shear_modulus, one.shape["tau"]
             branches = (

@@ -19,6 +19,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.data.triangulation import signed_areas
 from calibrate.diagnosis.selection import Verdict
 from calibrate.effects import CATALOGUE, Data
+from forward.sheet.damage_and_dispersion import TRIANGLE
 from studies.errors import OptionError
 from studies.trials.blind_case import GLOBAL_LIMIT
 from studies.trials.blind_effects import ALSO
@@ -187,16 +188,20 @@ def _field(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]], ho
 def hidden_stiffness(patch: Mapping[str, float], places: Array) -> Array:
     """Of a patch, or an inclusion in its place, beside the rest (m,) at places (m, 2), mm."""
     apart = places - [patch["x"], patch["y"]]
-    if "aspect" in patch:
+    if "aspect" in patch or "sides" in patch:
         raise OptionError(
-            "the label has an elliptic inclusion, which foreign trials no longer hide; judge it with the version that made it"
+            "the label has an elliptic or rectangular inclusion in the place of a field, which foreign trials no longer hide; judge it with the version that made it"
         )
-    if "sides" not in patch:
+    if "slender" not in patch:
         return patch["height"] * np.exp(-(apart**2).sum(axis=1) / (2 * patch["width"] ** 2))
-    c, s = np.cos(patch["turned"]), np.sin(patch["turned"])
-    long, short = (INCLUSION * patch["width"] * patch["sides"] ** power for power in (0.5, -0.5))
-    inside = (np.abs(apart @ [c, s]) <= long) & (np.abs(apart @ [-s, c]) <= short)
-    return patch["height"] * inside
+    along, across = (
+        apart @ [np.cos(patch["tip"]), np.sin(patch["tip"])],
+        apart @ [-np.sin(patch["tip"]), np.cos(patch["tip"])],
+    )
+    long, short = (INCLUSION * patch["width"] * patch["slender"] ** power for power in (0.5, -0.5))
+    sides = [np.cos(angle) * along / long + np.sin(angle) * across / short for angle in np.pi / 3 * np.array([1, 3, 5])]
+    inside = np.asarray(np.max(sides, axis=0) <= TRIANGLE, float)
+    return np.asarray(patch["height"] * inside)
 
 
 def judged_amplitude(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]]) -> JudgedAmplitude | None:

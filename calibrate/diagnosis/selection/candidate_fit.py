@@ -19,12 +19,14 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit
 from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.problem import Problem
-from calibrate.diagnosis.score_tests import Score
+from calibrate.diagnosis.score_tests import Score, likeness_of
 from calibrate.diagnosis.selection.rounds import Candidate, RefusalReason, Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects.chain import Addition, Additions
 
 Array = NDArray[np.float64]
+RIVAL = 0.8  # share of the best score, from which another shape is fitted, too
+SAME = 0.999  # cosine of changes, above which two shapes make one: they may be alike, and a fit end elsewhere from each
 FIRST_STEP = 0.13  # of a shape, over its size
 LEAST_EVALUATIONS, EVALUATIONS = 14, 5  # of shapes: in all, and for each and one more; the fit goes on from there
 
@@ -47,13 +49,13 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, scored: Mod
     """The candidate with a refit of base and effect and its errors. scored: the model that it was scored beside, where that is not `now`.
 
     It has the weights that belong to it: those of a base that makes up for the effect are wrong. It starts from the best shape and from another
-    (`Score.other`); the more likely of both is taken.
+    (`Score.others`); the more likely of both is taken.
     Without a fit where none is better than the model without the effect, or where it runs away: it then did not converge.
     """
     state, score = now.fit, candidate.score
     starts = [score]
-    if score.other is not None and candidate.is_significant(thresholds):
-        starts.append(at_best_shape(scored or now, score.other))
+    if candidate.is_significant(thresholds):
+        starts += score.others[:1]
     found = [_fit(now, replace(candidate, score=one), thresholds) for one in starts]
     limit = thresholds.worse * state.free_loss + len(score.amplitudes)
     kept = [pair for pair in found if pair is not None and pair[1].free_loss < limit]
@@ -193,27 +195,22 @@ def alike(candidate: Candidate, significant: Sequence[Candidate], thresholds: Th
 
 
 def at_best_shape(now: Model, found: Score) -> Score:
-    """The score at the best shape near the best one of the grid, by a few steps of Nelder and Mead's simplex."""
+    """The score at the best shape near the best one of the grid or near one of the others, by a few steps of Nelder and Mead's simplex from each. Its others: what the rest have ended with that is
+    another change and nearly as good."""
     if not found.shape or not found.effect.shapes_vary:
         return found
     search = _ShapeSearch(replace(now, fit=now.fit.remembering()), found)
-    grid = np.array(now.problem.shapes(found.effect))
-    logarithmic = np.array([p.lower >= 0 and np.all(grid[:, i] > 0) for i, p in enumerate(found.effect.shapes)])
-    start = np.where(logarithmic, np.log(np.maximum(found.shape, 1e-12)), found.shape)
-    sizes = [p.shape_size(v) for p, v in zip(found.effect.shapes, found.shape, strict=True)]
-    simplex = np.concatenate([start[None], start + np.diag(np.where(logarithmic, 0.5, FIRST_STEP * np.array(sizes)))])
-    minimize(
-        lambda x: search(np.where(logarithmic, np.exp(x), x)),
-        start,
-        method="Nelder-Mead",
-        options={
-            "maxfev": max(LEAST_EVALUATIONS, EVALUATIONS * (len(start) + 1)),
-            "initial_simplex": simplex,
-            "xatol": 1e-3,
-            "fatol": 1e-2,
-        },
-    )
-    return search.best
+    ends = [search.near(start) for start in (found, *found.others)]
+    best, *rest = sorted(ends, key=lambda one: (one.admissible, one.score), reverse=True)
+    others = [one for one in rest if one.score > RIVAL * best.score and likeness_of(one, best) < SAME]
+    return replace(best, others=tuple(one for one in others if one.admissible))
+
+
+def at_best_shapes(now: Model, scores: Sequence[Score], thresholds: Thresholds) -> list[Score]:
+    """Scores, the best first, of the first `Thresholds.refined` that have a shape at their best one: what has none may score higher before."""
+    shaped = [one for one in scores if one.shape and one.effect.shapes_vary][: thresholds.refined]
+    found = [at_best_shape(now, one) if one in shaped else one for one in scores]
+    return sorted(found, key=lambda one: -one.evidence)
 
 
 class _ShapeSearch:
@@ -227,10 +224,28 @@ class _ShapeSearch:
         self.first = 0.0
         U = now.fit.columns
         self.residual = now.fit.residual - U @ (U.T @ now.fit.residual)
+        grid = np.array(now.problem.shapes(found.effect))
+        self.logarithmic = np.array(
+            [p.lower >= 0 and np.all(grid[:, i] > 0) for i, p in enumerate(found.effect.shapes)]
+        )
+
+    def near(self, start: Score) -> Score:
+        """The best score near that of a shape; of the first one that is given `found`."""
+        if self.first:
+            self.best = replace(start, score=0.0)
+        parameters = self.found.effect.shapes
+        x = np.where(self.logarithmic, np.log(np.maximum(start.shape, 1e-12)), start.shape)
+        sizes = [p.shape_size(v) for p, v in zip(parameters, start.shape, strict=True)]
+        simplex = np.concatenate([x[None], x + np.diag(np.where(self.logarithmic, 0.5, FIRST_STEP * np.array(sizes)))])
+        options = {
+            "maxfev": max(LEAST_EVALUATIONS, EVALUATIONS * (len(x) + 1)), "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2
+        }  # fmt: skip
+        minimize(self, x, method="Nelder-Mead", options=options)
+        return self.best
 
     def __call__(self, values: Array) -> float:
         found = self.found
-        shape = tuple(float(v) for v in values)
+        shape = tuple(float(v) for v in np.where(self.logarithmic, np.exp(values), values))
         if any(not p.lower <= v <= p.upper for p, v in zip(found.effect.shapes, shape, strict=True)):
             return 0.0
         null = tuple(p.null for p in found.effect.amplitudes)
@@ -241,5 +256,5 @@ class _ShapeSearch:
         self.first = self.first or max(one.score, 1e-300)
         value = found.score * one.score / self.first
         if one.is_tested and one.admissible >= self.best.admissible and value > self.best.score:
-            self.best = replace(one, score=value, p_value=found.p_value, adjusted=found.adjusted, other=found.other)
+            self.best = replace(one, score=value, p_value=found.p_value, adjusted=found.adjusted)
         return -one.score

@@ -84,7 +84,7 @@ def _place(
     weighted, without = weighted_fit.fit_with_weights(model.problem, state.c, others)
     scores = [s for s in score_tests.score(weighted, without, effects, seed) if s.is_tested]
     scored = Model(weighted, without)
-    scores = [candidate_fit.at_best_shape(scored, s) for s in scores[: thresholds.refined]]
+    scores = candidate_fit.at_best_shapes(scored, scores, thresholds)
     own = next((s for s in scores if s.effect.name == one.effect.name), None)
     # the others as they were beside this one
     start = Model(model.problem, replace(state, additions=others, loss=without.loss, unexplained=without.unexplained))

@@ -134,9 +134,9 @@ def extended(model: Model, now: Round, say: Resumable, thresholds: Thresholds = 
 def _refined(model: Model, now: Round, thresholds: Thresholds) -> tuple[Round, list[Candidate]]:
     """The round with similarities at the best shapes, and its significant candidates, the best first."""
     significant = [c for c in now.candidates if c.is_significant(thresholds)]
-    n = thresholds.refined
-    refined = [replace(c, score=candidate_fit.at_best_shape(model, c.score)) for c in significant[:n]]
-    significant = sorted([*refined, *significant[n:]], key=lambda c: -c.score.evidence)
+    of_effect = {c.name: c for c in significant}
+    scores = candidate_fit.at_best_shapes(model, [c.score for c in significant], thresholds)
+    significant = [replace(of_effect[one.effect.name], score=one) for one in scores]
     likes = candidate_fit.similarities(significant, thresholds)
     significant = [replace(c, like=likes[c.name]) for c in significant]
     return replace(

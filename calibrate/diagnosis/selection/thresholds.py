@@ -27,7 +27,7 @@ class Thresholds:
     most_effects: in a model: one more than can be named.
     tries: effects that are fitted in a round, before one is added.
     rival: share of the best score; effects so close are fitted before one is chosen, as scores are those of small effects.
-    refined: significant effects whose shape is refined before they are compared.
+    refined: significant effects that have a shape, which is refined before they are compared.
     dominant_share: of the misfit of the base beyond noise, that the dominant effect of an unexplained test takes alone.
     as_good: factor on what it leaves, up to which another could stand in its place.
     collinear: |cos| of signatures that cannot be told apart.

@@ -29,7 +29,7 @@ STRONG = {
 SHAPES = {
     "one fibre family": (0.5, 0.4, 0.1),
     "two fibre families": (0.2, 0.5, 0.4, 0.05),
-    "inclusion": (0.1, -0.1, 0.2, 0.3, -0.2),
+    "inclusion": (0.1, -0.1, 0.2, 0.3, -0.2, 0.5, 0.6),
     "viscoelasticity": (2.0,),
     "finite viscoelasticity": (2.0,),
     "second finite relaxation time": (0.4,),

@@ -12,7 +12,7 @@ from forward import Loading, NeoHooke, SurfaceSolution
 from forward._dolfinx import MPI
 from forward.errors import ConvergenceError, SolutionError
 from forward.sheet.additions import MooneyPart, Mullins, Patch
-from forward.sheet.damage_and_dispersion import EllipticInclusion
+from forward.sheet.damage_and_dispersion import SquircularInclusion
 from forward.sheet.inelastic import solve_history
 from forward.sheet.inelastic_problem import InelasticProblem
 from forward.sheet.multiplicative_viscosity import MaxwellBranch
@@ -129,7 +129,7 @@ def test_a_failed_step_is_halved_from_the_committed_state(mesh, monkeypatch):
 
 def test_a_place_without_stiffness_has_no_equilibrium(mesh):
     """A tangent that cannot be factorised is a named error, and is not solved with in the next step."""
-    sheet = Sheet(NeoHooke(0.4), 1.0, (EllipticInclusion(-1.0, 15.0, 10.0, 8.0, 6.0, 0.0),))
+    sheet = Sheet(NeoHooke(0.4), 1.0, (SquircularInclusion(-1.0, 15.0, 10.0, 8.0, 6.0, 0.0),))
     with pytest.raises(ConvergenceError, match="linear solve"):
         solve_history(mesh, sheet, LOADING, [0.5], [1.0])
 

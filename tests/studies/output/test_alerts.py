@@ -253,7 +253,9 @@ def of_inclusion(x: float, y: float, radius: float = 0.2) -> Findings:
     """Of an inclusion about a place, in extents from the middle of a plate with a hole there."""
     effect = next(one for one in CATALOGUE if one.name == "inclusion")
     *rounds, last = explained().rounds
-    fit = replace(last.fit, additions=(Addition(effect, (0.2,), (x, y, radius, 0.0, 0.0)),), errors=((0.01,),))
+    fit = replace(
+        last.fit, additions=(Addition(effect, (0.2,), (x, y, radius, 0.0, 0.0, 0.0, 0.0)),), errors=((0.01,),)
+    )
     return of_explained(rounds=(*rounds, replace(last, fit=fit)), groups={}, named=("inclusion",))
 
 

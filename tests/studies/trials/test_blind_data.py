@@ -12,7 +12,7 @@ from calibrate.effects.chain import Addition, Chain
 from calibrate.equations.basis import SingleBasis
 from calibrate.equations.equilibrium import equilibrium, neo_hooke
 from forward.sheet.additions import Fibres, Gradient, MooneyPart, Mullins, Patch, Payne
-from forward.sheet.damage_and_dispersion import EllipticInclusion
+from forward.sheet.damage_and_dispersion import SquircularInclusion
 from forward.sheet.thin_sheet import PermanentSet, Prony
 from studies.errors import OptionError
 from studies.trials import blind_solution
@@ -166,8 +166,15 @@ def flat(values):
 def ellipse(height, s):
     e = np.hypot(s["e1"], s["e2"])
     long, short = (60.0 * s["radius"] * np.exp(sign * e) for sign in (1, -1))
-    return EllipticInclusion(
-        height, 60.0 * s["x"], 60.0 * s["y"], long, short, np.arctan2(s["e2"], s["e1"]) / 2 % np.pi
+    return SquircularInclusion(
+        height,
+        60.0 * s["x"],
+        60.0 * s["y"],
+        long,
+        short,
+        (angle := np.arctan2(s["e2"], s["e1"]) / 2 % np.pi),
+        1 - (1 - np.hypot(s["q1"], s["q2"]) / 3) ** 3,
+        np.arctan2(s["q2"], s["q1"]) / 4 - angle,
     )
 
 

@@ -46,7 +46,7 @@ def change(one, other):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FOREIGN)
+@pytest.mark.parametrize("name", [*FOREIGN, "inclusion"])
 def test_a_foreign_form_is_another_law_of_like_size(coarse, name):
     """Beside the same base it changes the recording by 0.2 to 5 times as much as the effect of the catalogue does."""
     own = next(t for t in (draw(seed, name) for seed in range(7, 40)) if t.specimen == "plate")
@@ -109,5 +109,5 @@ def test_parts_that_cannot_be_are_refused():
 def test_numbers_of_two_foreign_forms_are_independent():
     """Over many seeds: how long an inclusion is, and where the lens beside it has its centre."""
     trials = [foreign(draw(seed, "stiffness field", "lens distortion")) for seed in range(200)]
-    sides, places = zip(*((t.effects[0].more["sides"], t.effects[1].shape["x"]) for t in trials), strict=True)
+    sides, places = zip(*((t.effects[0].more["slender"], t.effects[1].shape["x"]) for t in trials), strict=True)
     assert abs(np.corrcoef(sides, places)[0, 1]) < 0.2

@@ -16,6 +16,8 @@ from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from studies.trials.blind_data import draw, make, record
 from studies.trials.blind_solution import clean_experiment
+from studies.trials.blind_trial import ForeignNoise
+from studies.trials.foreign import foreign
 
 CASES = {
     "one fibre family": ({"k": 0.03}, {"angle": 0.7, "k2": 0.8, "kappa": 0.1}, (0.6, 0.1, 0.0)),
@@ -69,13 +71,38 @@ def test_a_fit_that_may_end_elsewhere_is_started_from_there_too() -> None:
     data, label = make(draw(995305, "two fibre families"))
     effect = next(e for e in CATALOGUE if e.name == "two fibre families")
     model = Model(*base_fit.prepare([data], [HoldOut.default(data.n_increments, False).training]))
-    score = at_best_shape(model, score_tests.score(model.problem, model.fit, (effect,))[0])
-    assert score.other is not None
-    alone = fitted(model, Candidate(replace(score, other=None)), DEFAULT)
-    both = fitted(model, Candidate(score), DEFAULT)
+    grid = score_tests.score(model.problem, model.fit, (effect,))[0]
+    assert grid.others
+    alone = fitted(model, Candidate(at_best_shape(model, replace(grid, others=()))), DEFAULT)
+    both = fitted(model, Candidate(at_best_shape(model, grid)), DEFAULT)
     assert alone.fit is not None
     assert both.fit is not None
     assert both.fit.likelihood < alone.fit.likelihood - 20
     assert both.addition is not None
     true = label["effects"][0]["amplitudes"]["k"]
     assert abs(both.addition.amplitudes[0] - true) < 2.5 * both.deviations[0] < 0.2 * true
+
+
+@pytest.mark.slow
+def test_an_inclusion_is_looked_for_on_both_sides_of_a_sheet() -> None:
+    """A softer rectangle on the left of a plate: of the circles that are tried a stiffer one on the right has the highest score."""
+    drawn = foreign(
+        next(trial for trial in (draw(seed, "inclusion") for seed in range(40)) if trial.specimen == "plate")
+    )
+    shape = {"x": -0.144, "y": -0.181, "radius": 0.248, "e1": 0.316, "e2": 0.156}
+    hidden = replace(drawn.effects[0], amplitudes={"a": -0.293}, shape=shape)
+    data, _ = make(
+        replace(drawn, effects=(hidden,), stretch=1.4, foreign=ForeignNoise(0.0, 1.0), displacement_std=0.004)
+    )
+    effect = next(e for e in CATALOGUE if e.name == "inclusion")
+    model = Model(*base_fit.prepare([data], [HoldOut.default(data.n_increments, False).training]))
+    grid = score_tests.score(model.problem, model.fit, (effect,))[0]
+    assert grid.shape[0] > 0.2
+    found = fitted(model, Candidate(at_best_shape(model, grid)), DEFAULT)
+    assert found.addition is not None
+    assert found.addition.amplitudes[0] == pytest.approx(-0.293, abs=0.01)
+    assert found.addition.shape[0] == pytest.approx(
+        -0.144, abs=0.03
+    )  # its lower edge is beyond that of the plate, so that y and radius are not told
+    assert found.fit is not None
+    assert found.fit.reduced_chi_square < 1.5
