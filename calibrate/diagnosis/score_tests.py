@@ -177,16 +177,9 @@ def _others(best: Score, tested: Sequence[Score]) -> tuple[Score, ...]:
     starts = [best]
     for one in sorted(tested, key=lambda score: -score.score):
         high = one.admissible and one.score > HIGH * best.score
-        if high and len(starts) <= STARTS and all(likeness_of(one, start) < APART for start in starts):
+        if high and len(starts) <= STARTS and likeness([one, *starts])[0, 1:].max() < APART:
             starts.append(one)
     return tuple(starts[1:])
-
-
-def likeness_of(one: Score, other: Score) -> float:
-    """Cosine of the changes that two fits make, without its sign."""
-    assert one.direction is not None
-    assert other.direction is not None
-    return float(abs(one.direction @ other.direction))
 
 
 def examine_shape(

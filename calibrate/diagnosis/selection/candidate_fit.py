@@ -19,7 +19,7 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit
 from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.problem import Problem
-from calibrate.diagnosis.score_tests import Score, likeness_of
+from calibrate.diagnosis.score_tests import Score, likeness
 from calibrate.diagnosis.selection.rounds import Candidate, RefusalReason, Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects.chain import Addition, Additions
@@ -202,7 +202,7 @@ def at_best_shape(now: Model, found: Score) -> Score:
     search = _ShapeSearch(replace(now, fit=now.fit.remembering()), found)
     ends = [search.near(start) for start in (found, *found.others)]
     best, *rest = sorted(ends, key=lambda one: (one.admissible, one.score), reverse=True)
-    others = [one for one in rest if one.score > RIVAL * best.score and likeness_of(one, best) < SAME]
+    others = [one for one in rest if one.score > RIVAL * best.score and likeness([one, best])[0, 1] < SAME]
     return replace(best, others=tuple(one for one in others if one.admissible))
 
 
