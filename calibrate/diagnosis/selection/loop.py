@@ -55,7 +55,7 @@ def close_loop(
     """Rounds of tests and additions from a base fit, see `calibrate.diagnosis.discovery`. begun: the first round, already made, and the
     model to go on from."""
     base = Model(problem, state)
-    stage = f"rounds from {' and '.join(begun[1].fit.names)}" if begun else "rounds"
+    stage = f"rounds from {' and '.join(begun[1].fit.names)}, of {len(effects)} effects" if begun else "rounds"
     reached: _Reached | None = say.load(stage)
     if reached is None:
         reached = _Reached((begun[0],), _finished(begun[1])) if begun else _Reached((), base)

@@ -22,6 +22,7 @@ from calibrate.diagnosis.residual_tests import ChiSquare, Misfits
 from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Doubt
 from calibrate.effects import CATALOGUE
+from calibrate.effects.chain import Addition
 
 HIDDEN, OTHER = "second invariant", "lens distortion"
 FEW = tuple(e for e in CATALOGUE if e.name in (HIDDEN, OTHER, "force offset", "image rotation"))
@@ -129,6 +130,32 @@ def test_the_rounds_are_run_on_from_a_far_better_explanation():
     assert result.replaced == missed.final.names
     (c01,) = result.final.additions[0].amplitudes
     assert abs(c01 - 0.03) < 3 * result.final.errors[0][0]
+
+
+def test_rounds_that_go_back_to_the_less_probable_are_run_again_without_it(monkeypatch):
+    """Priors tell an effect from another one that fits as well; exchanges by the fit alone would take the other one again."""
+    good = explained()
+    rival = next(one for one in FEW if one.name not in good.final.names)
+    (mine,) = good.final.additions
+    there = replace(
+        good,
+        rounds=(
+            good.rounds[0],
+            replace(good.rounds[1], fit=replace(good.final, additions=(Addition(rival, (0.01,)),))),
+        ),
+    )
+    known = [Explanation((HIDDEN,), 0.0, False, additions=(mine,)), Explanation((rival.name,), -4.0, False)]
+    weighing, tried = Weighing(Alternatives.of(known), {}, (), True), []
+
+    def rounds(start, base, effects, *_):
+        tried.append([one.name for one in effects])
+        return there if rival in effects else good
+
+    monkeypatch.setattr(decision, "close_loop", rounds)
+    result = decided(there, weighing, read_priors(), FEW)
+    assert [rival.name in names for names in tried] == [True, False]
+    assert result.final.names == (HIDDEN,)
+    assert result.replaced == (rival.name,)
 
 
 def test_a_model_that_explains_nothing_and_predicts_worse_takes_no_place(monkeypatch):
