@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from typing import TYPE_CHECKING
 
-from studies.commandline import compiled_code, threads
+from studies.commandline import compiled_code, freed_memory, threads
 from studies.errors import OptionError, StudyError
 
 if TYPE_CHECKING:
@@ -180,6 +180,7 @@ def run(words: Sequence[str]) -> Outcome | None:
         raise OptionError(f"unknown command '{name}'{hint}; choose from {', '.join(COMMANDS)}")
     compiled_code.keep()
     threads.limit()
+    freed_memory.give_back()
     gc.set_threshold(*COLLECTION)
     application = importlib.import_module("studies.commandline.application")  # cyclopts alone takes 0.3 s
     return application.run(targets(name), words)
