@@ -24,7 +24,7 @@ from studies.reports.discovery.candidate_outcome import WORDS, untested_words
 from studies.reports.discovery.replays.replay_section import BASE, FINAL, NEO_HOOKE
 from studies.reports.discovery.replays.replayed_forces import force_courses
 from studies.reports.discovery.replays.replayed_models import FEW
-from studies.reports.discovery.view import View, held_increments
+from studies.reports.discovery.view import View, held_increments, stiffness_over_place
 from studies.reports.force_record import COMPONENTS, worth_drawing
 
 Array = NDArray[np.float64]
@@ -65,6 +65,24 @@ def residual_map(view: View, part: Part) -> Figure:
         for ax in axes[-1]:
             ax.set_xlabel("x, mm")
         figure.colorbar(image, ax=axes, label="imbalance, standard deviations", ticks=LEVELS, format="%g", shrink=0.9)
+        return figure
+
+
+def stiffness(view: View, part: Part) -> Figure | None:
+    """Stiffness of the final model over the sheet, over that of its material; None where it is the same everywhere."""
+    values = stiffness_over_place(part, view.discovery.final)
+    if values is None:
+        return None
+    (width, height), limit = np.ptp(part.experiment.points, axis=0), max(np.abs(values - 1).max(), 1e-6)
+    with style.figure(5.0, 4.2 * min(1.5, max(0.4, height / width)) + 0.4) as figure:
+        ax = figure.subplots()
+        image = ax.tripcolor(
+            *part.experiment.points.T, part.experiment.triangles, facecolors=values, cmap=style.DIVERGING, vmin=1 - limit,
+            vmax=1 + limit, rasterized=True,
+        )  # fmt: skip
+        figure.colorbar(image, ax=ax, label="stiffness over that of the material")
+        ax.set(aspect="equal", xlabel="x, mm", ylabel="y, mm")
+        ax.grid(False)
         return figure
 
 
@@ -220,7 +238,9 @@ def replayed_forces(view: View) -> Figure | None:
         return figure
 
 
-OF_A_TEST: dict[str, Callable[[View, Part], Figure]] = {"residual_map": residual_map, "forces": force_history}
+OF_A_TEST: dict[str, Callable[[View, Part], Figure | None]] = {
+    "residual_map": residual_map, "stiffness": stiffness, "forces": force_history
+}  # fmt: skip
 OF_ALL: dict[str, Callable[[View], Figure | None]] = {
     "replayed_forces": replayed_forces,
     "scores": scores,

@@ -37,12 +37,13 @@ from studies.reports.discovery.replays.replayed_models import (
 )
 from studies.reports.discovery.statement import clauses, untestable, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
-from studies.reports.discovery.view import View, held_increments
+from studies.reports.discovery.view import View, held_increments, stiffness_over_place
 from studies.reports.discovery.weighing_tables import alternatives_table, power_table
 from studies.reports.prediction.material_curves import PICTURE, TABLE, add_curves
 
 MOST_TESTS = 4  # that get pictures
 QUICK_FIGURES = ("residual_map", "forces", "scores")
+STIFFNESS = "stiffness.csv"
 
 
 def write(
@@ -50,10 +51,10 @@ def write(
 ) -> Path:
     """Write model, data, figures, report and manifest into `folder`; returns the report's path. beside: further models by the
     names of their files."""
+    for name in (*FEW_FILES, NEO_HOOKE_FILE, PICTURE, TABLE, STIFFNESS):  # of an earlier version, if they are there
+        (folder / name).unlink(missing_ok=True)
     files = [folder / "report.html", folder / "model.json", *_data(folder, view)]
     model.save(files[1])
-    for name in (*FEW_FILES, NEO_HOOKE_FILE, PICTURE, TABLE):  # of an earlier version, if they are there
-        (folder / name).unlink(missing_ok=True)
     for name, other in (beside or {}).items():
         files.append(folder / name)
         other.save(files[-1])
@@ -154,7 +155,9 @@ def pictures(folder: Path, view: View) -> Iterator[tuple[Path, Any, str]]:
                 continue
             number = f"_{i}" if len(parts) > 1 else ""
             title = part.experiment.name + ("" if part.train.size else " (held out)")
-            yield folder / f"{name}{number}.png", draw(view, part), figures.caption(name, test=title)
+            drawn = draw(view, part)
+            if drawn is not None:
+                yield folder / f"{name}{number}.png", drawn, figures.caption(name, test=title)
     for name, draw_all in figures.OF_ALL.items():
         if view.quick and name not in QUICK_FIGURES:
             continue
@@ -187,7 +190,27 @@ def _data(folder: Path, view: View) -> list[Path]:
     write_csv(folder / "forces.csv", columns, lines, ["forces of the grip on the specimen, N; time in s"])
     write_npz(folder / "residuals.npz", **_maps(view))
     written = ("discovery.json", "effects.csv", "amplitudes.csv", "forces.csv", "residuals.npz")
-    return [*(folder / name for name in written), *_replay_data(folder, view)]
+    return [*(folder / name for name in written), *_stiffness(folder, view), *_replay_data(folder, view)]
+
+
+def _stiffness(folder: Path, view: View) -> list[Path]:
+    """Write stiffness.csv, where the final model varies it over a sheet."""
+    rows = [
+        [part.experiment.name, *map(float, centre), float(value)]
+        for part in view.discovery.problem.parts
+        if (values := stiffness_over_place(part, view.discovery.final)) is not None
+        for centre, value in zip(part.experiment.points[part.experiment.triangles].mean(axis=1), values, strict=True)
+    ]
+    if not rows:
+        return []
+    path = folder / STIFFNESS
+    write_csv(
+        path,
+        ["experiment", "x", "y", "factor"],
+        rows,
+        ["of each triangle over that of the material; x, y of its middle, mm"],
+    )
+    return [path]
 
 
 def _replay_data(folder: Path, view: View) -> list[Path]:

@@ -112,6 +112,16 @@ class View:
         )
 
 
+def stiffness_over_place(part: Part, fit: Fit) -> Array | None:
+    """Stiffness (m,) of the triangles over that of the material, by all effects of the model that vary it over the sheet; None where it has none."""
+    data = part.chain.data
+    values = np.ones((1, len(part.experiment.triangles), 1, 1))
+    acting = [one for one in part.valid(fit.additions) if one.effect.stage == "stiffness"]
+    for one in acting:
+        values = np.asarray(one.effect.stress(data, None, values, np.array(one.amplitudes), np.array(one.shape)))
+    return values.ravel() if acting else None
+
+
 def residual(part: Part, fit: Fit) -> Array:
     """Residual (t, 2 v), N, of a fit."""
     return part.own_residual(fit.c, part.valid(fit.additions))

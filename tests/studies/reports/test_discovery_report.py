@@ -54,7 +54,14 @@ from studies.reports.discovery.replays.replayed_models import (
 )
 from studies.reports.discovery.statement import Statement, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, model_table
-from studies.reports.discovery.view import decorrelated, deviations, forces, held_increments, nodal
+from studies.reports.discovery.view import (
+    decorrelated,
+    deviations,
+    forces,
+    held_increments,
+    nodal,
+    stiffness_over_place,
+)
 from studies.reports.headline import Reason
 
 BY_NAME = {effect.name: effect for effect in CATALOGUE}
@@ -348,6 +355,34 @@ def test_every_refusal_has_words(reason):
 
 
 # --- figures and files ----------------------------------------------------------------------------------------
+
+
+def test_what_varies_over_the_sheet_has_a_picture_and_a_table(tmp_path):
+    """An inclusion beside a gradient: their product, in each triangle. Without either there is none."""
+    part, shape = explained().problem.parts[0], (0.0, 0.2, 0.15, 0.0, 0.0, 0.0, 0.0)
+    additions = (
+        Addition(BY_NAME["inclusion"], (0.5,), shape), Addition(BY_NAME["stiffness gradient"], (0.2, 0.0)), *explained().final.additions
+    )  # fmt: skip
+    last = explained().rounds[-1]
+    found = view(
+        replace(
+            explained(), rounds=(*explained().rounds[:-1], replace(last, fit=replace(last.fit, additions=additions)))
+        )
+    )
+    assert figures.stiffness(view(explained()), part) is None
+    drawn = figures.stiffness(found, part)
+    assert drawn is not None
+    data, values = part.chain.data, stiffness_over_place(part, found.discovery.final)
+    apart = (np.asarray(data.centroids) - np.asarray(data.centre)) / float(data.size)
+    far = np.hypot(apart[:, 0], apart[:, 1] - 0.2) > 0.25
+    assert values[far] == pytest.approx(1 + 0.2 * apart[far, 0], abs=0.01)
+    within = np.hypot(apart[:, 0], apart[:, 1] - 0.2) < 0.08
+    assert within.any()
+    assert values[within] == pytest.approx(1.5 * (1 + 0.2 * apart[within, 0]), abs=0.02)
+    (path,) = report._stiffness(tmp_path, found)
+    table = np.loadtxt(path, delimiter=",", skiprows=2, usecols=(1, 2, 3))
+    assert table[:, 2] == pytest.approx(values)
+    assert report._stiffness(tmp_path, view(explained())) == []
 
 
 def test_figures_show_both_models():
