@@ -198,7 +198,7 @@ FOREIGN_SETS = (
         "foreign_94000.json",
         FOREIGN.format(94000),
         "no steps of a fit to and fro, a warp about one axis or both, errors of forces as they are drawn",
-        "revisions 1e5438c5 (14) and 90e0dac7 (34), in the order of the plan; stopped for time, looked at when 27 were there and at the end",
+        "revisions 1e5438c5 (14), 90e0dac7 (34) and d434839e (9), in the order of the plan; stopped for time and for the next version, looked at when 27 and 48 were there and at the end",
         BEFORE_CORNERS,
     ),
 )
