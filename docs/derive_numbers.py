@@ -201,6 +201,13 @@ FOREIGN_SETS = (
         "revisions 1e5438c5 (14), 90e0dac7 (34) and d434839e (9), in the order of the plan; stopped for time and for the next version, looked at when 27 and 48 were there and at the end",
         BEFORE_CORNERS,
     ),
+    TrialSet(
+        "foreign_95000.json",
+        FOREIGN.format(95000),
+        "inclusions with corners, shapes refined from several starts, rounds that do not go back to the less probable",
+        "revision 5089e4bb, in the order of the plan; stopped for time, looked at once",
+        frozenset(NEARLY),
+    ),
 )
 
 
