@@ -5,6 +5,12 @@ import sys
 
 import pytest
 
+ASK_TWICE = """
+import threading
+from studies.commandline.freed_memory import give_back
+assert give_back() == give_back()
+print(threading.active_count())
+"""
 MAKE_HOLES = """
 import time
 from studies.commandline.freed_memory import give_back
@@ -31,3 +37,9 @@ def test_what_is_freed_between_blocks_in_use_goes_back() -> None:
 
     assert returned("give_back(0.05)") > 200
     assert returned("False") < 100
+
+
+def test_a_process_that_runs_many_commands_has_one_thread() -> None:
+    """Tests and the study run commands by the hundred in one process."""
+    done = subprocess.run([sys.executable, "-c", ASK_TWICE], capture_output=True, text=True, check=True)
+    assert int(done.stdout) <= 2
