@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment, Noise
-from calibrate.effects.inclusion import half_axes
+from calibrate.effects.inclusion import SHARP, half_axes
 from forward.materials import Gent
 from forward.sheet.additions import Addition
 from forward.sheet.damage_and_dispersion import (
@@ -53,9 +53,7 @@ SHORT, LONG, SHARE = (
 )  # correlation lengths over that of the trial, and the share of the variance of the short one
 COMMON = (0.0, 0.5, 0.9)  # shares of the variance that are common to all pictures
 STATED = (1.0, 0.5, 2.0, None)  # stated noise over that which is there; None: none is stated
-INCLUSION = (
-    1.5  # radius of the circle of the area of an inclusion over the width of the patch in the place of which it is
-)
+INCLUSION = 1.5  # radius of the circle of the area of an inclusion over the width of the patch that it replaces
 FOREIGN = (
     "second invariant",
     "one fibre family",
@@ -95,11 +93,19 @@ def _foreign(hidden: Hidden, trial: Trial, draws: Array) -> Hidden:
         "viscoelasticity": {"share": 0.3 + 0.4 * a, "faster": 0.1 + 0.3 * b, "slower": 2 + 3 * c},
         "Mullins softening": {"m": energy * (0.05 + 0.3 * a), "beta": 0.1 * b},
         "stiffness field": {"slender": 0.7 + 0.8 * a, "tip": 2 * np.pi * b},
+        # half a side of the rectangle of the area of an ellipse, over its half axis
         "inclusion": {"half": np.sqrt(np.pi) / 2},
     }
     if hidden.name == "lens distortion":  # of the catalogue's form, but for its base and noise
         return replace(hidden, shape={"x": 0.3 * a - 0.15, "y": 0.3 * b - 0.15})
-    return replace(hidden, more={**hidden.more, **more.get(hidden.name, {})})
+    changed = replace(hidden, more={**hidden.more, **more.get(hidden.name, {})})
+    return replace(changed, shape=_sharp(hidden.shape)) if hidden.name == "inclusion" else changed
+
+
+def _sharp(shape: Mapping[str, float]) -> dict[str, float]:
+    """Of an inclusion, as the catalogue has the rectangle about its ellipse."""
+    angle = 2 * float(np.arctan2(shape["e2"], shape["e1"]))  # four times that of the long axis
+    return {**shape, "q1": SHARP * float(np.cos(angle)), "q2": SHARP * float(np.sin(angle))}
 
 
 @dataclass(frozen=True)
@@ -130,9 +136,7 @@ def laws(trial: Trial) -> Laws:
             radius, root = INCLUSION * more["width"], more["slender"] ** 0.5
             inclusion = more["height"], more["x"], more["y"], radius * root, radius / root
             additions.append(TriangularInclusion(*inclusion, more["tip"]))
-        elif (
-            one.name == "inclusion" and "half" in more
-        ):  # side of a rectangle of the area of its ellipse, over the axis
+        elif one.name == "inclusion" and "half" in more:
             extent = effect_laws.Extent(2 * max(SPECIMENS[trial.specimen].half_extent))
             long, short, angle = half_axes(extent.size * one.shape["radius"], one.shape["e1"], one.shape["e2"])
             half_sides = more["half"] * long, more["half"] * short

@@ -19,6 +19,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.data.triangulation import signed_areas
 from calibrate.diagnosis.selection import Verdict
 from calibrate.effects import CATALOGUE, Data
+from calibrate.effects.support.stiffness_over_place import stiffness_over_place
 from forward.sheet.damage_and_dispersion import TRIANGLE
 from studies.errors import OptionError
 from studies.trials.blind_case import GLOBAL_LIMIT
@@ -174,14 +175,11 @@ def _field(hidden: Mapping[str, Any], additions: Sequence[Mapping[str, Any]], ho
     if fitted is None or "height" not in hidden["more"]:
         return None
     e = Experiment.load(home / "experiment.npz")
-    data = Data.of(e)
     effect = next(one for one in CATALOGUE if one.name == fitted["effect"])
-    m = len(e.triangles)
-    seen = effect.stress(
-        data, None, np.ones((1, m, 1, 1)), *(np.array(list(fitted[k].values())) for k in ("amplitudes", "shape"))
-    )
+    amplitudes, shape = (np.array(list(fitted[k].values())) for k in ("amplitudes", "shape"))
+    seen = stiffness_over_place(Data.of(e), len(e.triangles), [(effect, amplitudes, shape)])
     true = hidden_stiffness(hidden["more"], e.points[e.triangles].mean(axis=1))
-    spread = np.cov(np.asarray(seen).ravel(), true, aweights=np.abs(signed_areas(e.points, e.triangles)))
+    spread = np.cov(np.asarray(seen), true, aweights=np.abs(signed_areas(e.points, e.triangles)))
     return float(spread[0, 1] / np.sqrt(spread[0, 0] * spread[1, 1]))
 
 

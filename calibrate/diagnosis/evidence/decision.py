@@ -87,9 +87,8 @@ def _run_on(
         begun = replace(found.rounds[0], added=added, group=(added,)), model
         other = close_loop(found.start, found.base, effects, seed, say, found.thresholds, begun)
         left = set(found.final.names) - set(best.names)
-        if left and set(other.final.names) == set(
-            found.final.names
-        ):  # back to what is less probable, which priors tell and exchanges do not
+        went_back = set(other.final.names) == set(found.final.names)
+        if left and went_back:  # to what is less probable by its prior, which an exchange does not know
             allowed = [effect for effect in effects if effect.name not in left]
             other = close_loop(found.start, found.base, allowed, seed, say, found.thresholds, begun)
     except FitError:

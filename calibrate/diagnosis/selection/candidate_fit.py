@@ -45,17 +45,15 @@ def model(candidate: Candidate) -> Model:
     return Model(candidate.problem, candidate.fit)
 
 
-def fitted(now: Model, candidate: Candidate, thresholds: Thresholds, scored: Model | None = None) -> Candidate:
-    """The candidate with a refit of base and effect and its errors. scored: the model that it was scored beside, where that is not `now`.
+def fitted(now: Model, candidate: Candidate, thresholds: Thresholds) -> Candidate:
+    """The candidate with a refit of base and effect and its errors.
 
     It has the weights that belong to it: those of a base that makes up for the effect are wrong. It starts from the best shape and from the
     others (`Score.others`); the most likely of all is taken.
     Without a fit where none is better than the model without the effect, or where it runs away: it then did not converge.
     """
     state, score = now.fit, candidate.score
-    starts = [score]
-    if candidate.is_significant(thresholds):
-        starts += score.others
+    starts = [score, *(score.others if candidate.is_significant(thresholds) else ())]
     found = [_fit(now, replace(candidate, score=one), thresholds) for one in starts]
     limit = thresholds.worse * state.free_loss + len(score.amplitudes)
     kept = [pair for pair in found if pair is not None and pair[1].free_loss < limit]

@@ -83,14 +83,12 @@ def _place(
     others = tuple(a for a in state.additions if a is not one)
     weighted, without = weighted_fit.fit_with_weights(model.problem, state.c, others)
     scores = [s for s in score_tests.score(weighted, without, effects, seed) if s.is_tested]
-    scored = Model(weighted, without)
-    scores = candidate_fit.at_best_shapes(scored, scores, thresholds)
+    scores = candidate_fit.at_best_shapes(Model(weighted, without), scores, thresholds)
     own = next((s for s in scores if s.effect.name == one.effect.name), None)
     # the others as they were beside this one
     start = Model(model.problem, replace(state, additions=others, loss=without.loss, unexplained=without.unexplained))
     candidates = [
-        candidate_fit.fitted(start, Candidate(s), thresholds, scored)
-        for s in _rivals(scores, own, one.effect.name, thresholds)
+        candidate_fit.fitted(start, Candidate(s), thresholds) for s in _rivals(scores, own, one.effect.name, thresholds)
     ]
     kept = [c for c in candidates if c.fit is not None and not candidate_fit.grows(now, c.train, c.held, thresholds)]
     degrees = own.degrees if own else len(one.amplitudes)

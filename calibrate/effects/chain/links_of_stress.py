@@ -28,6 +28,7 @@ from calibrate.effects.finite_thickness import Thickness
 from calibrate.effects.permanent_set import PermanentSet
 from calibrate.effects.support.effect_data import Data
 from calibrate.effects.support.nodal_derivatives import reference_gradients
+from calibrate.effects.support.stiffness_over_place import stiffness_over_place
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
 from calibrate.equations import isochoric
 from calibrate.equations.tensors import Tensors
@@ -78,9 +79,8 @@ class RelaxedStress(Link):
         F, P, time = inputs
         data = replace(constants, time=time)
         n = len(self.effects)
-        place = jnp.ones((1, P.shape[1], 1, 1))
-        for field, given in zip(self.fields, parameters[n:], strict=True):
-            place = field.stress(constants, F, place, *given)
+        fields = ((field, *given) for field, given in zip(self.fields, parameters[n:], strict=True))
+        place = stiffness_over_place(constants, P.shape[1], fields)[:, None, None]
         total = P
         for effect, given in zip(self.effects, parameters[:n], strict=True):
             change = effect.stress(data, F, P, *given) - P

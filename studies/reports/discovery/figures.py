@@ -24,7 +24,7 @@ from studies.reports.discovery.candidate_outcome import WORDS, untested_words
 from studies.reports.discovery.replays.replay_section import BASE, FINAL, NEO_HOOKE
 from studies.reports.discovery.replays.replayed_forces import force_courses
 from studies.reports.discovery.replays.replayed_models import FEW
-from studies.reports.discovery.view import View, held_increments, stiffness_over_place
+from studies.reports.discovery.view import View, held_increments, stiffness_of_triangles
 from studies.reports.force_record import COMPONENTS, worth_drawing
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def residual_map(view: View, part: Part) -> Figure:
 
 def stiffness(view: View, part: Part) -> Figure | None:
     """Stiffness of the final model over the sheet, over that of its material; None where it is the same everywhere."""
-    values = stiffness_over_place(part, view.discovery.final)
+    values = stiffness_of_triangles(part, view.discovery.final)
     if values is None:
         return None
     (width, height), limit = np.ptp(part.experiment.points, axis=0), max(np.abs(values - 1).max(), 1e-6)

@@ -37,7 +37,7 @@ from studies.reports.discovery.replays.replayed_models import (
 )
 from studies.reports.discovery.statement import clauses, untestable, use_of_models, verdict
 from studies.reports.discovery.tables import candidate_table, catalogue_table, misfit_table, model_table
-from studies.reports.discovery.view import View, held_increments, stiffness_over_place
+from studies.reports.discovery.view import View, held_increments, stiffness_of_triangles
 from studies.reports.discovery.weighing_tables import alternatives_table, power_table
 from studies.reports.prediction.material_curves import PICTURE, TABLE, add_curves
 
@@ -167,7 +167,7 @@ def pictures(folder: Path, view: View) -> Iterator[tuple[Path, Any, str]]:
 
 
 def _data(folder: Path, view: View) -> list[Path]:
-    """Write discovery.json, effects.csv, amplitudes.csv, forces.csv and residuals.npz."""
+    """Write discovery.json, effects.csv, amplitudes.csv, forces.csv, residuals.npz and, where there is any, what varies over the sheet and the replay."""
     everything = {
         **content(view),
         "headline": discovery_headline(view).to_dict(),
@@ -198,7 +198,7 @@ def _stiffness(folder: Path, view: View) -> list[Path]:
     rows = [
         [part.experiment.name, *map(float, centre), float(value)]
         for part in view.discovery.problem.parts
-        if (values := stiffness_over_place(part, view.discovery.final)) is not None
+        if (values := stiffness_of_triangles(part, view.discovery.final)) is not None
         for centre, value in zip(part.experiment.points[part.experiment.triangles].mean(axis=1), values, strict=True)
     ]
     if not rows:

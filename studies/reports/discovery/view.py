@@ -22,6 +22,7 @@ from calibrate.diagnosis.replayed.replay_verdict import stiffness_level
 from calibrate.diagnosis.selection import Discovery
 from calibrate.diagnosis.selection.rounds import Round
 from calibrate.effects import Effect
+from calibrate.effects.support.stiffness_over_place import stiffness_over_place
 from studies.output.findings import Finding
 
 Array = NDArray[np.float64]
@@ -112,14 +113,11 @@ class View:
         )
 
 
-def stiffness_over_place(part: Part, fit: Fit) -> Array | None:
+def stiffness_of_triangles(part: Part, fit: Fit) -> Array | None:
     """Stiffness (m,) of the triangles over that of the material, by all effects of the model that vary it over the sheet; None where it has none."""
-    data = part.chain.data
-    values = np.ones((1, len(part.experiment.triangles), 1, 1))
     acting = [one for one in part.valid(fit.additions) if one.effect.stage == "stiffness"]
-    for one in acting:
-        values = np.asarray(one.effect.stress(data, None, values, np.array(one.amplitudes), np.array(one.shape)))
-    return values.ravel() if acting else None
+    fields = ((one.effect, np.array(one.amplitudes), np.array(one.shape)) for one in acting)
+    return np.asarray(stiffness_over_place(part.chain.data, len(part.experiment.triangles), fields)) if acting else None
 
 
 def residual(part: Part, fit: Fit) -> Array:

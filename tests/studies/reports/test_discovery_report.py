@@ -60,7 +60,7 @@ from studies.reports.discovery.view import (
     forces,
     held_increments,
     nodal,
-    stiffness_over_place,
+    stiffness_of_triangles,
 )
 from studies.reports.headline import Reason
 
@@ -372,7 +372,7 @@ def test_what_varies_over_the_sheet_has_a_picture_and_a_table(tmp_path):
     assert figures.stiffness(view(explained()), part) is None
     drawn = figures.stiffness(found, part)
     assert drawn is not None
-    data, values = part.chain.data, stiffness_over_place(part, found.discovery.final)
+    data, values = part.chain.data, stiffness_of_triangles(part, found.discovery.final)
     apart = (np.asarray(data.centroids) - np.asarray(data.centre)) / float(data.size)
     far = np.hypot(apart[:, 0], apart[:, 1] - 0.2) > 0.25
     assert values[far] == pytest.approx(1 + 0.2 * apart[far, 0], abs=0.01)
