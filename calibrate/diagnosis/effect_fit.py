@@ -20,7 +20,7 @@ from calibrate.diagnosis.signature_noise import denoised, of_rough_effects
 from calibrate.effects.chain import Additions, Chain
 from calibrate.fitting import gauss_newton
 from calibrate.fitting.gauss_newton import Halving
-from calibrate.fitting.least_squares import CONDITION, bounded, orthonormal, residual_outside, subtract
+from calibrate.fitting.least_squares import bounded, independent_errors, orthonormal, residual_outside
 from calibrate.fitting.stopping import Stop
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ class Fit:
 
     c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. unexplained: of the part that
     neither the base (within its prior) nor the amplitudes could change. additions: effects; errors: a standard deviation for each
-    amplitude; null_covariances: (p, p) of the amplitudes of each effect, without what its own formula leaves, which is in proportion to it. columns (N, k): orthonormal, what the fit can adjust.
+    amplitude; null_covariances: (p, p) of the amplitudes of each effect at its own shapes, without what its own formula leaves, which is in proportion to it. columns (N, k): orthonormal, what the fit can adjust.
     residual (N,): whitened, rows of the prior last. log_determinant: of the covariance that the weights come from. last_step: norm of what the last step, had it been taken whole, would change, in standard deviations of an
     equation; above 1 the fit has not converged.
     """
@@ -269,32 +269,30 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
 
 
 def _with_errors(problem: Problem, linear: _Linearised, fit: Fit) -> Fit:
-    """With a standard deviation of each amplitude: of noise, times the dispersion, and of what the kinematics may miss; shapes are as uncertain as before the test at most (`Variables.shape_deviations`)."""
-    base, scale, sizes = linear.base, linear.scale, linear.variables.sizes
-    dispersion = max(1.0, fit.free_loss / max(fit.degrees, 1))
-    known = np.diag(np.sqrt(dispersion) * scale / linear.variables.shape_deviations)
-    outside = np.concatenate([linear.outside, known])
-    M = outside.T @ outside
-    of_noise = of_rough_effects(problem, linear.chains, fit.c, fit.additions, base, scale, linear.S)
-    values, vectors = np.linalg.eigh(subtract(M, of_noise))
-    inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
-    spread = (outside @ inverse) * scale * np.sqrt(dispersion)
-    free, nothing = np.full(len(scale), np.inf), np.zeros(len(scale))
+    """With a standard deviation of each amplitude: of noise, times the dispersion, and of what the kinematics may miss; shapes are as uncertain as before the test at most (`Variables.shape_deviations`).
 
-    def of(wrong: list[Array]) -> list[Array]:
-        """Covariance (p, p) of the amplitudes of each effect."""
-        outside_base = (np.concatenate([one - base @ (base.T @ one), nothing]) for one in wrong)
-        shifts = [bounded(outside, one, -free, free) * scale for one in outside_base]
-        blocks = np.split(np.concatenate([spread, np.array(shifts)]), np.cumsum(sizes)[:-1], axis=1)
-        own = (block[:, : len(a.amplitudes)] for a, block in zip(fit.additions, blocks, strict=True))
-        return [block.T @ block for block in own]
+    Whether an effect differs from none is asked at its own shapes: of one that is none they are not defined (Davies 1977)."""
+    variables, base = linear.variables, linear.base
+    noise = np.sqrt(max(1.0, fit.free_loss / max(fit.degrees, 1)))
+    known = np.diag(noise * linear.scale / variables.shape_deviations)
+    columns = np.concatenate([linear.outside, known])
+    of_noise = of_rough_effects(problem, linear.chains, fit.c, fit.additions, base, linear.scale, linear.S)
+
+    def of(wrong: list[Array], held: slice) -> Array:
+        """Covariance (k, k) of the variables but those that are held, of noise and of what is wrong."""
+        free = np.delete(np.arange(len(known)), held)
+        outside = [np.concatenate([one - base @ (base.T @ one), np.zeros(len(known))]) for one in wrong]
+        found = np.zeros((len(columns) + len(wrong), len(known)))
+        found[:, free] = independent_errors(columns[:, free], of_noise[np.ix_(free, free)], noise, outside)
+        return np.asarray((found * linear.scale).T @ (found * linear.scale))
 
     given = problem, linear.chains, fit.c
     kinematic = residual_tests.kinematic_errors(*given, fit.additions)
-    null = list(found := of(kinematic))
-    for i, one in enumerate(fit.additions):
+    errors, null = np.sqrt(np.diag(of(kinematic, slice(0)))), []
+    for i, (one, (own, shape)) in enumerate(zip(fit.additions, variables.slices, strict=True)):
+        wrong = kinematic
         if one.effect.truncated:
-            others = fit.additions[:i] + fit.additions[i + 1 :]
-            null[i] = of([kinematic[0], *residual_tests.formula_errors(*given, others)])[i]
-    errors = tuple(tuple(map(float, np.sqrt(np.diag(covariance)))) for covariance in found)
-    return replace(fit, errors=errors, null_covariances=tuple(null))
+            wrong = [kinematic[0], *residual_tests.formula_errors(*given, fit.additions[:i] + fit.additions[i + 1 :])]
+        null.append(of(wrong, shape)[own, own])
+    deviations = tuple(tuple(map(float, errors[own])) for own, _ in variables.slices)
+    return replace(fit, errors=deviations, null_covariances=tuple(null))

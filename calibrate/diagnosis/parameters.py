@@ -16,6 +16,7 @@ from calibrate.fitting.least_squares import CONDITION
 
 Array = NDArray[np.float64]
 LEVEL = 0.05  # of the test whether an effect differs from none
+ROUNDING = 1e-9  # relative, of a value that a fit takes to its bound
 ANGLE = 0.5  # rad, by which an angle is uncertain before a test
 
 
@@ -41,7 +42,9 @@ def limits(effect: Effect, tests: Sequence[Data]) -> tuple[Array, Array]:
 def at_bounds(addition: Addition, tests: Sequence[Data]) -> bool:
     """Whether an amplitude is at the end of what is possible, and not at its null value: it would go further, and is none that a specimen or a rig has."""
     ends = zip(addition.amplitudes, addition.effect.amplitudes, *limits(addition.effect, tests), strict=True)
-    return any(a != p.null and not lower < a < upper for a, p, lower, upper in ends)
+    return any(
+        a != p.null and not lower + ROUNDING * abs(a) < a < upper - ROUNDING * abs(a) for a, p, lower, upper in ends
+    )
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,16 @@ class Variables:
     def sizes(self) -> list[int]:
         """How many amplitudes and shapes each addition has."""
         return [len(a.amplitudes) + len(a.shape) for a in self.additions]
+
+    @property
+    def slices(self) -> list[tuple[slice, slice]]:
+        """Where in `parameters` the amplitudes of each addition are, and where its shapes."""
+        found, start = [], 0
+        for a in self.additions:
+            middle, end = start + len(a.amplitudes), start + len(a.amplitudes) + len(a.shape)
+            found.append((slice(start, middle), slice(middle, end)))
+            start = end
+        return found
 
     @property
     def is_shape(self) -> NDArray[np.bool_]:

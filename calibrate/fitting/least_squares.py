@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
@@ -53,6 +55,16 @@ def bounded(A: Array, target: Array, lower: Array, upper: Array, prior: Array | 
         max_iter=400,
     )
     return np.clip(found.x / scale, lower, upper)
+
+
+def independent_errors(columns: Array, hidden: Array, noise: float, wrong: Sequence[Array]) -> Array:
+    """Errors (m, p) of parameters with columns (N, p), one standard deviation in each row, which add in their squares: of noise of this standard deviation in every equation,
+    and of what is wrong (N,), each. hidden (p, p): what noise adds to the squares of the columns."""
+    values, vectors = np.linalg.eigh(subtract(columns.T @ columns, hidden))
+    inverse = (vectors / np.maximum(values, CONDITION * values.max())) @ vectors.T
+    free = np.full(columns.shape[1], np.inf)
+    shifts = [bounded(columns, one, -free, free) for one in wrong]
+    return np.concatenate([noise * columns @ inverse, *(one[None] for one in shifts)])
 
 
 def subtract(M: Array, N: Array) -> Array:

@@ -9,6 +9,7 @@ In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that bot
    that take its place in explanations of more than 5 %, and those in whose span alone it lies.
 3. Where that none is needed is three times as probable as all else together, and the residual of the base is no more than noise, or than noise that is somewhat larger than described, there is nothing: neither a candidate that is
    significant nor what the rounds have added without an explanation is an alarm.
+4. Where an amplitude of the model is beyond three standard deviations of its prior by more than its error, it explains nothing: what nobody expects stands in for something else. Who does expect it says so in the table of priors.
 
 That something in no catalogue is more probable changes no verdict: it is told beside it. Disturbances that are smooth over place and load are
 also what is left of a strong effect by the errors of its formula and of the mesh, which the tests of the residual allow for.
@@ -16,21 +17,25 @@ also what is left of a strong effect by the errors of its formula and of the mes
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from calibrate.diagnosis import weighted_fit
 from calibrate.diagnosis.evidence.explanations import CERTAIN, TIE, Alternatives, Explanation, Finding, Weighing
 from calibrate.diagnosis.evidence.power import powers
-from calibrate.diagnosis.evidence.priors import Priors
+from calibrate.diagnosis.evidence.priors import FAR, Priors
+from calibrate.diagnosis.evidence.signatures import prior_deviations
 from calibrate.diagnosis.misfit import is_larger
 from calibrate.diagnosis.selection.candidate_fit import Model, has_soft_base, is_at_bounds
 from calibrate.diagnosis.selection.loop import close_loop
-from calibrate.diagnosis.selection.rounds import Confirmation, Discovery, Doubt, Verdict
+from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Verdict
 from calibrate.diagnosis.selection.verdict import is_larger_noise, is_noise
 from calibrate.effects import Effect
 from calibrate.errors import FitError
 from calibrate.fitting.resumable import SILENT, Resumable
+from calibrate.models.parameter_covariance import Z95
 
 ODDS = 3.0  # to one, from which evidence is positive
 NONE = ODDS / (1 + ODDS)  # probability of no effect, from which it takes more than noise to say that there is something
@@ -57,7 +62,7 @@ def decided(
             weighing = replace(weighing, powers=shown)
     else:
         found = replace(found, groups=_without_excluded(found.groups, weighing))
-    return replace(found, weighing=weighing)
+    return replace(_believed(found, priors), weighing=weighing)
 
 
 def _without_excluded(groups: Mapping[str, tuple[str, ...]], weighing: Weighing) -> dict[str, tuple[str, ...]]:
@@ -128,10 +133,22 @@ def _judged(found: Discovery, weighing: Weighing) -> Discovery:
     if certain:
         closest = tuple(name for name in found.final.names if name not in certain)
         return replace(found, named=certain, closest=closest, groups=groups)
-    return replace(
-        found, verdict=Verdict.NOT_EXPLAINED, named=(), closest=found.final.names, groups=groups,
-        confirmation=_with_doubt(found.confirmation, Doubt.NOT_NEEDED),
-    )  # fmt: skip
+    return replace(found, groups=groups).doubted(Doubt.NOT_NEEDED)
+
+
+def _believed(found: Discovery, priors: Priors) -> Discovery:
+    """No explanation where an effect has an amplitude that nobody expects: it stands in for something else, or the prior is too narrow."""
+    beyond = tuple(name for name, far in zip(found.final.names, _beyond(found, priors), strict=True) if far)
+    return found.doubted(Doubt.BEYOND_PRIOR, beyond_prior=beyond) if beyond else found
+
+
+def _beyond(found: Discovery, priors: Priors) -> Iterator[bool]:
+    """Of each effect, whether 95 % of the errors of an amplitude leave it beyond `FAR` standard deviations of its prior."""
+    assert found.start is not None
+    for one, errors in zip(found.final.additions, found.final.errors, strict=True):
+        change = np.abs(np.subtract(one.amplitudes, [p.null for p in one.effect.amplitudes]))
+        limit = FAR * prior_deviations(found.start, one.effect, priors)
+        yield bool((change - Z95 * np.array(errors) > limit).any())
 
 
 def _is_nothing(found: Discovery, weighing: Weighing) -> bool:
@@ -162,7 +179,3 @@ def _group(name: str, final: Sequence[str], weighing: Weighing) -> tuple[str, ..
     ]
     alone = (other for other in weighing.groups.get(name, ()) if " with " not in other and other not in final)
     return tuple(dict.fromkeys((name, *others, *alone)))
-
-
-def _with_doubt(confirmation: Confirmation | None, doubt: Doubt) -> Confirmation | None:
-    return None if confirmation is None else replace(confirmation, doubts=(*confirmation.doubts, doubt))

@@ -18,7 +18,7 @@ from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.problem import level_factor
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.few_effects import FewEffects
-from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Verdict
+from calibrate.diagnosis.selection.rounds import Discovery, Doubt
 from calibrate.effects import Effect
 from calibrate.effects.chain import Additions
 from calibrate.fitting.resumable import Resumable
@@ -45,14 +45,9 @@ def judged_by_replay(found: Discovery, check: ReplayCheck | NoReplayCheck) -> Di
     found = replace(found, replay_check=check)
     if isinstance(check, NoReplayCheck) or not check.judgement.speaks_against or not found.final.names:
         return found
-    confirmation = found.confirmation
-    if confirmation is not None:
-        doubts = [Doubt.WORSE_REPLAY] if check.judgement.worse else []
-        doubts += [Doubt.OUTSIDE_BAND] if check.judgement.outside else []
-        confirmation = replace(confirmation, doubts=(*confirmation.doubts, *doubts))
-    if found.verdict is not Verdict.EXPLAINED:
-        return replace(found, confirmation=confirmation)
-    return replace(found, verdict=Verdict.NOT_EXPLAINED, named=(), closest=found.final.names, confirmation=confirmation)
+    doubts = [Doubt.WORSE_REPLAY] if check.judgement.worse else []
+    doubts += [Doubt.OUTSIDE_BAND] if check.judgement.outside else []
+    return found.doubted(*doubts)
 
 
 def stiffness_level(found: Discovery, fit: Fit) -> float:

@@ -49,7 +49,7 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds) -> Candidat
     """The candidate with a refit of base and effect and its errors.
 
     It has the weights that belong to it: those of a base that makes up for the effect are wrong. It starts from the best shape and from the
-    others (`Score.others`); the most likely of all is taken.
+    others (`Score.others`); the most likely of all is taken, of those inside what is possible if any is: what the data hardly tell may run to the end of it from one start and not from another.
     Without a fit where none is better than the model without the effect, or where it runs away: it then did not converge.
     """
     state, score = now.fit, candidate.score
@@ -59,7 +59,7 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds) -> Candidat
     kept = [pair for pair in found if pair is not None and pair[1].free_loss < limit]
     if not kept:
         return candidate
-    problem, new = min(kept, key=lambda pair: pair[1].likelihood)
+    problem, new = min(kept, key=lambda pair: (is_at_bounds(pair[0], pair[1].additions), pair[1].likelihood))
     train, held = (misfit(problem, new.c, new.additions, other) for other in (False, True))
     if not all(np.isfinite(one.chi_square) for one in (train, held) if one is not None):
         return candidate

@@ -145,19 +145,21 @@ class Doubt(StrEnum):
     NOT_NEEDED = "no effect has an inclusion probability above 95 %"
     OUTSIDE_BAND = "replay leaves its band"
     WORSE_REPLAY = "replay worse than that of the base"
+    BEYOND_PRIOR = "amplitude beyond three standard deviations of its prior"
 
 
 @dataclass(frozen=True)
 class Confirmation:
     """Errors of base and final model, held out, or fitted where nothing was (of forces where none was), of several tests beside what each has for itself. doubts: conditions that fail.
 
-    force_allowed: force error that an explanation may leave; NaN where no force is among these equations.
+    force_allowed: force error that an explanation may leave; NaN where no force is among these equations. beyond_prior: effects with an amplitude that nobody expects.
     """
 
     before: Misfit
     after: Misfit
     force_allowed: float
     doubts: tuple[Doubt, ...]
+    beyond_prior: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As discovery.json holds it."""
@@ -166,6 +168,7 @@ class Confirmation:
             "after": self.after.to_dict(),
             "force_error_allowed": self.force_allowed,
             "doubts": [str(doubt) for doubt in self.doubts],
+            "beyond_prior": list(self.beyond_prior),
         }
 
 
@@ -229,3 +232,14 @@ class Discovery:
     def final(self) -> Fit:
         """The last fit: the base with the effects `named` and `closest`."""
         return self.rounds[-1].fit
+
+    def doubted(self, *doubts: Doubt, beyond_prior: tuple[str, ...] = ()) -> Discovery:
+        """With what speaks against its effects: no explanation any more. beyond_prior: see `Confirmation`."""
+        confirmation = self.confirmation
+        if confirmation is not None:
+            every, beyond = (*confirmation.doubts, *doubts), (*confirmation.beyond_prior, *beyond_prior)
+            confirmation = replace(confirmation, doubts=every, beyond_prior=beyond)
+        if self.verdict is not Verdict.EXPLAINED:
+            return replace(self, confirmation=confirmation)
+        verdict, closest = Verdict.NOT_EXPLAINED, self.final.names
+        return replace(self, verdict=verdict, named=(), closest=closest, confirmation=confirmation)

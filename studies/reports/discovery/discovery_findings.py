@@ -169,9 +169,14 @@ def _of_verdict(view: View) -> Iterator[Finding]:
     """What speaks against the effects that were found, and what they cannot be told from."""
     found = view.discovery
     if found.confirmation is not None and found.confirmation.doubts:
-        errors = {"force_after": found.confirmation.after.force, "force_allowed": found.confirmation.force_allowed}
-        doubts = [str(doubt) for doubt in found.confirmation.doubts]
-        yield _finding(DiscoveryCode.NO_EXPLANATION, names=list(found.closest), doubts=doubts, c=errors)
+        sure = found.confirmation
+        sizes = {
+            "force_after": sure.after.force,
+            "force_allowed": sure.force_allowed,
+            "beyond_prior": sure.beyond_prior,
+        }
+        doubts = [str(doubt) for doubt in sure.doubts]
+        yield _finding(DiscoveryCode.NO_EXPLANATION, names=list(found.closest), doubts=doubts, c=sizes)
     if found.dominant is not None:
         yield _finding(DiscoveryCode.DOMINANT, **asdict(found.dominant))
     for name in found.named:

@@ -74,7 +74,7 @@ class BestCandidate:
 @dataclass(frozen=True)
 class Statement:
     """All that the verdict says. last_step: of a last fit that has not converged, in standard deviations of an equation.
-    doubts: why what is closest is no explanation; force_allowed: force error that one may leave. level_is_nominal: whether only ratios
+    doubts: why what is closest is no explanation; force_allowed: force error that one may leave; beyond_prior: effects with an amplitude that nobody expects. level_is_nominal: whether only ratios
     of stiffness are known. dominant: what most of a misfit that is not explained is traced to. against: why the model is not to be used, and no test of an effect is to be believed."""
 
     verdict: Verdict
@@ -91,6 +91,7 @@ class Statement:
     level_is_nominal: bool = False
     against: tuple[str, ...] = ()
     dominant: DominantEffect | None = None
+    beyond_prior: tuple[str, ...] = ()
 
     @property
     def force_after(self) -> float:
@@ -117,6 +118,7 @@ class Statement:
             found.problem.level_is_nominal,
             use.in_words if use.verdict is Use.NOT else (),
             found.dominant,
+            () if found.confirmation is None else found.confirmation.beyond_prior,
         )
 
 

@@ -186,6 +186,9 @@ def test_an_amplitude_at_the_end_of_what_is_possible():
     (m,) = motion.amplitudes
     assert m.lower > -0.757
     assert at_bounds(Addition(motion, (m.lower,)), ())
+    assert at_bounds(
+        Addition(motion, (m.lower * (1 - 1e-12),)), ()
+    )  # values of a fit are over their scale, and rounded
     assert not at_bounds(Addition(motion, (0.003,)), ())
     assert not at_bounds(Addition(effect("second invariant"), (0.0,)), ())  # none at all is its own reason
     field = effect("stiffness field")

@@ -15,7 +15,8 @@ from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.evidence import decision
 from calibrate.diagnosis.evidence.decision import decided
 from calibrate.diagnosis.evidence.explanations import UNKNOWN, Alternatives, Explanation, Finding, Power, Weighing
-from calibrate.diagnosis.evidence.priors import read_priors
+from calibrate.diagnosis.evidence.priors import Prior, read_priors
+from calibrate.diagnosis.evidence.signatures import modulus
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.residual_tests import ChiSquare, Misfits
@@ -23,6 +24,7 @@ from calibrate.diagnosis.selection import Verdict
 from calibrate.diagnosis.selection.rounds import Doubt
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
+from calibrate.models.parameter_covariance import Z95
 
 HIDDEN, OTHER = "second invariant", "lens distortion"
 FEW = tuple(e for e in CATALOGUE if e.name in (HIDDEN, OTHER, "force offset", "image rotation"))
@@ -70,6 +72,22 @@ def test_an_effect_that_is_not_needed_is_not_named():
     result = after(((HIDDEN,), False, 0.8), ((), False, 0.2))
     assert result.verdict is Verdict.NOT_EXPLAINED and result.named == () and result.closest == (HIDDEN,)
     assert Doubt.NOT_NEEDED in result.confirmation.doubts
+
+
+@pytest.mark.parametrize(("deviations", "verdict"), [(2.9, Verdict.EXPLAINED), (3.1, Verdict.NOT_EXPLAINED)])
+def test_an_amplitude_that_nobody_expects_explains_nothing(deviations, verdict):
+    """c01 of 0.03 MPa, less 95 % of its error, where this is so many deviations of its prior."""
+    good = explained()
+    (c01,), (error,) = good.final.additions[0].amplitudes, good.final.errors[0]
+    narrow = read_priors() | {HIDDEN: Prior((c01 - Z95 * error) / deviations / modulus(good.start), "modulus", "")}
+    sure = Weighing(Alternatives.of([Explanation((HIDDEN,), 0.0)]), {}, (), True)
+    result = decided(good, sure, narrow, FEW)
+    assert result.verdict is verdict
+    assert decided(good, sure, read_priors(), FEW).verdict is Verdict.EXPLAINED
+    if verdict is Verdict.NOT_EXPLAINED:
+        assert (result.named, result.closest) == ((), (HIDDEN,))
+        assert result.confirmation.doubts == (Doubt.BEYOND_PRIOR,)
+        assert result.confirmation.beyond_prior == (HIDDEN,)
 
 
 @pytest.mark.parametrize(("none", "verdict"), [(0.8, Verdict.NOTHING_SIGNIFICANT), (0.7, Verdict.NOT_EXPLAINED)])

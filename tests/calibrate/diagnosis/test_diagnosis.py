@@ -21,7 +21,7 @@ from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.diagnosis.evidence.weighing import weigh
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.misfit import misfit
-from calibrate.diagnosis.parameters import is_null
+from calibrate.diagnosis.parameters import Variables, is_null
 from calibrate.diagnosis.problem import loss, signature
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import DEFAULT, Verdict, close_loop
@@ -111,6 +111,33 @@ def sheet(c01=0.0, seed=1):
 @cache
 def prepared(c01=0.0, seed=1):
     return base_fit.prepare([sheet(c01, seed)], [HoldOut().training])
+
+
+def test_whether_an_effect_differs_from_none_is_asked_at_its_own_shapes(monkeypatch):
+    """Stiffness and size of a small inclusion go together, and its size means nothing where there is none (Davies 1977): as if its shapes were known beforehand, those of another effect not."""
+    problem, base = prepared()
+    spot, fibres = (next(e for e in CATALOGUE if e.name == name) for name in ("inclusion", "one fibre family"))
+    both = (
+        Addition(spot, (0.2,), (-0.25, 0.25, 0.08, 0.0, 0.0, 0.0, 0.0)),
+        Addition(fibres, (2e-3,), (0.3, 0.0, 0.05)),
+    )
+    residual = effect_fit.equations.residual
+    shift = residual(problem, base.c, ()) - residual(problem, base.c, both)  # a sheet that has both
+    monkeypatch.setattr(effect_fit.equations, "residual", lambda *given: residual(*given) + shift)
+    found = effect_fit.refit(problem, base.c, both)
+
+    def known(which):
+        """Standard deviation of the amplitude where the shapes of one effect are known beforehand."""
+        held = np.concatenate([np.full(1 + len(one.shape), one is both[which]) for one in both])
+        before = Variables(both).shape_deviations
+        at = np.where(held & np.isfinite(before), 1e-3 * before, before)
+        with monkeypatch.context() as patch:
+            patch.setattr(Variables, "shape_deviations", property(lambda self: at))
+            return effect_fit.refit(problem, base.c, both).errors[which][0]
+
+    null = [covariance[0, 0] ** 0.5 for covariance in found.null_covariances]
+    assert null == pytest.approx([known(0), known(1)], rel=0.01)
+    assert null[0] < 0.5 * found.errors[0][0]
 
 
 NAMES = ("second invariant", "force offset", "stiffness gradient", "out-of-plane motion", "lens distortion",

@@ -28,7 +28,7 @@ from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Discovery, Verdict
-from calibrate.diagnosis.selection.rounds import DominantEffect, Refusal, RefusalReason
+from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Refusal, RefusalReason
 from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
@@ -352,6 +352,17 @@ def test_every_refusal_has_words(reason):
     now = replace(explained().rounds[0], refusals=(Refusal("lens distortion", reason),))
     found = replace(explained(), rounds=(now, *explained().rounds[1:]))
     assert any("lens distortion" in one.text for one in remarks(view(found)))
+
+
+@pytest.mark.parametrize("doubt", list(Doubt))
+def test_every_doubt_has_words_in_the_verdict_and_in_its_alert(doubt):
+    """What lies beyond its prior is named, and how to change that."""
+    found = explained().doubted(doubt, beyond_prior=("second invariant",) if doubt is Doubt.BEYOND_PRIOR else ())
+    said = verdict(view(found)), next(one.text for one in remarks(view(found)) if one.code.endswith("no_explanation"))
+    for text in said:
+        assert "no explanation" in text
+        assert ("of second invariant is beyond three" in text and "--priors" in text) == (doubt is Doubt.BEYOND_PRIOR)
+    assert content(view(found))["confirmation"]["doubts"][-1] == doubt
 
 
 # --- figures and files ----------------------------------------------------------------------------------------
