@@ -208,6 +208,13 @@ FOREIGN_SETS = (
         "revision 5089e4bb, in the order of the plan; stopped for time, looked at once",
         frozenset(NEARLY),
     ),
+    TrialSet(
+        "foreign_96000.json",
+        FOREIGN.format(96000),
+        "amplitudes within three deviations of their priors, effects told from none at their own shapes",
+        "revision 57778956, in the order of the plan; stopped for time, looked at when 11, 23 and 35 were there and at the end",
+        frozenset(NEARLY),
+    ),
 )
 
 

@@ -87,6 +87,10 @@ class ColumnMap(Table):
             raise ValueError(
                 "give frames.rate_hz and force.time (or frames.times_s and force.time), or force.per_frame = true"
             )
+        if self.frames.times_s is not None and any(cell.per_frame and cell.time for cell in self.force):
+            raise ValueError(
+                "frames.times_s and force.time both tell the times of the pictures, as force.per_frame has a row for each; leave one out"
+            )
         if len(self.force) > 1 and self.frames.tare_N is not None:
             raise ValueError(
                 "frames.tare_N is of one load cell; with several [[force]] each counts from its reading at the reference picture: leave it out"

@@ -141,9 +141,14 @@ def _empty(path: Path) -> None:
 
 
 def _difference(earlier: dict[str, Any], now: dict[str, Any]) -> str:
-    """'seeds: 10 there, 20 now' for up to three settings that differ."""
+    """'seeds: 10 there, 20 now' for up to three settings that differ; of lists the entries that do."""
     names = [name for name in {**earlier, **now} if earlier.get(name) != now.get(name)]
-    words = [f"{name}: {_short(earlier.get(name))} there, {_short(now.get(name))} now" for name in names[:3]]
+    words = []
+    for name in names[:3]:
+        there, here = earlier.get(name), now.get(name)
+        if isinstance(there, list) and isinstance(here, list):
+            there, here = ([one for one in some if one not in rest] for some, rest in ((there, here), (here, there)))
+        words.append(f"{name}: {_short(there)} there, {_short(here)} now")
     return "; ".join(words + (["..."] if len(names) > 3 else []))
 
 

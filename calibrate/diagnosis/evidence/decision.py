@@ -30,7 +30,7 @@ from calibrate.diagnosis.evidence.signatures import prior_deviations
 from calibrate.diagnosis.misfit import is_larger
 from calibrate.diagnosis.selection.candidate_fit import Model, has_soft_base, is_at_bounds
 from calibrate.diagnosis.selection.loop import close_loop
-from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Verdict
+from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Unexpected, Verdict
 from calibrate.diagnosis.selection.verdict import is_larger_noise, is_noise
 from calibrate.effects import Effect
 from calibrate.errors import FitError
@@ -138,17 +138,23 @@ def _judged(found: Discovery, weighing: Weighing) -> Discovery:
 
 def _believed(found: Discovery, priors: Priors) -> Discovery:
     """No explanation where an effect has an amplitude that nobody expects: it stands in for something else, or the prior is too narrow."""
-    beyond = tuple(name for name, far in zip(found.final.names, _beyond(found, priors), strict=True) if far)
+    beyond = tuple(_unexpected(found, priors))
     return found.doubted(Doubt.BEYOND_PRIOR, beyond_prior=beyond) if beyond else found
 
 
-def _beyond(found: Discovery, priors: Priors) -> Iterator[bool]:
-    """Of each effect, whether 95 % of the errors of an amplitude leave it beyond `FAR` standard deviations of its prior."""
+def _unexpected(found: Discovery, priors: Priors) -> Iterator[Unexpected]:
+    """The farthest amplitude of each effect, where 95 % of its errors leave it beyond `FAR` standard deviations of its prior."""
     assert found.start is not None
     for one, errors in zip(found.final.additions, found.final.errors, strict=True):
-        change = np.abs(np.subtract(one.amplitudes, [p.null for p in one.effect.amplitudes]))
-        limit = FAR * prior_deviations(found.start, one.effect, priors)
-        yield bool((change - Z95 * np.array(errors) > limit).any())
+        parameters = one.effect.amplitudes
+        change = np.abs(np.subtract(one.amplitudes, [p.null for p in parameters]))
+        expected = prior_deviations(found.start, one.effect, priors)
+        least = (change - Z95 * np.array(errors)) / (FAR * expected)
+        i = int(np.argmax(least))
+        if least[i] > 1:
+            known = priors.get(one.effect.name)
+            table = () if known is None else (known.std, known.of, float(least[i] * known.std))
+            yield Unexpected(one.effect.name, parameters[i].name, float(change[i] / expected[i]), *table)
 
 
 def _is_nothing(found: Discovery, weighing: Weighing) -> bool:

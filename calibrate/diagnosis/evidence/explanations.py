@@ -66,13 +66,13 @@ class Alternatives:
 
 
 class Finding(StrEnum):
-    """What a test shows of an effect; open: significant, but not in the model; undecided: a limit beside a model that leaves more than noise is none."""
+    """What a test shows of an effect; open: significant, but not in the model; undecided: a limit beside a model that explains nothing is none."""
 
     FOUND = "found"
     OPEN = "significant, not in the model"
     EXCLUDED = "excluded above"
     INVISIBLE = "invisible in this test"
-    UNDECIDED = "undecided, as the model leaves more than noise"
+    UNDECIDED = "undecided, as nothing explains the test"
     MEASURED = "measured otherwise"
     OWN = "each test may have its own"
 
@@ -104,7 +104,7 @@ class Power:
 
     @property
     def beside_a_misfit(self) -> Power:
-        """Of a model that leaves more than noise: what it excludes may be part of that, and what it has may stand in for it."""
+        """Of a model that explains nothing: what it excludes may be part of that, and what it has may stand in for it."""
         decided = self.finding in (Finding.EXCLUDED, Finding.FOUND)
         return replace(self, finding=Finding.UNDECIDED, limit=None) if decided else self
 

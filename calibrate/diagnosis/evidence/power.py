@@ -27,16 +27,17 @@ CONFIDENCE = 0.95
 def powers(problem: Problem, last: Round, significance: float, priors: Priors) -> tuple[Power, ...]:
     """Of the effects of the final model, then of every candidate of its round."""
     fitted = zip(last.fit.additions, last.fit.errors, strict=True)
-    found = tuple(_largest(a, np.array(deviations)) for a, deviations in fitted)
+    found = tuple(_largest(a, np.array(errors), prior_deviations(problem, a.effect, priors)) for a, errors in fitted)
     return (*found, *(_of_candidate(problem, one, significance, priors) for one in last.candidates))
 
 
-def _largest(found: Addition, deviations: Array) -> Power:
-    """Of an effect in the model: of several amplitudes the one that stands out most."""
+def _largest(found: Addition, deviations: Array, prior: Array) -> Power:
+    """Of an effect in the model: of several amplitudes the one that stands out most. prior (p,): standard deviations before the test."""
     values = np.array(found.amplitudes)
     null = np.array([p.null for p in found.effect.amplitudes])
     i = int(np.argmax(np.abs(values - null) / deviations))
-    return Power(found.effect, Finding.FOUND, found.effect.amplitudes[i], (float(values[i]), float(deviations[i])))
+    value = float(values[i]), float(deviations[i])
+    return Power(found.effect, Finding.FOUND, found.effect.amplitudes[i], value, None, float(prior[i]))
 
 
 def _of_candidate(problem: Problem, one: Candidate, significance: float, priors: Priors) -> Power:

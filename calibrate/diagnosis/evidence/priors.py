@@ -73,7 +73,10 @@ class Scales:
         }
 
 
-NAMES = frozenset(Scales(1.0, 1.0, 1.0, 1.0, 1.0)._sizes)
+UNITS = {
+    "modulus": "MPa", "1/modulus": "1/MPa", "force": "N", "force/duration": "N/s", "spacing": "mm", "spacing^2": "mm^2", "thickness^2/12": "mm^2",
+    "duration": "s", "1/duration": "1/s",
+}  # fmt: skip
 Priors = Mapping[str, Prior]
 
 
@@ -88,7 +91,8 @@ def read_priors(path: str | Path | None = None) -> dict[str, Prior]:
 
 def _table(path: Path) -> dict[str, Prior]:
     if not path.is_file():
-        raise errors.DataNotFoundError(f"{path}: no such file; copy {FILE} and edit it")
+        wrong = "is a folder" if path.is_dir() else "no such file"
+        raise errors.DataNotFoundError(f"{path}: {wrong}; copy {FILE} and edit it")
     try:
         table = tomllib.loads(path.read_text())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -97,16 +101,24 @@ def _table(path: Path) -> dict[str, Prior]:
 
 
 def _prior(path: Path, name: str, entry: object) -> Prior:
-    known = {effect.name for effect in CATALOGUE}
+    known = {effect.name: effect for effect in CATALOGUE}
     if name not in known:
         raise errors.ConfigError(f"{path}: no effect is named '{name}'; choose from {', '.join(sorted(known))}")
     if not isinstance(entry, dict) or set(entry) - KEYS:
         raise errors.ConfigError(f"{path}: ['{name}'] has the keys {', '.join(sorted(KEYS))} and no others")
-    std, of = entry.get("std"), entry.get("of", "")
+    if "std" not in entry:
+        raise errors.ConfigError(f"{path}: ['{name}'] has no std; give its standard deviation")
+    std, of = entry["std"], entry.get("of", "")
     if isinstance(std, bool) or not isinstance(std, int | float) or not 0 < std < np.inf:
         raise errors.ConfigError(f"{path}: ['{name}'] std = {std!r} is not a positive number")
-    if of not in NAMES:
-        raise errors.ConfigError(f"{path}: ['{name}'] of = {of!r} is none of {', '.join(sorted(NAMES - {''}))}")
+    if of and of not in UNITS:
+        raise errors.ConfigError(f"{path}: ['{name}'] of = {of!r} is none of {', '.join(sorted(UNITS))}")
+    unit = known[name].amplitudes[0].unit
+    if of and UNITS[of] != unit:
+        fitting = ", ".join(f"of = {one!r}" for one in UNITS if UNITS[one] == unit) or "no 'of'"
+        raise errors.ConfigError(
+            f"{path}: ['{name}'] of = {of!r} is in {UNITS[of]}, its amplitude in {unit}; give {fitting}"
+        )
     return Prior(float(std), of, str(entry.get("why", "")))
 
 

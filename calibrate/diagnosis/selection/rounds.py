@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -149,17 +149,30 @@ class Doubt(StrEnum):
 
 
 @dataclass(frozen=True)
+class Unexpected:
+    """An amplitude of an effect that nobody expects: so many standard deviations of its prior. std: that in its table of priors, of what it is a multiple there; needed: the least that
+    would expect it. None where its table has no prior."""
+
+    effect: str
+    amplitude: str
+    deviations: float
+    std: float | None = None
+    of: str = ""
+    needed: float | None = None
+
+
+@dataclass(frozen=True)
 class Confirmation:
     """Errors of base and final model, held out, or fitted where nothing was (of forces where none was), of several tests beside what each has for itself. doubts: conditions that fail.
 
-    force_allowed: force error that an explanation may leave; NaN where no force is among these equations. beyond_prior: effects with an amplitude that nobody expects.
+    force_allowed: force error that an explanation may leave; NaN where no force is among these equations. beyond_prior: amplitudes that nobody expects.
     """
 
     before: Misfit
     after: Misfit
     force_allowed: float
     doubts: tuple[Doubt, ...]
-    beyond_prior: tuple[str, ...] = ()
+    beyond_prior: tuple[Unexpected, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As discovery.json holds it."""
@@ -168,7 +181,7 @@ class Confirmation:
             "after": self.after.to_dict(),
             "force_error_allowed": self.force_allowed,
             "doubts": [str(doubt) for doubt in self.doubts],
-            "beyond_prior": list(self.beyond_prior),
+            "beyond_prior": [asdict(one) for one in self.beyond_prior],
         }
 
 
@@ -233,7 +246,7 @@ class Discovery:
         """The last fit: the base with the effects `named` and `closest`."""
         return self.rounds[-1].fit
 
-    def doubted(self, *doubts: Doubt, beyond_prior: tuple[str, ...] = ()) -> Discovery:
+    def doubted(self, *doubts: Doubt, beyond_prior: tuple[Unexpected, ...] = ()) -> Discovery:
         """With what speaks against its effects: no explanation any more. beyond_prior: see `Confirmation`."""
         confirmation = self.confirmation
         if confirmation is not None:

@@ -71,7 +71,10 @@ def edge_notes(loaded: Sequence[str], free: Sequence[str], rim: bool) -> list[st
 
 def record_notes(record: ForceRecord) -> list[str]:
     """Of readings without a force."""
-    return [WORDS.note_blank_forces(readings=numbers(record.blank), source=record.source)] if record.blank else []
+    if not record.blank:
+        return []
+    readings = numbers(record.blank)
+    return [WORDS.note_blank_forces(readings=readings, source=record.source, per_frame=record.per_frame)]
 
 
 def preload_notes(tare: float, force: Array) -> list[str]:

@@ -138,20 +138,21 @@ def _frames(series: Series, selection: Selection, broke: float | None) -> tuple[
 
 
 def _read_by_all(series: Series, frames: Index) -> tuple[Index, list[str]]:
-    """Of the frames (t,) those at which every load cell has a reading, and a note on the others. Raises `MissingForceError` where none is left."""
+    """Of the frames (t,) those at which every load cell has a reading, and a note on those beyond a record. Raises `MissingForceError` where none is left."""
     cells = [grip.record for grip in series.grips if grip.record is not None]
     if not cells:
         return frames, []
     start, end = max(cell.time[0] for cell in cells), min(cell.time[-1] for cell in cells)
     time = series.time[frames]
     inside = (time >= start - ROUNDING) & (time <= end + ROUNDING)
-    if inside.all():
-        return frames, []
-    if not inside.any():
+    read = inside & ~np.isin(frames, np.concatenate([cell.unread for cell in cells]))
+    if inside.all() and read.any():
+        return frames[read], []
+    if not read.any():
         raise errors.MissingForceError(
             f"no frame has a force of every load cell: all of them read from {start:g} to {end:g} s, the frames are from {time[0]:g} to {time[-1]:g} s; check the clocks of the load cells"
         )
-    return frames[inside], [WORDS.note_beyond_record(frames=frames[~inside].tolist(), start=start, end=end)]
+    return frames[read], [WORDS.note_beyond_record(frames=frames[~inside].tolist(), start=start, end=end)]
 
 
 def _force_notes(series: Series, selection: Selection, tare: float, force: Array) -> list[str]:

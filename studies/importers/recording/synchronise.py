@@ -24,7 +24,7 @@ class ForceRecord:
     """Load-cell record: time (n,) s, increasing; force (n,) N, positive in tension; source: for messages; crosshead (n,): its position, in any
     unit, where it was recorded. per_frame: one reading was taken with each frame.
 
-    Readings without a force (NaN) are left out; blank: their numbers, from 1. Raises `MissingForceError` for too few readings or none with a force,
+    Readings without a force (NaN) are left out; blank: their numbers, from 1; unread: the frames whose own they would be. Raises `MissingForceError` for too few readings or none with a force,
     `TimeError`.
     """
 
@@ -53,6 +53,11 @@ class ForceRecord:
                 f"{self.source}: time does not increase at reading {row + 1} ({self.time[row]:g} s after "
                 f"{self.time[row - 1]:g} s); sort the record or remove repeated readings"
             )
+
+    @property
+    def unread(self) -> Index:
+        """Frames (k,) whose own reading has no force: a neighbour's is none of theirs."""
+        return np.array(self.blank, np.int64) - 1 if self.per_frame else np.zeros(0, np.int64)
 
     def moved(self, before: Array, after: Array) -> ForceRecord:
         """With the frames, whose times (n_frames,), s, have changed, where it was read with these; else as it is."""
@@ -135,6 +140,7 @@ def choose_frames(
     if 0 < skipped.size < usable.size:
         notes.append(WORDS.note_failed_frames(frames=skipped.tolist()))
         usable = np.setdiff1d(usable, skipped)
+    usable = np.setdiff1d(usable, record.unread)
     if usable.size == 0:
         raise errors.MissingForceError(
             f"no frame has a force: frames run from {time[0]:g} to {time[-1]:g} s, the force record from "
@@ -164,7 +170,7 @@ def _explicit(time: Array, record: ForceRecord, frames: tuple[int, ...]) -> Inde
         raise errors.ConfigError(
             f"frames {list(frames)}: give increasing numbers from 1 to {len(time) - 1} (0 is rest)"
         )
-    outside = (time[chosen] < record.time[0]) | (time[chosen] > record.time[-1])
+    outside = (time[chosen] < record.time[0]) | (time[chosen] > record.time[-1]) | np.isin(chosen, record.unread)
     if outside.any():
         raise errors.MissingForceError(
             f"frame {chosen[outside][0]} at {time[chosen[outside][0]]:.2f} s has no force; the record runs from "

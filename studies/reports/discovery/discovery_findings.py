@@ -173,7 +173,7 @@ def _of_verdict(view: View) -> Iterator[Finding]:
         sizes = {
             "force_after": sure.after.force,
             "force_allowed": sure.force_allowed,
-            "beyond_prior": sure.beyond_prior,
+            "beyond_prior": [asdict(one) for one in sure.beyond_prior],
         }
         doubts = [str(doubt) for doubt in sure.doubts]
         yield _finding(DiscoveryCode.NO_EXPLANATION, names=list(found.closest), doubts=doubts, c=sizes)

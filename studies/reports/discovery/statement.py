@@ -9,7 +9,7 @@ from calibrate.diagnosis.distillation import Distilled
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.replayed.few_effects import FewEffects
 from calibrate.diagnosis.selection import Verdict
-from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Round
+from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Round, Unexpected
 from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.fitness import Use
 from calibrate.models.parameter_covariance import Z95
@@ -74,7 +74,7 @@ class BestCandidate:
 @dataclass(frozen=True)
 class Statement:
     """All that the verdict says. last_step: of a last fit that has not converged, in standard deviations of an equation.
-    doubts: why what is closest is no explanation; force_allowed: force error that one may leave; beyond_prior: effects with an amplitude that nobody expects. level_is_nominal: whether only ratios
+    doubts: why what is closest is no explanation; force_allowed: force error that one may leave; beyond_prior: amplitudes that nobody expects. level_is_nominal: whether only ratios
     of stiffness are known. dominant: what most of a misfit that is not explained is traced to. against: why the model is not to be used, and no test of an effect is to be believed."""
 
     verdict: Verdict
@@ -91,7 +91,7 @@ class Statement:
     level_is_nominal: bool = False
     against: tuple[str, ...] = ()
     dominant: DominantEffect | None = None
-    beyond_prior: tuple[str, ...] = ()
+    beyond_prior: tuple[Unexpected, ...] = ()
 
     @property
     def force_after(self) -> float:

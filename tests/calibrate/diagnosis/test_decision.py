@@ -87,7 +87,11 @@ def test_an_amplitude_that_nobody_expects_explains_nothing(deviations, verdict):
     if verdict is Verdict.NOT_EXPLAINED:
         assert (result.named, result.closest) == ((), (HIDDEN,))
         assert result.confirmation.doubts == (Doubt.BEYOND_PRIOR,)
-        assert result.confirmation.beyond_prior == (HIDDEN,)
+        (found,) = result.confirmation.beyond_prior
+        assert (found.effect, found.amplitude, found.of) == (HIDDEN, "c01", "modulus")
+        assert found.deviations == pytest.approx(c01 / (narrow[HIDDEN].std * modulus(good.start)))
+        wider = narrow | {HIDDEN: replace(narrow[HIDDEN], std=1.001 * found.needed)}
+        assert decided(good, sure, wider, FEW).verdict is Verdict.EXPLAINED
 
 
 @pytest.mark.parametrize(("none", "verdict"), [(0.8, Verdict.NOTHING_SIGNIFICANT), (0.7, Verdict.NOT_EXPLAINED)])

@@ -130,7 +130,9 @@ def test_priors_are_in_the_units_of_the_test_and_read_from_a_file(tmp_path):
     assert deviations(known["second invariant"], own, [scales]) == pytest.approx([0.02])
     assert own["upturn"] == standard["upturn"]
     for text, message in (('["second"]\nstd=1', "'second'"), ('["upturn"]\nstd=0', "std = 0"), ("x", "no TOML"),
-                          ('["upturn"]\nstd=1\nof="metre"', "metre")):  # fmt: skip
+                          ('["upturn"]\nstd=1\nof="metre"', "metre"), ('["upturn"]\nof="modulus"', "no std"),
+                          ('["upturn"]\nstd=1\nof="duration"', "'duration' is in s, its amplitude in MPa; give of = 'modulus'"),
+                          ('["inclusion"]\nstd=1\nof="modulus"', "give no 'of'")):  # fmt: skip
         (tmp_path / "bad.toml").write_text(text)
         with pytest.raises(errors.ConfigError, match=message):
             read_priors(tmp_path / "bad.toml")

@@ -393,6 +393,41 @@ def test_a_picture_that_a_load_cell_did_not_read_is_no_increment(tmp_path):
     assert any("other.csv" in note for note in notes)
 
 
+@pytest.mark.parametrize("several", [False, True])
+def test_the_force_of_a_picture_is_none_of_its_neighbours(tmp_path, several):
+    """A picture whose own reading is blank is no increment: on a curved record its neighbours' mean is off by far more than noise. Asked for by its number it is refused."""
+    force = [0.2 * k + 0.1 * k**2 for k in range(12)]
+    values = [value if k != 5 else "" for k, value in enumerate(force)]
+    path = cells(tmp_path, values)
+    if not several:
+        one = (
+            PER_FRAME.replace("one.csv", "other.csv")
+            .replace("[[force]]", "[force]", 1)
+            .replace('sides = ["bottom"]\n', "")
+        )
+        write(path, one[: one.index("[[force]]")] + one[one.index("[frames]") :])
+    e = from_map(path)
+    frames = e.provenance["frames"]
+    assert frames == [k for k in range(1, 12) if k != 5]
+    assert np.abs(e.loaded[-1].force[:, 1]) == pytest.approx([force[k] for k in frames])
+    assert any("no force in reading 6" in note and "left out" in note for note in e.provenance["notes"])
+    write(path, path.read_text().replace("rate_hz = 2.0", "rate_hz = 2.0\nlist = [4, 5, 6]"))
+    if several:
+        assert from_map(path).provenance["frames"] == [4, 6]
+    else:
+        with pytest.raises(errors.MissingForceError, match=r"frame 5 .*no force"):
+            from_map(path)
+
+
+def test_two_clocks_of_the_same_pictures_are_refused(tmp_path):
+    """A row for each picture has its time, and the map another."""
+    path = cells(tmp_path, [0.2 * k for k in range(12)])
+    timed = PER_FRAME.replace('force = "F"\n', 'force = "F"\ntime = "t"\n')
+    write(path, timed.replace("rate_hz = 2.0", f"times_s = {[2.0 * k for k in range(12)]}"))
+    with pytest.raises(errors.ConfigError, match=r"frames\.times_s and force\.time both"):
+        from_map(path)
+
+
 def test_load_cells_that_put_the_pictures_at_other_times_are_refused(tmp_path):
     path = cells(tmp_path, [0.2 * k for k in range(12)])
     write(path, PER_FRAME.replace('force = "F"\nunit = "N"\nper_frame = true\nsides = ["bottom"]', 'force = "F"\ntime = "t"\nunit = "N"\nper_frame = true\nsides = ["bottom"]'))  # fmt: skip

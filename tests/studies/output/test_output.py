@@ -136,6 +136,12 @@ class TestFolder:
         with pytest.raises(OutputFolderError, match=r"seeds: 10.*--overwrite"):
             open_output_folder(tmp_path / "a", False, {"seeds": 20, "nodes": 5})
 
+    def test_names_of_a_list_what_is_other(self, tmp_path: Path) -> None:
+        """As the one file that was edited, of several that were read."""
+        open_output_folder(tmp_path / "a", False, {"files": ["test.npz " + 64 * "0", "priors.toml 1111"]})
+        with pytest.raises(OutputFolderError, match=r'files: \["priors.toml 1111"\] there, \["priors.toml 2222"\] now'):
+            open_output_folder(tmp_path / "a", False, {"files": ["test.npz " + 64 * "0", "priors.toml 2222"]})
+
     def test_of_a_run_that_was_refused_before_it_made_anything_is_free(self, tmp_path: Path) -> None:
         target = open_output_folder(tmp_path / "a", False, {"hold_out": "every:100"})
         with pytest.raises(ValueError, match="nothing"), folders.released_if_refused(target):

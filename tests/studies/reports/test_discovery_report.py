@@ -28,7 +28,7 @@ from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Discovery, Verdict
-from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Refusal, RefusalReason
+from calibrate.diagnosis.selection.rounds import DominantEffect, Doubt, Refusal, RefusalReason, Unexpected
 from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
@@ -357,11 +357,17 @@ def test_every_refusal_has_words(reason):
 @pytest.mark.parametrize("doubt", list(Doubt))
 def test_every_doubt_has_words_in_the_verdict_and_in_its_alert(doubt):
     """What lies beyond its prior is named, and how to change that."""
-    found = explained().doubted(doubt, beyond_prior=("second invariant",) if doubt is Doubt.BEYOND_PRIOR else ())
+    far = doubt is Doubt.BEYOND_PRIOR
+    found = explained().doubted(
+        doubt, beyond_prior=(Unexpected("second invariant", "c01", 5.23, 0.02, "modulus", 0.034),) if far else ()
+    )
     said = verdict(view(found)), next(one.text for one in remarks(view(found)) if one.code.endswith("no_explanation"))
     for text in said:
         assert "no explanation" in text
-        assert ("of second invariant is beyond three" in text and "--priors" in text) == (doubt is Doubt.BEYOND_PRIOR)
+        said_how_far = (
+            "c01 of second invariant is 5.2 standard deviations of its prior (std 0.02 of modulus; from 0.034 on"
+        )
+        assert (said_how_far in " ".join(text.split())) == far
     assert content(view(found))["confirmation"]["doubts"][-1] == doubt
 
 
