@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from calibrate import errors
 from meshes.mesh import spacing_of
 from studies.importers.exports.guesses import Guesses
 from studies.importers.frame_tables import Frames, frame_files, frames_as_written, motion
@@ -119,12 +120,17 @@ def _regular(values: Array, spacing: float) -> bool:
 
 
 def say_edges(frames: Frames, loaded: Sequence[str], free: Sequence[str], found: Guesses) -> None:
-    """Loaded sides, as given or along the pull; free sides only as given."""
+    """Loaded sides, as given or along the pull; free sides only as given. Raises `ConfigError` for loaded sides that are across the pull."""
+    axis, why = pull_axis(frames)
+    sides = None if axis is None else [["left", "right"], ["bottom", "top"]][axis]
     if loaded:
+        if axis is not None and sides is not None and not set(sides) & set(loaded) and _lengthens(frames, axis):
+            raise errors.ConfigError(
+                f"--loaded {','.join(loaded)}: the specimen lengthens along the other axis and shortens along this one ({why}); is it --loaded {','.join(sides)}? "
+                "If not, write the sides in a column map"
+            )
         found.say("edges.loaded", list(loaded), "as given")
     else:
-        axis, why = pull_axis(frames)
-        sides = None if axis is None else [["left", "right"], ["bottom", "top"]][axis]
         if sides is not None and set(sides) & set(free):
             why, sides = f"{' and '.join(sides)} by the pull, but --free names {' and '.join(free)}; {why}", None
         if sides is None:
@@ -138,6 +144,20 @@ def say_edges(frames: Frames, loaded: Sequence[str], free: Sequence[str], found:
         found.facts.append(
             "no side counts as traction-free: whether the points reach the edges of the specimen is not stated (--free)"
         )
+
+
+def _lengthens(frames: Frames, axis: int) -> bool:
+    """Whether the frame that is deformed most is longer along this axis, and shorter along the other one."""
+    strain, _ = mean_strains(frames.points, frames.displacements[_most_deformed(frames)])
+    return bool(strain[axis] > 0 > strain[1 - axis])
+
+
+def _most_deformed(frames: Frames) -> int:
+    """Number of the frame, of those with enough points."""
+    known = np.isfinite(frames.displacements).all(axis=2)
+    seen = np.flatnonzero(known.sum(axis=1) >= LEAST_POINTS)
+    inner = [np.percentile(frames.displacements[i][known[i]], INNER, axis=0) for i in seen]  # a wild point says nothing
+    return int(seen[np.argmax(np.ptp(inner, axis=1).max(axis=1))])
 
 
 def _say_tolerance(points: Array, found: Guesses) -> None:
@@ -164,11 +184,9 @@ def pull_axis(frames: Frames) -> tuple[int | None, str]:
     """0 or 1: x or y, along which the mean strain is largest in the frame of those with enough points that is deformed most, as a test may end where it began;
     None where that is not decided, and why."""
     known = np.isfinite(frames.displacements).all(axis=2)
-    seen = np.flatnonzero(known.sum(axis=1) >= LEAST_POINTS)
-    if not len(seen):
+    if not (known.sum(axis=1) >= LEAST_POINTS).any():
         return None, f"no frame has {LEAST_POINTS} points with a displacement"
-    inner = [np.percentile(frames.displacements[i][known[i]], INNER, axis=0) for i in seen]  # a wild point says nothing
-    most = int(seen[np.argmax(np.ptp(inner, axis=1).max(axis=1))])
+    most = _most_deformed(frames)
     strain, error = mean_strains(frames.points, frames.displacements[most])
     larger = int(np.argmax(np.abs(strain)))
     text = f"mean strains {100 * strain[0]:.3g} % along x, {100 * strain[1]:.3g} % along y in frame {most + 1}, where points move most against each other"

@@ -46,6 +46,9 @@ from studies.output.words import Words
 
 __all__ = ["Grip", "Series", "to_experiment"]
 WORDS = Words("experiment")
+OPPOSED = (
+    0.25  # of the largest force and of the largest elongation, from which a force of the other sign is a wrong one
+)
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
@@ -219,9 +222,16 @@ def _loaded(series: Series, grip: Grip, frames: Index, force: Array) -> LoadedBo
 
 
 def _check_sign(series: Series, frames: Index, force: Array) -> None:
-    """Tension must lengthen: compare the force with the distance between the grips."""
-    if float(force @ elongation(series)[frames]) < 0:
+    """Tension must lengthen: compare the force with the distance between the grips, in all pictures and in each."""
+    longer = elongation(series)[frames]
+    if float(force @ longer) < 0:
         raise errors.ForceSignError(
             "the specimen lengthens while the force falls below zero; the force must be positive in tension: "
             "change its sign, or check which way the image's y-axis points and which sides are loaded"
+        )
+    turned = (force / np.abs(force).max() < -OPPOSED) & (longer / np.abs(longer).max() > OPPOSED)
+    if turned.any():
+        raise errors.ForceSignError(
+            f"{series.record.source}: the force of picture {numbers(frames[turned].tolist())} is far below zero while the specimen is longer than at rest, that of the others is not; "
+            "correct its sign, or leave these pictures out"
         )

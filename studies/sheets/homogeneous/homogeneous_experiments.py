@@ -223,9 +223,26 @@ def from_file(path: str | Path, mode: str = "uniaxial") -> Experiment:
     """A text table with the columns 'stretch' and 'stress' (MPa), or 'lambda1', 'lambda2', 'P1_MPa', 'P2_MPa'; 'time' (s) too.
 
     Separator and decimal mark are found from its content. Rows are kept in their order; a missing stress is NaN. mode: of the two-column form.
-    Raises `DataNotFoundError`, `FileFormatError`, and the errors of `curve`.
+    Raises `DataNotFoundError`, `FileFormatError`, `ForceSignError` where a specimen that lengthens is under a negative stress, and the errors of `curve`, all with the file.
     """
     path = Path(path)
+    try:
+        return _under_tension(_of_table(path, mode))
+    except errors.EquigapError as error:
+        if str(path) in str(error):
+            raise
+        raise type(error)(f"{path}: {error}") from None
+
+
+def _under_tension(test: Experiment) -> Experiment:
+    """The test. Raises `ForceSignError` where its stresses do negative work."""
+    work = np.nansum(homogeneous_sheet.stresses(test) * (homogeneous_sheet.stretches(test) - 1))
+    if work < 0:
+        raise errors.ForceSignError("the stress is negative while the specimen lengthens; give tension as positive")
+    return test
+
+
+def _of_table(path: Path, mode: str) -> Experiment:
     file = text_file(path) if path.is_file() else None
     layout = Layout(missing_allowed=True) if file is None or file.is_matrix else file.layout
     table = read_table(path, None, layout)

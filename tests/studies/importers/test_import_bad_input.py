@@ -152,6 +152,16 @@ def test_tension_recorded_as_negative_is_refused(folder):
         sheet(folder)
 
 
+def test_a_force_of_the_wrong_sign_in_a_few_pictures_is_named(folder):
+    """The sum over all pictures is that of tension."""
+    times = np.linspace(0, 10, 101)
+    signs = np.where((times > 5.5) & (times < 6.5), -1.0, 1.0)
+    rows = (f"{t:.4f},0,{s * force(t):.4f}" for t, s in zip(times, signs, strict=True))
+    write(folder / "force_disp.txt", "Time,Displacement,Force\n(s),(mm),(N)\n" + "\n".join(rows))
+    with pytest.raises(errors.ForceSignError, match=r"force_disp.txt: the force of picture \d+.* far below zero"):
+        sheet(folder, frame_rate=1.0)
+
+
 @pytest.mark.parametrize("scale", [50.0, 1e-5])
 def test_implausible_scale(folder, scale):
     with pytest.raises(errors.UnitsError, match="points"):

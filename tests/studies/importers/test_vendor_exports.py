@@ -229,6 +229,11 @@ def test_questions_leave_a_column_map_to_be_completed(tmp_path):
             str(tmp_path / "export"),
             Request(record=record, sheet=SheetOptions(scale=1.0, frame_rate=1.0), answers=Answers(free=("left",))),
         )
+    across = Request(
+        record=record, sheet=SheetOptions(scale=1.0, frame_rate=1.0), answers=Answers(loaded=("bottom", "top"))
+    )
+    with pytest.raises(errors.ConfigError, match=r"shortens along this one.*is it --loaded left,right"):
+        read(str(tmp_path / "export"), across)
     with pytest.raises(errors.ConfigError, match="--drop-rows is for printed sheets"):
         read(str(tmp_path / "export"), Request(sheet=SheetOptions(drop_rows=1)))
 

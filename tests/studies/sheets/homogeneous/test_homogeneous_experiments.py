@@ -293,6 +293,14 @@ def test_files_of_both_forms(tmp_path):
     (tmp_path / "biaxial.csv").write_text("lambda1,lambda2,P1_MPa,P2_MPa\n1.5,1.2,0.3,0.2\n1.8,1.2,0.5,\n")
     biaxial = tests.from_file(tmp_path / "biaxial.csv")
     np.testing.assert_allclose(homogeneous_sheet.stresses(biaxial), [[0.3, 0.2], [0.5, np.nan]])
+    rows = "".join(f"{x},{0.5 - x}\n" for x in np.linspace(1.1, 2, 9))
+    for name, text, error in (
+        ("turned", f"stretch,stress\n{rows}", errors.ForceSignError),
+        ("short", "stretch,stress\n" + rows.replace("1.1,", "-1.1,"), errors.InvalidDeformationError),
+    ):
+        (tmp_path / f"{name}.csv").write_text(text)
+        with pytest.raises(error, match=f"{name}.csv: "):
+            tests.from_file(tmp_path / f"{name}.csv")
     (tmp_path / "wrong.csv").write_text("stretch,force\n1.5,0.3\n")
     with pytest.raises(errors.FileFormatError, match="stress"):
         tests.from_file(tmp_path / "wrong.csv")
