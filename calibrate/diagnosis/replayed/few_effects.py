@@ -60,13 +60,14 @@ class Candidate:
 @dataclass(frozen=True, eq=False)
 class FittedSet:
     """A set after its fit to replays: log_odds against none; errors: of pictures that were fitted; discrepancy: tau, mm, of a smooth mode; priors: mean and standard deviation
-    of every amplitude and shape by the fields."""
+    of every amplitude and shape by the fields; at_limit: which amplitudes (p,) the priors stop."""
 
     additions: Additions
     log_odds: float
     errors: ReplayErrors
     discrepancy: float
     priors: dict[str, tuple[Array, Array]]
+    at_limit: dict[str, NDArray[np.bool_]]
 
     @property
     def effects(self) -> Names:
@@ -209,4 +210,4 @@ def _fitted(
     everything = tuple(range(len(at_end.signatures)))
     log_odds = at_end.subset(everything).log_evidence + at_end.of_none - evidence.of_none
     tau = at_end.tau(everything)
-    return FittedSet(fit.additions, log_odds, fit.errors, tau, fit.posterior(tau))
+    return FittedSet(fit.additions, log_odds, fit.errors, tau, fit.posterior(tau), fit.at_limit)

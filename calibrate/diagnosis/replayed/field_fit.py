@@ -108,6 +108,12 @@ class FieldFit:
             for a, own in zip(self.additions, deviations, strict=True)
         }
 
+    @property
+    def at_limit(self) -> dict[str, NDArray[np.bool_]]:
+        """Which amplitudes (p,) are at three standard deviations of their priors, and would go further."""
+        far = np.split(np.abs(self.shifts) > FAR * (1 - 1e-6), np.cumsum(Variables(self.start).sizes)[:-1])
+        return {a.effect.name: own[: len(a.amplitudes)] for a, own in zip(self.additions, far, strict=True)}
+
     def at_minimum(self, replays: Replays, tau: float) -> FieldFit:
         """Of the objective, from here on; no amplitude beyond three prior standard deviations."""
         now = self

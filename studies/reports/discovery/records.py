@@ -5,6 +5,7 @@ In: a `View`. Out: dataclasses, each with `to_dict`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ from calibrate.diagnosis.score_tests import Status
 from calibrate.diagnosis.selection.rounds import Candidate, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
 from calibrate.effects import Effect
+from calibrate.effects.chain import Addition
 from calibrate.fitting.noise.noise_check import NoiseCheck
 from calibrate.models.addition_json import amplitude_unit
 from calibrate.models.parameter_covariance import Z95
@@ -102,28 +104,41 @@ class CandidateRecord:
 
 def amplitude_records(candidate: Candidate, unit: str, level: float = 1.0) -> list[AmplitudeRecord]:
     """Every amplitude of a tested effect. level: by which stiffness is multiplied."""
-    addition, score = candidate.addition, candidate.score
+    score = candidate.score
     if not score.is_tested:
         return []
+    tested = list(zip(score.amplitudes, score.errors, strict=True))
+    return _amplitude_records(score.effect, tested, candidate.addition, candidate.deviations, unit, level)
+
+
+def model_amplitude_records(fit: Fit, unit: str, level: float = 1.0) -> list[tuple[str, AmplitudeRecord]]:
+    """Every amplitude of every effect of a model, with the name of the effect; no score test is of a model (NaN)."""
+    return [
+        (a.effect.name, one)
+        for a, errors in zip(fit.additions, fit.errors, strict=True)
+        for one in _amplitude_records(a.effect, [(np.nan, np.nan)] * len(errors), a, errors, unit, level)
+    ]
+
+
+def _amplitude_records(
+    effect: Effect,
+    tested: Sequence[tuple[float, float]],
+    addition: Addition | None,
+    deviations: Sequence[float],
+    unit: str,
+    level: float,
+) -> list[AmplitudeRecord]:
     found = []
-    for i, p in enumerate(score.effect.amplitudes):
+    for i, p in enumerate(effect.amplitudes):
         low, high = (float(v) if np.isfinite(v) else None for v in (p.lower, p.upper))
         factor = level**p.stiffness_power
         fitted: tuple[float, ...] = ()
         if addition is not None:
-            value, deviation = factor * addition.amplitudes[i], factor * candidate.deviations[i]
+            value, deviation = factor * addition.amplitudes[i], factor * deviations[i]
             fitted = (value, deviation, value - Z95 * deviation, value + Z95 * deviation)
+        test, error = tested[i]
         found.append(
-            AmplitudeRecord(
-                p.name,
-                amplitude_unit(p, unit),
-                p.null,
-                low,
-                high,
-                factor * score.amplitudes[i],
-                factor * score.errors[i],
-                *fitted,
-            )
+            AmplitudeRecord(p.name, amplitude_unit(p, unit), p.null, low, high, factor * test, factor * error, *fitted)
         )
     return found
 

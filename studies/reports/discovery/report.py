@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from studies.reports.discovery.candidate_outcome import WORDS
 from studies.reports.discovery.discovery_findings import remarks
 from studies.reports.discovery.discovery_quality import discovery_headline
 from studies.reports.discovery.own_effects_table import own_effects_table
-from studies.reports.discovery.records import ExperimentRecord, content, model_name
+from studies.reports.discovery.records import ExperimentRecord, content, model_amplitude_records, model_name
 from studies.reports.discovery.replays.few_effects_table import few_table
 from studies.reports.discovery.replays.replay_section import replay_table
 from studies.reports.discovery.replays.replayed_forces import band_fields, band_rows, course_rows, force_courses
@@ -184,8 +185,10 @@ def _data(folder: Path, view: View) -> list[Path]:
         for c in now["candidates"]
         for amplitude in c["amplitudes"]
     ]
+    final = model_amplitude_records(view.discovery.final, view.unit, view.level)
+    rows += [{"round": "model", "effect": name, **asdict(one)} for name, one in final]
     write_csv(folder / "amplitudes.csv", list(rows[0]) if rows else ["round"], [list(row.values()) for row in rows],
-              ["tested: by the score test; fitted: together with the base, 95 % interval; lowest, highest: admissible"])  # fmt: skip
+              ["tested: by the score test; fitted: together with the base, 95 % interval; lowest, highest: admissible; round 'model': of the final model"])  # fmt: skip
     columns, lines = force_rows(view)
     write_csv(folder / "forces.csv", columns, lines, ["forces of the grip on the specimen, N; time in s"])
     write_npz(folder / "residuals.npz", **_maps(view))

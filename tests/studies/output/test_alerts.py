@@ -279,7 +279,7 @@ def of_few(
     final model with 10."""
     new = check(observations(only_held(wrong or 0.0)))
     additions = (Addition(SecondInvariant(), (0.04,)), Addition(Viscosity(), (0.9,), (1.2,)))
-    best = FittedSet(additions[:1], 5.0 if names else -1.0, ErrorsOfReplay(0.05, 0.02), 0.1, {"second invariant": (np.array([0.04]), np.array([0.01]))})  # fmt: skip
+    best = FittedSet(additions[:1], 5.0 if names else -1.0, ErrorsOfReplay(0.05, 0.02), 0.1, {"second invariant": (np.array([0.04]), np.array([0.01]))}, {"second invariant": np.array([False])})  # fmt: skip
     kept, n = (() if nothing_left else additions), 1 if nothing_left else 4
     spread = Spread(Directions.of(np.ones(4), kept, np.ones((4, 1)), 1.0), 0.1 * np.eye(n))
     updated = Updated(spread, *(ErrorsOfReplay(e, 0.02) for e in (0.04, 0.002)), converged, 6, check=new)

@@ -11,7 +11,7 @@ import pytest
 
 from calibrate.data.experiment import Experiment, Noise
 from calibrate.diagnosis import base_fit
-from calibrate.diagnosis.evidence.priors import read_priors
+from calibrate.diagnosis.evidence.priors import Prior, read_priors
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel
 from calibrate.diagnosis.replayed.observations import ReplayErrors
@@ -96,6 +96,25 @@ def test_table_and_record_have_what_was_found():
     record = few_record(replace(few, models=(FewModel(few.best.effects, 0.9, updated),)))
     assert record["sets"][0]["effects"] == ["stiffness gradient"] and record["models"][0]["converged"]
     assert few_record(None) is None
+
+
+def test_an_amplitude_that_its_prior_stops_is_said_to_be():
+    """Three deviations of 0.02 where the fields ask for -0.2: no interval, which would be that of the prior."""
+    problem, base = base_fit.prepare(
+        [strip_test(GX)], [HoldOut.parse(f"after:{FITTED:g}", 0).training], base="neo-Hooke"
+    )
+    narrow = read_priors() | {"stiffness gradient": Prior(0.02, "", "")}
+    few = FewEffectsReplays(
+        problem, base.c, tuple(e for e in EFFECTS if e.name == "stiffness gradient"), narrow
+    ).by_fields()
+    gradient = next(one for one in few.fitted if one.effects == ("stiffness gradient",))
+    assert gradient.at_limit["stiffness gradient"].tolist() == [True, False]
+    assert gradient.additions[0].amplitudes[0] == pytest.approx(-0.06)
+    _, rows = few_table(few, "MPa")
+    said = next(row[2] for row in rows if row[0] == "stiffness gradient")
+    assert said.startswith("gx = -0.06") and "(where its prior stops it), gy = " in said and said.count("+-") == 1
+    recorded = next(one for one in few_record(few)["fitted"] if one["effects"])
+    assert recorded["effects"][0]["at_limit_of_prior"] == [True, False]
 
 
 @pytest.mark.parametrize(("fields", "tried"), [((0.1,), 1), ((0.5, 0.1), 2), ((0.5, 0.5, 0.1), 3)])

@@ -42,7 +42,7 @@ from studies.reports.discovery import figures, report
 from studies.reports.discovery.candidate_outcome import Outcome, outcome, outcome_words, untested_words
 from studies.reports.discovery.discovery_findings import DiscoveryCode, remarks
 from studies.reports.discovery.model_files import unexplained
-from studies.reports.discovery.records import amplitude_records, candidate_record, content
+from studies.reports.discovery.records import amplitude_records, candidate_record, content, model_amplitude_records
 from studies.reports.discovery.replays.replay_section import ReplayCode, replay_table
 from studies.reports.discovery.replays.replayed_forces import band_fields, band_rows, course_rows, force_courses
 from studies.reports.discovery.replays.replayed_models import (
@@ -144,6 +144,10 @@ def test_intervals_are_two_deviations_wide_and_hold_the_truth():
     assert amplitude.low_95 < C01 < amplitude.high_95
     assert amplitude.high_95 - amplitude.fitted == pytest.approx(Z95 * amplitude.fitted_deviation)
     assert (amplitude.unit, amplitude.lowest, amplitude.highest) == ("MPa", 0.0, None)
+    ((name, of_model),) = model_amplitude_records(explained().final, "MPa", 1.02)
+    assert name == "second invariant" and np.isnan(of_model.tested)
+    assert of_model.fitted == pytest.approx(1.02 * explained().final.additions[0].amplitudes[0])
+    assert of_model.fitted_deviation == pytest.approx(1.02 * explained().final.errors[0][0])
 
 
 def test_predicted_improvement_is_achieved():
@@ -505,7 +509,7 @@ def test_a_model_that_misses_a_quarter_of_the_forces_is_not_recommended():
 def test_what_comes_nearest_is_said_before_it():
     """With its probability, and as no finding; nothing where neo-Hooke alone is more probable."""
     good, bad = (check(observations(only_held(size))) for size in (1.0, 30.0))
-    best = FittedSet((Addition(SecondInvariant(), (0.04,)),), 5.0, ErrorsOfReplay(0.05, 0.02), 0.1, {})
+    best = FittedSet((Addition(SecondInvariant(), (0.04,)),), 5.0, ErrorsOfReplay(0.05, 0.02), 0.1, {}, {})
     sets = Alternatives((Explanation(("second invariant",), 0.0, probability=0.7),))
     few = replace(few_effects(good.final, bad.final), alternatives=sets, fitted=(best,))
     found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=bad, few=few)
@@ -588,6 +592,11 @@ def test_report_and_data_are_written(tmp_path):
     rows = _table(tmp_path / "effects.csv")
     assert [(r["round"], r["effect"]) for r in rows][:1] == [("1", "second invariant")]
     assert len(rows) == 9
+    last = _table(tmp_path / "amplitudes.csv")[-1]
+    assert (last["round"], last["effect"], last["tested"]) == ("model", "second invariant", "nan")
+    assert float(last["fitted"]) == pytest.approx(
+        view(explained()).level * explained().final.additions[0].amplitudes[0]
+    )
     read = _table(tmp_path / "forces.csv")
     right = [float(r["measured"]) for r in read if (r["boundary"], r["component"]) == ("right", "x")]
     assert right == pytest.approx(sheet().loaded[1].force[:, 0])

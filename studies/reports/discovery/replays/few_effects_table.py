@@ -37,8 +37,11 @@ def _of_set(one: FittedSet | None, unit: str) -> list[Any]:
         return [None, None]
     said = []
     for a in one.additions:
-        for p, mean, deviation in zip(a.effect.amplitudes, *_of_amplitudes(one, a), strict=True):
-            said.append(with_unit(f"{p.name} = {plus_minus(mean, Z95 * deviation)}", amplitude_unit(p, unit)))
+        stopped = one.at_limit[a.effect.name]
+        for p, mean, deviation, at_limit in zip(a.effect.amplitudes, *_of_amplitudes(one, a), stopped, strict=True):
+            value = f"{mean:.3g}" if at_limit else plus_minus(mean, Z95 * deviation)
+            value = with_unit(f"{p.name} = {value}", amplitude_unit(p, unit))
+            said.append(f"{value} (where its prior stops it)" if at_limit else value)
         said += [with_unit(f"{p.name} = {v:.2g}", p.unit) for p, v in zip(a.effect.shapes, a.shape, strict=True)]
     return [", ".join(said), f"{one.errors.field:.2g}"]
 
@@ -69,7 +72,8 @@ def few_record(found: FewEffects | NoReplayCheck | None) -> dict[str, Any] | Non
     fitted = [
         {
             "effects": [{"effect": a.effect.name, "amplitudes": list(a.amplitudes), "shape": list(a.shape),
-                         "standard_deviations": _of_amplitudes(one, a)[1].tolist()} for a in one.additions],
+                         "standard_deviations": _of_amplitudes(one, a)[1].tolist(), "at_limit_of_prior": one.at_limit[a.effect.name].tolist()}
+                        for a in one.additions],
             "log_odds": one.log_odds, "fitted": one.errors.to_dict(), "discrepancy_mm": one.discrepancy,
         }
         for one in found.fitted
