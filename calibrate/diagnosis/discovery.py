@@ -29,6 +29,7 @@ from calibrate.diagnosis.selection.dominant_effect import dominant_effect
 from calibrate.diagnosis.selection.loop import close_loop
 from calibrate.diagnosis.selection.rounds import Discovery, Doubt, Verdict
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds
+from calibrate.diagnosis.selection.verdict import is_noise
 from calibrate.diagnosis.twin import Replay, with_twins
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.effect import distinct
@@ -136,7 +137,7 @@ def diagnose(
     check: Check | None = None,
     few_effects: bool = True,
 ) -> Discovery:
-    """Rounds from a base fit, the verdict in the light of all explanations, and where none explains the test, for another reason than that an amplitude is beyond its prior, few effects by the fields of replays.
+    """Rounds from a base fit, the verdict in the light of all explanations, and where none explains the test few effects by the fields of replays, but where a prior alone speaks against a model.
 
     priors: of amplitudes, None for the default. fitted: whether
     the best explanations are fitted and change the verdict. check: replays base and final model, which may change the verdict, too. few_effects: whether they are looked for there, which changes no verdict (not without `fitted` and `check`).
@@ -154,12 +155,18 @@ def diagnose(
         found = replace(found, dominant=dominant_effect(found, say))
     if check is None or not (fitted and few_effects) or found.verdict is not Verdict.NOT_EXPLAINED:
         return found
-    if found.confirmation is not None and found.confirmation.doubts == (Doubt.BEYOND_PRIOR,):
+    if _only_a_prior_speaks_against(found):
         return found  # few effects would be held within the same priors, and leave what this model does not
     say("the verdict is there: not explained; few effects by the fields of replays, for a model to predict with")
     neo_hooke = first_guess([(part.assembled, part.train.rows) for part in found.problem.trained])
     few = say.checkpointed("few effects", partial(check.few_effects, found, neo_hooke, effects, priors, say))
     return replace(found, few=few)
+
+
+def _only_a_prior_speaks_against(found: Discovery) -> bool:
+    """Whether the model leaves no more than noise, and all that is wrong with it is an amplitude that nobody expects."""
+    alone = found.confirmation is not None and found.confirmation.doubts == (Doubt.BEYOND_PRIOR,)
+    return alone and is_noise(found.problem, found.rounds[-1], found.thresholds)
 
 
 def _nothing(system: Equilibrium) -> Mask:

@@ -46,9 +46,7 @@ from studies.output.words import Words
 
 __all__ = ["Grip", "Series", "to_experiment"]
 WORDS = Words("experiment")
-OPPOSED = (
-    0.25  # of the largest force and of the largest elongation, from which a force of the other sign is a wrong one
-)
+OPPOSED = 0.25  # of the largest force and elongation, from which their signs must be alike
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 

@@ -11,6 +11,7 @@ import synthetic
 from discoveries import explained, nothing
 
 from calibrate.data.experiment import Noise
+from calibrate.diagnosis import discovery
 from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.evidence import decision
 from calibrate.diagnosis.evidence.decision import decided
@@ -200,3 +201,37 @@ def test_a_model_that_explains_nothing_and_predicts_worse_takes_no_place(monkeyp
         result = decided(missed, weighing, read_priors(), FEW)
         assert result.final.names == names, (factor, verdict)
         assert (result.replaced is None) == (not names)
+
+
+@pytest.mark.parametrize(
+    ("doubts", "leaves", "sought"),
+    [
+        ((Doubt.BEYOND_PRIOR,), 1.0, False),
+        ((Doubt.BEYOND_PRIOR,), 3.0, True),  # more than noise is left
+        ((Doubt.BEYOND_PRIOR, Doubt.OUTSIDE_BAND), 1.0, True),
+        ((Doubt.NOT_NEEDED,), 1.0, True),
+    ],
+)
+def test_few_effects_are_not_sought_where_a_prior_alone_speaks_against_a_model(monkeypatch, doubts, leaves, sought):
+    """They are held within the same priors: they would leave what the model does not."""
+    good, asked = explained(), []
+    tests = good.rounds[-1].misfits
+    left = Misfits(*(ChiSquare(leaves * one.degrees, one.degrees) for one in tests))
+    doubted = replace(good, rounds=(good.rounds[0], replace(good.rounds[-1], misfits=left))).doubted(*doubts)
+    monkeypatch.setattr(discovery, "close_loop", lambda *_: good)
+    monkeypatch.setattr(discovery, "weigh", lambda *_: None)
+    monkeypatch.setattr(discovery, "decided", lambda *_: doubted)
+    monkeypatch.setattr(discovery, "judged_by_replay", lambda found, check: found)
+    monkeypatch.setattr(discovery, "uncertainty_of", lambda *_: None)
+    monkeypatch.setattr(discovery, "dominant_effect", lambda *_: None)
+
+    class Check:
+        def __call__(self, found):
+            return None
+
+        def few_effects(self, *_):
+            asked.append(True)
+
+    found = discovery.diagnose(good.start, good.base, FEW, check=Check())
+    assert found.verdict is Verdict.NOT_EXPLAINED
+    assert bool(asked) == sought
