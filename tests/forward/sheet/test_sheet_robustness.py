@@ -178,6 +178,7 @@ def test_a_problem_is_freed_with_its_solver():
         assert alive() is None
 
 
+@pytest.mark.slow
 def test_many_problems_in_one_process():
     """A solve takes 15 communicators of the 2046 that MPI has; before they were freed, the 136th ended the process."""
     mesh = quads(Strip(), quarter=True, size_factor=4.0)

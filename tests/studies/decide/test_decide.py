@@ -90,7 +90,8 @@ def weigh(e: Experiment, names: tuple[str, ...]) -> Evidence:
 
 @pytest.mark.parametrize(
     ("name", "amplitude", "other", "within"),
-    [(RECEDES, RECEDED, "lens distortion", 0.3), (RECEDES, RECEDED, "second invariant", 0.2), (OFFSET, 1.0, "upturn", 0.1)],
+    [pytest.param(RECEDES, RECEDED, "lens distortion", 0.3, marks=pytest.mark.slow),
+     pytest.param(RECEDES, RECEDED, "second invariant", 0.2, marks=pytest.mark.slow), (OFFSET, 1.0, "upturn", 0.1)],
 )  # fmt: skip
 def test_what_is_expected_is_what_tests_give(name, amplitude, other, within):
     """The noise of the strains blurs signatures: an out-of-plane motion is told less surely than expected."""
