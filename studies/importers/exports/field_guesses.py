@@ -27,6 +27,7 @@ STRAINED, SIGNIFICANT = 1e-4, 10.0  # least strain, and least ratio of it to its
 USUAL_DEPTH, DEEPEST, SPANNED = 0.4, 4.0, 0.95  # of a side: spacings, spacings, share of the section
 AGREEING, DECIDED = 0.02, 0.1  # spacings, and share of the other distance, below which positions agree
 INNER = 5, 95  # percentiles of displacements, whose difference is how far points move against each other
+PULLED = ["left", "right"], ["bottom", "top"]  # sides that are loaded along x, along y
 LEAST_POINTS = 4  # of a frame, for mean strains with an error
 ALIKE = 0.6  # of the larger strain, from which the smaller of equal sign makes the pull undecided
 
@@ -122,11 +123,11 @@ def _regular(values: Array, spacing: float) -> bool:
 def say_edges(frames: Frames, loaded: Sequence[str], free: Sequence[str], found: Guesses) -> None:
     """Loaded sides, as given or along the pull; free sides only as given. Raises `ConfigError` for loaded sides that are across the pull."""
     axis, why = pull_axis(frames)
-    sides = None if axis is None else [["left", "right"], ["bottom", "top"]][axis]
+    sides = None if axis is None else PULLED[axis]
     if loaded:
-        if axis is not None and sides is not None and not set(sides) & set(loaded) and _lengthens(frames, axis):
+        if axis is not None and not set(PULLED[axis]) & set(loaded) and _lengthens(frames, axis):
             raise errors.ConfigError(
-                f"--loaded {','.join(loaded)}: the specimen lengthens along the other axis and shortens along this one ({why}); is it --loaded {','.join(sides)}? "
+                f"--loaded {','.join(loaded)}: the specimen lengthens along the other axis and shortens along this one ({why}); is it --loaded {','.join(PULLED[axis])}? "
                 "If not, write the sides in a column map"
             )
         found.say("edges.loaded", list(loaded), "as given")

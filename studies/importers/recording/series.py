@@ -147,13 +147,12 @@ def _read_by_all(series: Series, frames: Index) -> tuple[Index, list[str]]:
     time = series.time[frames]
     inside = (time >= start - ROUNDING) & (time <= end + ROUNDING)
     read = inside & ~np.isin(frames, np.concatenate([cell.unread for cell in cells]))
-    if inside.all() and read.any():
-        return frames[read], []
     if not read.any():
         raise errors.MissingForceError(
             f"no frame has a force of every load cell: all of them read from {start:g} to {end:g} s, the frames are from {time[0]:g} to {time[-1]:g} s; check the clocks of the load cells"
         )
-    return frames[read], [WORDS.note_beyond_record(frames=frames[~inside].tolist(), start=start, end=end)]
+    beyond = frames[~inside].tolist()
+    return frames[read], [WORDS.note_beyond_record(frames=beyond, start=start, end=end)] if beyond else []
 
 
 def _force_notes(series: Series, selection: Selection, tare: float, force: Array) -> list[str]:

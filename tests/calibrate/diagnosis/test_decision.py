@@ -80,7 +80,7 @@ def test_an_amplitude_that_nobody_expects_explains_nothing(deviations, verdict):
     """c01 of 0.03 MPa, less 95 % of its error, where this is so many deviations of its prior."""
     good = explained()
     (c01,), (error,) = good.final.additions[0].amplitudes, good.final.errors[0]
-    narrow = read_priors() | {HIDDEN: Prior((c01 - Z95 * error) / deviations / modulus(good.start), "modulus", "")}
+    narrow = read_priors() | {HIDDEN: Prior((c01 - Z95 * error) / deviations / modulus(good.problem), "modulus", "")}
     sure = Weighing(Alternatives.of([Explanation((HIDDEN,), 0.0)]), {}, (), True)
     result = decided(good, sure, narrow, FEW)
     assert result.verdict is verdict
@@ -90,7 +90,7 @@ def test_an_amplitude_that_nobody_expects_explains_nothing(deviations, verdict):
         assert result.confirmation.doubts == (Doubt.BEYOND_PRIOR,)
         (found,) = result.confirmation.beyond_prior
         assert (found.effect, found.amplitude, found.of) == (HIDDEN, "c01", "modulus")
-        assert found.deviations == pytest.approx(c01 / (narrow[HIDDEN].std * modulus(good.start)))
+        assert found.deviations == pytest.approx(c01 / (narrow[HIDDEN].std * modulus(good.problem)))
         wider = narrow | {HIDDEN: replace(narrow[HIDDEN], std=1.001 * found.needed)}
         assert decided(good, sure, wider, FEW).verdict is Verdict.EXPLAINED
 

@@ -843,3 +843,10 @@ def test_parameters_that_the_data_do_not_identify_are_said(found, deviations, sa
     parameters = tuple(SimpleNamespace(name=name, modulus=name.startswith("mu")) for name in found)
     fit: Any = SimpleNamespace(law=SimpleNamespace(parameters=parameters), values=found, deviations=lambda scale: np.array(deviations))  # fmt: skip
     assert classical_table.values(fit, "MPa", 1.0).endswith(said)
+
+
+@pytest.mark.parametrize(("relative", "said"), [(0.6, "known to 60 % only"), (6.4e14, "not known")])
+def test_a_modulus_that_is_less_certain_than_itself_is_not_known(relative: float, said: str) -> None:
+    """Of forces of the wrong sign a deviation of 6.4e16 % was told."""
+    (found,) = reasons(relative_deviation=relative)
+    assert said in found.text
