@@ -118,7 +118,7 @@ def main(words: list[str] | None = None) -> int:
             continue
         for size in case.sizes:
             base, fit = fitted(observed(case, size, args.specimen), case.effect)
-            value, deviation = fit.additions[0].amplitudes[0], fit.errors[0][0]
+            value, deviation = fit.additions[0].amplitudes[0], fit.deviations[0][0]
             rows.append([case.effect, args.specimen, case.amplitude, size, value, value / size - 1, deviation,
                          base.reduced_chi_square, fit.reduced_chi_square])  # fmt: skip
             print(f"{case.effect:30s} {size:9.4g} {value:9.4g} {value / size - 1:+7.1%} +- {deviation / abs(size):.1%}"

@@ -146,7 +146,7 @@ def _judged(one: Set, found: Discovery) -> dict[str, Any]:
         "wrong_tests": sorted({test for told in own for test in told["seen_in"]} - {f"test {k}" for k in one.where}),
         "wrong_own": sorted({told["effect"] for told in own} - alike),
         "additions": [{"effect": a.effect.name, "amplitudes": list(a.amplitudes), "deviations": list(d), "shape": list(a.shape)}
-                      for a, d in zip(found.final.additions, found.final.errors, strict=True)],
+                      for a, d in zip(found.final.additions, found.final.deviations, strict=True)],
     }  # fmt: skip
 
 

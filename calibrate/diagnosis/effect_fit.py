@@ -37,9 +37,8 @@ class Fit:
 
     c (n,): spline coefficients. loss: |whitened residual|^2 of `n_rows` training equations. unexplained: of the part that
     neither the base (within its prior) nor the amplitudes could change. additions: effects; errors: a standard deviation for each
-    amplitude; null_covariances: (p, p) of the amplitudes of each effect at its own shapes, without what its own formula leaves, which is in proportion to it. columns (N, k): orthonormal, what the fit can adjust.
-    residual (N,): whitened, rows of the prior last. log_determinant: of the covariance that the weights come from. last_step: norm of what the last step, had it been taken whole, would change, in standard deviations of an
-    equation; above 1 the fit has not converged.
+    amplitude, of noise and of what the kinematics may miss; null_covariances: (p, p) of the amplitudes of each effect at its own shapes, without what its own formula leaves, which is in proportion to it. columns (N, k): orthonormal, what the fit can adjust.
+    residual (N,): whitened, rows of the prior last. log_determinant: of the covariance that the weights come from. last_step: norm of what the last step, had it been taken whole, would change, in standard deviations of an equation; above 1 the fit has not converged.
     """
 
     c: Array
@@ -59,6 +58,11 @@ class Fit:
     def names(self) -> tuple[str, ...]:
         """Of the effects."""
         return tuple(a.effect.name for a in self.additions)
+
+    @property
+    def deviations(self) -> tuple[tuple[float, ...], ...]:
+        """Of each amplitude, of `errors` and the error of its formula."""
+        return tuple(a.with_formula_error(own) for a, own in zip(self.additions, self.errors, strict=True))
 
     @property
     def distinct(self) -> Additions:
@@ -197,9 +201,8 @@ def refit(problem: Problem, c: Array, additions: Additions) -> Fit:
 
     def linearise(point: _Point, count: int) -> _Linearised:
         known = last[-1] if last and not (count < FOLLOWED or any(a.effect.rough for a in problem.amplifying)) else None
-        taken = np.zeros(len(point.residual))
-        if last:
-            taken = last[-1].change(point.w, Variables(point.additions).values / last[-1].scale)
+        values = Variables(point.additions).values
+        taken = last[-1].change(point.w, values / last[-1].scale) if last else np.zeros(len(point.residual))
         last[:] = [_linearised(problem, point, known, taken)]
         return last[0]
 
@@ -207,8 +210,8 @@ def refit(problem: Problem, c: Array, additions: Additions) -> Fit:
         found = gauss_newton.minimise(linearise, _point(problem, w, additions), Halving(), ITERATIONS)
         if found.reason is Stop.NOT_FINITE:
             raise _ran_away(additions)
-        last_step = found.linear.length(found.step.unknowns)
-        return replace(_finished(problem, found.linear, found.point), last_step=last_step)
+        finished = _finished(problem, found.linear, found.point)
+        return replace(finished, last_step=found.linear.length(found.step.unknowns))
     except np.linalg.LinAlgError:
         raise _ran_away(additions) from None
 
@@ -230,8 +233,7 @@ def _linearised(problem: Problem, point: _Point, known: _Linearised | None, take
     else:
         chains, base, A = known.chains, known.base, known.A
     variables = Variables(point.additions)
-    scale, S = variables.scale, np.zeros((len(r), 0))
-    outside = S
+    scale, S, outside = variables.scale, *2 * [np.zeros((len(r), 0))]
     if point.additions:
         S = equations.signatures(problem, chains, c, point.additions) * scale
         outside = S - base @ (base.T @ S)

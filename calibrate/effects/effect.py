@@ -65,6 +65,7 @@ class Parameter:
         return self.typical if self.may_be_zero else max(abs(value), 1e-12)
 
 
+FORMULA_ERROR, TRUNCATED_ERROR = 0.02, 0.05  # relative, of what an effect explains; of the beginning of a series
 APART = 0.05  # of the whole: load and time that never are further apart go together
 LATE = 10.0  # durations of the record: what begins so late has the time of a clock
 
@@ -151,6 +152,11 @@ class Effect:
         """Sets of amplitudes (s, p) that it may have: those of `alone`, then all."""
         every = tuple(range(len(self.amplitudes)))
         return np.array([[k in some for k in every] for some in (*self.alone, every)])
+
+    @property
+    def formula_error(self) -> float:
+        """Largest relative error of what it explains."""
+        return TRUNCATED_ERROR if self.truncated else FORMULA_ERROR
 
     @property
     def in_material(self) -> bool:

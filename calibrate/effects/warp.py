@@ -21,6 +21,7 @@ from calibrate.effects.effect import Effect, Parameter, lacks_plane_stress
 
 ORDER = 4
 STEEPEST = 0.01  # strain; a slope of 8 degrees
+NEXT_ORDERS = 0.5  # a_5 over a_3 and a_6 over a_4: what a smooth bend leaves beyond the polynomials
 FLAT = 1e-4  # strain that a sheet would regain, below which a measured reference counts as flat
 
 
@@ -49,7 +50,10 @@ class InitialWarp(Effect):
     def places(self, data, X, a, shape):
         low, high = X.min(axis=0), X.max(axis=0)
         x = 2.0 * (X - low) / (high - low) - 1.0
-        regained = jnp.einsum("ik,kni->ni", jnp.reshape(a, (2, ORDER + 1)), integrals(x))
+        a = jnp.reshape(a, (2, ORDER + 1))
+        regained = jnp.einsum(
+            "ik,kni->ni", jnp.concatenate([a, data.doubt * NEXT_ORDERS * a[:, -2:]], axis=1), integrals(x)
+        )
         return X + 0.5 * (high - low) * regained
 
 
@@ -68,8 +72,8 @@ def regained_strain(points, height):
 
 
 def integrals(x):
-    """Legendre polynomials integrated from -1 to x (ORDER + 1, ...) in [-1, 1]."""
+    """Legendre polynomials integrated from -1 to x (ORDER + 3, ...) in [-1, 1], the two next ones with them."""
     p = [jnp.ones_like(x), x]
-    for k in range(1, ORDER + 1):
+    for k in range(1, ORDER + 3):
         p.append(((2 * k + 1) * x * p[k] - k * p[k - 1]) / (k + 1))
-    return jnp.stack([x + 1.0, *((p[k + 1] - p[k - 1]) / (2 * k + 1) for k in range(1, ORDER + 1))])
+    return jnp.stack([x + 1.0, *((p[k + 1] - p[k - 1]) / (2 * k + 1) for k in range(1, ORDER + 3))])

@@ -134,7 +134,7 @@ def described(found: Discovery) -> dict[str, Any]:
             },
             "shape": {p.name: v for p, v in zip(a.effect.shapes, a.shape, strict=True)},
         }
-        for a, d in zip(found.final.additions, found.final.errors, strict=True)
+        for a, d in zip(found.final.additions, found.final.deviations, strict=True)
     ]
     return {
         "verdict": found.verdict,

@@ -144,7 +144,7 @@ def _believed(found: Discovery, priors: Priors) -> Discovery:
 
 def _unexpected(found: Discovery, priors: Priors) -> Iterator[Unexpected]:
     """The farthest amplitude of each effect, where 95 % of its errors leave it beyond `FAR` standard deviations of its prior, which is that of `powers` beside the final model."""
-    for one, errors in zip(found.final.additions, found.final.errors, strict=True):
+    for one, errors in zip(found.final.additions, found.final.deviations, strict=True):
         parameters = one.effect.amplitudes
         change = np.abs(np.subtract(one.amplitudes, [p.null for p in parameters]))
         expected = prior_deviations(found.problem, one.effect, priors)

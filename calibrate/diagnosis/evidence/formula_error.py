@@ -30,17 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from calibrate.effects import Effect
 from calibrate.fitting.least_squares import orthonormal
 
 Array = NDArray[np.float64]
-FORMULA_ERROR, TRUNCATED_ERROR = 0.02, 0.05  # relative, of what an effect explains; of the beginning of a series
 SHARES = (1.0, 0.25, 1 / 16, 1 / 64, 1 / 256)  # of its square, that the error may be
-
-
-def formula_error(effect: Effect) -> float:
-    """Largest relative error of what an effect explains."""
-    return TRUNCATED_ERROR if effect.truncated else FORMULA_ERROR
 
 
 @dataclass(frozen=True, eq=False)

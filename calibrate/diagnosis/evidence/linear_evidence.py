@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR
+from calibrate.effects.effect import FORMULA_ERROR
 
 Array = NDArray[np.float64]
 MOST = 3  # effects in a subset

@@ -30,7 +30,6 @@ from calibrate.diagnosis import model_weights
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit, refit
 from calibrate.diagnosis.evidence.explanations import CERTAIN
-from calibrate.diagnosis.evidence.formula_error import formula_error
 from calibrate.diagnosis.evidence.levels import Level, StiffnessLevel, have_unknown_levels
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature, Subset
 from calibrate.diagnosis.evidence.priors import FAR, Priors
@@ -83,7 +82,7 @@ def _signature(
 class OwnEffect:
     """An effect of each test beside a joint model. tests (n): those that may have it. own, common: probability that each test has its own, and that all have
     the same; `common` is 0 where its shapes are other ones in other tests. prior (p,): standard deviations of its amplitudes, in their units. values, deviations
-    (n, p): amplitudes, the sum over shapes, alike where it is common, else each its own; deviations of noise and of the formula, see `formula_error`.
+    (n, p): amplitudes, the sum over shapes, alike where it is common, else each its own; deviations of noise and of the formula, see `Effect.formula_error`.
     limit: deviations from none beyond which an amplitude is seen."""
 
     effect: Effect
@@ -219,7 +218,7 @@ class OwnSignatures(NamedTuple):
         if len(own) > 1 and len({S.shape for _, S in own}) == 1:
             ways.append(np.sum([S for _, S in own], axis=0))
         bounded = [p.lower == p.null for p in own[0][0].effect.amplitudes]
-        error = formula_error(own[0][0].effect)
+        error = own[0][0].effect.formula_error
         sided = (np.tile(bounded, S.shape[1] // len(bounded)) for S in ways)
         return [Signature(name, (), S, 1 / len(ways), one, "", error) for S, one in zip(ways, sided, strict=True)]
 
@@ -235,7 +234,7 @@ class OwnSignatures(NamedTuple):
         mean, covariance = evidence.posterior(members)
         start = sum(evidence.signatures[i].columns.shape[1] for i in members[: members.index(way)])
         first = next(one for _, one, _ in self.cells if one.effect.name == name)
-        wrong = formula_error(first.effect)
+        wrong = first.effect.formula_error
         tests, values, deviations = [], [], []
         for test, one, S in self.cells:
             if one.effect.name == name:

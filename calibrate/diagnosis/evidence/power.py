@@ -26,7 +26,7 @@ CONFIDENCE = 0.95
 
 def powers(problem: Problem, last: Round, significance: float, priors: Priors) -> tuple[Power, ...]:
     """Of the effects of the final model, then of every candidate of its round."""
-    fitted = zip(last.fit.additions, last.fit.errors, strict=True)
+    fitted = zip(last.fit.additions, last.fit.deviations, strict=True)
     found = tuple(_largest(a, np.array(errors), prior_deviations(problem, a.effect, priors)) for a, errors in fitted)
     return (*found, *(_of_candidate(problem, one, significance, priors) for one in last.candidates))
 

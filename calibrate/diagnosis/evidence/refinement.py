@@ -1,7 +1,7 @@
 """The best subsets fitted without linearisation, and their probabilities.
 
 In: the base, subsets ranked by `linear_evidence`. Out: `Alternatives`. Each subset is fitted with the weights that belong to it, and its
-evidence is Laplace's approximation there, see `formula_error`. All have weights and columns of one model, that which leaves
+evidence is Laplace's approximation there, see `calibrate.diagnosis.evidence.formula_error`. All have weights and columns of one model, that which leaves
 least, and are refitted: with its own, a model would judge itself. But noise of the displacements makes errors of the equations in proportion to the stiffness: each
 model has the stiffness of its own base in them, or a softer one would win. The determinant of the covariance does not enter: what was measured are displacements, and the
 equations are functions of them that follow the model.
@@ -25,7 +25,7 @@ from calibrate.diagnosis import effect_fit, model_weights, weighted_fit
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
-from calibrate.diagnosis.evidence.formula_error import FittedEffect, SecondOrder, formula_error
+from calibrate.diagnosis.evidence.formula_error import FittedEffect, SecondOrder
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Subset, over_variances
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
@@ -93,7 +93,7 @@ def alternatives(
     say.discard(STAGE)
     found = []
     for refit in refits.values():
-        additions, deviations, names = refit.fit.additions, refit.fit.errors, tuple(sorted(refit.fit.names))
+        additions, deviations, names = refit.fit.additions, refit.fit.deviations, tuple(sorted(refit.fit.names))
         c = refit.fit.c
         found.append(Explanation(names, evidence[frozenset(names)], False, 0.0, additions, deviations, c))
         more = refit.with_discrepancy(noise) + linear.log_odds
@@ -232,7 +232,7 @@ def _second_order(
         log_prior = log_odds + float(np.log(shares.get(one.effect.name, 1.0)))
         L = prior_deviations(problem, one.effect, priors)
         own = S[:, start : start + p]
-        error, sets = formula_error(one.effect), one.effect.sets
+        error, sets = one.effect.formula_error, one.effect.sets
         effects.append(FittedEffect(one.effect.name, change, own, L, error, log_prior, one_sided, sets))
         shapes.append(S[:, start + p : start + p + len(one.shape)])
         start += p + len(one.shape)

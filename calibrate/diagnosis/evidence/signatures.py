@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis import residual_tests, score_tests
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.evidence.formula_error import formula_error
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature
 from calibrate.diagnosis.evidence.priors import Priors, Scales, deviations
 from calibrate.diagnosis.problem import Problem
@@ -101,6 +100,6 @@ def _of_effect(
         S = equations.signature(problem, chains, c, (Addition(effect, null, shape),)) * deviation
         if np.isfinite(S).all():
             S = S - U @ (U.T @ S)
-            signature = Signature(effect.name, shape, S, share, one_sided, beside, formula_error(effect))
+            signature = Signature(effect.name, shape, S, share, one_sided, beside, effect.formula_error)
             found += [replace(signature, columns=S * some) for some in effect.sets]
     return found

@@ -22,8 +22,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR
 from calibrate.diagnosis.replayed.observations import Level, Observations
+from calibrate.effects.effect import FORMULA_ERROR
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

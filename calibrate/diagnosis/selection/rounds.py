@@ -94,7 +94,7 @@ class Candidate:
     @property
     def deviations(self) -> tuple[float, ...]:
         """A standard deviation for each fitted amplitude, in its unit; none where it was not fitted."""
-        return () if self.fit is None else self.fit.errors[-1]
+        return () if self.fit is None else self.fit.deviations[-1]
 
     def is_significant(self, thresholds: Thresholds) -> bool:
         """Whether it was tested and its adjusted p-value is small."""

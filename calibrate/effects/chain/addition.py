@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from calibrate.effects.effect import STAGES, Effect
 
 
@@ -19,6 +21,11 @@ class Addition:
     def is_null(self) -> bool:
         """Whether it changes nothing."""
         return self.amplitudes == tuple(p.null for p in self.effect.amplitudes)
+
+    def with_formula_error(self, errors: tuple[float, ...]) -> tuple[float, ...]:
+        """Deviations of the amplitudes (p,) from other errors and from that of the formula, a share of what it explains (`Effect.formula_error`)."""
+        change = np.subtract(self.amplitudes, [p.null for p in self.effect.amplitudes])
+        return tuple(map(float, np.hypot(errors, self.effect.formula_error * change)))
 
     def stiffness_factors(self, factor: float) -> tuple[float, ...]:
         """Of the amplitudes (p,) in a material that is stiffer by a factor: those in MPa follow, those in 1/MPa go the other way."""

@@ -150,9 +150,9 @@ def _of_inclusions(found: Discovery) -> Iterator[Finding]:
 
 def _of_edges(found: Discovery) -> Iterator[Finding]:
     """Of a strip that the points do not reach."""
-    for addition, errors in zip(found.final.additions, found.final.errors, strict=True):
+    for addition, (deviation, *_) in zip(found.final.additions, found.final.deviations, strict=True):
         if isinstance(addition.effect, UnmeasuredStrip):
-            yield _finding(DiscoveryCode.STRIP, width=addition.amplitudes[0], half=Z95 * errors[0])
+            yield _finding(DiscoveryCode.STRIP, width=addition.amplitudes[0], half=Z95 * deviation)
 
 
 def _of_own_effects(view: View) -> Iterator[Finding]:

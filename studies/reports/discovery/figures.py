@@ -176,7 +176,7 @@ def intervals(view: View) -> Figure | None:
     tested = {now.added: row.score for now in view.discovery.rounds for row in now.candidates if row.name == now.added}
     with style.figure(6.0, 0.3 * sum(sizes) + 0.95 * len(sizes)) as figure:
         axes = figure.subplots(len(sizes), 1, squeeze=False, height_ratios=[n + 1 for n in sizes])[:, 0]
-        for ax, addition, deviations in zip(axes, final.additions, final.errors, strict=True):
+        for ax, addition, deviations in zip(axes, final.additions, final.deviations, strict=True):
             score, factors = tested.get(addition.effect.name), np.array(addition.stiffness_factors(view.level))
             pairs = [(addition.amplitudes, deviations), *([] if score is None else [(score.amplitudes, score.errors)])]
             _intervals(

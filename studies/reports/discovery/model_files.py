@@ -26,7 +26,7 @@ def extended(found: Discovery, hold_out: str, record: dict[str, Any]) -> Extende
     """The final model of a discovery as a model file, with a network distilled from its base."""
     final = found.final
     bulk = bulk_modulus(found.problem, final)
-    model = _file(found, final.c, final.additions, final.errors, hold_out, record)
+    model = _file(found, final.c, final.additions, final.deviations, hold_out, record)
     model = replace(model, groups=found.groups, bulk_modulus_deviation=None if bulk is None else bulk[1])
     model = replace(model, replay=replay_record(found.replay_check) or {}, uncertainty=found.uncertainty)
     level = stiffness_level(found, final)

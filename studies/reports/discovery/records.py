@@ -115,7 +115,7 @@ def model_amplitude_records(fit: Fit, unit: str, level: float = 1.0) -> list[tup
     """Every amplitude of every effect of a model, with the name of the effect; no score test is of a model (NaN)."""
     return [
         (a.effect.name, one)
-        for a, errors in zip(fit.additions, fit.errors, strict=True)
+        for a, errors in zip(fit.additions, fit.deviations, strict=True)
         for one in _amplitude_records(a.effect, [(np.nan, np.nan)] * len(errors), a, errors, unit, level)
     ]
 

@@ -157,7 +157,7 @@ def _effects(view: View, names: tuple[str, ...]) -> tuple[NamedEffect, ...]:
 def effect_values(fit: Fit, i: int, unit: str, level: float = 1.0) -> list[str]:
     """Amplitudes of the i-th effect with half their 95 % interval, and its shapes: 'c01 = 0.0163 +- 0.0006 MPa'. level: by which
     stiffness is multiplied."""
-    addition, deviations = fit.additions[i], fit.errors[i]
+    addition, deviations = fit.additions[i], fit.deviations[i]
     values = [
         with_unit(
             f"{p.name} = {plus_minus(v * level**p.stiffness_power, Z95 * d * level**p.stiffness_power)}",

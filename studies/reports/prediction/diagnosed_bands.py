@@ -17,9 +17,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR
 from calibrate.diagnosis.parameters import Variables
 from calibrate.effects.chain import Additions
+from calibrate.effects.effect import FORMULA_ERROR
 from calibrate.models.diagnosed_law import DiagnosedLaw
 from calibrate.models.model_uncertainty import ModelUncertainty
 

@@ -43,7 +43,7 @@ def close(loop: Loop) -> HomogeneousResult:
         groups={name: list(group) for name, group in found.groups.items()},
         amplitudes=[
             Amplitude(a.effect.name, p.name, p.unit, v, d)
-            for a, deviations in zip(found.final.additions, found.final.errors, strict=True)
+            for a, deviations in zip(found.final.additions, found.final.deviations, strict=True)
             for p, v, d in zip(a.effect.amplitudes, a.amplitudes, deviations, strict=True)
         ],
         before_chi_square=found.base.reduced_chi_square,

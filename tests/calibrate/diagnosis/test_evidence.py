@@ -13,7 +13,7 @@ from calibrate import errors
 from calibrate.diagnosis.base_fit import prepare
 from calibrate.diagnosis.evidence import refinement, weighing
 from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
-from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR, SHARES, FittedEffect, SecondOrder
+from calibrate.diagnosis.evidence.formula_error import SHARES, FittedEffect, SecondOrder
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Signature
 from calibrate.diagnosis.evidence.power import upper_limit
 from calibrate.diagnosis.evidence.priors import Scales, deviations, read_priors
@@ -21,6 +21,7 @@ from calibrate.diagnosis.evidence.weighing import cost, spanning
 from calibrate.diagnosis.problem import all_rows
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
+from calibrate.effects.effect import FORMULA_ERROR
 from studies.trials import blind_data
 
 N = 60

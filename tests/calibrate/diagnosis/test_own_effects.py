@@ -164,7 +164,7 @@ def test_what_each_test_may_have_is_not_called_invisible():
     _, problem = prepared()
     scores = [Score(effect, Status.NOT_TESTABLE) for effect in (StiffnessGradient(), Thickness())]
     last = SimpleNamespace(
-        fit=SimpleNamespace(additions=(), errors=()), candidates=[SimpleNamespace(score=score) for score in scores]
+        fit=SimpleNamespace(additions=(), deviations=()), candidates=[SimpleNamespace(score=score) for score in scores]
     )
     found = {one.effect.name: one.finding for one in powers(problem, last, 0.05, read_priors())}
     assert found == {"stiffness gradient": Finding.OWN, "3D effect of thickness": Finding.INVISIBLE}

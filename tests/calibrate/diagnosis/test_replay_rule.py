@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from made_up_replay import FORCE_STD, INCREMENTS, check, observations, only_held
 
-from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR
 from calibrate.diagnosis.replayed import updating
 from calibrate.diagnosis.replayed.band import BEYOND, FORMULA, NOISE, Alternative, band_of, discretisation
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, replay_record
 from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors, level_of
 from calibrate.diagnosis.replayed.replay_rule import LEVEL, is_worse, judge
+from calibrate.effects.effect import FORMULA_ERROR
 
 
 def draws(count: int = 400):

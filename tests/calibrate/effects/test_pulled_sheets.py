@@ -14,16 +14,50 @@ from calibrate.diagnosis.problem import all_rows
 from calibrate.effects.chain import Addition, Chain
 from calibrate.effects.compressibility import Compressibility
 from calibrate.effects.viscosity import Viscosity
-from calibrate.effects.warp import ORDER, InitialWarp, integrals
+from calibrate.effects.warp import NEXT_ORDERS, ORDER, InitialWarp, integrals
 from calibrate.equations.equilibrium import equilibrium
 from calibrate.models.extended_model import ExtendedModel
 
 
 def test_warp_strains_are_legendre_polynomials():
     x = np.linspace(-1, 1, 9)
-    for k in range(ORDER + 1):
-        expected = legendre.legval(x, legendre.legint(np.eye(ORDER + 1)[k], lbnd=-1))
+    for k in range(ORDER + 3):
+        expected = legendre.legval(x, legendre.legint(np.eye(ORDER + 3)[k], lbnd=-1))
         assert np.asarray(integrals(jnp.asarray(x)))[k] == pytest.approx(expected, abs=1e-12)
+
+
+def test_next_orders_of_a_bend_are_half_of_those_two_before():
+    """Of cylinders bent by a Gaussian height, half as wide as the sheet and less, anywhere in its middle half: root mean squares of their Legendre coefficients."""
+    rng = np.random.default_rng(0)
+    x, weights = legendre.leggauss(80)
+    place, width = rng.uniform(-0.6, 0.6, (2000, 1)), rng.uniform(0.5, 1.0, (2000, 1))
+    strain = ((x - place) / width) ** 2 * np.exp(1 - ((x - place) / width) ** 2)
+    size = [np.sqrt(np.mean(((k + 0.5) * strain * weights @ legendre.legval(x, np.eye(7)[k])) ** 2)) for k in range(7)]
+    assert [size[5] / size[3], size[6] / size[4]] == pytest.approx(2 * [NEXT_ORDERS], rel=0.15)
+
+
+def test_a_doubted_warp_has_its_next_orders():
+    """As a chain has it, against the places that the strain's integral makes; those of the chain itself have none."""
+    amplitudes = np.zeros(2 * (ORDER + 1))
+    amplitudes[3], amplitudes[ORDER + 1 + 4] = 0.002, -0.001
+    X, data = uniaxial().points, Chain(equilibrium(uniaxial(), 12.0), BASIS).with_doubted_formulas().data
+    low, high = X.min(axis=0), X.max(axis=0)
+    x = 2 * (X - low) / (high - low) - 1
+    series = np.array([[0, 0, 0, 0.002, 0, 0.001, 0], [0, 0, 0, 0, -0.001, 0, -0.0005]])
+    regained = [legendre.legval(x[:, i], legendre.legint(series[i], lbnd=-1)) for i in range(2)]
+    doubted = np.asarray(InitialWarp().places(data, X, amplitudes, ()))
+    assert doubted - X == pytest.approx(0.5 * (high - low) * np.stack(regained, axis=1), abs=1e-12)
+    series[:, ORDER + 1 :] = 0.0
+    regained = [legendre.legval(x[:, i], legendre.legint(series[i], lbnd=-1)) for i in range(2)]
+    stated = np.asarray(InitialWarp().places(replace(data, doubt=0.0), X, amplitudes, ()))
+    assert stated - X == pytest.approx(0.5 * (high - low) * np.stack(regained, axis=1), abs=1e-12)
+
+
+def test_stated_deviations_hold_the_error_of_the_formula():
+    """2 % of what is apart from none, 5 % of the beginning of a series, in squares beside other errors; where an amplitude is none there is no formula to be wrong."""
+    assert Addition(Viscosity(), (0.5,), (3.0,)).with_formula_error((0.01,)) == pytest.approx((np.hypot(0.01, 0.01),))
+    (first, second, *_) = Addition(InitialWarp(), (0.0, 0.004, *8 * (0.0,)), ()).with_formula_error(10 * (1e-4,))
+    assert (first, second) == pytest.approx((1e-4, np.hypot(1e-4, 0.05 * 0.004)))
 
 
 def test_a_sheet_that_was_bowed_is_flattened():

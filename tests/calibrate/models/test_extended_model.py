@@ -60,7 +60,7 @@ def test_reading_gives_back_what_was_written(tmp_path):
     again = ExtendedModel.load(path)
     assert again.to_dict() == model().to_dict()
     assert again.additions == explained().final.additions
-    assert again.errors == explained().final.errors
+    assert again.errors == explained().final.deviations
     assert again.verdict == "explained"
     (training,) = again.training
     assert (training["name"], training["fingerprint"]) == ("plate", sheet().fingerprint)

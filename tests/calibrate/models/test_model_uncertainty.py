@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from diagnosed_materials import MU, STRETCH, found
 
-from calibrate.diagnosis.evidence.formula_error import FORMULA_ERROR
+from calibrate.effects.effect import FORMULA_ERROR
 from calibrate.equations.deformation_modes import MODES
 from calibrate.errors import FitError, ModelFileError
 from calibrate.models.diagnosed_law import DiagnosedLaw

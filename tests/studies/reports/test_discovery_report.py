@@ -147,7 +147,7 @@ def test_intervals_are_two_deviations_wide_and_hold_the_truth():
     ((name, of_model),) = model_amplitude_records(explained().final, "MPa", 1.02)
     assert name == "second invariant" and np.isnan(of_model.tested)
     assert of_model.fitted == pytest.approx(1.02 * explained().final.additions[0].amplitudes[0])
-    assert of_model.fitted_deviation == pytest.approx(1.02 * explained().final.errors[0][0])
+    assert of_model.fitted_deviation == pytest.approx(1.02 * explained().final.deviations[0][0])
 
 
 def test_predicted_improvement_is_achieved():
