@@ -221,14 +221,20 @@ class _Check:
 
     def _alternatives(self, raw: Observations) -> tuple[tuple[Alternative, ...], tuple[str, ...]]:
         """The most probable other explanations at their own levels, and why others are not among them."""
-        made, without = [], []
+        made, without, final = [], [], raw.scaled(level_of(raw).factor)
         for names, probability, model in rivals(self.found):
             try:
                 rows = self._at(model, raw)
             except FAILURES as error:
                 without.append(str(error))
+                continue
+            rows = rows.scaled(level_of(rows).factor)
+            if replay_rule.is_rival(rows, final):
+                made.append((names, probability, rows))
             else:
-                made.append((names, probability, rows.scaled(level_of(rows).factor)))
+                without.append(
+                    f"the replay of {' and '.join(names) or 'the base alone'} misses what was fitted far more than that of the final model"
+                )
         whole = own_probability(self.found) + sum(probability for _, probability, _ in made)
         return tuple(Alternative(names, p / whole, rows) for names, p, rows in made), tuple(without)
 

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from calibrate.diagnosis.replayed.band import discretisation
 from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors
 from calibrate.diagnosis.residual_tests import ChiSquare
+from calibrate.effects.effect import FORMULA_ERROR
 from calibrate.equations.noise_covariance import cholesky_factor
 
 Array = NDArray[np.float64]
@@ -33,6 +34,7 @@ Mask = NDArray[np.bool_]
 LEVEL = 0.01  # of the test against the band
 ONE_IN_A_HUNDRED = 2.326  # standard deviations, one-sided
 LOAD_CELL = 0.005  # of the forces
+FAR = 2.0  # factor on what a replay misses of what was fitted, above which it is no rival
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,14 @@ def misses_more(one: ReplayErrors, other: ReplayErrors, noise: float) -> bool:
     """Whether a model misses forces or fields by more than another by an amount that matters: forces by more than the error of a load cell, fields by more than noise, mm,
     of a displacement adds to the other's error."""
     return bool(one.force > max(other.force, LOAD_CELL) or one.field**2 > other.field**2 + noise**2)
+
+
+def is_rival(one: Observations, final: Observations) -> bool:
+    """Whether a competing explanation, replayed, misses what was fitted by no more than `FAR` times what the final model does: forces, of which either may miss the error of a formula, and fields. Equations of equilibrium take measured strains,
+    with which a model may agree whose own deformation is another."""
+    where = final.may_judge(~final.held)
+    mine, own = (ReplayErrors.of(rows, where) for rows in (one, final))
+    return not (mine.force > FAR * max(own.force, FORMULA_ERROR) or mine.field > FAR * own.field)
 
 
 def _chi_square(residual: Array, covariance: Array, where: Mask) -> ChiSquare | None:

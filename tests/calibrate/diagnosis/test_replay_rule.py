@@ -13,7 +13,7 @@ from calibrate.diagnosis.replayed import updating
 from calibrate.diagnosis.replayed.band import BEYOND, FORMULA, NOISE, Alternative, band_of, discretisation
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, replay_record
 from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors, level_of
-from calibrate.diagnosis.replayed.replay_rule import LEVEL, is_worse, judge
+from calibrate.diagnosis.replayed.replay_rule import LEVEL, is_rival, is_worse, judge
 from calibrate.effects.effect import FORMULA_ERROR
 
 
@@ -202,6 +202,21 @@ def test_alternatives_open_the_band_by_their_probability():
     growth = np.diag(wide.covariance - plain.covariance)[held]
     assert growth == pytest.approx((10 * FORCE_STD) ** 2 / 2)
     assert not plain.parts[BEYOND].any() and plain.parts[NOISE].any()
+
+
+def test_what_misses_the_fitted_pictures_by_far_is_no_rival():
+    """Forces of a rival may be off by 4 %, or twice as much as the final model's; displacements by twice as much; what was held out judges none."""
+    final = observations()
+    forces, fitted = np.where(final.is_force, final.measured, 0.0), ~final.held
+
+    def off(share, where, like=final):
+        return replace(like, replayed=like.measured - share * np.where(where, forces, 0.0))
+
+    assert is_rival(off(0.039, fitted), final) and not is_rival(off(0.041, fitted), final)
+    assert is_rival(off(0.5, final.held), final)
+    assert is_rival(off(0.19, fitted), off(0.1, fitted)) and not is_rival(off(0.21, fitted), off(0.1, fitted))
+    assert is_rival(replace(final, squares=3.9 * final.squares), final)
+    assert not is_rival(replace(final, squares=4.1 * final.squares), final)
 
 
 def test_levels_that_differ_by_their_uncertainty_do_not_disagree():
