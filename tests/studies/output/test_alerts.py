@@ -582,6 +582,13 @@ def test_limits_that_are_stated_are_those_of_the_headline() -> None:
     assert LIMITS.strain == 3 and "three times" in registry()["D103"].means
 
 
+def test_a_factor_that_no_noise_can_make_is_not_told_as_one() -> None:
+    """As where forces and displacements are not of one test."""
+    (told,) = reasons(attenuation=6e8)
+    assert "more than 100 times" in told.text and "000" not in told.text
+    assert "by a factor of 1.60" in reasons(attenuation=1.6)[0].text
+
+
 # --- the registry ---------------------------------------------------------------------------------------------
 
 
