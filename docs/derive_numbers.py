@@ -17,6 +17,8 @@ from typing import Any
 
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.effects import CATALOGUE, Effect
+from calibrate.effects.chain import Addition
+from calibrate.models.parameter_covariance import Z95
 from studies.output.alerts import Alert, registry
 from studies.output.words import percent
 from studies.trials.foreign import FOREIGN as FOREIGN_FORMS
@@ -66,6 +68,7 @@ BEFORE_FINITE = BEFORE_CORNERS - {
     "viscoelasticity"
 }  # branches with a multiplicative split were not in the catalogue then
 RECENT = 80000  # first seed of the sets that are counted together
+WITH_FORMULA = 97000  # first seed of the sets whose intervals hold the error of the formula
 BEFORE_INCLUSIONS = BEFORE_FINITE - {"stiffness field"}  # nor was an inclusion
 SETS = (
     TrialSet("blind.json", "--seed 20000", "verdicts of the rounds alone", FIXED),
@@ -312,6 +315,8 @@ def foreign_trials() -> dict[str, Any]:
     recent = [one for one in FOREIGN_SETS if int(one.seed) >= RECENT and not one.same_seeds]
     pooled = [trial for one in recent for trial in one.judged]
     n, since = numbers(largest.judged) | _by_form([largest]), numbers(pooled) | _by_form(recent)
+    before = [pull for one in recent if int(one.seed) < WITH_FORMULA for pull in _pulls_with_formula(one.judged)]
+    since |= {"amplitudes_before": len(before), "amplitudes_with_formula": sum(abs(pull) < Z95 for pull in before)}
     columns = {
         f"one version, {n['trials']} trials": n,
         f"the last {len(recent)} versions, {since['trials']} trials": since,
@@ -322,6 +327,24 @@ def foreign_trials() -> dict[str, Any]:
         "numbers": n | {f"recent_{name}": value for name, value in since.items()} | {"recent_sets": len(recent)},
         "tables": {"rates": rates(columns, AIMS_OF_FOREIGN), "effects": effects(pooled)},
     }
+
+
+def _pulls_with_formula(trials: list[JudgedTrial]) -> list[float]:
+    """Of the same amplitudes of single effects as `trial_summary.pulls`, over deviations that hold the error of the formula; those of a warp lack its next orders."""
+    known = {effect.name: effect for effect in CATALOGUE}
+    found = []
+    for a in (
+        a
+        for one in trials
+        if len(one.hidden) == 1
+        for a in one.amplitudes
+        if a and a.effect in one.named and a.effect != FIELD
+    ):
+        addition = Addition(known[a.effect], tuple(a.amplitudes.values()))
+        deviations = addition.with_formula_error(tuple(a.deviations.values()))
+        pairs = zip(a.amplitudes.items(), deviations, strict=True)
+        found += [(value - a.true[name]) / deviation for (name, value), deviation in pairs if a.true.get(name)]
+    return found
 
 
 def _by_form(sets: list[TrialSet]) -> dict[str, int]:

@@ -22,6 +22,7 @@ from calibrate.errors import ConfigError
 from meshes.errors import MeshDataError
 from meshes.measured.round_openings import fitted_hole, is_staircase
 from meshes.measured.unseen_rims import (
+    NEAR,
     Rims,
     distance_beyond,
     furthest,
@@ -133,8 +134,23 @@ def _is_seen(kept: Kept, rim: Rim, pitch: float) -> bool:
 
 def _joined(kept: Kept, rims: Sequence[Rim]) -> Rims:
     """Raises `MeshDataError` where a rim cannot be."""
-    gripped = np.concatenate([np.zeros(0, np.int64), *(b.nodes for b in kept.loaded)])
+    ends = np.concatenate([np.zeros((0, 2)), *(rim.along(np.array([0.0, 1.0])) for rim in rims if not rim.closed)])
+    staying = (np.setdiff1d(b.nodes, _last_of_grip(kept.points, b, ends)) for b in kept.loaded)
+    gripped = np.concatenate([np.zeros(0, np.int64), *staying])
     return with_rims(kept.points, kept.triangles, rims, gripped)
+
+
+def _last_of_grip(points: Array, boundary: LoadedBoundary, ends: Array) -> Indices:
+    """Nodes of a grip that give way to the end of a rim (k, 2) which continues its line, as other points do that are so near to a rim: that end is gripped in their place."""
+    places, pitch = points[boundary.nodes], spacing_of(points)
+    across = int(np.ptp(places, axis=0).argmin())
+    along = places[:, 1 - across]
+    found = np.zeros(len(places), bool)
+    for end in ends:
+        is_beyond = not along.min() < end[1 - across] < along.max()
+        near = np.linalg.norm(places - end, axis=1) < NEAR * pitch
+        found |= is_beyond & near & (np.abs(places[:, across] - end[across]) <= ON_GRIP * pitch)
+    return np.asarray(boundary.nodes[found])
 
 
 def _fitted_holes(kept: Kept, given: Sequence[Rim], pitch: float) -> list[Ellipse]:
@@ -163,7 +179,7 @@ def _grown(kept: Kept, found: Rims, off: float) -> Kept:
     number[found.kept] = np.arange(len(found.kept))
     displacements = kept.displacements[:, found.kept]
     continued = np.stack([found.continued @ u for u in displacements])
-    boundaries = [replace(b, nodes=number[b.nodes]) for b in kept.loaded]
+    boundaries = [replace(b, nodes=number[np.intersect1d(b.nodes, found.kept)]) for b in kept.loaded]
     loaded = tuple(
         replace(b, nodes=np.union1d(b.nodes, _gripped_ends(b, found, len(found.kept), off))) for b in boundaries
     )

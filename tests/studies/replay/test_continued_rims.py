@@ -143,3 +143,18 @@ def test_the_true_law_meets_a_sheet_whose_free_sides_are_not_seen():
     assert errors[1].field_error[-1] < 0.05 * errors[0].field_error[-1]
     assert [len(b.nodes) for b in tests[1].loaded] == [len(b.nodes) + 2 for b in tests[0].loaded]
     assert signed_areas(tests[1].points, tests[1].triangles).sum() == pytest.approx(120 * 60 - HOLE.area, rel=1e-3)
+
+
+@pytest.mark.parametrize("beyond", [0.25, 0.5, 0.7, 1.3])
+def test_a_grip_reaches_to_a_side_however_near_the_last_points_are(beyond):
+    """The last node of a grip gives way to the end of a side that is nearer than 0.3 distances of the points, as other points do: no corner is cut off."""
+    y = 30.0 + beyond
+    sides = Segment((-60.0, -y), (60.0, -y)), Segment((60.0, y), (-60.0, y))
+    found = as_test(with_continued_rims(kept(), (HOLE, *sides), False))
+    for b in found.loaded:
+        places = found.points[b.nodes]
+        assert [places[:, 1].min(), places[:, 1].max()] == pytest.approx([-y, y])
+        assert np.ptp(places[:, 0]) == pytest.approx(0.0, abs=1e-9)
+    assert signed_areas(found.points, found.triangles).sum() == pytest.approx(120 * 2 * y - HOLE.area, rel=1e-3)
+    outline = Outline.of(found)
+    assert outline.given[outline.free].all()
