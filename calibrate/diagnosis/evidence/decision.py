@@ -3,7 +3,7 @@
 In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that both allow. The rule:
 
 1. Where a fitted explanation is more than three times as probable as the final model of the rounds (positive evidence; Kass and Raftery 1995), they are run on from
-   it, and what they end with takes the place of that model (where they go back to it, again without what it has and the explanation has not); not where it explains the test no better and predicts what was held out worse, nor where
+   it, and what they end with takes the place of that model (where they put what is less probable in the place of an effect of the explanation, again without that); not where it explains the test no better and predicts what was held out worse, nor where
    the rounds explain the test and it does not.
 2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
    that take its place in explanations of more than 5 %, and those in whose span alone it lies.
@@ -91,14 +91,19 @@ def _run_on(
         added = max(best.names, key=lambda name: scores.get(name, 0.0))
         begun = replace(found.rounds[0], added=added, group=(added,)), model
         other = close_loop(found.start, found.base, effects, seed, say, found.thresholds, begun)
-        left = set(found.final.names) - set(best.names)
-        went_back = set(other.final.names) == set(found.final.names)
-        if left and went_back:  # to what is less probable by its prior, which an exchange does not know
-            allowed = [effect for effect in effects if effect.name not in left]
-            other = close_loop(found.start, found.base, allowed, seed, say, found.thresholds, begun)
+        while left := _less_probable(other.final.names, best, alternatives):
+            effects = [effect for effect in effects if effect.name not in left]
+            other = close_loop(found.start, found.base, effects, seed, say, found.thresholds, begun)
     except FitError:
         return None
     return None if _predicts_worse(other, found) else other
+
+
+def _less_probable(names: Sequence[str], best: Explanation, alternatives: Alternatives) -> set[str]:
+    """What the rounds from the best explanation have put in the place of an effect of it, where that is less probable by `ODDS`: an exchange knows no prior."""
+    new = set(names) - set(best.names)
+    exchanged = bool(new) and not set(best.names) <= set(names)
+    return new if exchanged and best.probability > ODDS * _probability(alternatives, names) else set()
 
 
 def _predicts_worse(other: Discovery, found: Discovery) -> bool:

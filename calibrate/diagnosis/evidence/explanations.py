@@ -66,9 +66,10 @@ class Alternatives:
 
 
 class Finding(StrEnum):
-    """What a test shows of an effect; open: significant, but not in the model; undecided: a limit beside a model that explains nothing is none."""
+    """What a test shows of an effect; in model: too small or not probable enough to be named; open: significant, but not in the model; undecided: a limit beside a model that explains nothing is none."""
 
     FOUND = "found"
+    IN_MODEL = "in the model, not named"
     OPEN = "significant, not in the model"
     EXCLUDED = "excluded above"
     INVISIBLE = "invisible in this test"
@@ -103,9 +104,14 @@ class Power:
         return replace(self, value=value, limit=limit, prior=prior)
 
     @property
+    def unnamed(self) -> Power:
+        """Of an effect that is in the model and has no name."""
+        return replace(self, finding=Finding.IN_MODEL) if self.finding is Finding.FOUND else self
+
+    @property
     def beside_a_misfit(self) -> Power:
         """Of a model that explains nothing: what it excludes may be part of that, and what it has may stand in for it."""
-        decided = self.finding in (Finding.EXCLUDED, Finding.FOUND)
+        decided = self.finding in (Finding.EXCLUDED, Finding.FOUND, Finding.IN_MODEL)
         return replace(self, finding=Finding.UNDECIDED, limit=None) if decided else self
 
 

@@ -234,7 +234,9 @@ class Discovery:
     def powers(self) -> tuple[Power, ...]:
         """What the test shows of every effect; nothing where explanations were not weighed."""
         found = () if self.weighing is None else self.weighing.powers
-        return tuple(one.beside_a_misfit for one in found) if self.verdict is Verdict.NOT_EXPLAINED else found
+        if self.verdict is Verdict.NOT_EXPLAINED:
+            return tuple(one.beside_a_misfit for one in found)
+        return tuple(one.unnamed if one.effect.name in self.closest else one for one in found)
 
     @property
     def base(self) -> Fit:
