@@ -6,7 +6,7 @@ In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that bot
    it, and what they end with takes the place of that model (where they put what is less probable in the place of an effect of the explanation, again without that); not where it explains the test no better and predicts what was held out worse, nor where
    the rounds explain the test and it does not.
 2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
-   that take its place in explanations of more than 5 %, and those in whose span alone it lies.
+   that take its place in explanations of more than 5 %, and those in whose span alone it lies and that have more than 1 %.
 3. Where that none is needed is three times as probable as all else together, and the residual of the base is no more than noise, or than noise that is somewhat larger than described, there is nothing: neither a candidate that is
    significant nor what the rounds have added without an explanation is an alarm.
 4. Where an amplitude of the model is beyond three standard deviations of its prior by more than its error, it explains nothing: what nobody expects stands in for something else. Who does expect it says so in the table of priors.
@@ -38,6 +38,7 @@ from calibrate.fitting.resumable import SILENT, Resumable
 from calibrate.models.parameter_covariance import Z95
 
 ODDS = 3.0  # to one, from which evidence is positive
+REFUTED = 0.01  # probability below which an effect is told apart from one in whose place it could be
 NONE = ODDS / (1 + ODDS)  # probability of no effect, from which it takes more than noise to say that there is something
 
 
@@ -180,12 +181,13 @@ def _of_base(found: Discovery) -> Discovery:
 
 def _group(name: str, final: Sequence[str], weighing: Weighing) -> tuple[str, ...]:
     """The effect, then those that these data cannot tell from it."""
-    others = [
+    others = (
         other
         for one in weighing.alternatives.explanations
         if one.probability > TIE and name not in one.names
         for other in one.names
         if other not in final
-    ]
+    )
+    inclusion = weighing.alternatives.inclusion
     alone = (other for other in weighing.groups.get(name, ()) if " with " not in other and other not in final)
-    return tuple(dict.fromkeys((name, *others, *alone)))
+    return tuple(dict.fromkeys((name, *others, *(other for other in alone if inclusion.get(other, 0.0) > REFUTED))))

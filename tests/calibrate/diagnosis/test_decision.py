@@ -55,8 +55,12 @@ def test_an_effect_is_named_by_its_probability_alone_or_with_those_like_it():
     assert tie.verdict is Verdict.EXPLAINED and tie.groups == {HIDDEN: (HIDDEN, OTHER)}
     beside = after(((HIDDEN,), False, 0.6), ((HIDDEN, OTHER), False, 0.4))
     assert beside.groups == {HIDDEN: (HIDDEN,)}  # another beside it does not take its place
-    spanned = after(((HIDDEN,), False, 1.0), groups={HIDDEN: (OTHER, "a with b")})
-    assert spanned.groups == {HIDDEN: (HIDDEN, OTHER)}
+    for probability, told in (
+        (0.02, (HIDDEN, OTHER)),
+        (0.005, (HIDDEN,)),
+    ):  # what is refuted is told apart, however alike
+        rivals = ((HIDDEN,), False, 1 - probability), ((OTHER,), False, probability)
+        assert after(*rivals, groups={HIDDEN: (OTHER, "a with b")}).groups == {HIDDEN: told}
 
 
 def test_with_quick_what_the_test_excludes_is_no_look_alike():
@@ -179,6 +183,15 @@ def test_rounds_that_go_back_to_the_less_probable_are_run_again_without_it(monke
     assert [rival.name in names for names in tried] == [True, False]
     assert result.final.names == (HIDDEN,)
     assert result.replaced == (rival.name,)
+
+
+def test_what_is_less_probable_is_put_in_the_place_of_no_effect():
+    """More beside the best explanation, a part of it, and what is as probable are no exchange to the less probable."""
+    best, alike, poor = ("a", "b"), ("a", "c"), ("a", "d")
+    alternatives = Alternatives.of([Explanation(best, 0.0, False), Explanation(alike, -1.0, False), Explanation(poor, -3.0, False)])  # fmt: skip
+    first = alternatives.explanations[0]
+    for names, left in ((poor, {"d"}), (("a", "e"), {"e"}), (alike, set()), (("a",), set()), (("a", "b", "e"), set())):
+        assert decision._less_probable(names, first, alternatives) == left
 
 
 def test_a_model_that_explains_nothing_and_predicts_worse_takes_no_place(monkeypatch):

@@ -630,6 +630,8 @@ def test_nothing_is_excluded_beside_a_model_that_leaves_more_than_noise():
     assert [p.effect for p in powers] == [p.effect for p in quiet.powers]
     true = replace(found(0.0), weighing=weighed(0.03))
     assert any(p.finding is Finding.FOUND for p in true.powers)
+    unnamed = replace(true, closest=("second invariant",)).powers
+    assert [p.finding for p in unnamed if p.value is not None] == [Finding.IN_MODEL]
     assert not any(p.finding is Finding.FOUND for p in replace(true, verdict=Verdict.NOT_EXPLAINED).powers)
 
 
