@@ -24,6 +24,7 @@ from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
 from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel, FittedSet
 from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
 from calibrate.diagnosis.replayed.parameter_spread import Directions, Spread
+from calibrate.diagnosis.replayed.replay_rule import Judgement
 from calibrate.diagnosis.replayed.updating import Updated
 from calibrate.diagnosis.residual_tests import ChiSquare
 from calibrate.diagnosis.score_tests import Score, Status
@@ -475,7 +476,7 @@ def test_a_model_that_corrects_the_load_cell_is_drawn_as_the_cell_reads():
 
 
 def test_the_model_to_predict_with_is_said_first():
-    """Of what was found its replay; of what nothing explains the model that replays best, which may be neo-Hooke, and none where the final model does better than both."""
+    """Of what was found its replay; of what nothing explains the final model within its band, else the model that replays best, which may be neo-Hooke, and none where a final model outside of its band does better than both."""
     good, bad = (check(observations(only_held(size))) for size in (1.0, 30.0))
     named_one = replace(explained(), replay_check=good)
     assert recommendation(named_one).startswith("To predict with: model.json. By finite elements")
@@ -486,7 +487,11 @@ def test_the_model_to_predict_with_is_said_first():
     worse = replace(open_one, few=few_effects(bad.final, good.final))
     assert recommendation(worse).startswith("To predict with: model_neo_hooke.json.")
     assert "It is one modulus" in recommendation(worse)
-    neither = replace(open_one, replay_check=good, few=few_effects(bad.final, bad.final))
+    within = replace(open_one, replay_check=good, few=few_effects(bad.final, bad.final))
+    assert recommendation(within).startswith("To predict with: model.json.")
+    assert "identifies no effect" in recommendation(within)
+    outside = replace(good, judgement=Judgement(ChiSquare(1e4, 6), None, False))
+    neither = replace(within, replay_check=outside)
     assert recommendation(neither).startswith("Nothing to predict another test with beyond doubt")
     assert recommendation(replace(open_one, few=None)).startswith(
         "Nothing to predict another test with: nothing explains"
@@ -558,8 +563,8 @@ def test_fields_that_noise_cannot_tell_apart_refuse_no_model_that_meets_the_forc
     noise = nothing().problem.trained[0].experiment.noise.total_std
     rows = replace(good.final.rows, squares=good.final.rows.squares + (more * noise) ** 2)
     few = few_effects(replace(good.final, rows=rows), bad.final)
-    check_of_base = good if file is None else bad
-    found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=check_of_base, few=few)
+    of_base = replace(good if file is None else bad, judgement=Judgement(ChiSquare(1e4, 6), None, False))
+    found = replace(nothing(), verdict=Verdict.NOT_EXPLAINED, replay_check=of_base, few=few)
     said = f"To predict with: {file}." if file else "Nothing to predict"
     assert recommendation(found).startswith(said)
 

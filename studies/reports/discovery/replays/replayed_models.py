@@ -21,7 +21,7 @@ FEW_FILES = (
     "model_few_effects.json",
     *(f"model_few_effects_{k}.json" for k in range(2, RIVALS + 2)),
 )  # the most probable first
-NEO_HOOKE_FILE = "model_neo_hooke.json"
+FINAL_FILE, NEO_HOOKE_FILE = "model.json", "model_neo_hooke.json"
 
 
 def few_models(found: Discovery) -> list[tuple[str, str, FewModel]]:
@@ -70,7 +70,7 @@ def neo_hooke_replay(found: Discovery) -> Replayed | None:
 
 
 def to_predict_with(found: Discovery) -> str | None:
-    """File of the first of these, where nothing explains the test: the most probable few effects, neo-Hooke; of which neither force nor field of what was held out is
+    """File of the first of these, where nothing explains the test: the final model, if its replay stays within its band; the most probable few effects; neo-Hooke; of which neither force nor field of what was held out is
     missed by more (`misses_more`) than another replayed model misses them. None where each is beaten in one of both, or misses forces by more than a model that is not to be used, or none was replayed."""
     offered, check = [(file, one) for file, one in _offered(found) if not _is_poor(one)], found.replay_check
     others = [one for _, one in _offered(found)] + ([check.final] if isinstance(check, ReplayCheck) else [])
@@ -82,9 +82,14 @@ def to_predict_with(found: Discovery) -> str | None:
 
 
 def _offered(found: Discovery) -> list[tuple[str, Replayed]]:
-    """The most probable few effects, where these are not none, and neo-Hooke by their files, those that were replayed. Sets that compete are not chosen by what was held out."""
+    """The final model where its replay stays within its band, the most probable few effects, where these are not none, and neo-Hooke by their files, those that were replayed. Sets that compete are not chosen by what was held out."""
+    if not isinstance(found.few, FewEffects):
+        return []
+    check = found.replay_check
+    within = isinstance(check, ReplayCheck) and not check.judgement.outside and not check.stand_ins[1]
+    final = [(FINAL_FILE, check.final)] if isinstance(check, ReplayCheck) and within else []
     few = [(file, one.replayed) for _, file, one in few_models(found)[:1] if one.usable and one.usable.additions]
-    return [(file, one) for file, one in (*few, (NEO_HOOKE_FILE, neo_hooke_replay(found))) if one is not None]
+    return [(file, one) for file, one in (*final, *few, (NEO_HOOKE_FILE, neo_hooke_replay(found))) if one is not None]
 
 
 def _is_poor(one: Replayed) -> bool:
@@ -100,10 +105,10 @@ def _all_are_poor(found: Discovery) -> bool:
 def recommendation(found: Discovery) -> str:
     """Which model file to predict with, and what it and others miss by finite elements."""
     check, explained = found.replay_check, found.verdict is not Verdict.NOT_EXPLAINED
-    final = [("model.json", check.final)] if isinstance(check, ReplayCheck) else []
+    final = [(FINAL_FILE, check.final)] if isinstance(check, ReplayCheck) else []
     models = dict(final if explained else [*_offered(found), *final])
     return WORDS.to_predict_with(
-        file="model.json" if explained else to_predict_with(found),
+        file=FINAL_FILE if explained else to_predict_with(found),
         missed={file: one.judged.to_dict() for file, one in models.items()},
         held=any(bool(one.rows.held.any()) for one in models.values()),
         explained=explained,
