@@ -41,6 +41,9 @@ class Reason(Macro):
     UNCONVERGED = "unconverged"
 
 
+BY_NOISE = 10.0  # over the square of signal to noise: more than that of the stiffness noise does not take away
+
+
 @dataclass(frozen=True)
 class Limits:
     """Above the first a reservation, above the second not to be used. Force errors: relative. chi_square: reduced; nominal_chi_square: where no force is known. attenuation:
@@ -172,6 +175,7 @@ def _of_noise(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:
     if level is not None:
         yield level, _finding(Reason.ABOVE_NOISE, reduced_chi_square=q.reduced_chi_square)
     level = _level(q.attenuation, limits.attenuation)
+    ratio = min(one.ratio for one in q.signals)
     if level is not None and not q.level_is_nominal:  # forces that say nothing attenuate by themselves
         yield (
             level,
@@ -179,7 +183,7 @@ def _of_noise(q: Quality, limits: Limits) -> Iterator[tuple[bool, Finding]]:
                 Reason.ATTENUATED,
                 factor=q.attenuation,
                 raised=q.raised,
-                by_noise=not q.reduced_chi_square > limits.chi_square[0],
+                by_noise=not q.reduced_chi_square > limits.chi_square[0] and q.attenuation - 1 < BY_NOISE / ratio**2,
             ),
         )
     level = _level(q.relative_deviation, limits.deviation)

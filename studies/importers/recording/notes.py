@@ -128,22 +128,37 @@ def strain_notes(experiment: Experiment) -> list[str]:
 
 def pull_notes(experiment: Experiment) -> list[str]:
     """Of a sheet that is pulled along one axis: whether it widens, and whether its length and its force go in opposite directions."""
-    forces = np.nan_to_num(
-        max((b.force for b in experiment.loaded), key=lambda force: np.nanmax(np.abs(force), initial=0.0))
-    )
     if experiment.is_biaxial:
         return []
     along, across = int(np.argmax(experiment.largest_forces)), int(np.argmin(experiment.largest_forces))
-    force = forces[:, along] * np.sign(forces[np.argmax(np.abs(forces[:, along])), along])
-    strains = np.array([mean_strains(experiment.points, u)[0] for u in experiment.displacements])
+    strains = _mean_strains(experiment)
     most, notes = int(np.argmax(np.abs(strains[:, along]))), []
     if strains[most, across] / strains[most, along] > AUXETIC:
         notes.append(WORDS.note_auxetic(pull="xy"[along], along=strains[most, along], across=strains[most, across]))
-    steps = [np.diff(values) / max(float(np.ptp(values)), 1e-300) for values in (strains[:, along], force)]
-    opposed = (steps[0] * steps[1] < 0) & (np.minimum(*np.abs(steps)) > OPPOSED)
-    if opposed.any():
-        notes.append(WORDS.note_opposed(increments=numbers((np.flatnonzero(opposed) + 2).tolist())))
+    if opposed := against_the_force(experiment):
+        notes.append(WORDS.note_opposed(increments=numbers(opposed)))
     return notes
+
+
+def against_the_force(experiment: Experiment) -> list[int]:
+    """Increments, from 1, to which the elongation goes one way and the force the other, each by more than `OPPOSED` of its range; none of a test that is pulled along two axes."""
+    if experiment.is_biaxial:
+        return []
+    along = int(np.argmax(experiment.largest_forces))
+    forces = max((b.force for b in experiment.loaded), key=lambda force: np.nanmax(np.abs(force), initial=0.0))
+    known = np.flatnonzero(np.isfinite(forces[:, along]))
+    if len(known) < 2:
+        return []
+    force = forces[known, along] * np.sign(forces[known, along][np.argmax(np.abs(forces[known, along]))])
+    pairs = _mean_strains(experiment)[known, along], force
+    steps = [np.diff(one) / max(float(np.ptp(one)), 1e-300) for one in pairs]
+    opposed = (steps[0] * steps[1] < 0) & (np.minimum(*np.abs(steps)) > OPPOSED)
+    return [int(k) + 1 for k in known[1:][opposed]]
+
+
+def _mean_strains(experiment: Experiment) -> NDArray[np.float64]:
+    """(t, 2)."""
+    return np.array([mean_strains(experiment.points, u)[0] for u in experiment.displacements])
 
 
 def apparent_modulus(experiment: Experiment) -> float:

@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 from calibrate.data.experiment import Experiment
 from calibrate.fitting.noise.noise_check import NoiseCheck
+from studies.importers.recording.notes import against_the_force
 from studies.output.findings import Finding, Macro
 
 FAR = 1.5  # factor between the noise that is used and the stated one, from which it is a warning
@@ -20,12 +21,15 @@ class ExperimentCode(Macro):
     BULK_MODULUS = "bulk_modulus_with_unknown_noise"
     PICTURES = "pictures_used"
     NOISE_FOUND = "noise_found"
+    AGAINST = "against_the_force"
 
 
 def experiment_findings(experiment: Experiment, noise_is_known: bool) -> list[Finding]:
-    """Pictures that were not used; forces that do not balance; a bulk modulus that unknown noise may have lowered."""
+    """Pictures that were not used; forces that do not balance; increments that get longer while the force falls; a bulk modulus that unknown noise may have lowered."""
     unbalanced = imbalance(experiment)
     found = pictures(experiment) + ([] if unbalanced is None else [unbalanced])
+    if increments := against_the_force(experiment):
+        found.append(Finding("experiment", ExperimentCode.AGAINST, {"name": experiment.name, "increments": increments}))
     if experiment.plane == "strain" and not noise_is_known:
         found.append(Finding("experiment", ExperimentCode.BULK_MODULUS))
     return found

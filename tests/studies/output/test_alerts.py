@@ -115,6 +115,7 @@ def poor_test(**changes: Any) -> Any:
         "force_imbalance": (0.2, 0.01),
         "n_increments": 5,
         "provenance": {},
+        "is_biaxial": True,
     }
     return SimpleNamespace(**{**known, "level_is_nominal": False, **changes})
 
@@ -165,11 +166,19 @@ def laws(*found: Any) -> Any:
 
 
 STIFF = replace(neo_hooke(), parameters=1e4 * neo_hooke().parameters)  # as of kN for N, and Pa for MPa
+
+
+def swapped(experiment: Any) -> Any:
+    """With the last two pictures in another order than their forces."""
+    return replace(experiment, displacements=experiment.displacements[[*range(experiment.n_increments - 2), -1, -2]])
+
+
 ERRORS = ReplayErrors(100.0, 90, 0.01, 0.1)
 POLISHED = PolishRecord(Kept.POLISHED, neo_hooke(), neo_hooke(), 2, ERRORS, ERRORS, ERRORS, ERRORS)
 HELD = SimpleNamespace(increments=3, relative_force_error=0.02, chi_square_per_equation=1.1)
 OF_CALIBRATION: dict[str, Callable[[], Findings]] = {
     "experiment.forces_do_not_balance": lambda: fit_findings.findings(review()),
+    "experiment.against_the_force": lambda: experiment_findings(swapped(sheet()), True),
     "experiment.pictures_used": lambda: experiment_findings(chosen(sheet(), (1, 3)), True),
     "experiment.bulk_modulus_with_unknown_noise": lambda: fit_findings.findings(review(None)),
     "calibration.noise_unknown": lambda: fit_findings.findings(review(None)),
