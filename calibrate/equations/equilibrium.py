@@ -265,11 +265,11 @@ def check_force_sign(system: Equilibrium) -> None:
     modulus, correlation = best_shear_modulus(system, basis)
     if modulus < 0 and correlation < -0.3:
         raise errors.ForceSignError(
-            f"measured forces oppose the measured deformation (correlation {correlation:.2f}): internal and external "
-            f"power have opposite signs; a force is that of the grip ON the specimen, positive along +x, +y{_if_noise(e)}"
+            f"{e.name}: measured forces oppose the measured deformation (correlation {correlation:.2f}): internal and external "
+            f"power have opposite signs; a force is that of the grip ON the specimen, positive along +x, +y; in a column map force.sign turns it{_if_noise(e)}"
         )
     if not modulus > 0 or correlation < 0.3:
         raise errors.ForceSignError(
-            f"measured forces and deformation do not belong together (correlation {correlation:.2f}); check which "
+            f"{e.name}: measured forces and deformation do not belong together (correlation {correlation:.2f}); check which "
             f"boundary carries which force, the synchronisation of images and forces, and their signs{_if_noise(e)}"
         )

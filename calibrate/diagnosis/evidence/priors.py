@@ -105,7 +105,9 @@ def _prior(path: Path, name: str, entry: object) -> Prior:
     if name not in known:
         raise errors.ConfigError(f"{path}: no effect is named '{name}'; choose from {', '.join(sorted(known))}")
     if not isinstance(entry, dict) or set(entry) - KEYS:
-        raise errors.ConfigError(f"{path}: ['{name}'] has the keys {', '.join(sorted(KEYS))} and no others")
+        raise errors.ConfigError(
+            f"{path}: ['{name}'] may have the keys {', '.join(repr(key) for key in sorted(KEYS))}, and no others"
+        )
     if "std" not in entry:
         raise errors.ConfigError(f"{path}: ['{name}'] has no std; give its standard deviation")
     std, of = entry["std"], entry.get("of", "")

@@ -25,6 +25,7 @@ from studies.reports.experiments.experiment_findings import pictures
 from studies.reports.model_remarks import model_remarks
 
 Array = NDArray[np.float64]
+ANOTHER = 0.5  # relative force error, above which model and test have other units, or are of other materials
 UNDEFORMED = 1e-3  # of I1 - 3, below which a triangle is no extrapolation
 
 
@@ -72,9 +73,8 @@ class Forecast:
     def findings(self) -> list[Finding]:
         """What a reader of the error should know."""
         e = self.experiment
-        found: list[tuple[Remark, dict[str, object]]] = [
-            (Remark.ERROR, {"name": e.name, "relative_force_error": self.error})
-        ]
+        error = {"name": e.name, "relative_force_error": self.error}
+        found: list[tuple[Remark, dict[str, object]]] = []
         if self.factor is not None:
             found.append((Remark.ONE_FACTOR, {"factor": self.factor, "of_model": self.nominal_model}))
         if self.outside > 0:
@@ -85,7 +85,8 @@ class Forecast:
             found.append((Remark.LEFT_OUT, {"effects": list(self.left_out)}))
         if self.without_twin:
             found.append((Remark.WITHOUT_TWIN, {"effects": list(self.without_twin)}))
-        return [*self.remarks, *pictures(e), *(Finding("prediction", code, data) for code, data in found)]
+        first = Finding("prediction", Remark.ERROR, error, self.error > ANOTHER)
+        return [*self.remarks, *pictures(e), first, *(Finding("prediction", code, data) for code, data in found)]
 
 
 def forecast(path: Path, experiment: Experiment) -> Forecast:

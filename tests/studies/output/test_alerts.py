@@ -509,6 +509,7 @@ CASES = {**OF_HEADLINE, **OF_CALIBRATION, **OF_DISCOVERY, **OF_OTHERS}
 
 # the higher severity, where the numbers ask for it
 RAISED: dict[str, Callable[[], Findings]] = {
+    "P507": lambda: forecast(forces={b.name: 1e3 * b.force for b in sheet().loaded}),
     "D110": lambda: of_nothing(levels=(Level("first", 1.0, 1.0), Level("second", 0.44, 0.44, 0.01))),
     "D103": lambda: reasons(signals=WEAK, level_is_nominal=True),
     "D111": lambda: of_two_tests(1.6),
