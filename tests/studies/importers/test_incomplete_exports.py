@@ -115,7 +115,7 @@ def test_what_a_wrong_sign_and_a_wrong_order_look_like_is_said() -> None:
     (wide,) = pull_notes(pulled_strip(there_and_back, forces, 0.4))
     assert "30 % along y" in wide and "12 % across" in wide and "sign" in wide
     (swapped,) = pull_notes(pulled_strip([0.1, 0.3, 0.2, 0.4, 0.5], [1.0, 2.0, 3.0, 4.0, 5.0]))
-    assert "increment before to 3:" in swapped and "--order" in swapped
+    assert "increment 3 from" in swapped and "--order" in swapped
     held = [0.1, 0.3, 0.3, 0.301, 0.301]  # a relaxing force is no contradiction
     assert pull_notes(pulled_strip(held, [1.0, 3.0, 2.5, 2.3, 2.2])) == []
     both = pulled_strip(there_and_back, forces, 0.9)
