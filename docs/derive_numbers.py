@@ -218,6 +218,13 @@ FOREIGN_SETS = (
         "revision 57778956, in the order of the plan; stopped for time, looked at when 11, 23 and 35 were there and at the end",
         frozenset(NEARLY),
     ),
+    TrialSet(
+        "foreign_97000.json",
+        FOREIGN.format(97000),
+        "intervals with the error of the formula, rivals that replay what was fitted, rounds that exchange nothing for the less probable",
+        "revisions ac6f4766 (45) and 41a6bf29 (22), in the order of the plan; stopped for time and for the next version, looked at when 24 were there and at the end",
+        frozenset(NEARLY),
+    ),
 )
 
 
