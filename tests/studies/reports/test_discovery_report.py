@@ -218,6 +218,15 @@ def test_not_explained_says_how_much_is_left():
     assert not Statement.of(loud).may_be_false_alarm and Statement.of(loud).residual.more_than_noise
 
 
+def test_an_effect_without_a_name_is_told_with_its_probability():
+    """Whether it is too small to be named or not probable enough; with --quick there is none."""
+    found = replace(explained(), named=(), closest=("second invariant",), weighing=None)
+    assert "second invariant (c01" in verdict(view(found)) and "probability" not in verdict(view(found))
+    known = [Explanation(("second invariant",), 0.0, False), Explanation((), -0.85, False)]
+    weighed = replace(found, weighing=Weighing(Alternatives.of(known), {}, (), True))
+    assert "MPa; probability 70 %)" in verdict(view(weighed))
+
+
 def test_the_dominant_effect_of_what_is_not_explained_is_said_with_those_that_leave_little_more():
     found = replace(explained(), verdict=Verdict.NOT_EXPLAINED, named=(), closest=("second invariant",))
     traced = replace(found, dominant=DominantEffect("second invariant", 0.934, ("upturn",)))
