@@ -11,19 +11,18 @@ not explained, and the dominant effect; missed; and a wrong name, or a wrong dom
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from calibrate.diagnosis.evidence.priors import read_priors
 from calibrate.effects import CATALOGUE, Effect
 from calibrate.effects.chain import Addition
-from calibrate.models.parameter_covariance import Z95
 from studies.output.alerts import Alert, registry
 from studies.output.words import percent
 from studies.trials.foreign import FOREIGN as FOREIGN_FORMS
 from studies.trials.foreign import NEARLY
-from studies.trials.judgement import JudgedTrial, read
+from studies.trials.judgement import JudgedAmplitude, JudgedTrial, read
 from studies.trials.trial_summary import FIELD, summary
 
 FOLDER = Path(__file__).parent
@@ -322,8 +321,13 @@ def foreign_trials() -> dict[str, Any]:
     recent = [one for one in FOREIGN_SETS if int(one.seed) >= RECENT and not one.same_seeds]
     pooled = [trial for one in recent for trial in one.judged]
     n, since = numbers(largest.judged) | _by_form([largest]), numbers(pooled) | _by_form(recent)
-    before = [pull for one in recent if int(one.seed) < WITH_FORMULA for pull in _pulls_with_formula(one.judged)]
-    since |= {"amplitudes_before": len(before), "amplitudes_with_formula": sum(abs(pull) < Z95 for pull in before)}
+    before = [trial for one in recent if int(one.seed) < WITH_FORMULA for trial in one.judged]
+    as_they_were, widened = summary(before), summary([_with_formula(one) for one in before])
+    since |= {
+        "amplitudes_before": as_they_were.amplitudes,
+        "amplitudes_before_within": as_they_were.amplitudes_within,
+        "amplitudes_with_formula": widened.amplitudes_within,
+    }
     columns = {
         f"one version, {n['trials']} trials": n,
         f"the last {len(recent)} versions, {since['trials']} trials": since,
@@ -336,22 +340,16 @@ def foreign_trials() -> dict[str, Any]:
     }
 
 
-def _pulls_with_formula(trials: list[JudgedTrial]) -> list[float]:
-    """Of the same amplitudes of single effects as `trial_summary.pulls`, over deviations that hold the error of the formula; those of a warp lack its next orders."""
+def _with_formula(one: JudgedTrial) -> JudgedTrial:
+    """The same amplitudes over deviations that hold the error of the formula; those of a warp lack its next orders."""
     known = {effect.name: effect for effect in CATALOGUE}
-    found = []
-    for a in (
-        a
-        for one in trials
-        if len(one.hidden) == 1
-        for a in one.amplitudes
-        if a and a.effect in one.named and a.effect != FIELD
-    ):
+
+    def widened(a: JudgedAmplitude) -> JudgedAmplitude:
         addition = Addition(known[a.effect], tuple(a.amplitudes.values()))
-        deviations = addition.with_formula_error(tuple(a.deviations.values()))
-        pairs = zip(a.amplitudes.items(), deviations, strict=True)
-        found += [(value - a.true[name]) / deviation for (name, value), deviation in pairs if a.true.get(name)]
-    return found
+        wider = dict(zip(a.amplitudes, addition.with_formula_error(tuple(a.deviations.values())), strict=True))
+        return replace(a, pulls={name: pull * a.deviations[name] / wider[name] for name, pull in a.pulls.items()})
+
+    return replace(one, amplitudes=[a and widened(a) for a in one.amplitudes])
 
 
 def _by_form(sets: list[TrialSet]) -> dict[str, int]:

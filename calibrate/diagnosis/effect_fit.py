@@ -232,8 +232,8 @@ def _linearised(problem: Problem, point: _Point, known: _Linearised | None, take
         base = orthonormal(A)
     else:
         chains, base, A = known.chains, known.base, known.A
-    variables = Variables(point.additions)
-    scale, S, outside = variables.scale, *2 * [np.zeros((len(r), 0))]
+    variables, S = Variables(point.additions), np.zeros((len(r), 0))
+    scale, outside = variables.scale, S
     if point.additions:
         S = equations.signatures(problem, chains, c, point.additions) * scale
         outside = S - base @ (base.T @ S)

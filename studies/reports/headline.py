@@ -41,7 +41,7 @@ class Reason(Macro):
     UNCONVERGED = "unconverged"
 
 
-BY_NOISE = 10.0  # over the square of signal to noise: more than that of the stiffness noise does not take away
+BY_NOISE = 10.0  # over the square of signal to noise; noise alone takes about one over it of a stiffness away (regression dilution), and more than this not
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ class Power:
     @property
     def beside_a_misfit(self) -> Power:
         """Of a model that explains nothing: what it excludes may be part of that, and what it has may stand in for it."""
-        decided = self.finding in (Finding.EXCLUDED, Finding.FOUND, Finding.IN_MODEL)
+        decided = self.finding in (Finding.EXCLUDED, Finding.FOUND)
         return replace(self, finding=Finding.UNDECIDED, limit=None) if decided else self
 
 

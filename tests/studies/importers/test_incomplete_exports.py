@@ -118,6 +118,7 @@ def test_what_a_wrong_sign_and_a_wrong_order_look_like_is_said() -> None:
     assert "increment 3 from" in swapped and "--order" in swapped
     held = [0.1, 0.3, 0.3, 0.301, 0.301]  # a relaxing force is no contradiction
     assert pull_notes(pulled_strip(held, [1.0, 3.0, 2.5, 2.3, 2.2])) == []
+    assert pull_notes(pulled_strip([0.1, 0.2, 0.3, 0.4], [1.0, 2.0, np.nan, 4.0])) == []  # nor is one that is not known
     both = pulled_strip(there_and_back, forces, 0.9)
     both.loaded.append(SimpleNamespace(force=np.array(forces)[:, None] * [1.0, 0.0]))
     assert pull_notes(both) == []

@@ -599,6 +599,14 @@ def test_a_factor_that_no_noise_can_make_is_not_told_as_one() -> None:
     assert "by a factor of 1.60" in reasons(attenuation=1.6)[0].text
 
 
+@pytest.mark.parametrize(("ratio", "blamed"), [(3.5, True), (24.0, False)])
+def test_noise_is_blamed_for_no_more_than_it_can_take_away(ratio: float, blamed: bool) -> None:
+    """Regression dilution is one over the square of signal to noise: 8 % at 3.5, 0.2 % at 24."""
+    (told,) = reasons(attenuation=1.6, signals=(StrainSignal(0.3, 0.3 / ratio, 0),))
+    assert ("noise in the strain" in told.text) is blamed
+    assert ("what the model misses" in told.text) is not blamed
+
+
 # --- the registry ---------------------------------------------------------------------------------------------
 
 
