@@ -5,7 +5,7 @@ In: the `Discovery` of the rounds, its `Weighing`. Out: the `Discovery` that bot
 1. Where a fitted explanation is more than three times as probable as the final model of the rounds (positive evidence; Kass and Raftery 1995), they are run on from
    it, and what they end with takes the place of that model (where they put what is less probable in the place of an effect of the explanation, again without that); not where it explains the test no better and predicts what was held out worse, nor where
    the rounds explain the test and it does not.
-2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together. Its group: effects
+2. An effect is named where the explanations with it, or with one of its group, have a probability above 95 % together, also where the rounds have it in an explanation and give it no name; two at most. Its group: effects
    that take its place in explanations of more than 5 %, and those in whose span alone it lies and that have more than 1 %.
 3. Where that none is needed is three times as probable as all else together, and the residual of the base is no more than noise, or than noise that is somewhat larger than described, there is nothing: neither a candidate that is
    significant nor what the rounds have added without an explanation is an alarm.
@@ -134,12 +134,22 @@ def _judged(found: Discovery, weighing: Weighing) -> Discovery:
     groups = {name: _group(name, found.final.names, weighing) for name in found.final.names}
     if found.verdict is not Verdict.EXPLAINED:
         return replace(found, groups=groups)
-    alternatives = weighing.alternatives
-    certain = tuple(name for name in found.named if alternatives.together(groups[name]) > CERTAIN)
+    certain = _certain(found, groups, weighing.alternatives)
     if certain:
         closest = tuple(name for name in found.final.names if name not in certain)
         return replace(found, named=certain, closest=closest, groups=groups)
     return replace(found, groups=groups).doubted(Doubt.NOT_NEEDED)
+
+
+def _certain(found: Discovery, groups: Mapping[str, tuple[str, ...]], alternatives: Alternatives) -> tuple[str, ...]:
+    """Effects to be named. What the rounds have in the model without a name, as it is small beside another, is certain in spite of the error of the other's formula, which the probabilities have in them;
+    unless it is nested in the other, or there were more names than an explanation has."""
+    final = found.final
+    sure = [name for name in final.names if alternatives.together(groups[name]) > CERTAIN]
+    named = tuple(name for name in found.named if name in sure)
+    nested = {a.effect.name for a in final.additions if a.effect.nested_in in final.names}
+    more = tuple(name for name in sure if name in named or name not in nested)
+    return more if named and len(more) <= found.thresholds.most_named else named
 
 
 def _believed(found: Discovery, priors: Priors) -> Discovery:

@@ -63,6 +63,32 @@ def test_an_effect_is_named_by_its_probability_alone_or_with_those_like_it():
         assert after(*rivals, groups={HIDDEN: (OTHER, "a with b")}).groups == {HIDDEN: told}
 
 
+@pytest.mark.parametrize(
+    ("both", "nested", "most", "named"),
+    [
+        (0.97, False, 2, (HIDDEN, OTHER)),  # certain in spite of what the formula of the other may be wrong by
+        (0.90, False, 2, (HIDDEN,)),
+        (0.97, True, 2, (HIDDEN,)),  # may be what a series leaves out
+        (0.97, False, 1, (HIDDEN,)),  # more names than an explanation has
+    ],
+)
+def test_a_lesser_effect_of_an_explanation_is_named_where_it_is_certain(monkeypatch, both, nested, most, named):
+    good, rival = explained(), next(e for e in FEW if e.name == OTHER)
+    if nested:
+        monkeypatch.setattr(type(rival), "nested_in", HIDDEN)
+    (mine,), (error,) = good.final.additions, good.final.errors
+    two = replace(good.final, additions=(mine, Addition(rival, (0.001,))), errors=(error, (0.0005,)))
+    there = replace(good, rounds=(good.rounds[0], replace(good.rounds[1], fit=two)), closest=(OTHER,))
+    there = replace(there, thresholds=replace(there.thresholds, most_named=most))
+    known = [
+        Explanation((HIDDEN, OTHER), float(np.log(both))),
+        Explanation((HIDDEN,), float(np.log(1 - both)), additions=(mine,)),
+    ]
+    result = decided(there, Weighing(Alternatives.of(known), {}, (), True), read_priors(), FEW)
+    assert result.verdict is Verdict.EXPLAINED and result.named == named
+    assert result.closest == tuple(name for name in (HIDDEN, OTHER) if name not in named)
+
+
 def test_with_quick_what_the_test_excludes_is_no_look_alike():
     """Nor what it has itself: the rounds take effects of a similar signature together, whatever a limit beside the final model says."""
     parameter = next(e for e in FEW if e.name == OTHER).amplitudes[0]
