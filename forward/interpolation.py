@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from forward._dolfinx import QUADRATURE_DEGREE, basix
 from forward.errors import SolutionError
 from meshes import Mesh
 from meshes.elements import Element
@@ -124,6 +123,8 @@ def gauss_points(mesh: Mesh) -> tuple[Array, Array, Array]:
 def gauss_rule(mesh: Mesh) -> tuple[Array, Array]:
     """Local coordinates (q, 2) and weights (q,) of the points of a cell: nine of a quad; of a triangle those of Xiao and Gimbutas (2010) for the fifth degree."""
     if mesh.element.corners == 3:
+        from forward._dolfinx import QUADRATURE_DEGREE, basix
+
         return basix.make_quadrature(basix.CellType.triangle, QUADRATURE_DEGREE)
     x, w = np.polynomial.legendre.leggauss(3)
     return np.array([(a, b) for b in x for a in x]), np.outer(w, w).ravel()

@@ -174,10 +174,20 @@ class Equilibrium:
 
     def internal_forces(self, P: Array) -> Array:
         """Internal virtual work (..., 2 n_fields), N, of first Piola-Kirchhoff stresses (..., m, 2, 2), MPa."""
-        leading = P.shape[:-3]
-        flat = P.reshape(-1, P.shape[-3], 2, 2)
-        work = [np.concatenate([self.virtual_gradients @ p[:, i].ravel() for i in (0, 1)]) for p in flat]
-        return np.array(work).reshape(*leading, -1)
+        m = P.shape[-3]
+        columns = P.reshape(-1, m, 2, 2).transpose(1, 3, 0, 2).reshape(2 * m, -1)
+        work = (self.virtual_gradients @ columns).reshape(self.fields.n_fields, -1, 2)
+        return work.transpose(1, 2, 0).reshape(*P.shape[:-3], -1)
+
+    @cached_property
+    def neo_hookean(self) -> Array:
+        """Internal virtual work (k, t, 2 n_fields), N, of a neo-Hookean solid with a shear modulus of 1 MPa (or N/mm), and in plane strain of such a bulk modulus."""
+        f = self.isochoric_gradients
+        P = f - np.linalg.inv(f).swapaxes(-1, -2) / np.linalg.det(f)[..., None, None] ** 2
+        if self.experiment.plane == "stress":
+            return self.internal_forces(P[None])
+        F = self.deformation_gradients
+        return self.internal_forces(np.stack([plane_strain.stress(F, P, 0.0), plane_strain.volumetric(F)]))
 
 
 def equilibrium(experiment: Experiment, spacing: float | None = None) -> Equilibrium:
@@ -203,34 +213,33 @@ def neo_hooke(basis: Basis, shear_modulus: float = 1.0, bulk_modulus: float = 0.
 
 
 def best_neo_hooke(system: Equilibrium, basis: Basis, used: NDArray[np.bool_] | None = None) -> Array:
-    """Coefficients (n_functions,), MPa (or N/mm), of the neo-Hookean solid that fits the measured forces best, of those equations (t, 2 v) that are `used`: start of the weighting."""
-    if not isinstance(basis, PlaneStrainBasis):
-        return neo_hooke(basis, best_shear_modulus(system, basis, used)[0])
-    shear, bulk = neo_hooke(basis), neo_hooke(basis, 0.0, 1.0)
+    """Coefficients (n_functions,) of the neo-Hookean solid with `best_moduli`."""
+    return neo_hooke(basis, *best_moduli(system, used))
+
+
+def best_moduli(system: Equilibrium, used: NDArray[np.bool_] | None = None) -> tuple[float, ...]:
+    """Shear modulus, and in plane strain bulk modulus, MPa (or N/mm), of the neo-Hookean solid that fits the measured forces best, of those equations (t, 2 v) that are `used`: start of the weighting."""
+    if system.experiment.plane == "stress":
+        return (best_shear_modulus(system, used)[0],)
+    of_moduli, known = _of_forces(system, used)
+    mu, kappa = nnls(of_moduli.T, known)[0]
+    return max(mu, 1e-3 * kappa), max(kappa, mu / 3)
+
+
+def _of_forces(system: Equilibrium, used: NDArray[np.bool_] | None) -> tuple[Array, Array]:
+    """`neo_hookean` (k, n), N per MPa, and loads (n,), N, of measured forces that are used; of all measured ones where none of them is."""
     rows = np.tile(system.fields.boundary >= 0, 2)
-    both = np.array(
-        [system.matrix(basis, F)[rows] @ np.stack([shear, bulk], axis=1) for F in system.deformation_gradients]
-    )
-    known = _known(system, rows, used)
-    mu, kappa = nnls(both[known], system.loads[:, rows][known])[0]
-    return max(mu, 1e-3 * kappa) * shear + max(kappa, mu / 3) * bulk
+    known = np.isfinite(system.loads) & rows
+    some = known if used is None else known & used
+    some = some if some.any() else known
+    return system.neo_hookean[:, some], system.loads[some]
 
 
-def _known(system: Equilibrium, rows: NDArray[np.bool_], used: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-    """Which of the loads (t, r) of some rows (2 v,) are measured, and used; all that are measured where none of them is used."""
-    known = np.isfinite(system.loads[:, rows])
-    some = known if used is None else known & used[:, rows]
-    return some if some.any() else known
-
-
-def best_shear_modulus(system: Equilibrium, basis: Basis, used: NDArray[np.bool_] | None = None) -> tuple[float, float]:
+def best_shear_modulus(system: Equilibrium, used: NDArray[np.bool_] | None = None) -> tuple[float, float]:
     """Least-squares neo-Hookean modulus, MPa (or N/mm), from the measured forces alone, and their correlation with the
-    model's; in plane strain of a solid whose Poisson ratio is a quarter. used: see `best_neo_hooke`."""
-    c = neo_hooke(basis, 1.0, 5 / 3)
-    rows = np.tile(system.fields.boundary >= 0, 2)
-    predicted = np.array([system.matrix(basis, F)[rows] @ c for F in system.deformation_gradients])
-    measured, known = system.loads[:, rows], _known(system, rows, used)
-    a, b = predicted[known], measured[known]
+    model's; in plane strain of a solid whose Poisson ratio is a quarter. used: see `best_moduli`."""
+    of_moduli, b = _of_forces(system, used)
+    a = np.array([1.0, 5 / 3])[: len(of_moduli)] @ of_moduli
     return float(a @ b / (a @ a)), float(a @ b / np.sqrt((a @ a) * (b @ b) + 1e-300))
 
 
@@ -260,9 +269,7 @@ def check_force_sign(system: Equilibrium) -> None:
         raise errors.MissingForceError(
             f"{e.name}: every measured force is zero; check the column of the load cell, or give NaN for what was not measured"
         )
-    energy = SingleBasis(0, 1.0, 8)
-    basis = energy if e.plane == "stress" else PlaneStrainBasis(energy)
-    modulus, correlation = best_shear_modulus(system, basis)
+    modulus, correlation = best_shear_modulus(system)
     if modulus < 0 and correlation < -0.3:
         raise errors.ForceSignError(
             f"{e.name}: measured forces oppose the measured deformation (correlation {correlation:.2f}): internal and external "

@@ -18,7 +18,7 @@ from calibrate import errors
 from calibrate.data.experiment import Experiment
 from calibrate.equations import reduction
 from calibrate.equations.basis import Basis, basis_for, energy_basis
-from calibrate.equations.equilibrium import Equilibrium, equilibrium
+from calibrate.equations.equilibrium import Equilibrium, best_shear_modulus, equilibrium
 from calibrate.equations.inputs import INPUT_SETS
 from calibrate.equations.weights import Weights
 from calibrate.fitting import network_fit, paper_loss, uncertainty
@@ -234,7 +234,7 @@ def _calibrate_slsqp(system: Equilibrium, basis: Basis, options: Options) -> Cal
     nodal = paper_loss.nodal_system(system.experiment)
     inputs = np.nan_to_num(basis.site_inputs)
     scales = 1.0 / np.maximum(np.abs(inputs).max(axis=0), 1e-300)
-    level = paper_loss.best_shear_modulus_of(system) * float(np.max(1.0 / scales[list(INPUT_SETS[options.inputs])]))
+    level = best_shear_modulus(system)[0] * float(np.max(1.0 / scales[list(INPUT_SETS[options.inputs])]))
     architecture = pann.Architecture(options.inputs, tuple(options.layers), (float(scales[0]), float(scales[1])), level)
     loss = paper_loss.full_loss(nodal, architecture, options.scaling)
     keys = jax.random.split(jax.random.key(options.seed), options.starts)

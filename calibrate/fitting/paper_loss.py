@@ -28,7 +28,7 @@ from scipy.optimize import minimize
 from calibrate import errors
 from calibrate.data.experiment import Experiment
 from calibrate.equations import kinematics
-from calibrate.equations.basis import Basis, SingleBasis
+from calibrate.equations.basis import Basis
 from calibrate.equations.equilibrium import Equilibrium, best_shear_modulus
 from calibrate.equations.reduction import Quadratic
 from calibrate.equations.virtual_fields import nodal_fields
@@ -46,7 +46,7 @@ def nodal_system(experiment: Experiment) -> Equilibrium:
 def force_scales(system: Equilibrium) -> tuple[float, float]:
     """C_F at the neo-Hookean start (whatever the inputs of the model) and C_L, both N^2."""
     psi = np.zeros((*system.deformation_gradients.shape[:2], 2))
-    psi[..., 0] = 0.5 * best_shear_modulus_of(system)
+    psi[..., 0] = 0.5 * best_shear_modulus(system)[0]
     return float(_element_force_max(system, psi)), _load_max(system.experiment)
 
 
@@ -131,11 +131,6 @@ def full_loss(system: Equilibrium, architecture: pann.Architecture, scaling: str
         return imbalance + jnp.sum((sums - measured) ** 2) / (c_l * n_t)
 
     return jax.jit(jax.value_and_grad(loss))
-
-
-def best_shear_modulus_of(system: Equilibrium) -> float:
-    """Neo-Hookean modulus that fits the measured forces, MPa."""
-    return best_shear_modulus(system, SingleBasis(0, 1.0, 8))[0]
 
 
 def slsqp(value_and_gradient: Callable, architecture: pann.Architecture, start: Array, limit: int = 300) -> FullFit:

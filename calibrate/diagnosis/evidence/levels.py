@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibrate.data.experiment import Experiment
 from calibrate.diagnosis.problem import Rows, all_rows
 from calibrate.effects.effect import Parameter
 from calibrate.effects.force_gain import ForceGain
-from calibrate.equations.basis import PlaneStrainBasis, SingleBasis
-from calibrate.equations.equilibrium import Equilibrium, best_shear_modulus, equilibrium
+from calibrate.equations.equilibrium import best_shear_modulus, equilibrium
 from calibrate.errors import ForceSignError
 
 
@@ -71,19 +69,12 @@ def at_one_level(
 
 def _modulus(experiment: Experiment, train: Rows, spacing: float | None) -> float:
     system = equilibrium(experiment, spacing)
-    modulus = neo_hookean_modulus(system, train(system) & all_rows(system))
+    modulus = best_shear_modulus(system, train(system) & all_rows(system))[0]
     if not modulus > 0:
         raise ForceSignError(
             f"{experiment.name}: the forces that are fitted oppose the measured deformation; a force is that of the grip ON the specimen"
         )
     return modulus
-
-
-def neo_hookean_modulus(system: Equilibrium, used: NDArray[np.bool_]) -> float:
-    """MPa (or N/mm), of the forces of a test among the equations `used` (t, 2 v), see `best_shear_modulus`."""
-    energy = SingleBasis(0, 1.0, 8)
-    basis = energy if system.experiment.plane == "stress" else PlaneStrainBasis(energy)
-    return best_shear_modulus(system, basis, used)[0]
 
 
 def divided(experiment: Experiment, factor: float) -> Experiment:

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from calibrate.diagnosis.distillation import bulk_modulus
-from calibrate.diagnosis.evidence.levels import neo_hookean_modulus
 from calibrate.diagnosis.replayed.checked_replay import ReplayCheck
 from calibrate.diagnosis.selection import Discovery, Verdict
 from calibrate.effects.chain.readings import are_of_the_clock
 from calibrate.effects.inclusion import Inclusion
 from calibrate.effects.unmeasured_strip import UnmeasuredStrip
+from calibrate.equations.equilibrium import best_shear_modulus
 from calibrate.fitting.calibrated_range import WEAK_SIGNAL
 from calibrate.models.fitness import Use
 from calibrate.models.parameter_covariance import Z95
@@ -208,7 +208,7 @@ def _of_stiffness(view: View) -> Iterator[Finding]:
 def _of_moduli(view: View) -> Iterator[Finding]:
     """Of several tests whose level is known, where their stiffness differs."""
     parts = [part for part in view.discovery.problem.trained if not part.experiment.level_is_nominal]
-    moduli = {part.experiment.name: neo_hookean_modulus(part.system, part.train.rows) for part in parts}
+    moduli = {part.experiment.name: best_shear_modulus(part.system, part.train.rows)[0] for part in parts}
     if len(moduli) > 1 and max(moduli.values()) > OTHER_MODULUS[0] * min(moduli.values()):
         far = max(moduli.values()) > OTHER_MODULUS[1] * min(moduli.values())
         yield _finding(DiscoveryCode.MODULI_DIFFER, far, moduli=moduli, unit=view.unit)
