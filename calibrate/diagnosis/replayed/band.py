@@ -49,9 +49,10 @@ class Alternative:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """parts: covariances (N, N) by their names."""
+    """parts: covariances (N, N) by their names. rivals: what each of the competing explanations adds to the variance (N,)."""
 
     parts: Mapping[str, Array] = field(repr=False)
+    rivals: Mapping[tuple[str, ...], Array] = field(default_factory=dict, repr=False)
 
     @property
     def covariance(self) -> Array:
@@ -62,6 +63,15 @@ class Band:
     def deviation(self) -> Array:
         """Standard deviation (N,) of measured minus replayed."""
         return np.sqrt(np.diag(self.covariance))
+
+    def largest_part(self, where: Mask) -> tuple[str, tuple[str, ...]] | None:
+        """What makes more than half of the variance of some rows (N,), and of competing explanations the one that makes most of it; None where no part does."""
+        variances = {name: float(np.diag(V)[where].sum()) for name, V in self.parts.items()}
+        name = max(variances, key=lambda one: variances[one])
+        if not variances[name] > 0.5 * sum(variances.values()):
+            return None
+        most = max(self.rivals, key=lambda one: self.rivals[one][where].sum()) if name == ALTERNATIVES else ()
+        return name, most
 
 
 def errors_of_rows(final: Observations, base: Observations, spread: Array) -> dict[str, Array]:
@@ -89,7 +99,7 @@ def band_of(
     changes = [(one.share, final.residual - one.rows.residual) for one in alternatives]
     parts[ALTERNATIVES] = np.sum([p * np.outer(d, d) for p, d in changes], axis=0) + np.zeros_like(final.noise)
     parts[BEYOND] = _extrapolation(final, beyond)
-    return Band(parts)
+    return Band(parts, {one.names: p * d**2 for one, (p, d) in zip(alternatives, changes, strict=True)})
 
 
 def level_deviation(level: Level, final: Observations, base: Observations, spread: Array) -> float:

@@ -10,7 +10,7 @@ import pytest
 from made_up_replay import FORCE_STD, INCREMENTS, check, observations, only_held
 
 from calibrate.diagnosis.replayed import updating
-from calibrate.diagnosis.replayed.band import BEYOND, FORMULA, NOISE, Alternative, band_of, discretisation
+from calibrate.diagnosis.replayed.band import ALTERNATIVES, BEYOND, FORMULA, NOISE, Alternative, band_of, discretisation
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, replay_record
 from calibrate.diagnosis.replayed.observations import Observations, ReplayErrors, level_of
 from calibrate.diagnosis.replayed.replay_rule import LEVEL, is_rival, is_worse, judge
@@ -202,6 +202,25 @@ def test_alternatives_open_the_band_by_their_probability():
     growth = np.diag(wide.covariance - plain.covariance)[held]
     assert growth == pytest.approx((10 * FORCE_STD) ** 2 / 2)
     assert not plain.parts[BEYOND].any() and plain.parts[NOISE].any()
+
+
+def test_what_makes_most_of_a_band_is_known():
+    """Of two competing explanations the one whose probability times the square of its difference is larger; nothing where no part is more than half."""
+    final, lag, set_ = observations(), observations(only_held(10.0)), observations(only_held(3.0))
+    level, held = level_of(final), final.held & final.is_force
+    given = final, final, level, np.zeros((len(held), 0))
+    both = (Alternative(("permanent set",), 0.6, set_), Alternative(("lag",), 0.3, lag))
+    assert band_of(*given, both, np.zeros(len(held))).largest_part(held) == (ALTERNATIVES, ("lag",))
+    assert band_of(*given, (), np.zeros(len(held))).largest_part(held) == (NOISE, ())
+    beyond = band_of(*given, (), np.where(final.held, 1.0, 0.0))
+    assert beyond.largest_part(held) == (BEYOND, ()) and beyond.largest_part(final.is_force & ~final.held) == (
+        NOISE,
+        (),
+    )
+    equal = band_of(*given, both[:1], np.zeros(len(held)))
+    noise = np.diag(equal.parts[NOISE])[held].sum() / np.diag(equal.parts[ALTERNATIVES])[held].sum()
+    equal.parts[ALTERNATIVES][:] *= noise
+    assert equal.largest_part(held) is None
 
 
 def test_what_misses_the_fitted_pictures_by_far_is_no_rival():

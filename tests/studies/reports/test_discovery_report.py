@@ -20,6 +20,7 @@ from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation,
 from calibrate.diagnosis.evidence.explanations import Finding as PowerFinding
 from calibrate.diagnosis.misfit import misfit
 from calibrate.diagnosis.model_weights import noise_of
+from calibrate.diagnosis.replayed.band import ALTERNATIVES, BEYOND, Band
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck
 from calibrate.diagnosis.replayed.few_effects import FewEffects, FewModel, FittedSet
 from calibrate.diagnosis.replayed.observations import ReplayErrors as ErrorsOfReplay
@@ -644,6 +645,23 @@ def test_a_replay_is_said_and_its_level_is_that_of_the_amplitudes():
     assert len(fields) == INCREMENTS and all(row[-1] > 0 for row in fields)
     content_of_file = json.loads(json.dumps(content(view(found))))
     assert content_of_file["replay"]["final"]["level"] == pytest.approx(1 / 1.07)
+
+
+def test_what_makes_a_wide_band_is_said():
+    """A competing explanation by its effects; nothing of a band that is no wider than the error of a load cell."""
+    one = check(observations())
+    forces = np.diag(100 * np.square(np.where(one.final.rows.is_force, one.final.rows.measured, 0.0)) * 1e-4)
+    for part, words in ((ALTERNATIVES, "a competing explanation, lag and axis gain,"), (BEYOND, "extrapolation")):
+        band = Band({**one.band.parts, part: forces}, {("lag", "axis gain"): np.diag(forces)})
+        found = replace(explained(), replay_check=replace(one, band=band))
+        (said,) = (each.text for each in remarks(view(found)) if each.code is ReplayCode.REPLAYED)
+        assert f"band 20 %, most of it by {words}" in said
+        kept = json.loads(json.dumps(content(view(found))))["replay"]["most_of_force_band"]
+        assert kept == {"part": part, "effects": ["lag", "axis gain"] if part == ALTERNATIVES else []}
+    (said,) = (
+        each.text for each in remarks(view(replace(explained(), replay_check=one))) if each.code is ReplayCode.REPLAYED
+    )
+    assert "most of it" not in said
 
 
 def test_a_residual_that_is_noise_is_called_so_where_what_was_held_out_is_not():

@@ -10,13 +10,14 @@ import numpy as np
 from calibrate.diagnosis.replayed.averaged import Averaged
 from calibrate.diagnosis.replayed.checked_replay import NoReplayCheck, ReplayCheck, Replayed
 from calibrate.diagnosis.replayed.observations import ReplayErrors
-from calibrate.diagnosis.replayed.replay_rule import LEVEL
+from calibrate.diagnosis.replayed.replay_rule import LEVEL, LOAD_CELL
 from calibrate.diagnosis.selection import Discovery
 from calibrate.models.parameter_covariance import Z95
 from studies.output.findings import Finding, Macro
 from studies.output.words import percent, plus_minus
 
 Table = tuple[list[str], list[list[Any]]]
+TOLD_FROM = 2 * LOAD_CELL  # half of a band of forces, relative, from which it is told what makes most of it
 BASE, FINAL, NEO_HOOKE = "base model", "final model", "neo-Hooke"
 
 
@@ -89,6 +90,7 @@ def errors_data(check: ReplayCheck) -> dict[str, Any]:
         "force": None if np.isnan(after.force) else [before.force, after.force, band.force],
         "field": [before.field, after.field],
         "smooth": [*check.smooth, band.field],
+        "made_by": check.made_by if band.force > TOLD_FROM else None,
         "levels": level_words(check),
     }
 
