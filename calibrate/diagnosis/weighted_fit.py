@@ -5,6 +5,7 @@ In: a `Problem`, effects, where to start. Out: the problem with the weights that
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +31,7 @@ def fit_with_weights(problem: Problem, c: Array, additions: Additions) -> tuple[
     problem = model_weights.amplified(problem, additions)
     fit = effect_fit.refit(problem, c, additions)
     for _ in range(TURNS):
-        if not _is_far(problem.amplifying, fit):
+        if not _is_far([a for a in problem.amplifying if a.effect.rough], fit):
             break
         before = {a.effect.name: a for a in problem.amplifying}
         middle = tuple(_mean(before.get(a.effect.name, a), a) for a in fit.additions)
@@ -39,13 +40,12 @@ def fit_with_weights(problem: Problem, c: Array, additions: Additions) -> tuple[
     return problem, fit
 
 
-def _is_far(weights: Additions, fit: Fit) -> bool:
-    """Whether a rough effect that the weights know has other amplitudes in the fit."""
+def _is_far(weights: Sequence[Addition], fit: Fit) -> bool:
+    """Whether an effect that the weights know has other amplitudes in the fit."""
     found = {a.effect.name: (a.amplitudes, d) for a, d in zip(fit.additions, fit.errors, strict=True)}
     return any(
         abs(x - y) > NEAR * d
         for old in weights
-        if old.effect.rough
         for x, y, d in zip(old.amplitudes, *found[old.effect.name], strict=True)
     )
 
@@ -66,9 +66,14 @@ def fit_with_own_weights(problem: Problem, c: Array, additions: Additions) -> tu
 
 
 def refitted(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
-    """With the weights of a fit, at displacements without the noise that shows in its residual, and fitted again."""
-    problem = model_weights.reweighted(problem, fit.c, fit.additions, fit.chains)
-    return fit_with_weights(problem, fit.c, fit.additions)
+    """With the weights of a fit, at displacements without the noise that shows in its residual, and fitted again; once or twice more where an effect in the material has other amplitudes then:
+    beside weights with a smaller relaxation its noise would be taken for a misfit, beside a larger one a misfit for noise."""
+    for _ in range(1 + TURNS):
+        problem = model_weights.reweighted(problem, fit.c, fit.additions, fit.chains)
+        problem, fit = fit_with_weights(problem, fit.c, fit.additions)
+        if not _is_far([a for a in problem.amplifying if a.effect.in_material], fit):
+            break
+    return problem, fit
 
 
 def without_superfluous(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:

@@ -34,7 +34,7 @@ class RefusalReason(StrEnum):
     """Why a significant effect is not added to the model."""
 
     INADMISSIBLE = "inadmissible amplitude"
-    IMPOSSIBLE = "amplitudes that no body has together"
+    IMPOSSIBLE = "values that no body has together, or a relaxation time far beyond the test"
     NO_BETTER_FIT = "no fit with it is better"
     DEGENERATE = "degenerate member of a family"
     NULL_AMPLITUDE = "amplitude not distinct from none"

@@ -33,12 +33,12 @@ MU, SLOW, FAST = 0.4, (0.2, 40.0), (0.25, 2.0)  # MPa; g and tau, s
 FIRST, SECOND = (next(e for e in CATALOGUE if e.name == name) for name in ("viscoelasticity", "second relaxation time"))
 
 
-def held(*branches: tuple[float, float]):
-    """A ramp, a pause and the way back, by 8 % of strain; branches with a multiplicative split, which both forms of the catalogue are at so small a strain."""
+def held(*branches: tuple[float, float], noise: float = 4e-5):
+    """A ramp, a pause and the way back, by 8 % of strain; branches with a multiplicative split, which both forms of the catalogue are at so small a strain. noise: of displacements, over the length scale of the camera."""
     sheet = Sheet(NeoHooke(MU), 1.0, branches=tuple(MaxwellBranch(g * MU, tau) for g, tau in branches))
     pull = Loading.clamped(PLATE.loaded, 10.0)
     true = solve_history(quads(PLATE, size_factor=3.0), sheet, pull, FACTORS, TIMES, substeps=8)
-    return camera.observe(true, triangles(PLATE, n_nodes=500), camera.Camera(relative_noise=4e-5, force_noise=2e-4), 3)
+    return camera.observe(true, triangles(PLATE, n_nodes=500), camera.Camera(relative_noise=noise, force_noise=2e-4), 3)
 
 
 @pytest.mark.slow
@@ -49,6 +49,15 @@ def test_both_times_are_found():
     values = sorted((a.amplitudes[0] / (MU if a.effect.has_spring else 1), a.shape[0]) for a in found.final.additions)
     for (g, tau), (true_g, true_tau) in zip(values, sorted((SLOW, FAST)), strict=True):
         assert g == pytest.approx(true_g, rel=0.05) and tau == pytest.approx(true_tau, rel=0.2)
+
+
+def test_weights_have_the_relaxation_of_the_fit():
+    """From one that is half as large again, with which a misfit would be taken for noise: chi-square was too small by a tenth."""
+    problem, base = prepare([held(FAST, noise=1e-3)], [all_rows])
+    weights, fit = weighted_fit.fit_with_own_weights(problem, base.c, (Addition(FIRST, (0.25,), (2.0,)),))
+    (known,), (found,), ((deviation,),) = weights.amplifying, fit.additions, fit.errors
+    assert abs(known.amplitudes[0] - found.amplitudes[0]) < weighted_fit.NEAR * deviation
+    assert found.amplitudes[0] == pytest.approx(FAST[0], abs=3 * deviation)
 
 
 def test_a_fit_that_leaves_nothing_of_the_base_is_a_named_error(monkeypatch):
