@@ -144,10 +144,15 @@ class _Objective:
         return _Point(factor, additions, np.concatenate([self._white(e), *pulls]))
 
     def slopes(self, point: _Point) -> Array:
-        """Derivatives of `_Point.r` (m + a, 1 + k)."""
+        """Derivatives of `_Point.r` (m + a, 1 + k). Raises `FitError` where one of those of the forces is not finite."""
         directions = Directions.of(point.factor * self.c, point.additions, self.c[:, None], point.factor)
         used = _of_memory(point.additions) if self.of_memory else np.ones(len(directions.sizes), bool)
         rows = self._white(self.replayed.slopes(directions, used))
+        if not np.isfinite(rows).all():
+            names = " and ".join(a.effect.name for a in point.additions)
+            raise FitError(
+                f"the forces of a replay with {names} have no finite derivative, so that it cannot be updated by them"
+            )
         known = [self.priors[a.effect.name][1] for a in point.additions]
         sizes = Variables(point.additions).sizes
         each = [np.eye(len(own), size) / own[:, None] for own, size in zip(known, sizes, strict=True)]
@@ -155,9 +160,9 @@ class _Objective:
         return np.concatenate([rows, pull]) * used
 
     def _white(self, rows: Array) -> Array:
-        """Forces (m, ...) of unit variance, of all rows (N, ...)."""
+        """Forces (m, ...) of unit variance, of all rows (N, ...); not finite where a trial is not."""
         forces = rows[_used(self.replayed.rows)]
-        return np.asarray(scipy.linalg.solve_triangular(self.lower, forces, lower=True))
+        return np.asarray(scipy.linalg.solve_triangular(self.lower, forces, lower=True, check_finite=False))
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,6 +124,34 @@ def test_without_an_equilibrium_or_a_force_nothing_is_updated():
         update(Replays(is_force=False), np.array([1.5]), start(0.5, 3.0), PRIORS)
 
 
+def test_a_trial_that_is_not_finite_is_not_taken_and_a_derivative_that_is_not_is_named():
+    """Beyond a relaxation time of 10 s there is no force in the first, anywhere no derivative in the second."""
+
+    class Broken(Replays):
+        def __init__(self, near, slopes):
+            super().__init__()
+            self.change = near, slopes
+
+        def __call__(self, c, additions):
+            rows = super().__call__(c, additions)
+            near, slopes = self.change
+            beyond = np.nan if near else 0.0
+            return ReplayedRows(
+                rows.rows,
+                lambda d, others: rows.near(d, others) + (beyond if others[0].shape[0] > 10.0 else 0.0),
+                lambda directions, used: rows.slopes(directions, used) + (np.nan if slopes else 0.0),
+                (),
+            )
+
+    far = (Addition(EFFECTS["viscoelasticity"], (0.75,), (60.0,)), start(0.5, 3.0)[1])
+    found = update(Broken(True, False), np.array([1.5]), start(0.5, 3.0), PRIORS, [far])
+    assert found.converged and found.additions[0].amplitudes[0] * found.additions[0].shape[0] == pytest.approx(
+        G * TAU, rel=0.1
+    )
+    with pytest.raises(FitError, match="viscoelasticity and second invariant have no finite derivative"):
+        update(Broken(False, True), np.array([1.5]), start(0.5, 3.0), PRIORS)
+
+
 def test_a_shape_that_forces_do_not_see_is_uncertain_by_itself():
     """Relaxation of no strength, whose time is anything."""
     priors = PRIORS | {"viscoelasticity": (np.zeros(1), np.full(1, 1e-9))}
