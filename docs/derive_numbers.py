@@ -224,6 +224,13 @@ FOREIGN_SETS = (
         "revisions ac6f4766 (45) and 41a6bf29 (22), in the order of the plan; stopped for time and for the next version, looked at when 24 were there and at the end",
         frozenset(NEARLY),
     ),
+    TrialSet(
+        "foreign_98000.json",
+        FOREIGN.format(98000),
+        "lesser effects named where they are certain, weights with the amplitudes of the fit",
+        "revisions e13cdb46 (41, of the first of both) and 27d78e00 (17), in the order of the plan; stopped for time, looked at when 16, 40 and 50 were there and at the end",
+        frozenset(NEARLY),
+    ),
 )
 
 
