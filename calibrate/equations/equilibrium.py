@@ -183,7 +183,10 @@ class Equilibrium:
     def neo_hookean(self) -> Array:
         """Internal virtual work (k, t, 2 n_fields), N, of a neo-Hookean solid with a shear modulus of 1 MPa (or N/mm), and in plane strain of such a bulk modulus."""
         f = self.isochoric_gradients
-        P = f - np.linalg.inv(f).swapaxes(-1, -2) / np.linalg.det(f)[..., None, None] ** 2
+        (a, b), (c, d) = np.moveaxis(f, (-2, -1), (0, 1))
+        cofactor = np.stack([np.stack([d, -c], -1), np.stack([-b, a], -1)], -2)
+        with np.errstate(divide="ignore", invalid="ignore"):  # of a triangle that noise makes a line
+            P = f - cofactor / (a * d - b * c)[..., None, None] ** 3
         if self.experiment.plane == "stress":
             return self.internal_forces(P[None])
         F = self.deformation_gradients

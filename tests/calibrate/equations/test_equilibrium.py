@@ -213,6 +213,14 @@ def test_a_specimen_that_does_not_move_or_is_not_pulled_is_named(experiment):
         equations.equilibrium(with_forces(experiment, lambda f: 0 * f), SPACING)
 
 
+def test_a_triangle_that_is_a_line_is_a_named_error(experiment):
+    """All points of a picture on one: there is no stress, nor a modulus."""
+    flat = experiment.displacements.copy()
+    flat[0, :, 1] = -experiment.points[:, 1]
+    with pytest.raises(errors.EquigapError):
+        equations.equilibrium(replace(experiment, displacements=flat), SPACING)
+
+
 def test_modulus_from_forces_of_a_neo_hookean_plate(experiment):
     neo_hooke = plate_experiment(synthetic.MooneyRivlin(0.15, 0.0))
     system = equations.equilibrium(neo_hooke, SPACING)
