@@ -191,6 +191,10 @@ class Effect:
         """Whether a body can have these amplitudes (p,) together, beyond the limits of each."""
         return True
 
+    def is_told(self, data: Data, shape: Any) -> bool:
+        """Whether a test can tell these shapes from farther ones; of several tests one that can is enough."""
+        return True
+
     def missing(self, data: Data) -> str | None:
         """What the data lack for this effect to be tested ('time', 'unloading', ...), or None."""
         return None

@@ -26,7 +26,7 @@ class Relaxation(Effect):
     def missing(self, data):
         return lacks_rate(data)
 
-    def is_possible(self, data, a, shape):
+    def is_told(self, data, shape):
         """Of a longer time a test sees a slope over time alone, however stiff the spring is."""
         return shape[0] < LONGEST * data.time[-1]
 

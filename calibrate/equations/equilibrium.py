@@ -17,7 +17,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -28,6 +31,7 @@ from calibrate.data.experiment import Experiment
 from calibrate.equations import isochoric as plane_strain
 from calibrate.equations import kinematics, recovery
 from calibrate.equations.basis import Basis, PlaneStrainBasis, SingleBasis, energy_basis, tangent_modulus
+from calibrate.equations.tensors import Tensors
 from calibrate.equations.virtual_fields import VirtualFields, virtual_fields
 
 Array = NDArray[np.float64]
@@ -172,25 +176,32 @@ class Equilibrium:
         """`gradient` with both directions of a triangle one below the other."""
         return sp.bsr_array(self.gradient, blocksize=(2, 1))
 
-    def internal_forces(self, P: Array) -> Array:
+    def internal_forces(self, P: Any) -> Array:
         """Internal virtual work (..., 2 n_fields), N, of first Piola-Kirchhoff stresses (..., m, 2, 2), MPa."""
-        m = P.shape[-3]
-        columns = P.reshape(-1, m, 2, 2).transpose(1, 3, 0, 2).reshape(2 * m, -1)
-        work = (self.virtual_gradients @ columns).reshape(self.fields.n_fields, -1, 2)
-        return work.transpose(1, 2, 0).reshape(*P.shape[:-3], -1)
+        return virtual_work(self.virtual_gradients, P)
 
     @cached_property
     def neo_hookean(self) -> Array:
         """Internal virtual work (k, t, 2 n_fields), N, of a neo-Hookean solid with a shear modulus of 1 MPa (or N/mm), and in plane strain of such a bulk modulus."""
-        f = self.isochoric_gradients
-        (a, b), (c, d) = np.moveaxis(f, (-2, -1), (0, 1))
-        cofactor = np.stack([np.stack([d, -c], -1), np.stack([-b, a], -1)], -2)
-        with np.errstate(divide="ignore", invalid="ignore"):  # of a triangle that noise makes a line
-            P = f - cofactor / (a * d - b * c)[..., None, None] ** 3
+        f = Tensors.of(jnp.asarray(self.isochoric_gradients))
+        P = (f - f.cofactor * f.det**-3).array
         if self.experiment.plane == "stress":
             return self.internal_forces(P[None])
         F = self.deformation_gradients
-        return self.internal_forces(np.stack([plane_strain.stress(F, P, 0.0), plane_strain.volumetric(F)]))
+        return self.internal_forces(jnp.stack([plane_strain.stress(F, P, 0.0), plane_strain.volumetric(F)]))
+
+
+def virtual_work(virtual: sp.csr_array | sp.csc_array, stress: Any) -> Array:
+    """(..., 2 v), N, of stresses (..., m, 2, 2), MPa; virtual (v, 2 m): thickness x area x gradient of each virtual field, mm^2."""
+    shape = np.shape(stress)
+    found = np.moveaxis((virtual @ np.asarray(_columns(stress))).reshape(-1, *shape[:-3], 2), 0, -1)
+    return found.reshape(*shape[:-3], -1)
+
+
+@jax.jit
+def _columns(stress: Any) -> Any:
+    """(2 m, ...) of stresses (..., m, 2, 2): their second index beside the triangle."""
+    return jnp.moveaxis(stress, (-3, -1), (0, 1)).reshape(2 * stress.shape[-3], -1)
 
 
 def equilibrium(experiment: Experiment, spacing: float | None = None) -> Equilibrium:

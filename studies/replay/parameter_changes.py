@@ -51,8 +51,15 @@ def of_parameters(test: ComparedTest, changes: LawChanges, directions: Direction
     start = Departure(test, changes, directions.c, directions.additions, level)
     columns = np.zeros((changes.rows.measured.size, len(directions.sizes)))
     for i in np.flatnonzero(used).tolist():
-        columns[:, i] = start.to(*directions.moved(i)) / directions.sizes[i]
+        columns[:, i] = _derivative(start, directions, i)
     return columns
+
+
+def _derivative(start: Departure, directions: Directions, i: int) -> Array:
+    """(k rows,) by the i-th unknown, from the side where there is a stress: a compressible sheet has none beyond some amplitudes."""
+    found = start.to(*directions.moved(i))
+    side = 1.0 if np.isfinite(found).all() else -1.0
+    return (found if side > 0 else start.to(*directions.moved(i, side))) / (side * directions.sizes[i])
 
 
 def _solved(additions: Additions) -> Additions:

@@ -30,7 +30,7 @@ from calibrate.diagnosis.evidence.linear_evidence import Evidence, Subset, over_
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
 from calibrate.diagnosis.problem import Problem
-from calibrate.diagnosis.selection.candidate_fit import has_soft_base, is_at_bounds, is_possible
+from calibrate.diagnosis.selection.candidate_fit import has_soft_base, is_at_bounds, is_possible, is_told
 from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Additions, Chain
@@ -173,7 +173,8 @@ def _fitted(
     except errors.FitError:
         return None
     refused = fit.free_loss >= WORSE * base.free_loss or has_soft_base(fit, base, DEFAULT)
-    refused |= not all(is_possible(problem, one) for one in fit.additions) or any(map(_is_degenerate, fit.additions))
+    refused |= not all(is_possible(problem, one) and is_told(problem, one) for one in fit.additions)
+    refused |= any(map(_is_degenerate, fit.additions))
     refused |= is_at_bounds(problem, fit.additions)
     return None if refused else (own, fit)
 

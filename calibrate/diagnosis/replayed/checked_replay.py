@@ -95,8 +95,8 @@ class ReplayCheck:
         return ReplayErrors(force, Z95 * smooth_error(rows, fields, variance))
 
     @property
-    def made_by(self) -> tuple[str, tuple[str, ...]] | None:
-        """What makes most of the band of the forces, see `Band.largest_part`."""
+    def largest_part(self) -> tuple[str, tuple[str, ...]] | None:
+        """Of the band of the forces, see `Band.largest_part`."""
         return self.band.largest_part(self.final.rows.judged & self.final.rows.is_force)
 
     @property
@@ -118,7 +118,7 @@ class ReplayCheck:
             "band": self.expected.to_dict(),
             "smooth_field": list(self.smooth),
             "share_of_force_band": parts,
-            "most_of_force_band": None if self.made_by is None else {"part": self.made_by[0], "effects": list(self.made_by[1])},
+            "largest_part_of_force_band": None if self.largest_part is None else dict(zip(("part", "effects"), self.largest_part, strict=True)),
             **{f"{name}_test": None if test is None else {"chi_square": test.value, "rows": test.degrees, "p": test.p_value}
                for name, test in tests.items()},
             "p": self.judgement.p_value,

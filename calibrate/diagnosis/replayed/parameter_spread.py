@@ -39,14 +39,14 @@ class Directions:
             c, additions, base, STEP * np.concatenate([np.full(base.shape[1], stiffness), Variables(additions).scale])
         )
 
-    def moved(self, i: int) -> tuple[Array, Additions]:
-        """Coefficients (n,) and effects with the i-th unknown larger by its size."""
+    def moved(self, i: int, side: float = 1.0) -> tuple[Array, Additions]:
+        """Coefficients (n,) and effects with the i-th unknown larger by its size, or smaller with a side of -1."""
         p = self.base.shape[1]
         if i < p:
-            return self.c + self.sizes[i] * self.base[:, i], self.additions
+            return self.c + side * self.sizes[i] * self.base[:, i], self.additions
         variables = Variables(self.additions)
         values = variables.values.copy()
-        values[i - p] += self.sizes[i]
+        values[i - p] += side * self.sizes[i]
         return self.c, variables.at(values)
 
 

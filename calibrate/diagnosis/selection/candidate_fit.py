@@ -101,6 +101,8 @@ def objection(model: Model, now: Round, candidate: Candidate, thresholds: Thresh
         return RefusalReason.INADMISSIBLE
     if not all(is_possible(model.problem, one) for one in candidate.fit.additions):
         return RefusalReason.IMPOSSIBLE
+    if not all(is_told(model.problem, one) for one in candidate.fit.additions):
+        return RefusalReason.UNTOLD
     if candidate.addition.effect.is_degenerate(candidate.addition.shape):
         return RefusalReason.DEGENERATE
     if has_soft_base(candidate.fit, now.fit, thresholds):
@@ -124,6 +126,11 @@ def is_at_bounds(problem: Problem, additions: Additions) -> bool:
 def is_possible(problem: Problem, one: Addition) -> bool:
     """In every test that was fitted."""
     return all(one.effect.is_possible(data, one.amplitudes, one.shape) for data in problem.tests)
+
+
+def is_told(problem: Problem, one: Addition) -> bool:
+    """By one of the tests that were fitted."""
+    return any(one.effect.is_told(data, one.shape) for data in problem.tests)
 
 
 def has_soft_base(fit: Fit, base: Fit, thresholds: Thresholds) -> bool:

@@ -64,12 +64,12 @@ def not_continued(additions: Additions) -> Additions:
 
 
 def is_sound(candidate: Candidate, problem: Problem) -> bool:
-    """Whether a fitted effect is there and no simpler one under another name, and it and those beside it are possible."""
+    """Whether a fitted effect is there and no simpler one under another name, and it and those beside it are possible and told by a test."""
     addition = candidate.addition
     assert candidate.fit is not None
     assert addition is not None
     additions = candidate.fit.additions
-    possible = all(candidate_fit.is_possible(problem, one) for one in additions)
+    possible = all(candidate_fit.is_possible(problem, a) and candidate_fit.is_told(problem, a) for a in additions)
     if not possible or candidate_fit.is_at_bounds(problem, additions):
         return False
     return not addition.effect.is_degenerate(addition.shape) and addition in candidate.fit.distinct

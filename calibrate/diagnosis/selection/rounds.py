@@ -34,7 +34,8 @@ class RefusalReason(StrEnum):
     """Why a significant effect is not added to the model."""
 
     INADMISSIBLE = "inadmissible amplitude"
-    IMPOSSIBLE = "values that no body has together, or a relaxation time far beyond the test"
+    IMPOSSIBLE = "amplitudes that no body has together"
+    UNTOLD = "shape that no test tells from farther ones"
     NO_BETTER_FIT = "no fit with it is better"
     DEGENERATE = "degenerate member of a family"
     NULL_AMPLITUDE = "amplitude not distinct from none"

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from calibrate.effects.support.effect_data import Data
+from calibrate.equations.equilibrium import virtual_work
 
 Array = NDArray[np.float64]
 BYTES = 8e6  # of one tensor in all increments of a block
@@ -47,19 +47,6 @@ class Block:
         t = len(forces)
         flat = self.virtual.T @ np.moveaxis(forces.reshape(t, 2, -1), -1, 0).reshape(-1, 2 * t)
         return np.ascontiguousarray(np.moveaxis(flat.reshape(-1, 2, t, 2), (2, 3), (0, 2)))
-
-
-def virtual_work(virtual: sp.csc_array, stress: Any) -> Array:
-    """Virtual work (..., t, 2 v), N, of stresses (..., t, b, 2, 2), MPa; virtual (v, 2 b): see `Block`."""
-    shape = np.shape(stress)
-    found = np.moveaxis((virtual @ np.asarray(_columns(stress))).reshape(-1, *shape[:-3], 2), 0, -1)
-    return found.reshape(*shape[:-3], -1)
-
-
-@jax.jit
-def _columns(stress: Any) -> Any:
-    """(2 b, ...) of stresses (..., b, 2, 2): their second index beside the triangle."""
-    return jnp.moveaxis(stress, (-3, -1), (0, 1)).reshape(2 * stress.shape[-3], -1)
 
 
 def blocks(data: Data, virtual: sp.csr_array, most: float = BYTES, of_one_size: int = OF_ONE_SIZE) -> tuple[Block, ...]:

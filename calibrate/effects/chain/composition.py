@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from calibrate.effects.chain import noise_spread, readings
 from calibrate.effects.chain.addition import Addition, Additions, place_of
 from calibrate.effects.chain.block_run import OF_INCREMENTS, BlockRun
-from calibrate.effects.chain.blocks import Block, blocks, virtual_work, whole
+from calibrate.effects.chain.blocks import Block, blocks, whole
 from calibrate.effects.chain.linearisation import Constants, Linearisation, Memory, Quantities, Stage
 from calibrate.effects.chain.quantities import DISPLACEMENTS, LOADS, MEASURED, PLACES, STRESS, TIME, Base
 from calibrate.effects.chain.seen_rows import SeenRows, by_measured
@@ -131,7 +131,7 @@ class Chain:
 
     def work(self, stress: Any) -> Array:
         """Virtual work (..., t, 2 v), N, of stresses (..., t, m, 2, 2)."""
-        return virtual_work(self.system.virtual_gradients, stress)
+        return self.system.internal_forces(stress)
 
     def spread(self, loads: Any) -> Array:
         """Right-hand sides (..., t, 2 v), N, of forces (..., t, 2, b) of the loaded boundaries."""

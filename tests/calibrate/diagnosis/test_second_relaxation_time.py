@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from calibrate.diagnosis.discovery import discover
 from calibrate.diagnosis.effect_fit import refit
 from calibrate.diagnosis.problem import all_rows
 from calibrate.diagnosis.selection import Verdict
+from calibrate.diagnosis.selection.candidate_fit import is_told
 from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.equations import discretisation_error
@@ -58,12 +60,19 @@ def test_both_times_are_found():
 
 
 def test_weights_have_the_relaxation_of_the_fit():
-    """From one that is half as large again, with which a misfit would be taken for noise: chi-square was too small by a tenth."""
+    """From one that is half as large again, with which a misfit would be taken for noise: chi-square was too small by a twentieth."""
     problem, base = prepare([held(FAST, noise=1e-3)], [all_rows])
     weights, fit = weighted_fit.fit_with_own_weights(problem, base.c, (Addition(FIRST, (0.25,), (2.0,)),))
     (known,), (found,), ((deviation,),) = weights.amplifying, fit.additions, fit.errors
     assert abs(known.amplitudes[0] - found.amplitudes[0]) < weighted_fit.NEAR * deviation
     assert found.amplitudes[0] == pytest.approx(FAST[0], abs=3 * deviation)
+
+
+def test_a_time_that_one_of_several_tests_tells_is_told():
+    """A pull of ten seconds beside a pause of an hour refuses no time of ten minutes."""
+    short, long = (SimpleNamespace(time=np.array([0.0, end])) for end in (10.0, 3600.0))
+    for tests, told in (((short,), False), ((short, long), True), ((long,), True)):
+        assert is_told(SimpleNamespace(tests=tests), Addition(FIRST, (0.1,), (600.0,))) is told
 
 
 def test_a_fit_that_leaves_nothing_of_the_base_is_a_named_error(monkeypatch):

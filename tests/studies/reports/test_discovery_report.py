@@ -656,7 +656,7 @@ def test_what_makes_a_wide_band_is_said():
         found = replace(explained(), replay_check=replace(one, band=band))
         (said,) = (each.text for each in remarks(view(found)) if each.code is ReplayCode.REPLAYED)
         assert f"band 20 %, most of it by {words}" in said
-        kept = json.loads(json.dumps(content(view(found))))["replay"]["most_of_force_band"]
+        kept = json.loads(json.dumps(content(view(found))))["replay"]["largest_part_of_force_band"]
         assert kept == {"part": part, "effects": ["lag", "axis gain"] if part == ALTERNATIVES else []}
     (said,) = (
         each.text for each in remarks(view(replace(explained(), replay_check=one))) if each.code is ReplayCode.REPLAYED

@@ -90,7 +90,7 @@ def errors_data(check: ReplayCheck) -> dict[str, Any]:
         "force": None if np.isnan(after.force) else [before.force, after.force, band.force],
         "field": [before.field, after.field],
         "smooth": [*check.smooth, band.field],
-        "made_by": check.made_by if band.force > TOLD_FROM else None,
+        "largest_part": check.largest_part if band.force > TOLD_FROM else None,
         "levels": level_words(check),
     }
 
